@@ -1,0 +1,37 @@
+"""Angles are float64 radians; direction is counter-clockwise from east. Wrapping is a function."""
+
+import numpy as np
+
+from tessellation.arrays import FloatArray
+
+TWO_PI = 2.0 * np.pi
+
+
+def wrap(angle: FloatArray) -> FloatArray:
+    """The same angle in (-pi, pi], exact for angles that are there already. (...) -> (...).
+
+    `arctan2(sin, cos)` and `mod(a + pi, 2 pi) - pi` give -pi for some inputs, and round inside the interval.
+    """
+    angle = np.asarray(angle, dtype=np.float64)
+    turned = np.pi - np.mod(np.pi - angle, TWO_PI)
+    turned = np.where(turned <= -np.pi, np.pi, turned)
+    return np.where((angle > -np.pi) & (angle <= np.pi), angle, turned)
+
+
+def difference(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The turn from `b` to `a` in (-pi, pi], radians. Broadcasts."""
+    return wrap(np.asarray(a) - np.asarray(b))
+
+
+def mean_direction(angle: FloatArray, weight: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Circular mean over the last axis and the length of the mean resultant vector. (..., n) -> (...), (...).
+
+    Args:
+        angle: (..., n) radians.
+        weight: (..., n) not negative, with a positive sum; equal weights if absent.
+    """
+    w = np.ones_like(angle) if weight is None else weight
+    total = w.sum(axis=-1)
+    c = (w * np.cos(angle)).sum(axis=-1) / total
+    s = (w * np.sin(angle)).sum(axis=-1) / total
+    return wrap(np.arctan2(s, c)), np.hypot(c, s)

@@ -1,0 +1,85 @@
+"""Mixtures of von Mises distributions (Eq. 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from dirprim_filter.distributions import von_mises
+from dirprim_filter.distributions.angles import wrap
+from tessellation.arrays import AnyArray, FloatArray, IntArray, as_floats
+
+
+def log_weights(weight: FloatArray) -> FloatArray:
+    """Natural log of weights; -inf where a mode is padding."""
+    with np.errstate(divide="ignore"):
+        return np.log(weight)
+
+
+def draw_mode(weight: FloatArray, *, rng: np.random.Generator) -> IntArray:
+    """One mode for each row of weights. (..., M) -> (...)."""
+    cumulative = np.cumsum(weight, axis=-1)
+    u = rng.random(weight.shape[:-1]) * cumulative[..., -1]
+    return np.asarray((cumulative <= u[..., None]).sum(axis=-1), dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VonMisesMixture:
+    """sum_m weight_m VM(mean_direction_m, concentration_m), for any number of mixtures at once.
+
+    Attributes:
+        weight: (..., M) sums to one over the last axis; 0 pads.
+        mean_direction: (..., M) radians in (-pi, pi].
+        concentration: (..., M) at least 0.
+
+    Raises:
+        ValueError: shapes differ, a weight or concentration is negative, or weights do not sum to one.
+    """
+
+    weight: FloatArray
+    mean_direction: FloatArray
+    concentration: FloatArray
+
+    def __post_init__(self) -> None:
+        weight = as_floats("weight", self.weight, "... M")
+        mean = as_floats("mean_direction", self.mean_direction, "... M")
+        concentration = as_floats("concentration", self.concentration, "... M")
+        if not weight.shape == mean.shape == concentration.shape:
+            raise ValueError(
+                "weight, mean_direction, concentration: expected one shape (..., M), "
+                f"got {weight.shape}, {mean.shape}, {concentration.shape}"
+            )
+        if (weight < 0).any() or (concentration < 0).any():
+            raise ValueError("weight, concentration: expected no negative number")
+        if not np.allclose(weight.sum(axis=-1), 1.0, atol=1e-9):
+            raise ValueError("weight: expected to sum to one over the last axis")
+        object.__setattr__(self, "weight", weight)
+        object.__setattr__(self, "mean_direction", wrap(mean))
+        object.__setattr__(self, "concentration", concentration)
+
+    def __getitem__(self, index: AnyArray | int) -> VonMisesMixture:
+        """The mixtures at `index` of the leading axes."""
+        return VonMisesMixture(
+            weight=self.weight[index],
+            mean_direction=self.mean_direction[index],
+            concentration=self.concentration[index],
+        )
+
+    def mode_log_density(self, direction: FloatArray) -> FloatArray:
+        """log(weight_m VM_m(direction)) of every mode. (...) -> (..., M)."""
+        d = np.asarray(direction, dtype=np.float64)[..., None]
+        return log_weights(self.weight) + von_mises.log_density(d, self.mean_direction, self.concentration)
+
+    def log_density(self, direction: FloatArray) -> FloatArray:
+        """Natural log of the mixture's density, per radian (Eq. 1). (...) -> (...)."""
+        return np.asarray(logsumexp(self.mode_log_density(direction), axis=-1))
+
+    def sample(self, *, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+        """One direction from each mixture and the mode that it came from. -> (...), (...)."""
+        mode = draw_mode(self.weight, rng=rng)
+        pick = mode[..., None]
+        mean = np.take_along_axis(self.mean_direction, pick, axis=-1)[..., 0]
+        concentration = np.take_along_axis(self.concentration, pick, axis=-1)[..., 0]
+        return von_mises.sample(mean, concentration, rng=rng), mode

@@ -1,0 +1,115 @@
+"""What the filter believes, and whom it tells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+import numpy as np
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.tracks import as_times, as_track_ids, check_lengths
+from tessellation.arrays import AnyArray, FloatArray, IntArray, as_floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimates:
+    """The filter's belief about vehicles after each measurement, a row for each vehicle and instant.
+
+    Attributes:
+        track_id: (n,) int64 or str.
+        time_ns: (n,) int64, nanoseconds since the log's epoch.
+        position: (n, 2) mean, metres.
+        covariance: (n, 2, 2) of the position, square metres.
+        direction: (n,) circular mean, radians in (-pi, pi].
+        direction_resultant: (n,) length of the mean direction vector: 1 certain, 0 unknown.
+        speed: (n,) mean, m/s.
+        speed_std: (n,) standard deviation, m/s.
+        effective_sample_size: (n,) of the particle weights before resampling.
+        log_evidence: (n,) natural log of the density of this measurement given those before it; 0 at birth.
+
+    Raises:
+        ValueError: shapes that do not fit.
+    """
+
+    track_id: AnyArray
+    time_ns: IntArray
+    position: FloatArray
+    covariance: FloatArray
+    direction: FloatArray
+    direction_resultant: FloatArray
+    speed: FloatArray
+    speed_std: FloatArray
+    effective_sample_size: FloatArray
+    log_evidence: FloatArray
+
+    def __post_init__(self) -> None:
+        columns: dict[str, AnyArray] = {
+            "track_id": as_track_ids(self.track_id),
+            "time_ns": as_times("time_ns", self.time_ns),
+            "position": as_floats("position", self.position, "n 2"),
+            "covariance": as_floats("covariance", self.covariance, "n 2 2"),
+        }
+        for f in fields(self)[len(columns) :]:
+            columns[f.name] = as_floats(f.name, getattr(self, f.name), "n")
+        check_lengths(columns)
+        for name, column in columns.items():
+            object.__setattr__(self, name, column)
+
+    def __len__(self) -> int:
+        return int(self.time_ns.size)
+
+    @classmethod
+    def concatenate(cls, parts: Iterable[Estimates]) -> Estimates:
+        """All rows of all parts, in their order; no part gives no row."""
+        parts = list(parts)
+        if not parts:
+            empty = np.empty(0)
+            return cls(
+                track_id=np.empty(0, np.int64), time_ns=np.empty(0, np.int64),
+                position=np.empty((0, 2)), covariance=np.empty((0, 2, 2)),
+                direction=empty, direction_resultant=empty, speed=empty, speed_std=empty,
+                effective_sample_size=empty, log_evidence=empty,
+            )  # fmt: skip
+        mixed = len({p.track_id.dtype.kind for p in parts}) > 1
+        columns = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)[1:]}
+        ids = [p.track_id.astype(np.str_) if mixed else p.track_id for p in parts]
+        return cls(track_id=np.concatenate(ids), **columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Particles:
+    """The weighted samples behind the estimates of one instant, all vehicles one after the other.
+
+    Attributes:
+        position: (n, 2) metres.
+        direction: (n,) radians.
+        speed: (n,) m/s.
+        weight: (n,) sums to one for each vehicle.
+        vehicle: (n,) int64, the row of the vehicle in the frame's estimates.
+    """
+
+    position: FloatArray
+    direction: FloatArray
+    speed: FloatArray
+    weight: FloatArray
+    vehicle: IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackedFrame:
+    """All that is known at one instant: what was reported, what is believed, and the samples that say so."""
+
+    time_ns: int
+    detections: Detections
+    estimates: Estimates
+    particles: Particles
+
+
+class EstimateSink(Protocol):
+    """Takes the tracked frames as they come: a log, a viewer, a list."""
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Take one frame; frames come in order of time."""
+        ...

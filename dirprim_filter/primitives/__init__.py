@@ -1,0 +1,5 @@
+"""What do vehicles do here? Directional primitives and how they are learned."""
+
+from dirprim_filter.primitives.primitive_map import Primitive as Primitive
+from dirprim_filter.primitives.primitive_map import PrimitiveMap as PrimitiveMap
+from dirprim_filter.primitives.primitive_map import Relaxation as Relaxation

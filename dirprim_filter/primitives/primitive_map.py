@@ -1,0 +1,135 @@
+"""Directional primitives on a map: p(direction, speed | position).
+
+Source: Senanayake et al., Directional Primitives for Uncertainty-Aware Motion Estimation in Urban Environments, 2020,
+Eq. 1-3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from tessellation import GridTessellation, Tessellation
+from tessellation.arrays import FloatArray, IntArray, as_floats
+
+
+class Primitive(NamedTuple):
+    """How vehicles move at a place: directions in modes (Eq. 1), and for each mode its speeds (Eq. 3).
+
+    Leading axes broadcast; the last axis of every parameter counts the modes, padded with weight 0.
+    """
+
+    direction: VonMisesMixture
+    speed: Gamma
+
+    def log_density(self, direction: FloatArray, speed: FloatArray) -> FloatArray:
+        """Natural log of p(direction, speed), per radian and m/s. (...), (...) -> (...)."""
+        of_speed = self.speed.log_density(np.asarray(speed, dtype=np.float64)[..., None])
+        return np.asarray(logsumexp(self.direction.mode_log_density(direction) + of_speed, axis=-1))
+
+    def sample(self, *, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """A direction and a speed of the same mode from each primitive. -> (...), (...)."""
+        direction, mode = self.direction.sample(rng=rng)
+        pick = mode[..., None]
+        speed = Gamma(
+            shape=np.take_along_axis(self.speed.shape, pick, axis=-1)[..., 0],
+            rate=np.take_along_axis(self.speed.rate, pick, axis=-1)[..., 0],
+        )
+        return direction, speed.sample(rng=rng)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Relaxation:
+    """How fast a vehicle's own direction and speed give way to what is usual: per second, learned from the log.
+
+    Attributes:
+        direction_rate: 1/s, towards the mean direction of the vehicle's mode.
+        speed_rate: 1/s, towards the mean speed of the vehicle's mode.
+        mode_rate: 1/s, how often a vehicle takes up another mode of its cell.
+        place_free_turning: rad^2/s, diffusion of the direction where no cell tells.
+        place_free_speed_rate: 1/s, towards the place-free mean speed where no cell tells.
+    """
+
+    direction_rate: float
+    speed_rate: float
+    mode_rate: float
+    place_free_turning: float
+    place_free_speed_rate: float
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name}: expected a positive number, got {value}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrimitiveMap:
+    """A primitive for every place: those of the cells, and one that holds wherever no cell does.
+
+    Parameters have one row for each cell and, last, the row of the place-free primitive: so that index `OUTSIDE`,
+    which is -1, gathers it.
+
+    Attributes:
+        tessellation: the cells.
+        direction: (n_cells + 1, M) mixture of directions.
+        speed: (n_cells + 1, M) speeds of each mode.
+        n_rows: (n_cells + 1,) how many observations each row was learned from.
+        relaxation: how vehicles settle on the primitives.
+
+    Raises:
+        ValueError: the parameters are not those of n_cells + 1 primitives.
+    """
+
+    tessellation: Tessellation
+    direction: VonMisesMixture
+    speed: Gamma
+    n_rows: IntArray
+    relaxation: Relaxation
+
+    def __post_init__(self) -> None:
+        n = self.tessellation.n_cells + 1
+        shapes = (self.direction.weight.shape, self.speed.shape.shape)
+        if len(shapes[0]) != 2 or shapes[0] != shapes[1] or shapes[0][0] != n or self.n_rows.shape != (n,):
+            raise ValueError(
+                f"direction, speed, n_rows: expected ({n}, M), ({n}, M) and ({n},), "
+                f"got {shapes[0]}, {shapes[1]} and {self.n_rows.shape}"
+            )
+
+    def primitive_at(self, position: FloatArray) -> Primitive:
+        """The primitives that hold at positions. (..., 2) -> leading axes (...).
+
+        Raises:
+            ValueError: the last axis is not 2, or a coordinate is not finite.
+        """
+        cell = self.tessellation.cell_of(position)
+        return Primitive(self.direction[cell], self.speed[cell])
+
+    def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
+        """Natural log of p(direction, speed | position), per radian and m/s. (..., 2), (...), (...) -> (...)."""
+        return self.primitive_at(position).log_density(
+            as_floats("direction", direction, "..."), as_floats("speed", speed, "...")
+        )
+
+    def direction_log_density(self, position: FloatArray, direction: FloatArray) -> FloatArray:
+        """Natural log of p(direction | position), per radian (Eq. 1). (..., 2), (...) -> (...)."""
+        return self.primitive_at(position).direction.log_density(as_floats("direction", direction, "..."))
+
+    def sample(self, position: FloatArray, *, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """A direction and a speed at each position, radians and m/s. (..., 2) -> (...), (...)."""
+        return self.primitive_at(position).sample(rng=rng)
+
+    def without_places(self) -> PrimitiveMap:
+        """The same map with no cell: the ablation that shows what knowing the place is worth."""
+        last = np.array([-1])
+        return PrimitiveMap(
+            tessellation=GridTessellation.empty(),
+            direction=self.direction[last],
+            speed=self.speed[last],
+            n_rows=self.n_rows[last],
+            relaxation=self.relaxation,
+        )

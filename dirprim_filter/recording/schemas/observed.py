@@ -1,0 +1,45 @@
+"""What one message of a log says about objects, whatever its schema."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tessellation.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObservedFrame:
+    """The objects of one message, in the message's order.
+
+    Attributes:
+        track_id: n ids, as text.
+        stamp_ns: the time the message itself carries, nanoseconds; None where it carries none.
+        position: (n, 2) metres in the log's map frame.
+        direction: (n,) course over ground, radians; NaN where the message does not tell.
+        speed: (n,) m/s; NaN where the message does not tell.
+        group: (n,) int64; 0 where the message knows no groups.
+    """
+
+    track_id: Sequence[str]
+    stamp_ns: int | None
+    position: FloatArray
+    direction: FloatArray
+    speed: FloatArray
+    group: IntArray
+
+    @classmethod
+    def of_positions(cls, track_id: Sequence[str], stamp_ns: int | None, position: FloatArray) -> ObservedFrame:
+        """Objects of which only the position is known."""
+        n = len(track_id)
+        unknown = np.full(n, np.nan)
+        return cls(
+            track_id=track_id,
+            stamp_ns=stamp_ns,
+            position=position.reshape(n, 2),
+            direction=unknown,
+            speed=unknown,
+            group=np.zeros(n, np.int64),
+        )

@@ -1,0 +1,238 @@
+"""Observed motion: where each vehicle was, when, and how it moved."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from dirprim_filter.distributions.angles import wrap
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
+
+logger = logging.getLogger(__name__)
+
+DIFFERENCE_HALF_WINDOW_S = 0.25
+"""Velocity is differenced over this time to either side: two rows of 10 Hz data, which halves their jitter."""
+MAX_DIFFERENCE_GAP_S = 2.0
+"""Across a longer gap nothing is differenced: the vehicle may have turned and come back."""
+
+
+def as_track_ids(value: npt.ArrayLike) -> AnyArray:
+    """Track ids as an array of int64, or of str where one of them is no canonical decimal int64.
+
+    Logs hold ids as text; "7" and 7 are the same id, "07" and "7" are not.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind == "i" or (array.dtype.kind == "u" and array.dtype.itemsize < 8):
+        return array.astype(np.int64)
+    text = array.astype(np.str_)
+    names = np.unique(text)
+    if all(_is_decimal_int64(str(name)) for name in names):
+        return text.astype(np.int64)
+    return text
+
+
+def _is_decimal_int64(name: str) -> bool:
+    digits = name.removeprefix("-")
+    return digits.isascii() and digits.isdigit() and len(digits) < 19 and str(int(name)) == name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracks:
+    """Observed motion of vehicles, a row for each vehicle and instant; rows are kept in order of time.
+
+    Attributes:
+        track_id: (n,) int64 or str; one id is one vehicle.
+        time_ns: (n,) int64, nanoseconds since the log's epoch.
+        position: (n, 2) metres, x east, y north.
+        direction: (n,) course over ground, radians counter-clockwise from east in (-pi, pi].
+        speed: (n,) metres per second, not negative.
+        group: (n,) int64, rows of one group may share vehicles or circumstances: what to split by. Left out: all 0.
+
+    Raises:
+        ValueError: shapes that do not fit, NaN, negative speeds, or a vehicle with two rows at one time.
+    """
+
+    track_id: AnyArray
+    time_ns: IntArray
+    position: FloatArray
+    direction: FloatArray
+    speed: FloatArray
+    group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+
+    def __post_init__(self) -> None:
+        n = len(np.atleast_1d(self.time_ns))
+        group = np.asarray(self.group, dtype=np.int64)
+        columns = {
+            "track_id": as_track_ids(self.track_id),
+            "time_ns": as_times("time_ns", self.time_ns),
+            "position": as_floats("position", self.position, "n 2"),
+            "direction": wrap(as_floats("direction", self.direction, "n")),
+            "speed": as_floats("speed", self.speed, "n"),
+            "group": group if group.size else np.zeros(n, np.int64),
+        }
+        check_lengths(columns)
+        speed = columns["speed"]
+        if (speed < 0).any():
+            row = int(np.argmax(speed < 0))
+            raise ValueError(f"speed: expected at least 0 m/s, got {speed[row]} in row {row}")
+        order = np.argsort(columns["time_ns"], kind="stable")
+        for name, column in columns.items():
+            object.__setattr__(self, name, column[order])
+        repeated = repeated_rows(self.track_id, self.time_ns)
+        if repeated.any():
+            row = int(np.argmax(repeated))
+            raise ValueError(
+                f"track_id, time_ns: vehicle {self.track_id[row]} has two rows at {self.time_ns[row]} ns; keep one"
+            )
+
+    def __len__(self) -> int:
+        return int(self.time_ns.size)
+
+    def __getitem__(self, rows: npt.NDArray[np.bool_] | IntArray | slice) -> Tracks:
+        """The chosen rows, by mask, indices or slice."""
+        return Tracks(
+            track_id=self.track_id[rows],
+            time_ns=self.time_ns[rows],
+            position=self.position[rows],
+            direction=self.direction[rows],
+            speed=self.speed[rows],
+            group=self.group[rows],
+        )
+
+    @property
+    def n_tracks(self) -> int:
+        """Number of vehicles."""
+        return int(np.unique(self.track_id).size)
+
+    @classmethod
+    def from_positions(
+        cls, *, track_id: npt.ArrayLike, time_ns: IntArray, position: FloatArray, group: npt.ArrayLike = ()
+    ) -> Tracks:
+        """Tracks whose direction and speed are central differences of the positions of each vehicle.
+
+        Rows of a vehicle that no other row stands near enough in time to difference with are dropped, and logged.
+
+        Args:
+            track_id: (n,) ids.
+            time_ns: (n,) nanoseconds.
+            position: (n, 2) metres.
+            group: (n,) optional groups.
+
+        Raises:
+            ValueError: as the constructor.
+        """
+        ids = as_track_ids(track_id)
+        position = as_floats("position", position, "n 2")
+        groups = np.asarray(group, dtype=np.int64)
+        velocity = differenced_velocity(ids, time_ns, position)
+        known = np.isfinite(velocity[:, 0])
+        if not known.all():
+            logger.warning(
+                "%d of %d rows stand alone in time, so no velocity can be derived for them; dropped",
+                int((~known).sum()), known.size,
+            )
+        return cls(
+            track_id=ids[known],
+            time_ns=time_ns[known],
+            position=position[known],
+            direction=np.arctan2(velocity[known, 1], velocity[known, 0]),
+            speed=np.hypot(velocity[known, 0], velocity[known, 1]),
+            group=groups[known] if groups.size else groups,
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Iterable[Tracks]) -> Tracks:
+        """All rows of all parts.
+
+        Raises:
+            ValueError: there is no part, or two parts hold one vehicle at one time.
+        """
+        parts = list(parts)
+        if not parts:
+            raise ValueError("parts: expected at least one Tracks, got none")
+        return cls(
+            track_id=np.concatenate([as_texts(p.track_id) for p in parts])
+            if len({p.track_id.dtype.kind for p in parts}) > 1
+            else np.concatenate([p.track_id for p in parts]),
+            time_ns=np.concatenate([p.time_ns for p in parts]),
+            position=np.concatenate([p.position for p in parts]),
+            direction=np.concatenate([p.direction for p in parts]),
+            speed=np.concatenate([p.speed for p in parts]),
+            group=np.concatenate([p.group for p in parts]),
+        )
+
+
+def as_texts(track_id: AnyArray) -> AnyArray:
+    """Track ids as text, as logs hold them."""
+    return track_id if track_id.dtype.kind == "U" else track_id.astype(np.str_)
+
+
+def as_times(name: str, value: npt.ArrayLike) -> IntArray:
+    """Times as int64 nanoseconds.
+
+    Raises:
+        ValueError: not whole numbers: a float loses nanoseconds in silence.
+    """
+    array = np.asarray(value)
+    if array.size and array.dtype.kind not in "iu":
+        raise ValueError(f"{name}: expected whole nanoseconds (int64), got {array.dtype}")
+    return array.astype(np.int64)
+
+
+def check_lengths(columns: dict[str, AnyArray]) -> None:
+    """All columns are of one length.
+
+    Raises:
+        ValueError: they are not.
+    """
+    lengths = {name: column.shape[:1] for name, column in columns.items()}
+    if len(set(lengths.values())) > 1 or any(c.ndim == 0 for c in columns.values()):
+        told = ", ".join(f"{name} {columns[name].shape}" for name in lengths)
+        raise ValueError(f"columns: expected one length n, got {told}")
+
+
+def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:
+    """(n,) where a row repeats the vehicle and the time of an earlier row."""
+    _, vehicle = np.unique(track_id, return_inverse=True)
+    order = np.lexsort((time_ns, vehicle))  # stable, so the first of equals stays first
+    same = (np.diff(vehicle[order]) == 0) & (np.diff(time_ns[order]) == 0)
+    repeated = np.zeros(len(time_ns), np.bool_)
+    repeated[order[1:][same]] = True
+    return repeated
+
+
+def differenced_velocity(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> FloatArray:
+    """(n, 2) velocity by central differences per vehicle, m/s; NaN where a row has no neighbour in time.
+
+    Differences reach `DIFFERENCE_HALF_WINDOW_S` to either side, at least to the next row, and never across a gap of
+    more than `MAX_DIFFERENCE_GAP_S`; at the ends of a track they are one-sided.
+    """
+    _, vehicle = np.unique(track_id, return_inverse=True)
+    order = np.lexsort((time_ns, vehicle))
+    time = time_ns[order]
+    gap_ns = int(MAX_DIFFERENCE_GAP_S * 1e9)
+    half_ns = int(DIFFERENCE_HALF_WINDOW_S * 1e9)
+    breaks = (np.diff(vehicle[order]) != 0) | (np.diff(time) > gap_ns)
+    piece = np.concatenate([[0], np.cumsum(breaks)]) if time.size else np.empty(0, np.int64)
+    # Pieces end to end on one axis, further apart than the window, so one search serves all of them.
+    first = np.flatnonzero(np.concatenate([[True], breaks])) if time.size else np.empty(0, np.int64)
+    last = np.concatenate([first[1:], [time.size]]) - 1 if time.size else first
+    length = time[last] - time[first] + 2 * half_ns + 1
+    start = np.cumsum(length) - length
+    axis = time - time[first][piece] + start[piece]
+    row = np.arange(time.size)
+    before = np.searchsorted(axis, axis - half_ns, side="left")
+    after = np.searchsorted(axis, axis + half_ns, side="right") - 1
+    before = np.where(before == row, np.maximum(row - 1, first[piece]), before)
+    after = np.where(after == row, np.minimum(row + 1, last[piece]), after)
+    span_s = (time[after] - time[before]) * 1e-9
+    velocity = np.full((time.size, 2), np.nan)
+    moved = position[order][after] - position[order][before]
+    np.divide(moved, span_s[:, None], out=velocity, where=span_s[:, None] > 0)
+    result = np.empty_like(velocity)
+    result[order] = velocity
+    return result

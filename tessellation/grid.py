@@ -1,0 +1,141 @@
+"""Square cells: those squares of a regular grid that hold data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tessellation._kernels import Locator, locate_all
+from tessellation.arrays import FloatArray, IntArray, as_floats
+
+MAX_SQUARES = 50_000_000
+"""The largest raster we allocate: 400 MB of cell numbers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridTessellation:
+    """Some squares of a regular grid. Square (row, column) covers [origin + size * (column, row), + size).
+
+    Attributes:
+        origin: (2,) the south-west corner of square (0, 0), metres.
+        cell_size: the side of a square, metres.
+        n_x: number of columns.
+        n_y: number of rows.
+        square: (n_cells,) which squares are cells, ascending: row * n_x + column. The others are `OUTSIDE`.
+
+    Raises:
+        ValueError: a size that is not positive, squares out of range or not ascending.
+    """
+
+    origin: FloatArray
+    cell_size: float
+    n_x: int
+    n_y: int
+    square: IntArray
+    locator: Locator = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        origin = as_floats("origin", self.origin, "2")
+        square = np.ascontiguousarray(self.square, dtype=np.int64)
+        if not (np.isfinite(self.cell_size) and self.cell_size > 0):
+            raise ValueError(f"cell_size: expected a positive length in metres, got {self.cell_size}")
+        if self.n_x < 1 or self.n_y < 1:
+            raise ValueError(f"n_x, n_y: expected at least one column and one row, got {self.n_x} x {self.n_y}")
+        n_squares = self.n_x * self.n_y
+        if n_squares > MAX_SQUARES:
+            raise ValueError(
+                f"cell_size: {self.cell_size} m makes {self.n_x} x {self.n_y} squares, more than {MAX_SQUARES}; "
+                "choose larger cells or remove far outliers"
+            )
+        if square.ndim != 1 or (square.size and (np.diff(square) <= 0).any()):
+            raise ValueError("square: expected shape (n_cells,) with ascending numbers")
+        if square.size and not (0 <= square[0] and square[-1] < n_squares):
+            raise ValueError(f"square: expected numbers from 0 to {n_squares - 1}, got {square[0]} to {square[-1]}")
+        cell = np.full(n_squares, -1, np.int64)
+        cell[square] = np.arange(square.size)
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "square", square)
+        locator = Locator(
+            float(origin[0]), float(origin[1]), 1.0 / self.cell_size, cell.reshape(self.n_y, self.n_x)
+        )
+        object.__setattr__(self, "locator", locator)
+
+    @classmethod
+    def covering(cls, position: FloatArray, *, cell_size: float) -> GridTessellation:
+        """The squares that hold at least one of the positions.
+
+        Args:
+            position: (n, 2) metres, n >= 1.
+            cell_size: side of a square, metres.
+
+        Raises:
+            ValueError: no position, or an extent too large for `cell_size`.
+        """
+        position = as_floats("position", position, "n 2")
+        if position.shape[0] == 0:
+            raise ValueError("position: expected at least one position, got none")
+        if not cell_size > 0:
+            raise ValueError(f"cell_size: expected a positive length in metres, got {cell_size}")
+        origin = np.floor(position.min(axis=0) / cell_size) * cell_size
+        extent = np.floor((position.max(axis=0) - origin) / cell_size) + 1
+        if extent[0] * extent[1] > MAX_SQUARES:
+            raise ValueError(
+                f"cell_size: {cell_size} m makes {extent[0]:.0f} x {extent[1]:.0f} squares, more than {MAX_SQUARES}; "
+                "choose larger cells or remove far outliers"
+            )
+        n_x, n_y = int(extent[0]), int(extent[1])
+        column, row = np.clip(((position - origin) / cell_size).astype(np.int64), 0, (n_x - 1, n_y - 1)).T
+        return cls(origin=origin, cell_size=cell_size, n_x=n_x, n_y=n_y, square=np.unique(row * n_x + column))
+
+    @classmethod
+    def empty(cls) -> GridTessellation:
+        """No cell at all: every position is `OUTSIDE`."""
+        return cls(origin=np.zeros(2), cell_size=1.0, n_x=1, n_y=1, square=np.empty(0, np.int64))
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return int(self.square.size)
+
+    @property
+    def centers(self) -> FloatArray:
+        """(n_cells, 2) the cells' centres, metres."""
+        return self._corner() + self.cell_size / 2
+
+    @property
+    def area(self) -> FloatArray:
+        """(n_cells,) the cells' areas, square metres."""
+        return np.full(self.n_cells, self.cell_size**2)
+
+    def cell_of(self, position: FloatArray) -> IntArray:
+        """The cell of each position; `OUTSIDE` where no cell covers it. (..., 2) -> (...).
+
+        Raises:
+            ValueError: the last axis is not 2, or a coordinate is not finite.
+        """
+        position = as_floats("position", position, "... 2")
+        return locate_all(self.locator, position.reshape(-1, 2)).reshape(position.shape[:-1])
+
+    def neighbors(self, cell: int) -> IntArray:
+        """The cells that share a side with `cell`, ascending.
+
+        Raises:
+            IndexError: there is no such cell.
+        """
+        if not 0 <= cell < self.n_cells:
+            raise IndexError(f"cell: expected 0 to {self.n_cells - 1}, got {cell}")
+        row, column = divmod(int(self.square[cell]), self.n_x)
+        beside = [(row - 1, column), (row, column - 1), (row, column + 1), (row + 1, column)]
+        found = [self.locator.cell[r, c] for r, c in beside if 0 <= r < self.n_y and 0 <= c < self.n_x]
+        return np.array([n for n in found if n >= 0], dtype=np.int64)
+
+    def polygons(self) -> list[FloatArray]:
+        """One (4, 2) square for each cell, counter-clockwise from its south-west corner."""
+        side = self.cell_size * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        return list(self._corner()[:, None, :] + side)
+
+    def _corner(self) -> FloatArray:
+        row, column = np.divmod(self.square, self.n_x)
+        corner: FloatArray = self.origin + self.cell_size * np.column_stack([column, row])
+        return corner
