@@ -46,12 +46,15 @@ class Detections:
         """The positions of tracks, without their direction and speed."""
         return cls(track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position)
 
+    @classmethod
+    def none(cls) -> Detections:
+        """No detection."""
+        return cls(track_id=np.empty(0, np.str_), time_ns=np.empty(0, np.int64), position=np.empty((0, 2)))
+
     def frames(self) -> Iterator[Detections]:
         """The rows of each instant, ascending in time."""
         order = np.argsort(self.time_ns, kind="stable")
         starts = np.flatnonzero(np.diff(self.time_ns[order], prepend=self.time_ns.min(initial=0) - 1))
         for rows in np.split(order, starts[1:]):
             if rows.size:
-                yield Detections(
-                    track_id=self.track_id[rows], time_ns=self.time_ns[rows], position=self.position[rows]
-                )
+                yield Detections(track_id=self.track_id[rows], time_ns=self.time_ns[rows], position=self.position[rows])

@@ -113,3 +113,18 @@ class EstimateSink(Protocol):
     def write(self, frame: TrackedFrame) -> None:
         """Take one frame; frames come in order of time."""
         ...
+
+
+class EstimateList:
+    """An `EstimateSink` that keeps all estimates in memory."""
+
+    def __init__(self) -> None:
+        self._parts: list[Estimates] = []
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Keep the frame's estimates."""
+        self._parts.append(frame.estimates)
+
+    def all(self) -> Estimates:
+        """All that were written, in their order."""
+        return Estimates.concatenate(self._parts)

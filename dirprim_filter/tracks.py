@@ -133,7 +133,8 @@ class Tracks:
         if not known.all():
             logger.warning(
                 "%d of %d rows stand alone in time, so no velocity can be derived for them; dropped",
-                int((~known).sum()), known.size,
+                int((~known).sum()),
+                known.size,
             )
         return cls(
             track_id=ids[known],

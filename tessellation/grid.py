@@ -50,15 +50,13 @@ class GridTessellation:
             )
         if square.ndim != 1 or (square.size and (np.diff(square) <= 0).any()):
             raise ValueError("square: expected shape (n_cells,) with ascending numbers")
-        if square.size and not (0 <= square[0] and square[-1] < n_squares):
+        if square.size and not (square[0] >= 0 and square[-1] < n_squares):
             raise ValueError(f"square: expected numbers from 0 to {n_squares - 1}, got {square[0]} to {square[-1]}")
         cell = np.full(n_squares, -1, np.int64)
         cell[square] = np.arange(square.size)
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "square", square)
-        locator = Locator(
-            float(origin[0]), float(origin[1]), 1.0 / self.cell_size, cell.reshape(self.n_y, self.n_x)
-        )
+        locator = Locator(float(origin[0]), float(origin[1]), 1.0 / self.cell_size, cell.reshape(self.n_y, self.n_x))
         object.__setattr__(self, "locator", locator)
 
     @classmethod
@@ -77,15 +75,18 @@ class GridTessellation:
             raise ValueError("position: expected at least one position, got none")
         if not cell_size > 0:
             raise ValueError(f"cell_size: expected a positive length in metres, got {cell_size}")
-        origin = np.floor(position.min(axis=0) / cell_size) * cell_size
-        extent = np.floor((position.max(axis=0) - origin) / cell_size) + 1
+        south_west = position.min(axis=0)
+        origin = np.floor(south_west / cell_size) * cell_size
+        origin = np.where(origin > south_west, origin - cell_size, origin)  # the product may round above
+        raster = (position - origin) * (1.0 / cell_size)  # as `locate` computes it, to the last bit
+        extent = np.floor(raster.max(axis=0)) + 1
         if extent[0] * extent[1] > MAX_SQUARES:
             raise ValueError(
                 f"cell_size: {cell_size} m makes {extent[0]:.0f} x {extent[1]:.0f} squares, more than {MAX_SQUARES}; "
                 "choose larger cells or remove far outliers"
             )
         n_x, n_y = int(extent[0]), int(extent[1])
-        column, row = np.clip(((position - origin) / cell_size).astype(np.int64), 0, (n_x - 1, n_y - 1)).T
+        column, row = raster.astype(np.int64).T
         return cls(origin=origin, cell_size=cell_size, n_x=n_x, n_y=n_y, square=np.unique(row * n_x + column))
 
     @classmethod

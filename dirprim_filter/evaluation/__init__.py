@@ -1,0 +1,1 @@
+"""How good? Scores of estimates against the truth."""

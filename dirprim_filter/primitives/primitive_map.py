@@ -52,6 +52,8 @@ class Relaxation:
         mode_rate: 1/s, how often a vehicle takes up another mode of its cell.
         place_free_turning: rad^2/s, diffusion of the direction where no cell tells.
         place_free_speed_rate: 1/s, towards the place-free mean speed where no cell tells.
+        drift: m^2/s, diffusion of the position in each axis beyond what direction and speed explain: lane changes,
+            side slip, the log's own jitter.
     """
 
     direction_rate: float
@@ -59,6 +61,7 @@ class Relaxation:
     mode_rate: float
     place_free_turning: float
     place_free_speed_rate: float
+    drift: float
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -79,6 +82,8 @@ class PrimitiveMap:
         direction: (n_cells + 1, M) mixture of directions.
         speed: (n_cells + 1, M) speeds of each mode.
         n_rows: (n_cells + 1,) how many observations each row was learned from.
+        n_place_free_modes: how many of the last modes are the place-free primitive's, in every row: what a cell leans
+            on where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
         relaxation: how vehicles settle on the primitives.
 
     Raises:
@@ -89,6 +94,7 @@ class PrimitiveMap:
     direction: VonMisesMixture
     speed: Gamma
     n_rows: IntArray
+    n_place_free_modes: int
     relaxation: Relaxation
 
     def __post_init__(self) -> None:
@@ -99,6 +105,8 @@ class PrimitiveMap:
                 f"direction, speed, n_rows: expected ({n}, M), ({n}, M) and ({n},), "
                 f"got {shapes[0]}, {shapes[1]} and {self.n_rows.shape}"
             )
+        if not 0 <= self.n_place_free_modes <= shapes[0][1]:
+            raise ValueError(f"n_place_free_modes: expected 0 to {shapes[0][1]}, got {self.n_place_free_modes}")
 
     def primitive_at(self, position: FloatArray) -> Primitive:
         """The primitives that hold at positions. (..., 2) -> leading axes (...).
@@ -131,5 +139,6 @@ class PrimitiveMap:
             direction=self.direction[last],
             speed=self.speed[last],
             n_rows=self.n_rows[last],
+            n_place_free_modes=self.n_place_free_modes,
             relaxation=self.relaxation,
         )

@@ -1,0 +1,95 @@
+"""`dirprim learn`: a map of directional primitives from logs."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+import typer
+
+from dirprim_filter.cli import losses
+from dirprim_filter.cli.options import (
+    End,
+    Force,
+    Logs,
+    Output,
+    Seed,
+    Start,
+    Strict,
+    Time,
+    TimeSource,
+    Topics,
+    time_ns,
+)
+
+
+class Cells(StrEnum):
+    """How the plane is divided."""
+
+    GRID = "grid"
+
+
+class Modes(StrEnum):
+    """How modes are counted and fitted."""
+
+    BIC = "bic"
+    DBSCAN = "dbscan"
+
+
+class Shape(StrEnum):
+    """How a primitive varies inside its cell."""
+
+    FLAT = "flat"
+
+
+def learn(
+    logs: Logs,
+    output: Output,
+    tessellation: Annotated[Cells, typer.Option(help="How the plane is divided.")] = Cells.GRID,
+    cell_size: Annotated[float | None, typer.Option(help="Metres; chosen by held-out vehicles if left out.")] = None,
+    cells: Annotated[int | None, typer.Option(help="About how many cells, instead of their size.")] = None,
+    modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,
+    primitive: Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")] = Shape.FLAT,
+    seed: Seed = 0,
+    topics: Topics = None,
+    time_source: Time = TimeSource.LOG,
+    start: Start = None,
+    end: End = None,
+    strict: Strict = False,
+    force: Force = False,
+) -> int:
+    """Learn from logs how vehicles move at each place.
+
+    Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
+    """
+    import numpy as np
+
+    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.config import LearningConfig
+    from dirprim_filter.primitives import learn_primitives
+    from dirprim_filter.recording import save_map
+    from dirprim_filter.recording.errors import OutputExistsError
+    from dirprim_filter.recording.reader import read_track_logs
+
+    if output.exists() and not force:  # before the work, not after it
+        raise OutputExistsError(output)
+    source: Literal["log", "publish", "header"] = time_source.value
+    log = read_track_logs(
+        logs, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
+    )
+    config = LearningConfig()
+    learned = learn_primitives(
+        log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
+        primitive=primitive.value, config=config, rng=np.random.default_rng(seed),
+    )  # fmt: skip
+    said = provenance(
+        "learn", inputs=logs, config=config, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
+        modes=modes.value, primitive=primitive.value, seed=seed, topics=topics,
+    )  # fmt: skip
+    save_map(learned, output, metadata=said, force=force)
+    n_modes = float((learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1).mean())
+    typer.echo(
+        f"{output}: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area.mean()) ** 0.5:.3g} m, "
+        f"{n_modes:.1f} modes each, from {log.tracks.n_tracks} tracks, {len(log.tracks)} rows"
+    )
+    return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)

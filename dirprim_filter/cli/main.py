@@ -1,0 +1,83 @@
+"""The command `dirprim`: its entry, its errors and its exit codes.
+
+Exit codes: 0 done; 1 error; 2 usage; 3 done, but a part of the input was lost; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+
+import typer
+
+from dirprim_filter.cli import convert, demo, forecast, info, learn, plot, simulate, track, view
+
+DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+app = typer.Typer(
+    name="dirprim",
+    help=(
+        "Learn from MCAP logs how vehicles move at each place, and track vehicles with what was learned. "
+        "New here? Run `dirprim demo`, then `dirprim info` on a log of your own."
+    ),
+    no_args_is_help=True,
+    rich_markup_mode=None,  # plain help answers three times as fast
+    pretty_exceptions_enable=False,
+)
+
+
+@app.callback()
+def _every_command(
+    verbose: bool = typer.Option(False, "--verbose", "-v", help="Say more on stderr; show where errors come from."),
+    quiet: bool = typer.Option(False, "--quiet", "-q", help="Only errors on stderr."),
+) -> None:
+    level = logging.INFO if verbose else logging.ERROR if quiet else logging.WARNING
+    logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=sys.stderr, force=True)
+
+
+for command in (
+    info.info, convert.convert, simulate.simulate, learn.learn, track.track, forecast.forecast, plot.plot, view.view,
+    demo.demo,
+):  # fmt: skip
+    app.command()(command)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command line; -> its exit code."""
+    try:
+        code = app(arguments, prog_name="dirprim", standalone_mode=False)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has seen enough
+        sys.stderr.close()
+        return DONE
+    except Exception as error:
+        if hasattr(error, "exit_code") and hasattr(error, "show"):  # the parser's own: usage
+            error.show()
+            return int(error.exit_code)
+        if isinstance(error, typer.Abort):
+            return INTERRUPTED
+        if not _is_the_users(error) or logging.getLogger().isEnabledFor(logging.INFO):
+            raise
+        sys.stderr.write(f"error: {_one_line(error)}\n")
+        return FAILED
+    return code if isinstance(code, int) else DONE
+
+
+def _is_the_users(error: Exception) -> bool:
+    """Whether the error is about input, files or the machine; a bug keeps its traceback."""
+    from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.simulation.traffic import SimulationError
+
+    return isinstance(error, ValueError | OSError | RecordingError | SimulationError)
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,58 @@
+"""The options that several commands share, and the enumerations behind them."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class TimeSource(StrEnum):
+    """Which time of a message counts."""
+
+    LOG = "log"
+    PUBLISH = "publish"
+    HEADER = "header"
+
+
+def time_ns(text: str | None) -> int | None:
+    """A time on the command line: nanoseconds, or RFC 3339; None stays None.
+
+    Raises:
+        ValueError: neither.
+    """
+    if text is None:
+        return None
+    if text.lstrip("-").isdigit():
+        return int(text)
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise ValueError(f"{text!r}: expected nanoseconds or a time such as 2026-01-31T12:00:00Z") from None
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    since = moment - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+
+
+Log = Annotated[Path, typer.Argument(help="An MCAP log.", exists=True, dir_okay=False)]
+Logs = Annotated[list[Path], typer.Argument(help="MCAP logs.", exists=True, dir_okay=False)]
+Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
+Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
+Topics = Annotated[
+    str | None,
+    typer.Option("--topics", help="Topic name or regular expression; left out, the best there is."),
+]
+Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message counts.")]
+Start = Annotated[str | None, typer.Option("--start", help="First time wanted, ns or RFC 3339.")]
+End = Annotated[str | None, typer.Option("--end", help="First time no longer wanted, ns or RFC 3339.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Damage in a log is an error.")]
+Particles = Annotated[int, typer.Option("--particles", min=1, help="Samples for each vehicle.")]
+Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of a measured position, metres.")]
+Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer.")]
+Spawn = Annotated[bool, typer.Option("--spawn", help="Start a rerun viewer and stream to it.")]
+Connect = Annotated[str | None, typer.Option("--connect", help="Stream to the rerun viewer at this address.")]

@@ -1,0 +1,27 @@
+"""Where an output came from: the metadata that lets a run be repeated."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+
+def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **options: object) -> dict[str, str]:
+    """The command, its options, its configuration, the version and the inputs' checksums, as text."""
+    said = {"command": command, "version": version("dirprim-filter")}
+    said |= {name: str(value) for name, value in options.items() if value is not None}
+    if config is not None:
+        said["config"] = json.dumps(asdict(config), sort_keys=True)
+    said |= {f"sha256 {path.name}": checksum(path) for path in inputs}
+    return said
+
+
+def checksum(path: Path) -> str:
+    """The file's SHA-256, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

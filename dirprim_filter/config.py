@@ -1,0 +1,85 @@
+"""Every knob, its unit, its default, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearningConfig:
+    """How primitives are learned.
+
+    Attributes:
+        max_modes: most modes a cell may have of its own. A four-arm junction has up to six manoeuvres in one place.
+        max_place_free_modes: most modes of the place-free primitive.
+        standing_speed: m/s; slower rows have no meaningful direction and make the mode for standing vehicles.
+        row_interval_s: seconds; rows of a vehicle nearer than this to its last kept row tell nothing new.
+        dbscan_eps: radians, the reach of a neighbourhood (the paper's way to the number of modes).
+        dbscan_share: a core point has this share of the cell's rows within reach, and at least three.
+        direction_prior: pseudo-vehicles of uniform direction in each mode. They bound the concentration that one
+            vehicle, whose rows all point one way, would make unbounded.
+        speed_prior: pseudo-vehicles in each mode whose speeds spread as the place-free ones do.
+        max_concentration: bound of a mode's concentration: 1.8 degrees of spread.
+        max_shape: bound of a mode's gamma shape: 3 % of spread in speed.
+        cell_sizes: metres, the grid's candidates when no size is asked for.
+    """
+
+    max_modes: int = 6
+    max_place_free_modes: int = 4
+    standing_speed: float = 0.3
+    row_interval_s: float = 0.4
+    dbscan_eps: float = 0.2
+    dbscan_share: float = 0.05
+    direction_prior: float = 0.02
+    speed_prior: float = 0.1
+    max_concentration: float = 1e3
+    max_shape: float = 1e3
+    cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
+
+    def __post_init__(self) -> None:
+        require_positive(self, skip=("cell_sizes",))
+        if not self.cell_sizes or min(self.cell_sizes) <= 0:
+            raise ValueError(f"cell_sizes: expected positive lengths in metres, got {self.cell_sizes}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilterConfig:
+    """How vehicles are tracked.
+
+    Attributes:
+        n_particles: samples for each vehicle.
+        noise_m: metres, standard deviation of a measured position in each axis.
+        outlier_probability: share of measurements that say nothing of the vehicle; keeps every weight positive.
+        outlier_extent_m: metres, the side of the square over which such a measurement may lie.
+        resample_below: resample when the effective sample size falls below this share of the particles.
+        place_free_share: of the particles that take up a mode, those that follow no primitive of the place: the
+            vehicle that does what none has done there is not lost.
+        step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
+        max_gap_s: seconds without a measurement after which a belief ends.
+    """
+
+    n_particles: int = 1000
+    noise_m: float = 0.5
+    outlier_probability: float = 1e-3
+    outlier_extent_m: float = 100.0
+    resample_below: float = 0.5
+    place_free_share: float = 0.1
+    step_s: float = 0.1
+    max_gap_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        require_positive(self)
+        if self.outlier_probability >= 1 or self.resample_below > 1:
+            raise ValueError("outlier_probability, resample_below: expected shares below one")
+
+
+def require_positive(config: LearningConfig | FilterConfig, *, skip: tuple[str, ...] = ()) -> None:
+    """Every number of a configuration is positive.
+
+    Raises:
+        ValueError: names the first that is not.
+    """
+    for name in config.__dataclass_fields__:
+        value = getattr(config, name)
+        if name not in skip and not value > 0:
+            raise ValueError(f"{name}: expected a positive number, got {value}")

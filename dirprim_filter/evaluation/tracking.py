@@ -1,0 +1,83 @@
+"""How good are estimates of where vehicles are?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dirprim_filter.distributions.angles import difference
+from dirprim_filter.estimates import Estimates
+from dirprim_filter.tracks import Tracks, as_texts
+from tessellation.arrays import AnyArray, IntArray
+
+MOVING_FROM = 0.5
+"""m/s; below it a vehicle has no course to be wrong about."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackingScore:
+    """Errors of estimates against the truth, over the rows that have one.
+
+    Attributes:
+        n_rows: estimates that were scored.
+        n_vehicles: vehicles that they belong to.
+        position_rmse: metres, root mean square distance.
+        direction_rmse: radians, of vehicles in motion.
+        speed_rmse: m/s.
+        nees: mean normalised estimation error squared of the position: 2 where covariances tell the truth, above it
+            where they are too small.
+    """
+
+    n_rows: int
+    n_vehicles: int
+    position_rmse: float
+    direction_rmse: float
+    speed_rmse: float
+    nees: float
+
+
+def score(estimates: Estimates, truth: Tracks) -> TrackingScore:
+    """Compare estimates with the truth of the same vehicle and time; rows without a truth do not count.
+
+    Raises:
+        ValueError: no estimate has a truth.
+    """
+    row, true_row = _matches(estimates, truth)
+    if row.size == 0:
+        raise ValueError("estimates: expected rows of vehicles and times that the truth holds, got none")
+    error = estimates.position[row] - truth.position[true_row]
+    covariance = estimates.covariance[row] + 1e-12 * np.eye(2)
+    nees = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    turn = difference(estimates.direction[row], truth.direction[true_row])[truth.speed[true_row] >= MOVING_FROM]
+    pace = estimates.speed[row] - truth.speed[true_row]
+    return TrackingScore(
+        n_rows=int(row.size),
+        n_vehicles=int(np.unique(truth.track_id[true_row]).size),
+        position_rmse=float(np.sqrt((error**2).sum(axis=1).mean())),
+        direction_rmse=float(np.sqrt((turn**2).mean())) if turn.size else float("nan"),
+        speed_rmse=float(np.sqrt((pace**2).mean())),
+        nees=float(nees.mean()),
+    )
+
+
+def _matches(estimates: Estimates, truth: Tracks) -> tuple[IntArray, IntArray]:
+    """Rows of the estimates, and for each the row of the truth with its vehicle and time."""
+    vehicle, true_vehicle = _common_numbers(as_texts(estimates.track_id), as_texts(truth.track_id))
+    order = np.lexsort((truth.time_ns, true_vehicle))
+    key = np.stack([true_vehicle[order], truth.time_ns[order]], axis=1)
+    wanted = np.stack([vehicle, estimates.time_ns], axis=1)
+    pairs = np.ascontiguousarray(np.concatenate([key, wanted]))
+    _, number = np.unique(pairs, axis=0, return_inverse=True)
+    number = number.ravel()
+    place = np.full(number.max(initial=-1) + 1, -1, np.int64)
+    place[number[: len(key)]] = order
+    found = place[number[len(key) :]]
+    row = np.flatnonzero(found >= 0)
+    return row, found[row]
+
+
+def _common_numbers(a: AnyArray, b: AnyArray) -> tuple[IntArray, IntArray]:
+    """Ids of both as numbers, the same for the same id."""
+    _, number = np.unique(np.concatenate([a, b]), return_inverse=True)
+    return number[: a.size].astype(np.int64), number[a.size :].astype(np.int64)

@@ -1,0 +1,305 @@
+"""Compiled steps of the particle filter, one vehicle after the other: no vehicle sees another's numbers.
+
+The motion model is Eq. 4 in closed form: the vehicle's own direction, a von Mises whose concentration fades with time,
+times the mode of its cell. With e = exp(-k dt) the factors are concentration c e / (1 - e^2) for the vehicle's own and
+c / (1 + e) for the mode's; their product is, for small angles, the exact step of an Ornstein-Uhlenbeck process that
+settles on the mode, however finely time is cut. Speed takes the exact step of the Cox-Ingersoll-Ross process whose
+stationary law is the mode's gamma (Cox, Ingersoll and Ross 1985): a Poisson mixture of gammas.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.distributions import _kernels as density
+from dirprim_filter.distributions._kernels import UIntArray
+from tessellation._kernels import Locator, locate
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+
+class MotionTable(NamedTuple):
+    """A map's parameters as the kernels take them; row -1 is place-free."""
+
+    locator: Locator
+    weight: FloatArray  # (n_cells + 1, M)
+    mean: FloatArray
+    concentration: FloatArray
+    shape: FloatArray
+    rate: FloatArray
+    log_fit: FloatArray  # (n_cells + 1, M) log of weight and of what normalises direction
+    log_speed_fit: FloatArray  # (n_cells + 1, M) what normalises speed
+    draws: BoolArray  # (n_cells + 1, M) whether the mode draws directions towards its mean
+    direction_rate: float
+    speed_rate: float
+    mode_rate: float
+    turning: float
+    place_free_speed_rate: float
+    drift: float
+    place_free_share: float
+    step_s: float
+
+
+class Cloud(NamedTuple):
+    """Particles of every vehicle."""
+
+    position: FloatArray  # (V, P, 2)
+    direction: FloatArray  # (V, P)
+    speed: FloatArray  # (V, P)
+    cell: IntArray  # (V, P)
+    mode: IntArray  # (V, P)
+    log_weight: FloatArray  # (V, P) normalised
+    state: UIntArray  # (V, 4) of the random numbers
+
+
+@njit(cache=True)
+def draw_mode(table: MotionTable, cell: int, direction: float, speed: float, by_speed: bool, state: UIntArray) -> int:
+    """A mode of the cell, by its weight times how well it fits the direction and, on request, the speed (Eq. 4).
+
+    A share of the particles follow no primitive of the place, so that a vehicle that does not either is not lost.
+    """
+    if density.uniform(state) < table.place_free_share:
+        cell = -1  # the place-free modes stand in the same columns of every row
+    n = table.weight.shape[1]
+    log_p = np.empty(n)
+    top = -np.inf
+    log_speed = math.log(max(speed, 1e-6))
+    for m in range(n):
+        log_p[m] = -np.inf
+        if table.weight[cell, m] > 0.0:
+            log_p[m] = table.log_fit[cell, m]
+            log_p[m] += table.concentration[cell, m] * (math.cos(direction - table.mean[cell, m]) - 1.0)
+            if by_speed:
+                log_p[m] += table.log_speed_fit[cell, m] - table.rate[cell, m] * speed
+                log_p[m] += (table.shape[cell, m] - 1.0) * log_speed
+            top = max(top, log_p[m])
+    total = 0.0
+    for m in range(n):
+        log_p[m] = math.exp(log_p[m] - top)
+        total += log_p[m]
+    left = density.uniform(state) * total
+    for m in range(n):
+        left -= log_p[m]
+        if left < 0.0:
+            return m
+    return len(log_p) - 1  # rounding left a sliver over
+
+
+@njit(cache=True)
+def turn(table: MotionTable, cell: int, mode: int, direction: float, step_s: float, state: UIntArray) -> float:
+    """The direction a step later: Eq. 4 of the vehicle's own and its mode's, or diffusion where no mode draws."""
+    if not table.draws[cell, mode]:
+        return density.draw_von_mises(direction, 1.0 / (table.turning * step_s), state)
+    e = math.exp(-table.direction_rate * step_s)
+    concentration = table.concentration[cell, mode]
+    own = concentration * e / (1.0 - e * e)
+    usual = concentration / (1.0 + e)
+    away = table.mean[cell, mode] - direction
+    along = own + usual * math.cos(away)
+    across = usual * math.sin(away)
+    return density.draw_von_mises(direction + math.atan2(across, along), math.hypot(along, across), state)
+
+
+@njit(cache=True)
+def accelerate(table: MotionTable, cell: int, mode: int, speed: float, step_s: float, state: UIntArray) -> float:
+    """The speed a step later: the exact step of the Cox-Ingersoll-Ross process."""
+    k = table.speed_rate if table.draws[cell, mode] else table.place_free_speed_rate
+    e = math.exp(-k * step_s)
+    rate = table.rate[cell, mode]
+    count = density.draw_poisson(rate * speed * e / (1.0 - e), state)
+    return density.draw_gamma(table.shape[cell, mode] + count, state) * (1.0 - e) / rate
+
+
+@njit(cache=True)
+def advance(table: MotionTable, cloud: Cloud, v: int, p: int, dt_s: float) -> None:
+    """Move one particle by `dt_s` in steps of at most `step_s`, along the mean direction and speed of each step."""
+    state = cloud.state[v]
+    n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
+    h = dt_s / n_steps
+    takes_up = 1.0 - math.exp(-table.mode_rate * h)
+    slip = math.sqrt(table.drift * h)
+    x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
+    direction, speed = cloud.direction[v, p], cloud.speed[v, p]
+    cell, mode = cloud.cell[v, p], cloud.mode[v, p]
+    for _ in range(n_steps):
+        here = locate(table.locator, x, y)
+        if here != cell:
+            cell = here
+            mode = draw_mode(table, cell, direction, speed, True, state)
+        elif density.uniform(state) < takes_up:
+            mode = draw_mode(table, cell, direction, speed, False, state)
+        turned = turn(table, cell, mode, direction, h, state)
+        faster = accelerate(table, cell, mode, speed, h, state)
+        middle, distance = 0.5 * (direction + turned), 0.5 * (speed + faster) * h
+        x += distance * math.cos(middle) + slip * density.draw_normal(state)
+        y += distance * math.sin(middle) + slip * density.draw_normal(state)
+        direction, speed = density.wrap(turned), faster
+    cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
+    cloud.direction[v, p], cloud.speed[v, p] = direction, speed
+    cloud.cell[v, p], cloud.mode[v, p] = cell, mode
+
+
+@njit(cache=True, nogil=True)
+def predict(table: MotionTable, cloud: Cloud, vehicle: IntArray, dt_s: FloatArray) -> None:
+    """Move every particle of the vehicles named."""
+    for i in range(vehicle.size):
+        for p in range(cloud.position.shape[1]):
+            advance(table, cloud, vehicle[i], p, dt_s[i])
+
+
+@njit(cache=True, nogil=True)
+def predict_paths(table: MotionTable, cloud: Cloud, dt_s: float, path: FloatArray) -> None:
+    """Positions of the particles after each of n_steps steps of `dt_s`. Fills (V, P, n_steps, 2)."""
+    for v in range(path.shape[0]):
+        for step in range(path.shape[2]):
+            for p in range(path.shape[1]):
+                advance(table, cloud, v, p, dt_s)
+                path[v, p, step, 0], path[v, p, step, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
+
+
+@njit(cache=True, nogil=True)
+def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
+    """Give every particle the cell of its position and a mode that fits its direction and speed."""
+    for v in vehicle:
+        for p in range(cloud.position.shape[1]):
+            cell = locate(table.locator, cloud.position[v, p, 0], cloud.position[v, p, 1])
+            cloud.cell[v, p] = cell
+            cloud.mode[v, p] = draw_mode(table, cell, cloud.direction[v, p], cloud.speed[v, p], True, cloud.state[v])
+
+
+@njit(cache=True, nogil=True)
+def be_born(
+    table: MotionTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float
+) -> None:
+    """Draw a new belief from one measurement: positions around it, direction and speed from the primitive there."""
+    for i in range(vehicle.size):
+        v = vehicle[i]
+        state = cloud.state[v]
+        density.seed_state(key[i], state)
+        n = cloud.position.shape[1]
+        for p in range(n):
+            x = measured[i, 0] + noise * density.draw_normal(state)
+            y = measured[i, 1] + noise * density.draw_normal(state)
+            cell = locate(table.locator, x, y)
+            left, mode = density.uniform(state), 0
+            for m in range(table.weight.shape[1]):
+                mode = m
+                left -= table.weight[cell, m]
+                if left < 0.0:
+                    break
+            mean, concentration = table.mean[cell, mode], table.concentration[cell, mode]
+            cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
+            cloud.direction[v, p] = density.wrap(density.draw_von_mises(mean, concentration, state))
+            cloud.speed[v, p] = density.draw_gamma(table.shape[cell, mode], state) / table.rate[cell, mode]
+            cloud.cell[v, p], cloud.mode[v, p] = cell, mode
+            cloud.log_weight[v, p] = -math.log(n)
+
+
+@njit(cache=True, nogil=True)
+def weigh(
+    cloud: Cloud,
+    vehicle: IntArray,
+    measured: FloatArray,
+    noise: float,
+    outlier: float,
+    log_evidence: FloatArray,
+) -> None:
+    """Weigh by a position measured with Gaussian noise, or by an outlier of the density `outlier`; normalise.
+
+    Fills the log density of each measurement given those before it.
+    """
+    n = cloud.position.shape[1]
+    log_normal = -math.log(density.TWO_PI * noise * noise)
+    log_outlier = math.log(outlier)
+    for i in range(vehicle.size):
+        v = vehicle[i]
+        weight = cloud.log_weight[v]
+        top = -np.inf
+        for p in range(n):
+            dx = cloud.position[v, p, 0] - measured[i, 0]
+            dy = cloud.position[v, p, 1] - measured[i, 1]
+            fit = log_normal - 0.5 * (dx * dx + dy * dy) / (noise * noise)
+            high, low = max(fit, log_outlier), min(fit, log_outlier)
+            weight[p] += high + math.log1p(math.exp(low - high))
+            top = max(top, weight[p])
+        total = 0.0
+        for p in range(n):
+            total += math.exp(weight[p] - top)
+        log_evidence[i] = top + math.log(total)
+        for p in range(n):
+            weight[p] -= log_evidence[i]
+
+
+@njit(cache=True, nogil=True)
+def effective_sample_size(cloud: Cloud, vehicle: IntArray, result: FloatArray) -> None:
+    """1 / sum of squared weights, of each vehicle."""
+    for i in range(vehicle.size):
+        total = 0.0
+        for p in range(cloud.position.shape[1]):
+            w = math.exp(cloud.log_weight[vehicle[i], p])
+            total += w * w
+        result[i] = 1.0 / total
+
+
+@njit(cache=True, nogil=True)
+def systematic(log_weight: FloatArray, u: float, ancestor: IntArray) -> None:
+    """Systematic resampling (Kitagawa 1996): particle p survives floor or ceil of n w_p times. Fills the ancestors."""
+    n = log_weight.size
+    total = 0.0
+    for p in range(n):
+        total += math.exp(log_weight[p])
+    cumulative, source = math.exp(log_weight[0]), 0
+    for p in range(n):
+        position = (p + u) / n * total
+        while cumulative <= position and source < n - 1:
+            source += 1
+            cumulative += math.exp(log_weight[source])
+        ancestor[p] = source
+
+
+@njit(cache=True, nogil=True)
+def resample(cloud: Cloud, vehicle: IntArray) -> None:
+    """Replace each vehicle's particles by equally weighted survivors."""
+    n = cloud.position.shape[1]
+    ancestor = np.empty(n, np.int64)
+    for v in vehicle:
+        systematic(cloud.log_weight[v], density.uniform(cloud.state[v]), ancestor)
+        cloud.position[v] = cloud.position[v][ancestor]
+        cloud.direction[v] = cloud.direction[v][ancestor]
+        cloud.speed[v] = cloud.speed[v][ancestor]
+        cloud.cell[v] = cloud.cell[v][ancestor]
+        cloud.mode[v] = cloud.mode[v][ancestor]
+        cloud.log_weight[v] = -math.log(n)
+
+
+@njit(cache=True, nogil=True)
+def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
+    """Fills (V, 9): mean x, y, covariance xx, xy, yy, mean direction, its resultant, mean speed, its deviation."""
+    for i in range(vehicle.size):
+        v = vehicle[i]
+        total = x = y = c = s = speed = 0.0
+        for p in range(cloud.position.shape[1]):
+            w = math.exp(cloud.log_weight[v, p])
+            total += w
+            x += w * cloud.position[v, p, 0]
+            y += w * cloud.position[v, p, 1]
+            c += w * math.cos(cloud.direction[v, p])
+            s += w * math.sin(cloud.direction[v, p])
+            speed += w * cloud.speed[v, p]
+        x, y, c, s, speed = x / total, y / total, c / total, s / total, speed / total
+        xx = xy = yy = variance = 0.0
+        for p in range(cloud.position.shape[1]):
+            w = math.exp(cloud.log_weight[v, p]) / total
+            dx, dy = cloud.position[v, p, 0] - x, cloud.position[v, p, 1] - y
+            xx += w * dx * dx
+            xy += w * dx * dy
+            yy += w * dy * dy
+            variance += w * (cloud.speed[v, p] - speed) ** 2
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, xx, xy, yy
+        out[i, 5], out[i, 6], out[i, 7], out[i, 8] = (
+            math.atan2(s, c),
+            math.hypot(c, s),
+            speed,
+            math.sqrt(variance),
+        )

@@ -1,0 +1,153 @@
+"""What next? Hallucinated trajectories of a vehicle, cell by cell.
+
+Source: Senanayake et al. 2020, Algorithm 1: sample a mode of the cell, an angle and a speed; project the vehicle by one
+step; look up the cell it has come to; repeat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering.belief import birth_key
+from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.primitives import PrimitiveMap
+from tessellation.arrays import FloatArray, as_floats
+
+
+def forecast(
+    primitive_map: PrimitiveMap,
+    *,
+    position: npt.ArrayLike,
+    direction: float,
+    speed: float,
+    horizon_s: float = 5.0,
+    dt_s: float = 0.5,
+    n_samples: int = 100,
+    config: FilterConfig | None = None,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Sample where a vehicle goes from here.
+
+    Args:
+        primitive_map: how vehicles move at each place.
+        position: (2,) metres.
+        direction: course over ground, radians.
+        speed: m/s, not negative.
+        horizon_s: seconds to look ahead.
+        dt_s: seconds between the positions returned; the motion itself is sampled at `config.step_s`.
+        n_samples: number of futures.
+        config: the motion model's knobs.
+        rng: what the futures are drawn from.
+
+    Returns:
+        (n_samples, n_steps, 2) positions at dt_s, 2 dt_s, ... up to the horizon, metres.
+
+    Raises:
+        ValueError: a number that is not finite, a negative speed, or times and counts that are not positive.
+    """
+    start = as_floats("position", position, "2")
+    heading = float(as_floats("direction", direction, ""))
+    pace = float(as_floats("speed", speed, ""))
+    n_steps = int(np.floor(horizon_s / dt_s + 1e-9)) if dt_s > 0 else 0
+    if pace < 0 or n_steps < 1 or n_samples < 1:
+        raise ValueError(
+            "speed, horizon_s, dt_s, n_samples: expected a speed of at least 0 m/s, at least one step and one sample, "
+            f"got {pace}, {horizon_s}, {dt_s} and {n_samples}"
+        )
+    config = config or FilterConfig()
+    table = motion_table(primitive_map, step_s=config.step_s, place_free_share=config.place_free_share)
+    cloud = _kernels.Cloud(
+        position=np.tile(start, (1, n_samples, 1)),
+        direction=np.full((1, n_samples), heading),
+        speed=np.full((1, n_samples), pace),
+        cell=np.empty((1, n_samples), np.int64),
+        mode=np.empty((1, n_samples), np.int64),
+        log_weight=np.full((1, n_samples), -np.log(n_samples)),
+        state=rng.integers(2**64, size=(1, 4), dtype=np.uint64),
+    )
+    path: FloatArray = np.empty((n_samples, n_steps, 2))
+    _kernels.settle(table, cloud, np.zeros(1, np.int64))
+    _kernels.predict_paths(table, cloud, dt_s, path[None])
+    return path
+
+
+class ForecastSink(Protocol):
+    """Takes forecasts as they are made: a log, a viewer."""
+
+    def write_forecast(self, time_ns: int, track_id: Sequence[str], paths: FloatArray) -> None:
+        """Take the futures of vehicles, (n, n_samples, n_steps, 2) metres, after the frame of that time."""
+        ...
+
+
+class Forecaster:
+    """An `EstimateSink` that forecasts every vehicle of a frame, now and then.
+
+    A vehicle's futures follow from the seed, its id and the time: no other vehicle has a part in them.
+
+    Args:
+        primitive_map: how vehicles move at each place.
+        sinks: take the forecasts.
+        every_s: seconds of log time between forecasts.
+        horizon_s: seconds to look ahead.
+        dt_s: seconds between positions.
+        n_samples: futures of each vehicle.
+        config: the motion model's knobs.
+        rng: one number drawn from it seeds every forecast.
+    """
+
+    def __init__(
+        self,
+        primitive_map: PrimitiveMap,
+        sinks: Sequence[ForecastSink],
+        *,
+        every_s: float = 1.0,
+        horizon_s: float = 5.0,
+        dt_s: float = 0.25,
+        n_samples: int = 30,
+        config: FilterConfig | None = None,
+        rng: np.random.Generator,
+    ) -> None:
+        self._map = primitive_map
+        self._sinks = sinks
+        self._every_ns = int(every_s * 1e9)
+        self._horizon_s, self._dt_s, self._n_samples = horizon_s, dt_s, n_samples
+        self._config = config
+        self._seed = int(rng.integers(2**63))
+        self._next_ns: int | None = None
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Forecast the frame's vehicles if it is time."""
+        if (self._next_ns is not None and frame.time_ns < self._next_ns) or len(frame.estimates) == 0:
+            return
+        self._next_ns = frame.time_ns + self._every_ns
+        names = [str(name) for name in frame.estimates.track_id]
+        paths = self.paths(frame)
+        for sink in self._sinks:
+            sink.write_forecast(frame.time_ns, names, paths)
+
+    def paths(self, frame: TrackedFrame) -> FloatArray:
+        """Futures of the frame's vehicles from their estimates, (n, n_samples, n_steps, 2) metres."""
+        believed = frame.estimates
+        return np.stack(
+            [
+                forecast(
+                    self._map,
+                    position=believed.position[row],
+                    direction=float(believed.direction[row]),
+                    speed=float(believed.speed[row]),
+                    horizon_s=self._horizon_s,
+                    dt_s=self._dt_s,
+                    n_samples=self._n_samples,
+                    config=self._config,
+                    rng=np.random.default_rng(int(birth_key(self._seed, str(name), frame.time_ns))),
+                )
+                for row, name in enumerate(believed.track_id)
+            ]
+        )

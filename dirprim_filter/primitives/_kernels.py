@@ -1,0 +1,284 @@
+"""Compiled fitting of every cell's modes: direction by von Mises (Eq. 1), speed by gamma (Eq. 3).
+
+A cell's rows stand together; responsibilities are made and summed row by row, so no (rows x modes) array exists.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.distributions import _kernels as density
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+MAX_ITERATIONS = 200
+TOLERANCE = 1e-7  # of the mean log likelihood per row
+
+
+class Rows(NamedTuple):
+    """Observations of moving vehicles, sorted by cell."""
+
+    direction: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    speed: FloatArray
+    log_speed: FloatArray
+    weight: FloatArray
+
+
+class Bounds(NamedTuple):
+    """Priors and bounds of a fit; see `config.LearningConfig`."""
+
+    max_modes: int
+    direction_prior: float
+    speed_prior: float
+    speed_spread: float  # log(mean) - mean(log) of the place-free speeds
+    max_concentration: float
+    max_shape: float
+    dbscan_eps: float
+    dbscan_share: float
+
+
+class Modes(NamedTuple):
+    """Parameters of a cell's modes, a row for each cell or, inside a cell, a number for each mode."""
+
+    weight: FloatArray
+    mean: FloatArray
+    concentration: FloatArray
+    shape: FloatArray
+    rate: FloatArray
+
+
+@njit(cache=True, nogil=True)
+def fit_cells(
+    rows: Rows,
+    start: IntArray,
+    n_vehicles: FloatArray,
+    cells: IntArray,
+    two_steps: bool,
+    bounds: Bounds,
+    out: Modes,
+) -> None:
+    """Fit the cells named in `cells`; cell c has rows start[c] to start[c + 1]. Fills the rows of `out`.
+
+    two_steps: the paper's recipe, modes by DBSCAN and directions before speeds; else both at once and modes by BIC.
+    """
+    for c in cells:
+        first, last = start[c], start[c + 1]
+        if last == first:
+            continue
+        cell = Rows(
+            rows.direction[first:last], rows.cosine[first:last], rows.sine[first:last],
+            rows.speed[first:last], rows.log_speed[first:last], rows.weight[first:last],
+        )  # fmt: skip
+        if two_steps:
+            fit_in_two_steps(cell, n_vehicles[c], bounds, _row(out, c))
+        else:
+            fit_at_once(cell, n_vehicles[c], bounds, _row(out, c))
+
+
+@njit(cache=True)
+def _row(modes: Modes, c: int) -> Modes:
+    return Modes(modes.weight[c], modes.mean[c], modes.concentration[c], modes.shape[c], modes.rate[c])
+
+
+@njit(cache=True)
+def _empty_modes(n: int) -> Modes:
+    return Modes(np.zeros(n), np.zeros(n), np.zeros(n), np.ones(n), np.ones(n))
+
+
+@njit(cache=True)
+def fit_at_once(rows: Rows, n_vehicles: float, bounds: Bounds, out: Modes) -> None:
+    """Joint EM of direction and speed with the number of modes that BIC prefers.
+
+    Rows of one vehicle repeat each other, so BIC counts vehicles: the likelihood is scaled from rows to them.
+    """
+    total = rows.weight.sum()
+    best = np.inf
+    for k in range(1, bounds.max_modes + 1):
+        if k > n_vehicles:
+            break
+        trial = _empty_modes(k)
+        start_evenly(rows, trial, bounds)
+        log_likelihood = expectation_maximisation(rows, n_vehicles, True, bounds, trial)
+        bic = -2.0 * log_likelihood / total * n_vehicles + (5 * k - 1) * math.log(max(n_vehicles, 2.0))
+        if bic < best:
+            best = bic
+            for m in range(out.weight.size):
+                out.weight[m] = 0.0
+            for m in range(k):
+                _copy_mode(trial, m, out, m)
+        elif k > 2 and bic > best + 20.0:  # far past the best: more modes only cost more
+            break
+
+
+@njit(cache=True)
+def _copy_mode(source: Modes, i: int, target: Modes, j: int) -> None:
+    target.weight[j] = source.weight[i]
+    target.mean[j] = source.mean[i]
+    target.concentration[j] = source.concentration[i]
+    target.shape[j] = source.shape[i]
+    target.rate[j] = source.rate[i]
+
+
+@njit(cache=True)
+def start_evenly(rows: Rows, modes: Modes, bounds: Bounds) -> None:
+    """Modes at even quantiles of the circle, cut at its widest gap."""
+    n, k = rows.direction.size, modes.weight.size
+    theta = np.sort(rows.direction)
+    cut, widest = 0, theta[0] + density.TWO_PI - theta[n - 1]
+    for i in range(1, n):
+        if theta[i] - theta[i - 1] > widest:
+            cut, widest = i, theta[i] - theta[i - 1]
+    mean_speed = (rows.weight * rows.speed).sum() / rows.weight.sum()
+    shape = density.gamma_shape(bounds.speed_spread, 1.0, bounds.max_shape)
+    for m in range(k):
+        modes.weight[m] = 1.0 / k
+        modes.mean[m] = theta[(cut + int((m + 0.5) * n / k)) % n]
+        modes.concentration[m] = 1.0 * k * k
+        modes.shape[m] = shape
+        modes.rate[m] = shape / mean_speed
+
+
+@njit(cache=True)
+def expectation_maximisation(rows: Rows, n_vehicles: float, with_speed: bool, bounds: Bounds, modes: Modes) -> float:
+    """EM in log space from the modes given, in place; returns the log likelihood of the last E-step."""
+    k = modes.weight.size
+    total = rows.weight.sum()
+    previous = -np.inf
+    for _ in range(MAX_ITERATIONS):
+        sums = np.zeros((k, 5))  # responsibility, cosine, sine, speed, log speed
+        log_likelihood = expectation(rows, with_speed, modes, sums)
+        if log_likelihood - previous < TOLERANCE * total:
+            return log_likelihood
+        previous = log_likelihood
+        maximisation(sums, total, n_vehicles, bounds, modes)
+    return previous
+
+
+@njit(cache=True)
+def expectation(rows: Rows, with_speed: bool, modes: Modes, sums: FloatArray) -> float:
+    """Add every row's weighted responsibilities to `sums` (k, 5); returns the log likelihood."""
+    k = modes.weight.size
+    constant, along, across = np.empty(k), np.empty(k), np.empty(k)
+    for m in range(k):
+        constant[m] = -np.inf
+        if modes.weight[m] > 0.0:
+            constant[m] = math.log(modes.weight[m]) - density.log_normaliser(modes.concentration[m])
+            constant[m] -= modes.concentration[m]
+            if with_speed:
+                constant[m] += modes.shape[m] * math.log(modes.rate[m]) - math.lgamma(modes.shape[m])
+        along[m] = modes.concentration[m] * math.cos(modes.mean[m])
+        across[m] = modes.concentration[m] * math.sin(modes.mean[m])
+    log_p = np.empty(k)
+    log_likelihood = 0.0
+    for i in range(rows.direction.size):
+        c, s, v, log_v, w = rows.cosine[i], rows.sine[i], rows.speed[i], rows.log_speed[i], rows.weight[i]
+        top = -np.inf
+        for m in range(k):
+            log_p[m] = constant[m] + along[m] * c + across[m] * s
+            if with_speed:
+                log_p[m] += (modes.shape[m] - 1.0) * log_v - modes.rate[m] * v
+            top = max(top, log_p[m])
+        norm = 0.0
+        for m in range(k):
+            log_p[m] = math.exp(log_p[m] - top)
+            norm += log_p[m]
+        log_likelihood += w * (top + math.log(norm))
+        for m in range(k):
+            r = w * log_p[m] / norm
+            sums[m, 0] += r
+            sums[m, 1] += r * c
+            sums[m, 2] += r * s
+            sums[m, 3] += r * v
+            sums[m, 4] += r * log_v
+    return log_likelihood
+
+
+@njit(cache=True)
+def maximisation(sums: FloatArray, total: float, n_vehicles: float, bounds: Bounds, modes: Modes) -> None:
+    """New parameters from the sums, each mode with its pseudo-vehicles of the prior."""
+    for m in range(modes.weight.size):
+        share = sums[m, 0] / total
+        if share * n_vehicles < 1e-3:  # a mode that no vehicle drives
+            modes.weight[m] = 0.0
+            continue
+        modes.weight[m] = share
+        n = share * n_vehicles
+        modes.mean[m] = math.atan2(sums[m, 2], sums[m, 1])
+        resultant = math.hypot(sums[m, 1], sums[m, 2]) / sums[m, 0] * n / (n + bounds.direction_prior)
+        modes.concentration[m] = min(density.concentration_of(resultant), bounds.max_concentration)
+        mean_speed = sums[m, 3] / sums[m, 0]
+        spread = max(math.log(mean_speed) - sums[m, 4] / sums[m, 0], 0.0)
+        spread = (n * spread + bounds.speed_prior * bounds.speed_spread) / (n + bounds.speed_prior)
+        modes.shape[m] = density.gamma_shape(spread, 1.0, bounds.max_shape)
+        modes.rate[m] = modes.shape[m] / mean_speed
+    norm = modes.weight.sum()
+    for m in range(modes.weight.size):
+        modes.weight[m] /= norm
+
+
+@njit(cache=True)
+def fit_in_two_steps(rows: Rows, n_vehicles: float, bounds: Bounds, out: Modes) -> None:
+    """The paper's recipe: DBSCAN for the number of modes, EM on directions, then a gamma for each mode."""
+    n = rows.direction.size
+    order = np.argsort(rows.direction)
+    label = np.empty(n, np.int64)
+    min_samples = max(3, math.ceil(bounds.dbscan_share * n))
+    k = density.dbscan_sorted(rows.direction[order], order, bounds.dbscan_eps, min_samples, label)
+    k = min(max(k, 1), bounds.max_modes)
+    trial = _empty_modes(k)
+    start_evenly(rows, trial, bounds)
+    sums = np.zeros((k, 5))
+    for i in range(n):
+        if 0 <= label[i] < k:
+            m, w = label[i], rows.weight[i]
+            sums[m, 0] += w
+            sums[m, 1] += w * rows.cosine[i]
+            sums[m, 2] += w * rows.sine[i]
+            sums[m, 3] += w * rows.speed[i]
+            sums[m, 4] += w * rows.log_speed[i]
+    if sums[:, 0].min() > 0.0:
+        maximisation(sums, sums[:, 0].sum(), n_vehicles, bounds, trial)
+    expectation_maximisation(rows, n_vehicles, False, bounds, trial)
+    for m in range(k):
+        _gamma_within_two_deviations(rows, bounds, trial, m)
+        _copy_mode(trial, m, out, m)
+
+
+@njit(cache=True)
+def _gamma_within_two_deviations(rows: Rows, bounds: Bounds, modes: Modes, m: int) -> None:
+    """Eq. 3: maximum likelihood on rows within two circular standard deviations, sqrt(-2 log R), of the mode.
+
+    The shape's bias is reduced as Anderson and Ray (1975) do: a (n - 3) / n + 2 / (3 n).
+    """
+    resultant = density.i1e(modes.concentration[m]) / density.i0e(modes.concentration[m])
+    reach = 2.0 * math.sqrt(-2.0 * math.log(max(resultant, 1e-12)))
+    near = math.cos(min(reach, math.pi))
+    cosine, sine = math.cos(modes.mean[m]), math.sin(modes.mean[m])
+    count, weight, speed, log_speed = 0, 0.0, 0.0, 0.0
+    for i in range(rows.direction.size):
+        if rows.cosine[i] * cosine + rows.sine[i] * sine >= near:
+            count += 1
+            weight += rows.weight[i]
+            speed += rows.weight[i] * rows.speed[i]
+            log_speed += rows.weight[i] * rows.log_speed[i]
+    if count < 4:  # too few to tell a spread: the one that EM's last step left
+        return
+    mean_speed = speed / weight
+    shape = density.gamma_shape(math.log(mean_speed) - log_speed / weight, 1.0, bounds.max_shape)
+    modes.shape[m] = min(max(shape * (count - 3) / count + 2.0 / (3.0 * count), 1.0), bounds.max_shape)
+    modes.rate[m] = modes.shape[m] / mean_speed
+
+
+@njit(cache=True, nogil=True)
+def thin(vehicle: IntArray, time_ns: IntArray, interval_ns: int) -> BoolArray:
+    """Which rows to keep, sorted by vehicle and time, so that a vehicle's are at least `interval_ns` apart."""
+    keep = np.zeros(vehicle.size, np.bool_)
+    last = -1
+    for i in range(vehicle.size):
+        if last < 0 or vehicle[i] != vehicle[last] or time_ns[i] - time_ns[last] >= interval_ns:
+            keep[i] = True
+            last = i
+    return keep

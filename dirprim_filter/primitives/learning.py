@@ -1,0 +1,299 @@
+"""Learning a map of directional primitives from tracks.
+
+Source: Senanayake et al. 2020, section III. Beyond it: direction and speed are fitted together, the number of modes by
+BIC, cells that know little lean on the place-free primitive by a strength learned from held-out vehicles.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from dirprim_filter.config import LearningConfig
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives import _kernels
+from dirprim_filter.primitives.primitive_map import Primitive, PrimitiveMap
+from dirprim_filter.primitives.relaxation import learn_relaxation
+from dirprim_filter.primitives.rows import CellRows, TrackRows, columns_of
+from dirprim_filter.tracks import Tracks
+from tessellation import GridTessellation, Tessellation
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+logger = logging.getLogger(__name__)
+
+ModesRule = Literal["bic", "dbscan"]
+
+PLACE_FREE_STRENGTHS = np.geomspace(0.01, 10.0, 13)
+"""Pseudo-vehicles with which the place-free primitive may enter a cell."""
+MIN_STANDING_MEAN = 0.05
+"""m/s; standing vehicles of a simulator have speed 0, which would make the density at 0 unbounded."""
+
+
+def learn_primitives(
+    tracks: Tracks | Iterable[Tracks],
+    *,
+    tessellation: Literal["grid"] | Tessellation = "grid",
+    cell_size: float | None = None,
+    n_cells: int | None = None,
+    modes: ModesRule = "bic",
+    primitive: Literal["flat"] = "flat",
+    config: LearningConfig | None = None,
+    rng: np.random.Generator,
+) -> PrimitiveMap:
+    """Learn how vehicles move at each place.
+
+    Args:
+        tracks: observed motion, at once or in parts.
+        tessellation: "grid" for square cells where there are data, or cells that are given.
+        cell_size: metres, side of the grid's cells; chosen by held-out vehicles if absent.
+        n_cells: about how many cells the grid shall have, instead of `cell_size`.
+        modes: "bic" fits direction and speed together and counts modes by BIC; "dbscan" is the paper's recipe.
+        primitive: "flat", constant in a cell as in the paper.
+        config: every other knob.
+        rng: chooses the held-out vehicles.
+
+    Returns:
+        The map; the same for the same tracks and the same state of `rng`.
+
+    Raises:
+        ValueError: no rows, or options that do not exist or exclude each other.
+    """
+    config = config or LearningConfig()
+    tracks = tracks if isinstance(tracks, Tracks) else Tracks.concatenate(tracks)
+    _check_options(tracks, tessellation, cell_size, n_cells=n_cells, modes=modes, primitive=primitive)
+    rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s)
+    free = fit_place_free(rows, config)
+    candidates = _candidates(rows.position, tessellation, cell_size, n_cells, config)
+    cells, strength = _choose_cells(rows, candidates, modes, free, config=config, rng=rng)
+    fitted = fit_cells(rows, cells, modes, free, config)
+    learned = assemble(cells, fitted, free, strength)
+    cell = cells.cell_of(rows.position)
+    relaxation = learn_relaxation(learned, rows, cell, standing_speed=config.standing_speed)
+    logger.info(
+        "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
+        cells.n_cells, rows.n_vehicles, strength,
+    )  # fmt: skip
+    return PrimitiveMap(
+        tessellation=cells,
+        direction=learned.direction,
+        speed=learned.speed,
+        n_rows=np.append(fitted.n_rows, len(rows)),
+        n_place_free_modes=free.weight.size,
+        relaxation=relaxation,
+    )
+
+
+def _check_options(
+    tracks: Tracks,
+    tessellation: object,
+    cell_size: float | None,
+    n_cells: int | None,
+    modes: str,
+    primitive: str,
+) -> None:
+    if len(tracks) == 0:
+        raise ValueError("tracks: expected at least one row, got none")
+    if isinstance(tessellation, str) and tessellation != "grid":
+        raise ValueError(f"tessellation: this version knows 'grid' or a Tessellation, got {tessellation!r}")
+    if modes not in ("bic", "dbscan"):
+        raise ValueError(f"modes: expected 'bic' or 'dbscan', got {modes!r}")
+    if primitive != "flat":
+        raise ValueError(f"primitive: this version knows 'flat', got {primitive!r}")
+    given = [name for name, value in (("cell_size", cell_size), ("n_cells", n_cells)) if value is not None]
+    if len(given) > 1 or (given and not isinstance(tessellation, str)):
+        raise ValueError("tessellation, cell_size, n_cells: at most one of them can decide the cells")
+    if n_cells is not None and n_cells < 1:
+        raise ValueError(f"n_cells: expected at least 1, got {n_cells}")
+
+
+class PlaceFree(NamedTuple):
+    """The primitive that holds where no cell does: modes of all tracks together; the last is for standing."""
+
+    weight: FloatArray
+    mean: FloatArray
+    concentration: FloatArray
+    shape: FloatArray
+    rate: FloatArray
+    speed_spread: float  # log(mean) - mean(log) of all moving speeds
+
+
+class FittedCells(NamedTuple):
+    """What the fit found in each cell, before the place-free primitive enters; the last mode is for standing."""
+
+    modes: _kernels.Modes  # (n_cells, K + 1) each
+    n_vehicles: FloatArray
+    n_rows: IntArray
+
+
+def bounds_of(config: LearningConfig, *, max_modes: int, speed_spread: float) -> _kernels.Bounds:
+    """The priors and bounds of a fit, as the kernels take them."""
+    return _kernels.Bounds(
+        max_modes, config.direction_prior, config.speed_prior, speed_spread,
+        config.max_concentration, config.max_shape, config.dbscan_eps, config.dbscan_share,
+    )  # fmt: skip
+
+
+def fit_place_free(rows: TrackRows, config: LearningConfig) -> PlaceFree:
+    """Fit the place-free primitive to all rows.
+
+    It always holds a uniform direction and a standing mode, so that its density is positive and finite everywhere.
+    """
+    moving = rows[rows.speed >= config.standing_speed]
+    n_standing = len(rows) - len(moving)
+    k = config.max_place_free_modes
+    found = _kernels.Modes(np.zeros(k), np.zeros(k), np.zeros(k), np.ones(k), np.ones(k))
+    spread, mean_speed = 1.0, 1.0
+    if len(moving):
+        mean_speed = float(moving.speed.mean())
+        spread = max(float(np.log(mean_speed) - np.log(moving.speed).mean()), 1e-3)
+        bounds = bounds_of(config, max_modes=k, speed_spread=spread)
+        _kernels.fit_at_once(columns_of(moving.direction, moving.speed), float(moving.n_vehicles), bounds, found)
+    standing = (n_standing + 1) / (len(rows) + 2)
+    anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
+    used = np.flatnonzero(found.weight)
+    share = np.concatenate([(1 - anywhere) * found.weight[used], [anywhere if used.size else 1.0]])
+    return PlaceFree(
+        weight=np.append((1 - standing) * share, standing),
+        mean=np.concatenate([found.mean[used], [0.0, 0.0]]),
+        concentration=np.concatenate([found.concentration[used], [0.0, 0.0]]),
+        shape=np.concatenate([found.shape[used], [1.0, 1.0]]),
+        rate=np.concatenate([found.rate[used], [1.0 / mean_speed, 1.0 / _standing_mean(rows, config)]]),
+        speed_spread=spread,
+    )
+
+
+def _standing_mean(rows: TrackRows, config: LearningConfig) -> float:
+    standing = rows.speed[rows.speed < config.standing_speed]
+    return max(float(standing.mean()) if standing.size else 0.0, MIN_STANDING_MEAN)
+
+
+def fit_cells(
+    rows: TrackRows, cells: Tessellation, modes: ModesRule, free: PlaceFree, config: LearningConfig
+) -> FittedCells:
+    """Fit each cell's modes to its own rows."""
+    in_cells = CellRows.of(rows, cells, standing_speed=config.standing_speed)
+    n, k = cells.n_cells, config.max_modes
+    found = _kernels.Modes(np.zeros((n, k)), np.zeros((n, k)), np.zeros((n, k)), np.ones((n, k)), np.ones((n, k)))
+    bounds = bounds_of(config, max_modes=k, speed_spread=free.speed_spread)
+    _kernels.fit_cells(
+        in_cells.rows, in_cells.start, in_cells.n_vehicles, np.arange(n), modes == "dbscan", bounds, found
+    )
+    n_rows = in_cells.n_rows
+    standing = in_cells.n_standing / np.maximum(n_rows, 1)
+    used = max(int((found.weight > 0).sum(axis=1).max(initial=0)), 1)
+    order = np.argsort(-found.weight, axis=1, kind="stable")[:, :used]  # heaviest first
+    with_standing = _kernels.Modes(
+        np.column_stack([np.take_along_axis(found.weight, order, 1) * (1 - standing[:, None]), standing]),
+        *(
+            np.column_stack([np.take_along_axis(column, order, 1), np.full(n, of_standing)])
+            for column, of_standing in zip(
+                found[1:], (free.mean[-1], free.concentration[-1], free.shape[-1], free.rate[-1]), strict=True
+            )
+        ),
+    )
+    vehicles = np.where(n_rows > 0, np.maximum(in_cells.n_vehicles, 1.0), 0.0)
+    return FittedCells(with_standing, vehicles, n_rows)
+
+
+def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> FloatArray:
+    """The weight of the place-free primitive in a cell that `n_vehicles` passed, entering as `strength` vehicles."""
+    return np.asarray(strength / (n_vehicles + strength))
+
+
+def assemble(cells: Tessellation, fitted: FittedCells, free: PlaceFree, strength: float) -> Primitive:
+    """The parameter table of a map: each cell's own modes, then the place-free ones; the last row is place-free."""
+    n, own = fitted.modes.weight.shape
+    share = place_free_share(fitted.n_vehicles, strength)[:, None]
+    weight = np.zeros((n + 1, own + free.weight.size))
+    weight[:n, :own] = (1 - share) * fitted.modes.weight
+    weight[:n, own:] = share * free.weight
+    weight[n, own:] = free.weight
+    weight /= weight.sum(axis=1, keepdims=True)
+
+    def column(of_cells: FloatArray, of_free: FloatArray, filler: float) -> FloatArray:
+        placed = np.vstack([of_cells, np.full(own, filler)])
+        return np.column_stack([placed, np.tile(of_free, (n + 1, 1))])
+
+    return Primitive(
+        VonMisesMixture(
+            weight=weight,
+            mean_direction=column(fitted.modes.mean, free.mean, 0.0),
+            concentration=column(fitted.modes.concentration, free.concentration, 0.0),
+        ),
+        Gamma(shape=column(fitted.modes.shape, free.shape, 1.0), rate=column(fitted.modes.rate, free.rate, 1.0)),
+    )
+
+
+def _candidates(
+    position: FloatArray,
+    tessellation: str | Tessellation,
+    cell_size: float | None,
+    n_cells: int | None,
+    config: LearningConfig,
+) -> list[Tessellation]:
+    """The tessellations to choose from."""
+    if not isinstance(tessellation, str):
+        return [tessellation]
+    if n_cells is not None:
+        return [_grid_of_about(position, n_cells)]
+    sizes = config.cell_sizes if cell_size is None else (cell_size,)
+    return [GridTessellation.covering(position, cell_size=size) for size in sizes]
+
+
+def _choose_cells(
+    rows: TrackRows,
+    candidates: list[Tessellation],
+    modes: ModesRule,
+    free: PlaceFree,
+    *,
+    config: LearningConfig,
+    rng: np.random.Generator,
+) -> tuple[Tessellation, float]:
+    """The cells and the strength of the place-free primitive in them that held-out vehicles like best."""
+    vehicles = np.unique(rows.vehicle)
+    if vehicles.size < 2:  # nobody to hold out
+        return candidates[-1], 1.0
+    held_out = np.isin(rows.vehicle, rng.permutation(vehicles)[: max(vehicles.size // 3, 1)])
+    scores = [_held_out_scores(rows, held_out, cells, modes, free, config=config) for cells in candidates]
+    best = int(np.argmax([score.max() for score in scores]))
+    for cells, score in zip(candidates, scores, strict=True):
+        logger.debug("%d cells: held-out log density %.3f", cells.n_cells, score.max())
+    return candidates[best], float(PLACE_FREE_STRENGTHS[np.argmax(scores[best])])
+
+
+def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:
+    """The grid whose number of cells is nearest to `n_cells`, by bisection on the logarithm of its cell size."""
+    low, high = 0.1, float(np.ptp(position, axis=0).max()) + 1.0
+    for _ in range(30):
+        middle = float(np.sqrt(low * high))
+        grid = GridTessellation.covering(position, cell_size=middle)
+        if grid.n_cells == n_cells:
+            return grid
+        low, high = (middle, high) if grid.n_cells > n_cells else (low, middle)
+    return grid
+
+
+def _held_out_scores(
+    rows: TrackRows,
+    held_out: BoolArray,
+    cells: Tessellation,
+    modes: ModesRule,
+    free: PlaceFree,
+    *,
+    config: LearningConfig,
+) -> FloatArray:
+    """Mean log density of the held-out rows for each of `PLACE_FREE_STRENGTHS`."""
+    fitted = fit_cells(rows[~held_out], cells, modes, free, config)
+    own = assemble(cells, fitted, free, strength=1e-12)
+    kept = rows[held_out]
+    cell = cells.cell_of(kept.position)
+    place_free = Primitive(own.direction[-1], own.speed[-1]).log_density(kept.direction, kept.speed)
+    placed = Primitive(own.direction[cell], own.speed[cell]).log_density(kept.direction, kept.speed)
+    n_vehicles = np.append(fitted.n_vehicles, 0.0)[cell]
+    share = place_free_share(n_vehicles[:, None], PLACE_FREE_STRENGTHS)
+    with np.errstate(divide="ignore"):
+        mixed = np.logaddexp(np.log1p(-share) + placed[:, None], np.log(share) + place_free[:, None])
+    return np.asarray(mixed.mean(axis=0))

@@ -1,0 +1,180 @@
+"""Chunks of an MCAP file: where they stand, and their contents, checked and bounded.
+
+Source: the MCAP specification, version 0, record 0x06. A run of messages that stand outside of chunks is
+treated as a chunk without compression and checksum, so the scan knows one thing only.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from mmap import mmap
+
+import lz4.frame
+import zstandard
+
+from dirprim_filter.recording.damage import Damage, DamageKind
+from dirprim_filter.recording.records import MESSAGE_INDEX, RECORD_HEADER_SIZE, U32, U64
+
+MAX_CHUNK_BYTES = 1 << 30
+"""No chunk is decompressed beyond this: writers close chunks after some MiB; a larger claim is damage, or an
+attack."""
+PIECE_BYTES = 1 << 24
+COMPRESSIONS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
+FIXED = struct.Struct("<QQQII")
+"""Start time, end time, uncompressed size, CRC of the uncompressed contents, length of the compression's
+name."""
+FIXED_SIZE = FIXED.size + U64.size
+"""Bytes of a chunk record besides the compression's name and the data."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chunk:
+    """Where a chunk's data stand in the file, and what its header says about them.
+
+    Attributes:
+        offset: byte where its record starts.
+        data_offset: byte where its (compressed) data start.
+        data_length: bytes of them that the file has.
+        start_ns: log time of its first message.
+        end_ns: log time of its last message.
+        size: bytes of its contents.
+        crc: CRC-32 of its contents; 0 where the writer gave none.
+        compression: "", "zstd" or "lz4".
+        is_cut: the file ends inside of it.
+    """
+
+    offset: int
+    data_offset: int
+    data_length: int
+    start_ns: int
+    end_ns: int
+    size: int
+    crc: int
+    compression: str
+    is_cut: bool = False
+
+    @property
+    def end(self) -> int:
+        """Byte after its record."""
+        return self.data_offset + self.data_length
+
+
+def chunk_at(file: mmap, offset: int) -> Chunk | None:
+    """The chunk record that starts at `offset`, by its own fields alone; None where these make no sense."""
+    body = offset + RECORD_HEADER_SIZE
+    if body + FIXED_SIZE > len(file):
+        return None
+    start_ns, end_ns, size, crc, name_length = FIXED.unpack_from(file, body)
+    name_at = body + FIXED.size
+    if name_length > 4 or name_at + name_length + U64.size > len(file):
+        return None
+    compression = COMPRESSIONS.get(file[name_at : name_at + name_length])
+    if compression is None:
+        return None
+    data_length = int(U64.unpack_from(file, name_at + name_length)[0])
+    data_offset = name_at + name_length + U64.size
+    return Chunk(
+        offset=offset,
+        data_offset=data_offset,
+        data_length=min(data_length, len(file) - data_offset),
+        start_ns=start_ns,
+        end_ns=end_ns,
+        size=size,
+        crc=crc,
+        compression=compression,
+        is_cut=data_offset + data_length > len(file),
+    )
+
+
+def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
+    """A chunk's contents, and what is wrong with them; none where they cannot be trusted.
+
+    Contents of a chunk that the end of the file cuts are given as far as they go: they come without a
+    checksum, and with damage that says so. A wrong size field is forgiven where the checksum vouches for the
+    contents.
+    """
+    try:
+        contents = _decompress(file, chunk)
+    except (zstandard.ZstdError, RuntimeError, _TooLargeError) as error:  # lz4 raises bare RuntimeErrors
+        return b"", _lost(file, chunk, "chunk_data", f"its data cannot be decompressed: {error}")
+    if chunk.is_cut:
+        detail = f"the file ends inside a chunk; {len(contents)} of {chunk.size} bytes are read unchecked"
+        return contents, Damage(
+            kind="truncated",
+            offset=chunk.offset,
+            length=chunk.end - chunk.offset,
+            messages=None,
+            detail=detail,
+        )
+    found = zlib.crc32(contents)
+    if chunk.crc not in (0, found):
+        return b"", _lost(file, chunk, "chunk_crc", f"expected CRC {chunk.crc:#010x}, got {found:#010x}")
+    if len(contents) != chunk.size:
+        detail = f"expected {chunk.size} bytes of contents, got {len(contents)}"
+        if not chunk.crc:
+            return b"", _lost(file, chunk, "chunk_header", detail)
+        return contents, Damage(
+            kind="chunk_header", offset=chunk.offset, length=chunk.end - chunk.offset, messages=0,
+            detail=f"{detail}, which the checksum confirms",
+        )  # fmt: skip
+    return contents, None
+
+
+class _TooLargeError(ValueError):
+    pass
+
+
+def _decompress(file: mmap, chunk: Chunk) -> bytes:
+    data = file[chunk.data_offset : chunk.end]
+    if not chunk.compression:
+        return data
+    if (
+        chunk.compression == "zstd"
+        and not chunk.is_cut
+        and zstandard.frame_content_size(data) == chunk.size <= MAX_CHUNK_BYTES
+    ):
+        return zstandard.ZstdDecompressor().decompress(data)
+    pieces, length = [], 0
+    limit = min(chunk.size, MAX_CHUNK_BYTES)
+    for piece in _zstd_pieces(data) if chunk.compression == "zstd" else _lz4_pieces(data):
+        length += len(piece)
+        if length > limit:
+            raise _TooLargeError(f"expected {limit} bytes at most, got more")
+        pieces.append(piece)
+    return b"".join(pieces)
+
+
+def _zstd_pieces(data: bytes) -> Iterator[bytes]:
+    yield from zstandard.ZstdDecompressor().read_to_iter(data)
+
+
+def _lz4_pieces(data: bytes) -> Iterator[bytes]:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    piece = decompressor.decompress(data, max_length=PIECE_BYTES)
+    while piece:
+        yield piece
+        ended = decompressor.eof or decompressor.needs_input
+        piece = b"" if ended else decompressor.decompress(b"", max_length=PIECE_BYTES)
+
+
+def _lost(file: mmap, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:
+    return Damage(
+        kind=kind,
+        offset=chunk.offset,
+        length=chunk.end - chunk.offset,
+        messages=_indexed_messages(file, chunk.end),
+        detail=detail,
+    )
+
+
+def _indexed_messages(file: mmap, at: int) -> int | None:
+    """Messages that the index behind a chunk counts; None where there is no index."""
+    found = None
+    while at + RECORD_HEADER_SIZE + 6 <= len(file) and file[at] == MESSAGE_INDEX:
+        n_bytes = int(U32.unpack_from(file, at + RECORD_HEADER_SIZE + 2)[0])
+        found = (found or 0) + n_bytes // 16
+        at += RECORD_HEADER_SIZE + int(U64.unpack_from(file, at + 1)[0])
+    return found

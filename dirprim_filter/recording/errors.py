@@ -1,0 +1,65 @@
+"""What can be wrong with a file: each error is one line that names the file, the place and the way out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from os import PathLike, fspath
+
+Path = str | PathLike[str]
+
+
+class RecordingError(Exception):
+    """A file cannot be read or written as asked; its text is one line for the user."""
+
+
+class NotMcapError(RecordingError):
+    """The file is no MCAP log at all."""
+
+    def __init__(self, path: Path, got: str) -> None:
+        super().__init__(f"{fspath(path)}: expected an MCAP log, got {got}; `dirprim convert` makes logs of tables")
+
+
+class NoTracksError(RecordingError):
+    """No topic of the log can serve as asked."""
+
+    def __init__(
+        self, path: Path, *, has: Iterable[tuple[str, str]], wanted: str, damage: Sequence[object] = ()
+    ) -> None:
+        """`has`: (topic, schema name) of all the log holds; `wanted`: what was looked for, in words."""
+        topics = ", ".join(f"{topic} ({schema or 'no schema'})" for topic, schema in has) or "no topics"
+        broken = f"; it is damaged: {damage[0]}" if damage else ""
+        super().__init__(
+            f"{fspath(path)}: expected {wanted}; the log has {topics}{broken}; choose a topic or another log"
+        )
+
+
+class DamagedRecordingError(RecordingError):
+    """The log is damaged, and the caller asked not to go on with what is left (strict)."""
+
+    def __init__(self, path: Path, damage: Sequence[object]) -> None:
+        more = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
+        super().__init__(f"{fspath(path)}: expected an undamaged log, got {damage[0]}{more}; read it without strict")
+
+
+class DecodeError(RecordingError):
+    """A message does not hold what its schema promises."""
+
+    def __init__(self, path: Path, *, topic: str, time_ns: int, expected: str, got: str) -> None:
+        super().__init__(
+            f"{fspath(path)}: topic {topic}, message at {time_ns} ns: expected {expected}, got {got}; "
+            "leave the topic out, or write it anew"
+        )
+
+
+class TableError(RecordingError):
+    """A line of a table is not what the format asks for."""
+
+    def __init__(self, path: Path, line: int, expected: str, got: str, remedy: str) -> None:
+        super().__init__(f"{fspath(path)}, line {line}: expected {expected}, got {got}; {remedy}")
+
+
+class OutputExistsError(RecordingError):
+    """The file to write is there already."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"{fspath(path)}: expected a new file, it exists; choose another name or use --force")

@@ -1,0 +1,159 @@
+"""Observed motion, detections and estimates out of MCAP logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+
+from dirprim_filter.estimates import Estimates
+from dirprim_filter.recording.damage import Damage
+from dirprim_filter.recording.detection_stream import DetectionStream
+from dirprim_filter.recording.errors import DecodeError, NoTracksError
+from dirprim_filter.recording.observations import Drops, TimeSource, log_losses, observed_frames
+from dirprim_filter.recording.scan import Scan
+from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
+from dirprim_filter.recording.schemas.dirprim import decode_estimates
+from dirprim_filter.recording.summary import LogSummary, TopicSummary, inspect
+from dirprim_filter.recording.topics import choose_topics
+from dirprim_filter.recording.track_log import Columns, TrackLog
+from dirprim_filter.recording.writer import ESTIMATES_TOPIC
+from dirprim_filter.tracks import Tracks
+
+__all__ = [
+    "Damage", "DetectionStream", "Drops", "LogSummary", "TimeSource", "TopicSummary", "TrackLog", "inspect",
+    "read_estimates", "read_track_logs", "read_tracks", "stream_detections",
+]  # fmt: skip
+
+PathOrText = str | PathLike[str]
+
+
+def read_tracks(
+    source: PathOrText | Sequence[PathOrText],
+    *,
+    topics: str | None = None,
+    time_source: TimeSource = "log",
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    strict: bool = False,
+) -> Tracks:
+    """The tracks of a log, or of several; what could not be read is logged, and is told by `read_track_logs`.
+
+    Direction and speed are taken where the log carries them for a whole track, and else derived from that
+    track's positions by central differences. Of rows that repeat a vehicle and a time the first is kept.
+    Groups of several logs are numbered anew, one after the other; an id that stands in more than one log gets
+    the log's name in front.
+
+    Args:
+        source: a log, or several.
+        topics: name of the topic, or a regular expression that matches topics in full. Left out: one topic,
+            by what its schema tells: `dirprim.Observations` before ASAM OSI before `foxglove.SceneUpdate`; of
+            several of one kind the one with most messages, `/detections...` last, `/dirprim/...` never.
+        time_source: which time of a message counts.
+        start_ns: the first time wanted, nanoseconds.
+        end_ns: the first time no longer wanted.
+        strict: raise at the first damage instead of going on.
+
+    Raises:
+        NotMcapError: a file is no MCAP log.
+        NoTracksError: a log has no such topic, or none with moving objects.
+        DamagedRecordingError: strict, and a log is damaged.
+        DecodeError: strict, and a message is not what its schema says.
+        ValueError: no log is given, or `topics` is neither a name nor a regular expression.
+    """
+    return read_track_logs(
+        source, topics=topics, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict
+    ).tracks
+
+
+def read_track_logs(
+    source: PathOrText | Sequence[PathOrText],
+    *,
+    topics: str | None = None,
+    time_source: TimeSource = "log",
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    strict: bool = False,
+) -> TrackLog:
+    """As `read_tracks`, with what was lost."""
+    paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
+    if not paths:
+        raise ValueError("source: expected at least one log, got none")
+    dropped = Drops()
+    damage: list[tuple[Path, Damage]] = []
+    columns: list[Columns] = []
+    for path in paths:
+        drops = Drops()
+        with Scan(path, choose_topics(path, topics, strict=strict).__contains__) as log:
+            frames = observed_frames(
+                log, drops=drops, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict
+            )
+            columns.append(Columns.of_frames(frames).without_repeats(drops))
+            damage += [(path, broken) for broken in log.damage]
+            log_losses(path, log.damage, drops)
+        dropped += drops
+    tracks = Columns.of_logs(columns, [path.stem for path in paths]).as_tracks(dropped)
+    return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped)
+
+
+def stream_detections(
+    path: PathOrText,
+    *,
+    topics: str | None = None,
+    time_source: TimeSource = "log",
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    strict: bool = False,
+) -> DetectionStream:
+    """The detections of a log, an instant at a time, in bounded memory.
+
+    Args:
+        path: the log.
+        topics: as for `read_tracks`; left out, `/detections` goes before all others.
+        time_source: which time of a message counts; messages that go back in it are left out and counted.
+        start_ns: the first time wanted, nanoseconds.
+        end_ns: the first time no longer wanted.
+        strict: raise at the first damage instead of going on.
+
+    Raises:
+        NotMcapError: the file is no MCAP log.
+        NoTracksError: the log has no such topic, or none with moving objects.
+        ValueError: `topics` is neither a name nor a regular expression.
+    """
+    chosen = choose_topics(Path(path), topics, prefer_detections=True, strict=strict)
+    return DetectionStream(
+        Scan(Path(path), chosen.__contains__),
+        topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict,
+    )  # fmt: skip
+
+
+def read_estimates(path: PathOrText, *, topic: str = ESTIMATES_TOPIC) -> Estimates:
+    """All estimates of a log that `dirprim track` wrote, in order of time.
+
+    Args:
+        path: the log.
+        topic: a topic of `dirprim.TrackEstimates`.
+
+    Raises:
+        NotMcapError: the file is no MCAP log.
+        NoTracksError: the log has no such topic.
+        DecodeError: a message is not what its schema says.
+    """
+    parts = []
+    with Scan(Path(path), lambda name: name == topic) as log:
+        if not any(c.topic == topic and c.schema.name == ESTIMATES_SCHEMA for c in log.channels()):
+            has = dict.fromkeys((c.topic, c.schema.name) for c in log.channels())
+            raise NoTracksError(log.path, has=has, wanted=f"topic {topic!r} of {ESTIMATES_SCHEMA}", damage=log.damage)
+        for message in log:
+            if message.schema_name == ESTIMATES_SCHEMA:
+                try:
+                    parts.append(decode_estimates(message.data))
+                except ProtobufDecodeError as error:
+                    raise DecodeError(
+                        log.path, topic=topic, time_ns=message.log_time_ns,
+                        expected=f"a message of {ESTIMATES_SCHEMA}", got=str(error),
+                    ) from error  # fmt: skip
+        log_losses(log.path, log.damage, Drops())
+    return Estimates.concatenate(parts)

@@ -1,0 +1,218 @@
+"""What Foxglove draws: vehicles, beliefs, particles and maps as `SceneUpdate` and `PointCloud` messages.
+
+Source: the Foxglove schemas, https://docs.foxglove.dev/docs/sdk/schemas. Every sub-message is set, zeros too:
+a reader that turns messages into columns takes an unset one for a null.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.distributions.von_mises import mean_resultant_length
+from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, set_time
+from dirprim_filter.tracks import Tracks, as_texts
+from tessellation.arrays import AnyArray, FloatArray, IntArray
+
+VEHICLE_SIZE = (4.5, 1.9, 1.5)
+"""Length, width and height of the cube that stands for a vehicle, metres: a middling car."""
+DETECTION_DIAMETER = 0.6
+ELLIPSE_SCALE = 2.0 * np.sqrt(-2.0 * np.log(0.1))
+"""Axes of the 90 % region of a normal law in the plane, in standard deviations (chi-squared, 2 degrees)."""
+MIN_AXIS = 0.02
+"""Metres; a thinner ellipse would not be seen."""
+MAX_PETAL_HALF_WIDTH = np.pi / 4
+
+VEHICLE_COLOR = (0.35, 0.6, 0.95, 0.8)
+DETECTION_COLOR = (1.0, 0.85, 0.2, 1.0)
+ESTIMATE_COLOR = (0.2, 0.85, 0.4, 1.0)
+ELLIPSE_COLOR = (0.2, 0.85, 0.4, 0.3)
+FORECAST_COLOR = (0.9, 0.35, 0.75, 0.4)
+CELL_COLOR = (0.55, 0.55, 0.55, 0.6)
+PETAL_COLOR = (0.95, 0.55, 0.15, 0.9)
+
+_PARTICLE = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("weight", "<f4")])
+
+
+def frame_transform(time_ns: int) -> FrameTransform:
+    """The identity from the map to `base_link`: the 3D panel draws no frame that no transform names."""
+    transform = FrameTransform(parent_frame_id=MAP_FRAME, child_frame_id="base_link")
+    set_time(transform.timestamp, time_ns)
+    transform.translation.SetInParent()
+    transform.rotation.w = 1.0
+    return transform
+
+
+def tracks_scene(tracks: Tracks, rows: IntArray, time_ns: int, *, lifetime_ns: int) -> SceneUpdate:
+    """A cube for each vehicle of one instant; its metadata tells direction and speed to the last bit."""
+    update = SceneUpdate()
+    columns = (as_texts(tracks.track_id[rows]), tracks.position[rows], tracks.direction[rows],
+               tracks.speed[rows], tracks.group[rows])  # fmt: skip
+    for name, (x, y), direction, speed, group in zip(*(c.tolist() for c in columns), strict=True):
+        entity = _entity(update, name, time_ns, lifetime_ns)
+        entity.frame_locked = True
+        entity.metadata.add(key="direction_rad", value=repr(direction))
+        entity.metadata.add(key="speed_mps", value=repr(speed))
+        entity.metadata.add(key="group", value=str(group))
+        cube = entity.cubes.add()
+        _place(cube.pose, x, y, VEHICLE_SIZE[2] / 2, direction)
+        cube.size.x, cube.size.y, cube.size.z = VEHICLE_SIZE
+        _paint(cube.color, VEHICLE_COLOR)
+    return update
+
+
+def detections_scene(detections: Detections, rows: IntArray, time_ns: int, *, lifetime_ns: int) -> SceneUpdate:
+    """A small sphere for each report of one instant."""
+    update = SceneUpdate()
+    columns = (detections.track_id[rows], detections.position[rows])
+    for name, (x, y) in zip(*(c.tolist() for c in columns), strict=True):
+        sphere = _entity(update, name, time_ns, lifetime_ns).spheres.add()
+        _place(sphere.pose, x, y, DETECTION_DIAMETER / 2, 0.0)
+        sphere.size.x = sphere.size.y = sphere.size.z = DETECTION_DIAMETER
+        _paint(sphere.color, DETECTION_COLOR)
+    return update
+
+
+def estimates_scene(estimates: Estimates, time_ns: int) -> SceneUpdate:
+    """For each vehicle an arrow over one second of its motion, the 90 % region of its position, and its id.
+
+    The update first deletes what earlier ones drew: a vehicle that is no longer tracked vanishes.
+    """
+    update = _fresh_update(time_ns)
+    variance, axes = np.linalg.eigh(estimates.covariance)
+    width = np.maximum(ELLIPSE_SCALE * np.sqrt(np.maximum(variance, 0.0)), MIN_AXIS)
+    turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
+    columns = (
+        as_texts(estimates.track_id), estimates.position, estimates.direction, estimates.speed, width, turn,
+    )  # fmt: skip
+    for name, (x, y), direction, speed, (minor, major), yaw in zip(*(c.tolist() for c in columns), strict=True):
+        entity = _entity(update, name, time_ns, 0)
+        arrow = entity.arrows.add(shaft_length=speed, shaft_diameter=0.3, head_length=0.8, head_diameter=0.8)
+        _place(arrow.pose, x, y, 0.5, direction)
+        _paint(arrow.color, ESTIMATE_COLOR)
+        region = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
+        _place(region.pose, x, y, 0.05, yaw)
+        region.size.x, region.size.y, region.size.z = major, minor, 0.05
+        _paint(region.color, ELLIPSE_COLOR)
+        label = entity.texts.add(billboard=True, font_size=14.0, scale_invariant=True, text=name)
+        _place(label.pose, x, y, 2.0, 0.0)
+        _paint(label.color, ESTIMATE_COLOR)
+    return update
+
+
+def forecast_scene(track_id: Sequence[str], paths: FloatArray, time_ns: int) -> SceneUpdate:
+    """A line for each sampled path. Earlier forecasts are deleted.
+
+    Args:
+        track_id: (n) ids.
+        paths: (n, n_samples, n_steps, 2) metres.
+        time_ns: when the forecast was made.
+    """
+    update = _fresh_update(time_ns)
+    for name, samples in zip(track_id, paths, strict=True):
+        entity = _entity(update, name, time_ns, 0)
+        for path in samples:
+            line = _line(entity, LinePrimitive.LINE_STRIP, 2.0, FORECAST_COLOR)
+            _add_points(line, path)
+    return update
+
+
+def map_scene(primitive_map: PrimitiveMap, time_ns: int) -> SceneUpdate:
+    """The cells' outlines as one entity, and a petal for each mode as another."""
+    update = _fresh_update(time_ns)
+    cells = _line(_entity(update, "cells", time_ns, 0), LinePrimitive.LINE_LIST, 1.0, CELL_COLOR)
+    first = 0
+    for polygon in primitive_map.tessellation.polygons():
+        _add_points(cells, polygon)
+        corner = first + np.arange(len(polygon))
+        cells.indices.extend(np.column_stack([corner, np.roll(corner, -1)]).ravel().tolist())
+        first += len(polygon)
+    roses = _entity(update, "roses", time_ns, 0).triangles.add()
+    _place(roses.pose, 0.0, 0.0, 0.0, 0.0)
+    _paint(roses.color, PETAL_COLOR)
+    _add_points(roses, petals(primitive_map).reshape(-1, 2))
+    return update
+
+
+def petals(primitive_map: PrimitiveMap) -> FloatArray:
+    """A triangle from the cell's centre for each of its modes. -> (n_petals, 3, 2) metres, counter-clockwise.
+
+    It points to the mode's mean direction, is as long as the mode's weight tells, to half the cell's width,
+    and as wide as the circular standard deviation sqrt(-2 log(I1(kappa) / I0(kappa))), to
+    `MAX_PETAL_HALF_WIDTH`.
+    The place-free modes are not drawn: they are the same everywhere.
+    """
+    cells = primitive_map.direction[np.arange(primitive_map.tessellation.n_cells)]
+    n_own_modes = cells.weight.shape[1] - primitive_map.n_place_free_modes
+    cell, mode = np.nonzero(cells.weight[:, :n_own_modes] > 0)
+    center = primitive_map.tessellation.centers[cell]
+    length = 0.5 * np.sqrt(primitive_map.tessellation.area[cell]) * cells.weight[cell, mode]
+    resultant = np.maximum(mean_resultant_length(cells.concentration[cell, mode]), 1e-3)
+    half_width = np.clip(np.sqrt(np.maximum(-2.0 * np.log(resultant), 0.0)), 0.02, MAX_PETAL_HALF_WIDTH)
+    side = cells.mean_direction[cell, mode, None] + half_width[:, None] * np.array([-1.0, 1.0])
+    tip = center[:, None] + length[:, None, None] * np.stack([np.cos(side), np.sin(side)], axis=-1)
+    return np.concatenate([center[:, None], tip], axis=1)
+
+
+def particle_cloud(particles: Particles, time_ns: int, *, stride: int) -> PointCloud:
+    """Every `stride`-th particle as a point with its weight; single precision counts from the middle."""
+    position, weight = particles.position[::stride], particles.weight[::stride]
+    origin = np.round(position.mean(axis=0)) if len(position) else np.zeros(2)
+    points: AnyArray = np.zeros(len(position), _PARTICLE)
+    points["x"], points["y"] = (position - origin).T
+    points["weight"] = weight
+    cloud = PointCloud(frame_id=MAP_FRAME, point_stride=_PARTICLE.itemsize, data=points.tobytes())
+    set_time(cloud.timestamp, time_ns)
+    _place(cloud.pose, float(origin[0]), float(origin[1]), 0.0, 0.0)
+    for i, name in enumerate(_PARTICLE.names or ()):
+        cloud.fields.add(name=name, offset=4 * i, type=PackedElementField.FLOAT32)
+    return cloud
+
+
+def _fresh_update(time_ns: int) -> SceneUpdate:
+    update = SceneUpdate()
+    set_time(update.deletions.add(type=SceneEntityDeletion.ALL).timestamp, time_ns)
+    return update
+
+
+def _entity(update: SceneUpdate, name: str, time_ns: int, lifetime_ns: int) -> SceneEntity:
+    """A new entity of the update; a lifetime of 0 lasts until it is replaced or deleted."""
+    entity = update.entities.add(id=name, frame_id=MAP_FRAME)
+    set_time(entity.timestamp, time_ns)
+    set_time(entity.lifetime, lifetime_ns)
+    return entity
+
+
+def _line(entity: SceneEntity, kind: int, thickness: float, color: tuple[float, ...]) -> LinePrimitive:
+    line = entity.lines.add(type=kind, thickness=thickness, scale_invariant=True)
+    _place(line.pose, 0.0, 0.0, 0.0, 0.0)
+    _paint(line.color, color)
+    return line
+
+
+def _add_points(primitive: Any, points: FloatArray) -> None:
+    for x, y in points.tolist():
+        primitive.points.add(x=x, y=y)
+
+
+def _place(pose: Any, x: float, y: float, z: float, yaw: float) -> None:
+    pose.position.SetInParent()
+    pose.position.x, pose.position.y, pose.position.z = x, y, z
+    pose.orientation.z, pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+
+
+def _paint(color: Any, rgba: tuple[float, ...]) -> None:
+    color.r, color.g, color.b, color.a = rgba

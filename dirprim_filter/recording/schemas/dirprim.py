@@ -1,0 +1,168 @@
+"""Our own messages of observed and estimated motion: `dirprim.Observations` and `dirprim.TrackEstimates`.
+
+Source: dirprim.proto. Columns travel as packed doubles, so numbers come back bit for bit.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from google.protobuf.message import DecodeError, Message
+
+from dirprim_filter.estimates import Estimates
+from dirprim_filter.recording.schemas import dirprim_pb2
+from dirprim_filter.recording.schemas.observed import ObservedFrame
+from dirprim_filter.tracks import Tracks, as_texts
+from tessellation.arrays import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from google.protobuf.timestamp_pb2 import Timestamp
+
+    from dirprim_filter.detections import Detections
+
+MAP_FRAME = "map"
+"""The frame_id of all that we write: local metres, x east, y north."""
+
+NANOSECONDS = 1_000_000_000
+
+_ESTIMATE_COLUMNS = (
+    "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence",
+)  # fmt: skip
+
+
+def set_time(stamp: Any, time_ns: int) -> None:
+    """Write nanoseconds into a protobuf Timestamp or Duration; zero too, so that it is never unset."""
+    stamp.SetInParent()
+    stamp.seconds, stamp.nanos = divmod(int(time_ns), NANOSECONDS)
+
+
+def time_of(stamp: Timestamp) -> int:
+    """The nanoseconds of a protobuf Timestamp.
+
+    Raises:
+        DecodeError: they do not fit into int64.
+    """
+    time_ns = stamp.seconds * NANOSECONDS + stamp.nanos
+    if not -(2**63) <= time_ns < 2**63:
+        raise DecodeError(f"timestamp: expected nanoseconds within int64, got {stamp.seconds} s")
+    return int(time_ns)
+
+
+def parse(message: Message, data: bytes) -> None:
+    """Parse `data` into `message`; numbers of items are then bounded by the length of `data`.
+
+    Raises:
+        DecodeError: `data` is no such message.
+    """
+    try:
+        message.ParseFromString(data)
+    except DecodeError as error:
+        name = message.DESCRIPTOR.full_name
+        raise DecodeError(f"{name}: {len(data)} bytes that are no such message") from error
+
+
+def floats_of(message: Message, name: str, n: int) -> FloatArray:
+    """(n,) the packed doubles of a field.
+
+    Raises:
+        DecodeError: there are not n of them.
+    """
+    return np.array(_column(message, name, n), dtype=np.float64)
+
+
+def ints_of(message: Message, name: str, n: int) -> IntArray:
+    """(n,) the packed integers of a field.
+
+    Raises:
+        DecodeError: there are not n of them.
+    """
+    return np.array(_column(message, name, n), dtype=np.int64)
+
+
+def _column(message: Message, name: str, n: int) -> Any:
+    column = getattr(message, name)
+    if len(column) != n:
+        raise DecodeError(f"{message.DESCRIPTOR.full_name}.{name}: expected {n} numbers, got {len(column)}")
+    return column
+
+
+def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: int) -> dirprim_pb2.Observations:
+    """The rows of one instant as a message; detections tell no direction, speed or group."""
+    position = observed.position[rows]
+    message = dirprim_pb2.Observations(
+        frame_id=MAP_FRAME,
+        track_id=as_texts(observed.track_id[rows]).tolist(),
+        x=position[:, 0].tolist(),
+        y=position[:, 1].tolist(),
+    )
+    set_time(message.timestamp, time_ns)
+    if isinstance(observed, Tracks):
+        message.direction.extend(observed.direction[rows].tolist())
+        message.speed.extend(observed.speed[rows].tolist())
+        message.group.extend(observed.group[rows].tolist())
+    return message
+
+
+def decode_observations(data: bytes) -> ObservedFrame:
+    """The rows of a `dirprim.Observations`.
+
+    Raises:
+        DecodeError: the bytes are no such message, or its columns differ in length.
+    """
+    message = dirprim_pb2.Observations()
+    parse(message, data)
+    n = len(message.track_id)
+    unknown = np.full(n, np.nan)
+    return ObservedFrame(
+        track_id=list(message.track_id),
+        stamp_ns=time_of(message.timestamp) if message.HasField("timestamp") else None,
+        position=np.column_stack([floats_of(message, "x", n), floats_of(message, "y", n)]),
+        direction=floats_of(message, "direction", n) if message.direction else unknown,
+        speed=floats_of(message, "speed", n) if message.speed else unknown.copy(),
+        group=ints_of(message, "group", n) if message.group else np.zeros(n, np.int64),
+    )
+
+
+def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEstimates:
+    """The estimates of one instant as a message.
+
+    Raises:
+        ValueError: an estimate is of another time.
+    """
+    if (estimates.time_ns != time_ns).any():
+        raise ValueError(f"estimates: expected all at {time_ns} ns, got {np.unique(estimates.time_ns)} ns")
+    message = dirprim_pb2.TrackEstimates(
+        frame_id=MAP_FRAME,
+        track_id=as_texts(estimates.track_id).tolist(),
+        x=estimates.position[:, 0].tolist(),
+        y=estimates.position[:, 1].tolist(),
+        covariance_xx=estimates.covariance[:, 0, 0].tolist(),
+        covariance_xy=estimates.covariance[:, 0, 1].tolist(),
+        covariance_yy=estimates.covariance[:, 1, 1].tolist(),
+        **{name: getattr(estimates, name).tolist() for name in _ESTIMATE_COLUMNS},
+    )
+    set_time(message.timestamp, time_ns)
+    return message
+
+
+def decode_estimates(data: bytes) -> Estimates:
+    """The rows of a `dirprim.TrackEstimates`.
+
+    Raises:
+        DecodeError: the bytes are no such message, its columns differ in length, or a number is not finite.
+    """
+    message = dirprim_pb2.TrackEstimates()
+    parse(message, data)
+    n = len(message.track_id)
+    xx, xy, yy = (floats_of(message, f"covariance_{axes}", n) for axes in ("xx", "xy", "yy"))
+    try:
+        return Estimates(
+            track_id=np.array(message.track_id, dtype=np.str_),
+            time_ns=np.full(n, time_of(message.timestamp), np.int64),
+            position=np.column_stack([floats_of(message, "x", n), floats_of(message, "y", n)]),
+            covariance=np.stack([xx, xy, xy, yy], axis=-1).reshape(n, 2, 2),
+            **{name: floats_of(message, name, n) for name in _ESTIMATE_COLUMNS},
+        )
+    except ValueError as error:
+        raise DecodeError(f"dirprim.TrackEstimates: {error}") from error

@@ -1,0 +1,127 @@
+from google.protobuf import timestamp_pb2 as _timestamp_pb2
+from google.protobuf.internal import containers as _containers
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Mapping, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class Observations(_message.Message):
+    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "direction", "speed", "group")
+    TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
+    FRAME_ID_FIELD_NUMBER: _ClassVar[int]
+    TRACK_ID_FIELD_NUMBER: _ClassVar[int]
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    DIRECTION_FIELD_NUMBER: _ClassVar[int]
+    SPEED_FIELD_NUMBER: _ClassVar[int]
+    GROUP_FIELD_NUMBER: _ClassVar[int]
+    timestamp: _timestamp_pb2.Timestamp
+    frame_id: str
+    track_id: _containers.RepeatedScalarFieldContainer[str]
+    x: _containers.RepeatedScalarFieldContainer[float]
+    y: _containers.RepeatedScalarFieldContainer[float]
+    direction: _containers.RepeatedScalarFieldContainer[float]
+    speed: _containers.RepeatedScalarFieldContainer[float]
+    group: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., group: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class TrackEstimates(_message.Message):
+    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "covariance_xx", "covariance_xy", "covariance_yy", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence")
+    TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
+    FRAME_ID_FIELD_NUMBER: _ClassVar[int]
+    TRACK_ID_FIELD_NUMBER: _ClassVar[int]
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_XX_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_XY_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_YY_FIELD_NUMBER: _ClassVar[int]
+    DIRECTION_FIELD_NUMBER: _ClassVar[int]
+    DIRECTION_RESULTANT_FIELD_NUMBER: _ClassVar[int]
+    SPEED_FIELD_NUMBER: _ClassVar[int]
+    SPEED_STD_FIELD_NUMBER: _ClassVar[int]
+    EFFECTIVE_SAMPLE_SIZE_FIELD_NUMBER: _ClassVar[int]
+    LOG_EVIDENCE_FIELD_NUMBER: _ClassVar[int]
+    timestamp: _timestamp_pb2.Timestamp
+    frame_id: str
+    track_id: _containers.RepeatedScalarFieldContainer[str]
+    x: _containers.RepeatedScalarFieldContainer[float]
+    y: _containers.RepeatedScalarFieldContainer[float]
+    covariance_xx: _containers.RepeatedScalarFieldContainer[float]
+    covariance_xy: _containers.RepeatedScalarFieldContainer[float]
+    covariance_yy: _containers.RepeatedScalarFieldContainer[float]
+    direction: _containers.RepeatedScalarFieldContainer[float]
+    direction_resultant: _containers.RepeatedScalarFieldContainer[float]
+    speed: _containers.RepeatedScalarFieldContainer[float]
+    speed_std: _containers.RepeatedScalarFieldContainer[float]
+    effective_sample_size: _containers.RepeatedScalarFieldContainer[float]
+    log_evidence: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., direction_resultant: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., speed_std: _Optional[_Iterable[float]] = ..., effective_sample_size: _Optional[_Iterable[float]] = ..., log_evidence: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class Grid(_message.Message):
+    __slots__ = ("origin_x", "origin_y", "cell_size", "n_x", "n_y", "square")
+    ORIGIN_X_FIELD_NUMBER: _ClassVar[int]
+    ORIGIN_Y_FIELD_NUMBER: _ClassVar[int]
+    CELL_SIZE_FIELD_NUMBER: _ClassVar[int]
+    N_X_FIELD_NUMBER: _ClassVar[int]
+    N_Y_FIELD_NUMBER: _ClassVar[int]
+    SQUARE_FIELD_NUMBER: _ClassVar[int]
+    origin_x: float
+    origin_y: float
+    cell_size: float
+    n_x: int
+    n_y: int
+    square: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, origin_x: _Optional[float] = ..., origin_y: _Optional[float] = ..., cell_size: _Optional[float] = ..., n_x: _Optional[int] = ..., n_y: _Optional[int] = ..., square: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class Primitives(_message.Message):
+    __slots__ = ("weight", "mean_direction", "concentration", "shape", "rate", "n_rows")
+    WEIGHT_FIELD_NUMBER: _ClassVar[int]
+    MEAN_DIRECTION_FIELD_NUMBER: _ClassVar[int]
+    CONCENTRATION_FIELD_NUMBER: _ClassVar[int]
+    SHAPE_FIELD_NUMBER: _ClassVar[int]
+    RATE_FIELD_NUMBER: _ClassVar[int]
+    N_ROWS_FIELD_NUMBER: _ClassVar[int]
+    weight: _containers.RepeatedScalarFieldContainer[float]
+    mean_direction: _containers.RepeatedScalarFieldContainer[float]
+    concentration: _containers.RepeatedScalarFieldContainer[float]
+    shape: _containers.RepeatedScalarFieldContainer[float]
+    rate: _containers.RepeatedScalarFieldContainer[float]
+    n_rows: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, weight: _Optional[_Iterable[float]] = ..., mean_direction: _Optional[_Iterable[float]] = ..., concentration: _Optional[_Iterable[float]] = ..., shape: _Optional[_Iterable[float]] = ..., rate: _Optional[_Iterable[float]] = ..., n_rows: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class Relaxation(_message.Message):
+    __slots__ = ("direction_rate", "speed_rate", "mode_rate", "place_free_turning", "place_free_speed_rate", "drift")
+    DIRECTION_RATE_FIELD_NUMBER: _ClassVar[int]
+    SPEED_RATE_FIELD_NUMBER: _ClassVar[int]
+    MODE_RATE_FIELD_NUMBER: _ClassVar[int]
+    PLACE_FREE_TURNING_FIELD_NUMBER: _ClassVar[int]
+    PLACE_FREE_SPEED_RATE_FIELD_NUMBER: _ClassVar[int]
+    DRIFT_FIELD_NUMBER: _ClassVar[int]
+    direction_rate: float
+    speed_rate: float
+    mode_rate: float
+    place_free_turning: float
+    place_free_speed_rate: float
+    drift: float
+    def __init__(self, direction_rate: _Optional[float] = ..., speed_rate: _Optional[float] = ..., mode_rate: _Optional[float] = ..., place_free_turning: _Optional[float] = ..., place_free_speed_rate: _Optional[float] = ..., drift: _Optional[float] = ...) -> None: ...
+
+class PrimitiveMap(_message.Message):
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "cells", "place_free", "relaxation")
+    TILE_FIELD_NUMBER: _ClassVar[int]
+    N_TILES_FIELD_NUMBER: _ClassVar[int]
+    N_MODES_FIELD_NUMBER: _ClassVar[int]
+    N_PLACE_FREE_MODES_FIELD_NUMBER: _ClassVar[int]
+    GRID_FIELD_NUMBER: _ClassVar[int]
+    CELLS_FIELD_NUMBER: _ClassVar[int]
+    PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
+    RELAXATION_FIELD_NUMBER: _ClassVar[int]
+    tile: int
+    n_tiles: int
+    n_modes: int
+    n_place_free_modes: int
+    grid: Grid
+    cells: Primitives
+    place_free: Primitives
+    relaxation: Relaxation
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., relaxation: _Optional[_Union[Relaxation, _Mapping]] = ...) -> None: ...

@@ -1,0 +1,142 @@
+"""A map of directional primitives as `dirprim.PrimitiveMap` messages, a tile of cells in each.
+
+Source: dirprim.proto. Columns travel as packed doubles, so a map comes back bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import fields
+
+import numpy as np
+from google.protobuf.message import DecodeError
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
+from dirprim_filter.recording.schemas import dirprim_pb2
+from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of, parse
+from tessellation import GridTessellation
+from tessellation.arrays import FloatArray, IntArray
+
+TILE_CELLS = 4096
+"""Cells in a message: some 0.5 MB at three modes, so that a damaged chunk is small and a viewer can page."""
+
+MODE_COLUMNS = ("weight", "mean_direction", "concentration", "shape", "rate")
+RELAXATION_FIELDS = tuple(f.name for f in fields(Relaxation))
+
+
+def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveMap]:
+    """The messages that hold a map; a map with no cell takes one.
+
+    Raises:
+        TypeError: cells of a kind that the messages do not know.
+    """
+    grid = primitive_map.tessellation
+    if not isinstance(grid, GridTessellation):
+        raise TypeError(f"tessellation: expected a GridTessellation, got {type(grid).__name__}")
+    columns = {
+        "weight": primitive_map.direction.weight,
+        "mean_direction": primitive_map.direction.mean_direction,
+        "concentration": primitive_map.direction.concentration,
+        "shape": primitive_map.speed.shape,
+        "rate": primitive_map.speed.rate,
+    }
+    n_tiles = max(1, -(-grid.n_cells // TILE_CELLS))
+    relaxation = {name: getattr(primitive_map.relaxation, name) for name in RELAXATION_FIELDS}
+    place_free = _encode_rows(columns, primitive_map.n_rows, slice(grid.n_cells, None))
+    for tile in range(n_tiles):
+        cells = slice(tile * TILE_CELLS, min((tile + 1) * TILE_CELLS, grid.n_cells))
+        yield dirprim_pb2.PrimitiveMap(
+            tile=tile,
+            n_tiles=n_tiles,
+            n_modes=primitive_map.direction.weight.shape[1],
+            n_place_free_modes=primitive_map.n_place_free_modes,
+            grid=dirprim_pb2.Grid(
+                origin_x=grid.origin[0],
+                origin_y=grid.origin[1],
+                cell_size=grid.cell_size,
+                n_x=grid.n_x,
+                n_y=grid.n_y,
+                square=grid.square[cells].tolist(),
+            ),
+            cells=_encode_rows(columns, primitive_map.n_rows, cells),
+            place_free=place_free,
+            relaxation=dirprim_pb2.Relaxation(**relaxation),
+        )
+
+
+def decode_tiles(messages: Iterable[bytes]) -> PrimitiveMap:
+    """The map that the messages hold, in whatever order they come.
+
+    Raises:
+        DecodeError: bytes that are no such message, a tile that is missing, twice there or of another map,
+            columns of a wrong length, or numbers that make no map.
+    """
+    tiles: dict[int, dirprim_pb2.PrimitiveMap] = {}
+    for data in messages:
+        message = dirprim_pb2.PrimitiveMap()
+        parse(message, data)
+        if message.WhichOneof("tessellation") != "grid":
+            raise DecodeError(f"tile {message.tile}: expected the cells of a grid, got none that this version knows")
+        if message.tile in tiles:
+            raise DecodeError(f"tile {message.tile}: expected once, got twice")
+        tiles[message.tile] = message
+    if not tiles:
+        raise DecodeError("expected at least one tile of a map, got none")
+    first = next(iter(tiles.values()))
+    # Compared by number: the count comes from the file, and a range of it could be of any length.
+    if len(tiles) != first.n_tiles or max(tiles) != first.n_tiles - 1:
+        raise DecodeError(f"expected tiles 0 to {first.n_tiles - 1}, got {len(tiles)} of them")
+    ordered = [tiles[tile] for tile in sorted(tiles)]
+    if any(_shared_part(tile) != _shared_part(first) for tile in ordered):
+        raise DecodeError("expected the tiles of one map, got tiles of several")
+    try:
+        return _joined(ordered)
+    except ValueError as error:
+        raise DecodeError(str(error)) from error
+
+
+def _encode_rows(columns: dict[str, FloatArray], n_rows: IntArray, rows: slice) -> dirprim_pb2.Primitives:
+    packed = {name: column[rows].ravel().tolist() for name, column in columns.items()}
+    return dirprim_pb2.Primitives(**packed, n_rows=n_rows[rows].tolist())
+
+
+def _shared_part(tile: dirprim_pb2.PrimitiveMap) -> bytes:
+    """What every tile of a map repeats."""
+    shared = dirprim_pb2.PrimitiveMap()
+    shared.CopyFrom(tile)
+    shared.ClearField("tile")
+    shared.ClearField("cells")
+    shared.grid.ClearField("square")
+    return shared.SerializeToString(deterministic=True)
+
+
+def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
+    first = tiles[0]
+    n_cells = [len(tile.grid.square) for tile in tiles]
+    rows = [*((tile.cells, n) for tile, n in zip(tiles, n_cells, strict=True)), (first.place_free, 1)]
+    column = {
+        name: np.concatenate([floats_of(part, name, n * first.n_modes) for part, n in rows]).reshape(
+            sum(n_cells) + 1, first.n_modes
+        )
+        for name in MODE_COLUMNS
+    }
+    grid = first.grid
+    return PrimitiveMap(
+        tessellation=GridTessellation(
+            origin=np.array([grid.origin_x, grid.origin_y]),
+            cell_size=grid.cell_size,
+            n_x=grid.n_x,
+            n_y=grid.n_y,
+            square=np.concatenate([ints_of(tile.grid, "square", n) for tile, n in zip(tiles, n_cells, strict=True)]),
+        ),
+        direction=VonMisesMixture(
+            weight=column["weight"],
+            mean_direction=column["mean_direction"],
+            concentration=column["concentration"],
+        ),
+        speed=Gamma(shape=column["shape"], rate=column["rate"]),
+        n_rows=np.concatenate([ints_of(part, "n_rows", n) for part, n in rows]),
+        n_place_free_modes=first.n_place_free_modes,
+        relaxation=Relaxation(**{name: getattr(first.relaxation, name) for name in RELAXATION_FIELDS}),
+    )

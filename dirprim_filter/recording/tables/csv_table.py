@@ -1,0 +1,104 @@
+"""Tracks from comma-separated text, columns by name.
+
+`time_s, track_id, x_m, y_m` and, if there, `heading_rad, speed_mps, group`; other columns are ignored. A name
+says its unit: x east and y north in metres, the heading (taken as the course over ground) in radians
+counter-clockwise from east.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.tables.delimited import Block, DelimitedText, NameTable
+from dirprim_filter.recording.tables.table import Table, TableRows, table_of
+
+logger = logging.getLogger(__name__)
+
+REQUIRED = ("time_s", "track_id", "x_m", "y_m")
+OPTIONAL = ("heading_rad", "speed_mps", "group")
+
+REMEDY: Mapping[str, str] = {
+    "time_ms": "divide by 1e3", "time_us": "divide by 1e6", "time_ns": "divide by 1e9",
+    "x_ft": "multiply by 0.3048", "y_ft": "multiply by 0.3048",
+    "x_cm": "divide by 100", "y_cm": "divide by 100", "x_km": "multiply by 1000", "y_km": "multiply by 1000",
+    "x_px": "multiply by the metres per pixel", "y_px": "multiply by the metres per pixel",
+    "heading_deg": "multiply by pi/180, and make it counter-clockwise from east",
+    "speed_kmh": "divide by 3.6", "speed_kph": "divide by 3.6", "speed_mph": "multiply by 0.44704",
+    "speed_fps": "multiply by 0.3048", "speed_kn": "multiply by 0.514444",
+}  # fmt: skip
+
+TURN = 2 * np.pi
+
+
+def read_csv(path: str | Path) -> Table:
+    """The tracks of a csv file.
+
+    Rows with an empty cell or a number that is not finite, with a negative speed, and second rows of a
+    vehicle at one time are dropped and counted. Where `heading_rad` or `speed_mps` is missing, both are
+    differenced from the positions.
+
+    Raises:
+        TableError: a column is missing or in another unit, or a cell is no number.
+        OSError: the file cannot be read.
+    """
+    text = DelimitedText(path, delimiter=",")
+    line, header = next(text.rows(), (1, []))
+    columns = [name.strip() for name in header]
+    _check_header(text.path, line, columns)
+    place = {name: columns.index(name) for name in (*REQUIRED, *OPTIONAL) if name in columns}
+    ignored = [name for name in columns if name not in place]
+    if ignored:
+        logger.info("%s: columns ignored: %s", path, ", ".join(ignored))
+    ids = NameTable()
+    parts = [_rows_of(block, place, ids) for block in text.blocks(skip=1, n_cells=len(columns))]
+    if not parts:
+        raise TableError(text.path, line + 1, "rows after the header", "none", "check how the table was made")
+    rows = TableRows.concatenate(parts)
+    if rows.direction is not None and (np.abs(rows.direction) > TURN).any():
+        logger.warning("%s: heading_rad reaches %g; is it in degrees?", path, np.nanmax(np.abs(rows.direction)))
+    return table_of(rows, ids.names)
+
+
+def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
+    time_ns, time_known = block.nanoseconds(place["time_s"], "time_s")
+    floats = {
+        name: block.floats(place[name], name) for name in ("x_m", "y_m", "heading_rad", "speed_mps") if name in place
+    }
+    return TableRows(
+        vehicle=ids.numbers(block.texts(place["track_id"])),
+        time_ns=time_ns,
+        time_known=time_known,
+        position=np.column_stack([floats["x_m"], floats["y_m"]]),
+        direction=floats.get("heading_rad"),
+        speed=floats.get("speed_mps"),
+        group=block.whole_numbers(place["group"], "group") if "group" in place else None,
+    )
+
+
+def _check_header(path: Path, line: int, columns: list[str]) -> None:
+    """Every required column is there once, and none that we know is in another unit.
+
+    Raises:
+        TableError: otherwise.
+    """
+    known = (*REQUIRED, *OPTIONAL)
+    twice = [name for name in known if columns.count(name) > 1]
+    if twice:
+        raise TableError(path, line, f"one column {twice[0]}", f"{columns.count(twice[0])}", "remove the others")
+    for name in known:
+        stem = name.partition("_")[0]
+        other = [c for c in columns if c == stem or (c in REMEDY and c.startswith(f"{stem}_"))]
+        if name not in columns and other:
+            remedy = REMEDY.get(other[0], "convert it where the unit differs")
+            raise TableError(path, line, f"column {name}", other[0], f"{remedy}, and name it {name}")
+    missing = [name for name in REQUIRED if name not in columns]
+    if missing:
+        raise TableError(
+            path, line, f"columns {', '.join(REQUIRED)}, separated by commas", ", ".join(columns) or "none",
+            f"name the columns so; missing: {', '.join(missing)}",
+        )  # fmt: skip

@@ -1,0 +1,185 @@
+"""Text tables: lines of cells to columns of numbers, a block of rows at a time.
+
+Source: RFC 4180 for quoting. A wrong cell is reported with its line.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from itertools import islice
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from dirprim_filter.recording.errors import TableError
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+BLOCK_ROWS = 2048
+"""Rows held as text at one time: few enough for the processor's cache."""
+
+EXACT_SECONDS = 1e6
+"""Below this a float64 of seconds is within a quarter of a nanosecond of the decimal it was read from."""
+MAX_SECONDS = 9e9
+"""Nanoseconds of a later time do not fit into int64."""
+
+
+class DelimitedText:
+    """The cells of a text file.
+
+    Args:
+        path: the file, UTF-8.
+        delimiter: the character between cells.
+    """
+
+    def __init__(self, path: str | Path, *, delimiter: str) -> None:
+        self.path = Path(path)
+        self._delimiter = delimiter
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """The number of the last line and the cells of each row that is not blank.
+
+        Raises:
+            TableError: the file is no text, or its quotes do not fit.
+        """
+        with self.path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file, delimiter=self._delimiter, skipinitialspace=True, strict=True)
+            try:
+                for row in reader:
+                    if row:
+                        yield reader.line_num, row
+            except UnicodeDecodeError as error:
+                raise TableError(
+                    self.path, reader.line_num + 1, "UTF-8 text", str(error.reason), "save the table as UTF-8"
+                ) from error
+            except csv.Error as error:
+                raise TableError(
+                    self.path, reader.line_num, "cells of text", str(error), "mend or remove the line"
+                ) from error
+
+    def blocks(self, *, skip: int, n_cells: int) -> Iterator[Block]:
+        """Rows after the first `skip`, some at a time.
+
+        Raises:
+            TableError: a row has not `n_cells` cells, or as `rows`.
+        """
+        rows = islice(self.rows(), skip, None)
+        while part := list(islice(rows, BLOCK_ROWS)):
+            block = Block(self.path, [line for line, _ in part], [cells for _, cells in part])
+            if set(map(len, block.cells)) != {n_cells}:
+                row = next(i for i, cells in enumerate(block.cells) if len(cells) != n_cells)
+                block.fail(row, f"{n_cells} cells", f"{len(block.cells[row])}", "mend or remove the line")
+            yield block
+
+
+class Block:
+    """Some rows of a text table, all of one length."""
+
+    def __init__(self, path: Path, line: Sequence[int], cells: Sequence[list[str]]) -> None:
+        self.path = path
+        self.line = line
+        self.cells = cells
+
+    def fail(self, row: int, expected: str, got: str, remedy: str) -> NoReturn:
+        """Raise the error of a row.
+
+        Raises:
+            TableError: always.
+        """
+        raise TableError(self.path, self.line[row], expected, got, remedy)
+
+    def texts(self, column: int) -> list[str]:
+        """(n) the cells of a column."""
+        return [cells[column] for cells in self.cells]
+
+    def floats(self, column: int, name: str) -> FloatArray:
+        """(n,) the numbers of a column; NaN where a cell is empty.
+
+        Raises:
+            TableError: a cell is no number.
+        """
+        texts = self.texts(column)
+        try:
+            return np.fromiter(map(float, texts), np.float64, len(texts))
+        except ValueError:
+            told = [text if text.strip() else "nan" for text in texts]
+        row = next((row for row, text in enumerate(told) if not is_number(text)), None)
+        if row is not None:
+            self.fail(row, f"a number as {name}", repr(texts[row]), "mend the cell, or empty it to drop the row")
+        return np.fromiter(map(float, told), np.float64, len(told))
+
+    def whole_numbers(self, column: int, name: str) -> IntArray:
+        """(n,) the whole numbers of a column.
+
+        Raises:
+            TableError: a cell is no whole number, or none that fits into int64.
+        """
+        texts = self.texts(column)
+        try:
+            return np.fromiter(map(int, texts), np.int64, len(texts))
+        except (ValueError, OverflowError):
+            row = next(row for row, text in enumerate(texts) if not _is_int64(text))
+            self.fail(row, f"a whole number as {name}", repr(texts[row]), "mend or remove the line")
+
+    def nanoseconds(self, column: int, name: str) -> tuple[IntArray, BoolArray]:
+        """(n,) decimal seconds to the nearest nanosecond, and (n,) where the cell tells a time.
+
+        A float64 of seconds since 1970 is off by up to 120 ns, so large times are taken from their digits.
+
+        Raises:
+            TableError: a cell is no number, or too large for seconds.
+        """
+        seconds = self.floats(column, name)
+        known = np.isfinite(seconds)
+        size = np.abs(np.where(known, seconds, 0.0))
+        if (size > MAX_SECONDS).any():
+            row = int(np.argmax(size > MAX_SECONDS))
+            remedy = "divide by 1e3, 1e6 or 1e9 if it counts ms, us or ns"
+            self.fail(row, f"seconds as {name}", f"{seconds[row]:g}", remedy)
+        time_ns = np.rint(np.where(known, seconds, 0.0) * 1e9).astype(np.int64)
+        texts = self.texts(column)
+        for row in np.flatnonzero(size >= EXACT_SECONDS).tolist():
+            time_ns[row] = exact_nanoseconds(texts[row])
+        return time_ns, known
+
+
+def exact_nanoseconds(seconds: str) -> int:
+    """Decimal seconds to the nearest nanosecond."""
+    return int((Decimal(seconds) * 1_000_000_000).to_integral_value())
+
+
+def is_number(text: str) -> bool:
+    """Whether the text is a number, or NaN."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_int64(text: str) -> bool:
+    try:
+        return -(2**63) <= int(text) < 2**63
+    except ValueError:
+        return False
+
+
+class NameTable:
+    """Vehicle ids as numbers, in the order of their first appearance."""
+
+    def __init__(self) -> None:
+        self._number: dict[str, int] = {}
+
+    def numbers(self, names: Sequence[str]) -> IntArray:
+        """(n,) the number of each name; a new one for a new name."""
+        number = self._number
+        for name in dict.fromkeys(names):
+            number.setdefault(name, len(number))
+        return np.fromiter(map(number.__getitem__, names), np.int64, len(names))
+
+    @property
+    def names(self) -> list[str]:
+        """The name of each number."""
+        return list(self._number)

@@ -1,0 +1,139 @@
+"""Tracks from SUMO's floating car data, an xml file of any length.
+
+Source: https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html. x, y are metres of SUMO's network (not lon,
+lat: SUMO must run without --fcd-output.geo) and belong to the middle of the vehicle's front bumper; they are
+kept as they are, since the file does not tell how long the vehicle is. angle is compass degrees, clockwise
+from north.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+
+from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.tables.delimited import BLOCK_ROWS, NameTable, exact_nanoseconds, is_number
+from dirprim_filter.recording.tables.table import Table, TableRows, table_of
+from tessellation.arrays import FloatArray
+
+READ_BYTES = 1 << 20
+
+
+def direction_of_compass(angle_deg: FloatArray) -> FloatArray:
+    """Radians counter-clockwise from east, of degrees clockwise from north. (...) -> (...)."""
+    return np.asarray(np.pi / 2 - np.radians(angle_deg))
+
+
+def read_sumo_fcd(path: str | Path) -> Table:
+    """The vehicles of an fcd-export; persons and containers are left out and counted.
+
+    Where a vehicle has no angle or speed, both are differenced from the positions of all.
+
+    Raises:
+        TableError: the file is no such xml, an attribute is missing or no number, or it declares a DOCTYPE,
+            in which a small file can hide an endless one.
+        OSError: the file cannot be read.
+    """
+    export = _FcdExport(Path(path))
+    with export.path.open("rb") as file:
+        while data := file.read(READ_BYTES):
+            export.feed(data)
+    return export.table()
+
+
+class _FcdExport:
+    """Collects the rows of an fcd-export as its xml streams by."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._parser = expat.ParserCreate()
+        self._parser.StartDoctypeDeclHandler = self._on_doctype
+        self._parser.StartElementHandler = self._on_start
+        self._time_ns = -1
+        self._lines: list[int] = []
+        self._times: list[int] = []
+        self._vehicles: list[dict[str, str]] = []
+        self._parts: list[TableRows] = []
+        self._ids = NameTable()
+        self._n_others = 0
+
+    def feed(self, data: bytes, *, last: bool = False) -> None:
+        try:
+            self._parser.Parse(data, last)
+        except expat.ExpatError as error:
+            raise self._error("well-formed xml", expat.ErrorString(error.code), "write it anew") from error
+
+    def table(self) -> Table:
+        self.feed(b"", last=True)
+        if self._vehicles:
+            self._close_block()
+        if not self._parts:
+            raise self._error("vehicles in time steps", "none", "run SUMO with --fcd-output")
+        parts = self._parts
+        if any(part.direction is None for part in parts):
+            parts = [replace(part, direction=None, speed=None) for part in parts]
+        dropped = {"persons and containers": self._n_others} if self._n_others else {}
+        return table_of(TableRows.concatenate(parts), self._ids.names, dropped=dropped)
+
+    def _on_doctype(self, *_: object) -> None:
+        raise self._error("no DOCTYPE", "one", "remove it: SUMO writes none")
+
+    def _on_start(self, name: str, attributes: dict[str, str]) -> None:
+        if name == "timestep":
+            time = attributes.get("time", "")
+            try:
+                self._time_ns = exact_nanoseconds(time)
+            except ArithmeticError as error:
+                raise self._error("seconds as time", repr(time), "write the file anew") from error
+        elif name == "vehicle":
+            self._lines.append(self._parser.CurrentLineNumber)
+            self._times.append(self._time_ns)
+            self._vehicles.append(attributes)
+            if len(self._vehicles) >= BLOCK_ROWS:
+                self._close_block()
+        elif name in ("person", "container"):
+            self._n_others += 1
+        elif name != "fcd-export" and not self._times and self._time_ns < 0:
+            raise self._error("an fcd-export", f"<{name}>", "run SUMO with --fcd-output")
+
+    def _close_block(self) -> None:
+        moving = all("angle" in v and "speed" in v for v in self._vehicles)
+        self._parts.append(
+            TableRows(
+                vehicle=self._ids.numbers(self._texts("id")),
+                time_ns=np.array(self._times, np.int64),
+                time_known=np.ones(len(self._times), np.bool_),
+                position=np.column_stack([self._floats("x"), self._floats("y")]),
+                direction=direction_of_compass(self._floats("angle")) if moving else None,
+                speed=self._floats("speed") if moving else None,
+            )
+        )
+        self._lines, self._times, self._vehicles = [], [], []
+
+    def _texts(self, name: str) -> list[str]:
+        for line, vehicle in zip(self._lines, self._vehicles, strict=True):
+            if name not in vehicle:
+                raise TableError(
+                    self.path,
+                    line,
+                    f"{name} of a vehicle",
+                    ", ".join(vehicle),
+                    "have SUMO write this attribute",
+                )
+        return [vehicle[name] for vehicle in self._vehicles]
+
+    def _floats(self, name: str) -> FloatArray:
+        texts = self._texts(name)
+        try:
+            return np.fromiter(map(float, texts), np.float64, len(texts))
+        except ValueError as error:
+            row = next(row for row, text in enumerate(texts) if not is_number(text))
+            raise TableError(
+                self.path, self._lines[row], f"a number as {name}", repr(texts[row]), "write the file anew"
+            ) from error
+
+    def _error(self, expected: str, got: str, remedy: str) -> TableError:
+        return TableError(self.path, self._parser.CurrentLineNumber, expected, got, remedy)

@@ -1,0 +1,131 @@
+"""What every table format becomes: tracks, and an account of the rows that were left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from dirprim_filter.tracks import Tracks, as_track_ids, repeated_rows
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """The tracks of a table.
+
+    Attributes:
+        tracks: the rows that are good.
+        dropped: how many rows were left out, by reason.
+        notes: what was put right without a loss, and how often.
+    """
+
+    tracks: Tracks
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    notes: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableRows:
+    """The rows of a table as they stand there, bad ones among them.
+
+    Attributes:
+        vehicle: (n,) int64, the row's vehicle as an index into the table's vehicle ids.
+        time_ns: (n,) int64; whatever number where `time_known` is False.
+        time_known: (n,) where the row tells a time.
+        position: (n, 2) metres, x east, y north; not finite where unknown.
+        direction: (n,) radians counter-clockwise from east; None where the table has none.
+        speed: (n,) m/s; None where the table has none.
+        group: (n,) int64; None where the table has none.
+    """
+
+    vehicle: IntArray
+    time_ns: IntArray
+    time_known: BoolArray
+    position: FloatArray
+    direction: FloatArray | None = None
+    speed: FloatArray | None = None
+    group: IntArray | None = None
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[TableRows]) -> TableRows:
+        """All rows of all parts, at least one, that tell the same."""
+        columns: dict[str, Any] = {}
+        for f in fields(cls):
+            column = [getattr(part, f.name) for part in parts]
+            columns[f.name] = None if column[0] is None else np.concatenate(column)
+        return cls(**columns)
+
+
+def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int] | None = None) -> Table:
+    """The table of rows: bad ones dropped and counted, times in order, ids unique.
+
+    Dropped are rows with a number that is missing or not finite, with a negative speed, and of two rows of a
+    vehicle at one time the second. A vehicle id that stands in two groups means two vehicles: all ids become
+    `group/id`. Where direction or speed is missing, both are differenced from the positions; a row that
+    stands alone in time is then dropped as well.
+
+    Args:
+        rows: the rows as read.
+        names: the vehicle ids.
+        dropped: what the reader dropped before, by reason.
+    """
+    counts = dict(dropped or {})
+    notes: dict[str, int] = {}
+    finite = rows.time_known & np.isfinite(rows.position).all(axis=1)
+    motion = None if rows.direction is None or rows.speed is None else (rows.direction, rows.speed)
+    good = finite
+    if motion is not None:
+        finite = finite & np.isfinite(motion[0]) & np.isfinite(motion[1])
+        good = finite & ~(motion[1] < 0)
+        _count(counts, "negative speed", int((finite & ~good).sum()))
+    _count(counts, "a number that is missing or not finite", int((~finite).sum()))
+
+    names, vehicle, group = _vehicles(rows, names, notes)
+    kept = np.flatnonzero(good)
+    repeated = repeated_rows(vehicle[kept], rows.time_ns[kept])
+    _count(counts, "a second row of a vehicle at one time", int(repeated.sum()))
+    kept = kept[~repeated]
+    late = _n_out_of_order(vehicle[kept], rows.time_ns[kept])
+    _count(notes, "rows earlier than the row before of the same vehicle; sorted", late)
+
+    track_id = as_track_ids(np.array(names, dtype=np.str_))[vehicle[kept]]
+    times, position, groups = rows.time_ns[kept], rows.position[kept], group[kept]
+    if motion is not None:
+        tracks = Tracks(
+            track_id=track_id, time_ns=times, position=position, group=groups,
+            direction=motion[0][kept], speed=motion[1][kept],
+        )  # fmt: skip
+    else:
+        tracks = Tracks.from_positions(track_id=track_id, time_ns=times, position=position, group=groups)
+        _count(counts, "alone in time, so that no velocity can be derived", len(kept) - len(tracks))
+    return Table(tracks=tracks, dropped=counts, notes=notes)
+
+
+def _vehicles(rows: TableRows, names: Sequence[str], notes: dict[str, int]) -> tuple[Sequence[str], IntArray, IntArray]:
+    """Names, the vehicle of each row among them, and its group: an id in two groups means two vehicles."""
+    if rows.group is None:
+        return names, rows.vehicle, np.zeros(len(rows.vehicle), np.int64)
+    groups, group = np.unique(rows.group, return_inverse=True)
+    pairs, vehicle = np.unique(group * len(names) + rows.vehicle, return_inverse=True)
+    pair_group, pair_name = np.divmod(pairs, len(names))
+    shared = int((np.bincount(pair_name) > 1).sum())
+    if not shared:
+        return names, rows.vehicle, rows.group
+    _count(notes, "vehicle ids that stand in several groups; all ids became group/id", shared)
+    told = zip(groups[pair_group].tolist(), pair_name.tolist(), strict=True)
+    return [f"{of}/{names[name]}" for of, name in told], vehicle, rows.group
+
+
+def _count(counts: dict[str, int], reason: str, n: int) -> None:
+    """Add to the rows of a reason; a reason of none is not told."""
+    if n:
+        counts[reason] = counts.get(reason, 0) + n
+
+
+def _n_out_of_order(vehicle: IntArray, time_ns: IntArray) -> int:
+    """How many rows are earlier than the row before of the same vehicle."""
+    order = np.argsort(vehicle, kind="stable")
+    return int(((np.diff(vehicle[order]) == 0) & (np.diff(time_ns[order]) < 0)).sum())

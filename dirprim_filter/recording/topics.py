@@ -1,0 +1,114 @@
+"""Which topics of a log are read: those that were named, or the one that tells the most of moving objects."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections import Counter, deque
+from pathlib import Path
+
+from google.protobuf.message import DecodeError
+
+from dirprim_filter.recording.damage import Damage
+from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
+from dirprim_filter.recording.observations import Decoders, is_decodable
+from dirprim_filter.recording.scan import Scan
+from dirprim_filter.recording.schemas import DECODERS, KINDS
+from dirprim_filter.recording.writer import DETECTIONS_TOPIC
+
+logger = logging.getLogger(__name__)
+
+OUTPUT_PREFIX = "/dirprim/"
+"""Topics that this package writes as results; never taken for input unless named."""
+
+
+def choose_topics(
+    path: Path, topics: str | None, *, prefer_detections: bool = False, strict: bool = False
+) -> frozenset[str]:
+    """The topics to read objects from.
+
+    With `topics` those of that name, or else those that match it in full as a regular expression, if their
+    schema is one of `DECODERS`. Without it, one topic: of the first of `KINDS` of which some topic's messages
+    hold objects the one that has most messages. Topics named `/detections...` stand back there behind others
+    of their kind, but with `prefer_detections` the topic `/detections` goes before all. Topics under
+    `/dirprim/` are not considered.
+
+    Raises:
+        NoTracksError: there is none.
+        DamagedRecordingError: strict, there is none, and the log is damaged.
+        ValueError: `topics` is no name in the log and no regular expression.
+    """
+    with Scan(path) as log:
+        channels = log.channels()
+    schema_of = {c.topic: c.schema.name for c in channels if is_decodable(c)}
+    if topics is not None:
+        chosen = frozenset(_named(topics, schema_of))
+        wanted = f"topic {topics!r} with objects ({', '.join(DECODERS)}, as protobuf)"
+    else:
+        inputs = {t: s for t, s in schema_of.items() if not t.startswith(OUTPUT_PREFIX)}
+        chosen = _default(path, inputs, prefer_detections=prefer_detections)
+        wanted = f"a topic with moving objects ({', '.join(DECODERS)}, as protobuf)"
+    if not chosen:
+        damage = _damage(path)
+        if strict and damage:
+            raise DamagedRecordingError(path, damage)
+        has = dict.fromkeys((c.topic, c.schema.name) for c in channels)
+        raise NoTracksError(path, has=has, wanted=wanted, damage=damage)
+    return chosen
+
+
+def _named(topics: str, schema_of: dict[str, str]) -> list[str]:
+    if topics in schema_of:
+        return [topics]
+    try:
+        pattern = re.compile(topics)
+    except re.error as error:
+        raise ValueError(f"topics: expected a topic or a regular expression, got {topics!r}: {error}") from error
+    return [topic for topic in schema_of if pattern.fullmatch(topic)]
+
+
+def _default(path: Path, schema_of: dict[str, str], *, prefer_detections: bool) -> frozenset[str]:
+    if prefer_detections and DETECTIONS_TOPIC in schema_of:
+        return frozenset({DETECTIONS_TOPIC})
+    for kind in KINDS:
+        carrying = _carrying_objects(path, {topic for topic, schema in schema_of.items() if schema in kind})
+        true = {topic for topic in carrying if not topic.startswith(DETECTIONS_TOPIC)} or carrying
+        if len(true) > 1:
+            return frozenset({_longest(path, true)})
+        if true:
+            return frozenset(true)
+    return frozenset()
+
+
+def _carrying_objects(path: Path, topics: set[str]) -> set[str]:
+    """Those of the topics in which some message holds an object; reads no further than needed to know."""
+    carrying: set[str] = set()
+    if topics:
+        decoders = Decoders()
+        with Scan(path, topics.__contains__) as log:
+            for message in log:
+                if message.topic not in carrying and is_decodable(message.channel):
+                    try:
+                        holds = bool(decoders.decode(message).track_id)
+                    except DecodeError:
+                        continue  # counted when the topic is read
+                    if holds:
+                        carrying.add(message.topic)
+                        if carrying == topics:
+                            break
+    return carrying
+
+
+def _damage(path: Path) -> list[Damage]:
+    """All that is broken, which is known once all chunks were read."""
+    with Scan(path) as log:
+        deque(log, maxlen=0)
+        return log.damage
+
+
+def _longest(path: Path, topics: set[str]) -> str:
+    with Scan(path, topics.__contains__) as log:
+        n_messages = Counter(message.topic for message in log)
+    chosen = min(topics, key=lambda topic: (-n_messages[topic], topic))
+    logger.info("%s: of the topics %s, %s is read", path, ", ".join(sorted(topics)), chosen)
+    return chosen

@@ -1,0 +1,176 @@
+"""Logs of what was observed and of what is believed: MCAP that Foxglove draws and that reads back exactly."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.recording import scene
+from dirprim_filter.recording.mcap_log import McapLog
+from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
+from dirprim_filter.tracks import Tracks
+from tessellation.arrays import FloatArray, IntArray, as_floats
+
+OBJECTS_TOPIC = "/objects"
+OBJECTS_SCENE_TOPIC = "/objects/scene"
+DETECTIONS_TOPIC = "/detections"
+DETECTIONS_SCENE_TOPIC = "/detections/scene"
+TRANSFORM_TOPIC = "/tf"
+ESTIMATES_TOPIC = "/dirprim/tracks"
+ESTIMATES_SCENE_TOPIC = "/dirprim/tracks/scene"
+PARTICLES_TOPIC = "/dirprim/particles"
+FORECAST_TOPIC = "/dirprim/forecast"
+MAP_SCENE_TOPIC = "/dirprim/map/scene"
+
+MAX_CHUNK_NS = 1_000_000_000
+"""A chunk of estimates spans at most this much log time: what is lost when a tracker is killed."""
+
+LIFETIME_INTERVALS = 1.5
+"""A drawn vehicle lasts this many sampling intervals: longer than one, so that it does not flicker."""
+
+
+def write_tracks(
+    tracks: Tracks,
+    path: str | Path,
+    *,
+    detections: Detections | None = None,
+    metadata: Mapping[str, str] | None = None,
+    force: bool = False,
+) -> None:
+    """Write observed motion as an MCAP log, a message for each instant.
+
+    `/objects` holds `dirprim.Observations`, and `/objects/scene` the same as `foxglove.SceneUpdate`: either
+    reads back equal to `tracks`.
+
+    Args:
+        tracks: what to write.
+        path: the MCAP file.
+        detections: what a sensor reported, for `/detections` and `/detections/scene`.
+        metadata: goes into the `dirprim` metadata record: configuration, seed, where the data came from.
+        force: overwrite an existing file.
+
+    Raises:
+        OutputExistsError: the file exists, and `force` is not set.
+        OSError: the file cannot be written.
+        ValueError: a time is negative, which MCAP cannot hold.
+    """
+    lifetime_ns = _lifetime_ns(tracks.time_ns)
+    sources: list[Tracks | Detections] = [tracks] if detections is None else [tracks, detections]
+    streams = [_instants(source) for source in sources]
+    with McapLog(path, metadata=metadata or {}, force=force) as log:
+        begun = False
+        for time_ns, rows, source in heapq.merge(*streams, key=lambda instant: instant[0]):
+            if not begun:
+                log.write(TRANSFORM_TOPIC, scene.frame_transform(time_ns), time_ns)
+                begun = True
+            message = encode_observations(source, rows, time_ns)
+            if isinstance(source, Tracks):
+                log.write(OBJECTS_TOPIC, message, time_ns)
+                drawn = scene.tracks_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
+                log.write(OBJECTS_SCENE_TOPIC, drawn, time_ns)
+            else:
+                log.write(DETECTIONS_TOPIC, message, time_ns)
+                drawn = scene.detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
+                log.write(DETECTIONS_SCENE_TOPIC, drawn, time_ns)
+
+
+def _instants(source: Tracks | Detections) -> Iterator[tuple[int, IntArray, Tracks | Detections]]:
+    """Each time with its rows, ascending; rows of one time keep their order."""
+    order = np.argsort(source.time_ns, kind="stable")
+    times, starts = np.unique(source.time_ns[order], return_index=True)
+    ends = [*starts[1:], len(order)]
+    for time_ns, start, end in zip(times.tolist(), starts, ends[: len(times)], strict=True):
+        yield time_ns, order[start:end], source
+
+
+def _lifetime_ns(time_ns: IntArray) -> int:
+    """How long a drawn object lasts; 0, for ever, where there is but one instant."""
+    intervals = np.diff(np.unique(time_ns))
+    return int(LIFETIME_INTERVALS * np.median(intervals)) if intervals.size else 0
+
+
+class EstimateLog:
+    """An `EstimateSink` that writes what a tracker believes as an MCAP log; a context manager.
+
+    `/dirprim/tracks` holds `dirprim.TrackEstimates`, a message for each frame; `/dirprim/tracks/scene`,
+    `/dirprim/particles`, `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
+
+    Args:
+        path: the MCAP file.
+        metadata: goes into the `dirprim` metadata record: configuration, seed, the inputs' checksums.
+        particle_stride: every how many-th particle is written.
+        force: overwrite an existing file.
+
+    Raises:
+        OutputExistsError: the file exists, and `force` is not set.
+        ValueError: the stride is not positive.
+    """
+
+    def __init__(
+        self, path: str | Path, *, metadata: Mapping[str, str], particle_stride: int = 1, force: bool = False
+    ) -> None:
+        if particle_stride < 1:
+            raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
+        self._log = McapLog(path, metadata=metadata, max_chunk_ns=MAX_CHUNK_NS, force=force)
+        self._particle_stride = particle_stride
+        self._map: PrimitiveMap | None = None
+        self._begun = False
+
+    def __enter__(self) -> Self:
+        self._log.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._log.__exit__(kind, error, trace)
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Append what is believed at one instant.
+
+        Raises:
+            ValueError: an estimate is of another time than the frame, or the time is negative.
+        """
+        time_ns = frame.time_ns
+        self._begin(time_ns)
+        self._log.write(ESTIMATES_TOPIC, encode_estimates(frame.estimates, time_ns), time_ns)
+        self._log.write(ESTIMATES_SCENE_TOPIC, scene.estimates_scene(frame.estimates, time_ns), time_ns)
+        cloud = scene.particle_cloud(frame.particles, time_ns, stride=self._particle_stride)
+        self._log.write(PARTICLES_TOPIC, cloud, time_ns)
+
+    def write_map_scene(self, primitive_map: PrimitiveMap) -> None:
+        """Draw the map's cells and roses: at the time of the next message, as a map has none of its own."""
+        self._map = primitive_map
+
+    def write_forecast(self, time_ns: int, track_id: Sequence[str], paths: FloatArray) -> None:
+        """Draw sampled futures.
+
+        Args:
+            time_ns: when the forecasts were made.
+            track_id: (n) ids of the vehicles.
+            paths: (n, n_samples, n_steps, 2) positions, metres.
+
+        Raises:
+            ValueError: shapes that do not fit, or a negative time.
+        """
+        paths = as_floats("paths", paths, "n samples steps 2")
+        if len(track_id) != len(paths):
+            raise ValueError(f"paths: expected {len(track_id)} vehicles, as there are ids, got {len(paths)}")
+        self._begin(time_ns)
+        self._log.write(FORECAST_TOPIC, scene.forecast_scene(track_id, paths, time_ns), time_ns)
+
+    def _begin(self, time_ns: int) -> None:
+        if not self._begun:
+            self._log.write(TRANSFORM_TOPIC, scene.frame_transform(time_ns), time_ns)
+            self._begun = True
+        if self._map is not None:
+            self._log.write(MAP_SCENE_TOPIC, scene.map_scene(self._map, time_ns), time_ns)
+            self._map = None

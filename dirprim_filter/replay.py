@@ -1,0 +1,40 @@
+"""The main loop: a log's detections, frame by frame, through the filter to whoever listens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateSink, TrackedFrame
+from dirprim_filter.filtering import BayesFilter
+
+
+def replay(stream: Iterable[Detections], tracker: BayesFilter, sinks: Sequence[EstimateSink]) -> int:
+    """Track the vehicles of a stream; nothing of it is kept.
+
+    Args:
+        stream: frames of one instant each, ascending in time.
+        tracker: holds the beliefs; they are those of the last frame when the loop ends.
+        sinks: take every tracked frame, in the order given.
+
+    Returns:
+        The number of frames.
+
+    Raises:
+        ValueError: a frame of several instants, a repeated id, or time going backwards.
+    """
+    n_frames = 0
+    for detections in stream:
+        tracker.predict(detections)  # hallucinate: direction and speed from the primitive (Eq. 4), one step on
+        tracker.weigh()  # by the measured positions
+        frame = TrackedFrame(
+            time_ns=int(detections.time_ns[0]),
+            detections=detections,
+            estimates=tracker.estimate(),
+            particles=tracker.particles(),
+        )
+        tracker.resample()
+        for sink in sinks:
+            sink.write(frame)
+        n_frames += 1
+    return n_frames

@@ -1,0 +1,213 @@
+"""Traffic: Eclipse SUMO drives vehicles through a scene, and what moved comes back as `Tracks`.
+
+`netconvert` builds the network and `sumo` drives on it, each a child process in a temporary folder. What
+comes back: https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import math
+import os
+import subprocess
+import tempfile
+import xml.etree.ElementTree as ET
+from array import array
+from pathlib import Path
+
+import numpy as np
+
+from dirprim_filter.simulation.drivers import vehicle_lengths
+from dirprim_filter.simulation.plain_xml import write_plain_xml
+from dirprim_filter.simulation.scenes import SCENES, Scene
+from dirprim_filter.tracks import Tracks
+
+logger = logging.getLogger(__name__)
+
+STEP_MS = 100
+"""Time step of the simulation: 10 Hz."""
+WARM_UP_S = 90
+"""The network is empty at first; the log begins when traffic has filled it."""
+SETTINGS = {
+    "--step-length": str(STEP_MS / 1000),
+    "--lateral-resolution": "0.4",  # the sublane model: vehicles have a place across the lane
+    "--time-to-teleport": "-1",  # nobody jumps out of a jam
+    "--collision.action": "warn",
+    "--precision": "3",
+    "--xml-validation": "never",  # asks the network for schemas otherwise
+    "--no-step-log": "true",
+    "--duration-log.disable": "true",
+}
+"""How `sumo` runs, whatever the scene."""
+NETWORK_SETTINGS = {
+    "--offset.disable-normalization": "true",  # (0, 0) stays where the scene has it
+    "--no-turnarounds": "true",
+    "--junctions.limit-turn-speed": "3.0",  # m/s^2 sideways: what people accept; the default is 5.5
+    "--junctions.corner-detail": "10",
+    "--junctions.internal-link-detail": "20",  # points on a turn: directions change smoothly
+    "--tls.cycle.time": "60",
+    "--xml-validation": "never",
+}
+"""How `netconvert` runs, whatever the scene."""
+
+
+class SimulationError(RuntimeError):
+    """SUMO is not installed, or it failed; the message is one line."""
+
+
+def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0) -> Tracks:
+    """Drive a scene's traffic, and observe each vehicle's centre, direction and speed at a fixed rate.
+
+    SUMO gives the middle of the front bumper and the body's yaw; the position is moved back by half a length.
+    There the yaw is the course over ground: on an arc the chord from bumper to bumper is parallel to the
+    tangent at its middle; where the bend changes they differ by degrees. Standing vehicles keep their yaw.
+
+    Args:
+        scene: one of `SCENES`.
+        duration_s: how long to observe, s; the log begins at time 0, when traffic has filled the roads.
+        seed: decides all that is random: arrivals, drivers, their lapses. The same seed and the same version
+            of SUMO give the same tracks.
+        rate_hz: rows per second for each vehicle; 10 divided by a whole number.
+
+    Returns:
+        Tracks with the vehicles numbered from 0 in the order in which they appear.
+
+    Raises:
+        ValueError: a scene, duration, seed or rate that does not exist.
+        SimulationError: SUMO is not installed, or it failed.
+    """
+    period_ms = _check(scene, duration_s, seed, rate_hz)
+    netconvert, sumo = _program("netconvert"), _program("sumo")
+    with tempfile.TemporaryDirectory(prefix="dirprim-sumo-") as name:
+        folder = Path(name)
+        description = SCENES[scene]()
+        write_plain_xml(description, folder)
+        _run(netconvert, _network_arguments(description), folder)
+        _run(sumo, _traffic_arguments(duration_s, seed, period_ms), folder)
+        _report_trouble(folder / "statistics.xml", scene)
+        return _read_tracks(folder / "fcd.xml")
+
+
+def _check(scene: str, duration_s: float, seed: int, rate_hz: float) -> int:
+    """The observation period in milliseconds.
+
+    Raises:
+        ValueError: an argument of `simulate` is out of range.
+    """
+    if scene not in SCENES:
+        raise ValueError(f"scene: expected one of {', '.join(SCENES)}, got {scene!r}")
+    if not (math.isfinite(duration_s) and duration_s > 0):
+        raise ValueError(f"duration_s: expected a positive number of seconds, got {duration_s}")
+    if not 0 <= seed < 2**31:
+        raise ValueError(f"seed: expected 0 to {2**31 - 1}, got {seed}")
+    steps = 1000 / STEP_MS / rate_hz if rate_hz > 0 else 0.0
+    if not (steps >= 1 and math.isclose(steps, round(steps))):
+        raise ValueError(f"rate_hz: expected 10 divided by a whole number (10, 5, 2.5, 2, 1, ...), got {rate_hz}")
+    return round(steps) * STEP_MS
+
+
+def _program(name: str) -> Path:
+    """The path of a program of the `eclipse-sumo` package.
+
+    Raises:
+        SimulationError: the package is not installed.
+    """
+    package = importlib.util.find_spec("sumo")
+    places = (package.submodule_search_locations or []) if package else []
+    for place in places:
+        for suffix in ("", ".exe"):
+            path = Path(place) / "bin" / (name + suffix)
+            if path.is_file():
+                return path
+    raise SimulationError(f'{name} of Eclipse SUMO is not installed; pip install "dirprim-filter[sim]"')
+
+
+def _run(program: Path, arguments: list[str], folder: Path) -> None:
+    """Run a program of SUMO in `folder`, its inputs' and outputs' place.
+
+    Raises:
+        SimulationError: it reported failure.
+    """
+    environment = {**os.environ, "SUMO_HOME": str(program.parents[1])}
+    done = subprocess.run(  # noqa: S603  a list, no shell; nothing in it comes from outside but checked numbers
+        [str(program), *arguments],
+        cwd=folder, env=environment, capture_output=True, text=True, errors="replace", check=False,
+    )  # fmt: skip
+    for line in done.stderr.splitlines():
+        logger.debug("%s: %s", program.name, line)
+    if done.returncode:
+        errors = [line for line in done.stderr.splitlines() if line.startswith("Error")] or [done.stderr.strip()]
+        raise SimulationError(f"{program.name} failed with status {done.returncode}: {errors[0]}")
+
+
+def _network_arguments(scene: Scene) -> list[str]:
+    arguments = [
+        "--node-files",
+        "scene.nod.xml",
+        "--edge-files",
+        "scene.edg.xml",
+        "--output-file",
+        "scene.net.xml",
+    ]
+    if scene.connections:
+        arguments += ["--connection-files", "scene.con.xml"]
+    return [*arguments, *(word for setting in NETWORK_SETTINGS.items() for word in setting)]
+
+
+def _traffic_arguments(duration_s: float, seed: int, period_ms: int) -> list[str]:
+    observed = {
+        "--net-file": "scene.net.xml",
+        "--route-files": "scene.rou.xml",
+        "--seed": str(seed),
+        "--end": f"{WARM_UP_S + duration_s:.3f}",
+        "--fcd-output": "fcd.xml",
+        "--fcd-output.attributes": "x,y,angle,speed,type",
+        "--device.fcd.begin": str(WARM_UP_S),
+        "--device.fcd.period": f"{period_ms / 1000:.3f}",
+        "--statistic-output": "statistics.xml",
+    }
+    return [word for setting in (SETTINGS | observed).items() for word in setting]
+
+
+def _report_trouble(statistics: Path, scene: str) -> None:
+    """Log what ought not to happen: vehicles that jumped, collided, or found no room to enter."""
+    counts = {element.tag: element.attrib for element in ET.parse(statistics).getroot()}  # noqa: S314  our child's
+    troubles = {
+        "jumps": int(counts["teleports"]["total"]),
+        "collisions": int(counts["safety"]["collisions"]),
+        "vehicles that found no room to enter": int(counts["vehicles"]["waiting"]),
+    }
+    for what, count in troubles.items():
+        if count:
+            logger.warning("%s: %d %s", scene, count, what)
+
+
+def _read_tracks(path: Path) -> Tracks:
+    """Tracks of a floating car data file, moved from the front bumper to the centre."""
+    length = vehicle_lengths()
+    number: dict[str, int] = {}
+    vehicle, time_step = array("q"), array("q")
+    states = array("d")
+    events = ET.iterparse(path, events=("start", "end"))  # noqa: S314  written by the child process
+    _, root = next(events)
+    now = 0
+    for event, element in events:
+        a = element.attrib
+        if event == "start" and element.tag == "timestep":
+            now = round((float(a["time"]) - WARM_UP_S) * 1000 / STEP_MS)
+        elif event == "end" and element.tag == "vehicle":
+            vehicle.append(number.setdefault(a["id"], len(number)))
+            time_step.append(now)
+            states.extend((float(a["x"]), float(a["y"]), float(a["angle"]), float(a["speed"]), length[a["type"]]))
+        elif event == "end":
+            root.clear()  # the file is far larger than what is kept of it
+    x, y, compass_deg, speed, body = np.array(states).reshape(-1, 5).T
+    direction = np.radians(90.0 - compass_deg)
+    return Tracks(
+        track_id=np.array(vehicle, np.int64),
+        time_ns=np.array(time_step, np.int64) * (STEP_MS * 1_000_000),
+        position=np.column_stack([x - body / 2 * np.cos(direction), y - body / 2 * np.sin(direction)]),
+        direction=direction,
+        speed=speed,
+    )

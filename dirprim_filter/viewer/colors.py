@@ -1,0 +1,102 @@
+"""Colours for speed, direction and vehicles: RGBA as uint8, safe for the colour-blind.
+
+Speed runs through viridis (van der Walt and Smith, 2015), which rises in lightness all the way. Direction
+runs around an ellipse in OKLab (Ottosson, 2020), in which lightness and the blue-yellow axis, the two that
+colour-blindness leaves, go around together: north is light, south dark, east amber, west blue.
+"""
+
+import zlib
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from dirprim_filter.distributions.angles import TWO_PI
+from tessellation.arrays import AnyArray, FloatArray
+
+ByteArray = npt.NDArray[np.uint8]
+
+VIRIDIS: FloatArray = np.array(
+    [
+        [68, 1, 84], [72, 24, 106], [71, 45, 123], [66, 64, 134], [59, 82, 139], [51, 99, 141],
+        [44, 114, 142], [38, 130, 142], [33, 145, 140], [31, 160, 136], [40, 174, 128], [63, 188, 115],
+        [94, 201, 98], [132, 212, 75], [173, 220, 48], [216, 226, 25], [253, 231, 37],
+    ],
+    dtype=np.float64,
+)  # fmt: skip
+"""(17, 3) equidistant colours from dark (slow) to light (fast)."""
+
+OKABE_ITO: ByteArray = np.array(
+    [[86, 180, 233], [233, 104, 20], [224, 141, 187], [230, 159, 0], [90, 140, 255]],
+    dtype=np.uint8,
+)
+"""(5, 3) colours that tell vehicles apart (Okabe and Ito, 2008), less the greens and yellows of fast roses,
+and lightened for a dark ground."""
+
+
+def speed_color(speed: FloatArray, *, fastest: float) -> ByteArray:
+    """Viridis from 0 m/s to `fastest` and beyond. (...) m/s -> (..., 4)."""
+    place = np.clip(np.asarray(speed) / fastest, 0.0, 1.0) * (len(VIRIDIS) - 1)
+    rgb = [np.interp(place, np.arange(len(VIRIDIS)), channel) for channel in VIRIDIS.T]
+    return _rgba(np.stack(rgb, axis=-1))
+
+
+def direction_color(direction: FloatArray) -> ByteArray:
+    """The cyclic colour of directions, radians from east. (...) -> (..., 4)."""
+    wheel = _color_wheel()
+    place = np.rint(np.asarray(direction) * (len(wheel) / TWO_PI)).astype(np.int64) % len(wheel)
+    return wheel[place]
+
+
+@lru_cache(maxsize=1)
+def _color_wheel(n_colors: int = 1024) -> ByteArray:
+    """The colours of the circle from east on: looked up, because particles come by the hundred thousand."""
+    direction = np.linspace(0.0, TWO_PI, n_colors, endpoint=False)
+    east, north = np.cos(direction), np.sin(direction)
+    # The ellipse in OKLab: lightness, then the green-red and the blue-yellow axis.
+    lightness, a, b = 0.70 + 0.12 * north, -0.10 * north, 0.02 + 0.13 * east
+    cone = np.stack(
+        [
+            lightness + 0.3963377774 * a + 0.2158037573 * b,
+            lightness - 0.1055613458 * a - 0.0638541728 * b,
+            lightness - 0.0894841775 * a - 1.2914855480 * b,
+        ],
+        axis=-1,
+    )
+    to_linear_srgb = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
+    linear = np.clip(cone**3 @ to_linear_srgb.T, 0.0, 1.0)
+    gamma = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return _rgba(255.0 * gamma)
+
+
+def track_color(track_id: AnyArray) -> ByteArray:
+    """One colour for each vehicle, the same in every run and picture. (n,) ids -> (n, 4).
+
+    The palette's place comes from a checksum of the id's text: Python's own hash differs from run to run.
+    """
+    place = [_palette_place(str(name)) for name in track_id]
+    return _rgba(OKABE_ITO[np.array(place, dtype=np.int64)])
+
+
+@lru_cache(maxsize=65536)
+def _palette_place(name: str) -> int:
+    return zlib.crc32(name.encode()) % len(OKABE_ITO)
+
+
+def with_alpha(rgba: ByteArray, opacity: npt.ArrayLike) -> ByteArray:
+    """The same colours, seen through. (..., 4), (...) in 0 to 1 -> (..., 4)."""
+    seen = rgba.copy()
+    seen[..., 3] = np.rint(255.0 * np.asarray(opacity))
+    return seen
+
+
+def _rgba(rgb: npt.NDArray[np.floating] | ByteArray) -> ByteArray:
+    rgba = np.full((*rgb.shape[:-1], 4), 255, dtype=np.uint8)
+    rgba[..., :3] = np.rint(rgb)
+    return rgba

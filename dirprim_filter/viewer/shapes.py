@@ -1,0 +1,161 @@
+"""What a map and a belief look like, as plain arrays: petals, outlines, ellipses, arrows, boxes.
+
+Pure geometry in the map's own frame (metres, x east, y north); the live stream and the figures both draw from
+here.
+
+The roses follow Nightingale's: a petal's area, not its length, is proportional to probability, with one
+scale for the whole map. A cell of one sharp mode has one long petal that reaches past its border; a cell
+where vehicles go every way has a small round one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.distributions import von_mises
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from tessellation import Tessellation
+from tessellation.arrays import FloatArray, IntArray
+
+SHARPEST_PETAL = 20.0
+"""Concentrations are drawn up to this one, a standard deviation of 13 degrees: narrower could not be seen."""
+SMALLEST_PETAL = 0.02
+"""Modes of less weight are not drawn."""
+PETAL_RIM = 0.08
+"""A petal is drawn out to the angle where its radius has fallen to this share of its length."""
+PETAL_VERTICES = 24
+REACH = 1.5
+"""How far the longest petal goes, as a share of the way from the cell's centre to its border: along a lane it
+ends before the next cell's petal begins."""
+MARGIN = 0.06
+"""Free space around a map, as a share of its longer side."""
+
+
+class Petals(NamedTuple):
+    """The petals of a map's roses, the heaviest first, so that a lighter one is drawn over it.
+
+    Attributes:
+        polygon: (n, k, 2) metres; the first vertex is the cell's centre.
+        mean_speed: (n,) m/s, of the petal's mode.
+        weight: (n,) of the petal's mode in its cell.
+        cell: (n,) the petal's cell.
+    """
+
+    polygon: FloatArray
+    mean_speed: FloatArray
+    weight: FloatArray
+    cell: IntArray
+
+
+def rose_petals(primitives: PrimitiveMap) -> Petals:
+    """One petal for each mode of its own of each cell that holds data; a disc for that of standing vehicles.
+
+    The radius at direction theta is R sqrt(w VM(theta; mu, k) / VM(mu; mu, K)) with R the cell's radius times
+    `REACH`, K = `SHARPEST_PETAL` and k = min(kappa, K): the area is proportional to w, whatever kappa.
+    """
+    direction = primitives.direction
+    own = slice(0, direction.weight.shape[1] - primitives.n_place_free_modes)
+    drawn = (direction.weight[:-1, own] >= SMALLEST_PETAL) & (primitives.n_rows[:-1, None] > 0)
+    cell, mode = np.nonzero(drawn)
+    order = np.argsort(-direction.weight[cell, mode], kind="stable")
+    cell, mode = cell[order], mode[order]
+    weight, mean = direction.weight[cell, mode], direction.mean_direction[cell, mode]
+    concentration = np.minimum(direction.concentration[cell, mode], SHARPEST_PETAL)
+    with np.errstate(divide="ignore"):
+        half_width = np.arccos(np.clip(1.0 + 2.0 * np.log(PETAL_RIM) / concentration, -1.0, 1.0))
+    theta = mean[:, None] + half_width[:, None] * np.linspace(-1.0, 1.0, PETAL_VERTICES)
+    sharpest = von_mises.log_density(np.zeros(()), np.zeros(()), np.array(SHARPEST_PETAL))
+    log_p = von_mises.log_density(theta, mean[:, None], concentration[:, None]) - sharpest
+    reach = REACH * 0.5 * np.sqrt(primitives.tessellation.area[cell])
+    radius = reach[:, None] * np.sqrt(weight[:, None] * np.exp(log_p))
+    center = primitives.tessellation.centers[cell][:, None, :]
+    rim = center + radius[..., None] * _heading(theta)
+    return Petals(
+        polygon=np.concatenate([center, rim], axis=1),
+        mean_speed=primitives.speed.mean[cell, mode],
+        weight=weight,
+        cell=cell,
+    )
+
+
+def fastest_speed(petals: Petals) -> float:
+    """The speed that gets the last colour: the fastest 2 % of petals share it; whole m/s, at least 1."""
+    if petals.mean_speed.size == 0:
+        return 1.0
+    return float(max(1.0, np.ceil(np.quantile(petals.mean_speed, 0.98))))
+
+
+def fan_triangles(polygon: FloatArray) -> IntArray:
+    """Triangles from the first vertex of each polygon. (n, k, 2) -> (n (k - 2), 3) of the n k vertices."""
+    n, k = polygon.shape[:2]
+    rim = np.arange(1, k - 1)
+    fan = np.stack([np.zeros_like(rim), rim, rim + 1], axis=-1)
+    triangles: IntArray = (fan + k * np.arange(n)[:, None, None]).reshape(-1, 3)
+    return triangles
+
+
+def cell_outlines(tessellation: Tessellation) -> list[FloatArray]:
+    """The border of each cell as a closed line: (k + 1, 2) metres, the last point the first."""
+    return [np.concatenate([polygon, polygon[:1]]) for polygon in tessellation.polygons()]
+
+
+def extent(points: FloatArray) -> FloatArray:
+    """The box around points with `MARGIN`, at least 20 m wide: its SW and NE corner. (n, 2) -> (2, 2)."""
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
+    half = 0.5 * (high - low) + MARGIN * (high - low).max()
+    center = 0.5 * (low + high)
+    half = np.maximum(half, 10.0)
+    return np.stack([center - half, center + half])
+
+
+def map_extent(primitives: PrimitiveMap) -> FloatArray:
+    """The box around all cells: its SW and NE corner. -> (2, 2)."""
+    polygons = primitives.tessellation.polygons()
+    return extent(np.concatenate(polygons) if polygons else np.empty((0, 2)))
+
+
+def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[FloatArray, FloatArray]:
+    """The ellipse that holds a Gaussian's `probability`: half axes, angle. (..., 2, 2) -> (..., 2), (...).
+
+    The squared Mahalanobis distance in the plane is chi-squared with two degrees of freedom; its quantile is
+    -2 log(1 - p). The half axes are in metres, the shorter first; the angle is its own from east, in radians.
+    """
+    variance, axis = np.linalg.eigh(covariance)
+    half_axes = np.sqrt(np.maximum(variance, 0.0) * -2.0 * np.log1p(-probability))
+    return half_axes, np.arctan2(axis[..., 1, 0], axis[..., 0, 0])
+
+
+def covariance_ellipse(
+    mean: FloatArray, covariance: FloatArray, *, probability: float, n_vertices: int = 48
+) -> FloatArray:
+    """The line around a Gaussian's `probability`. (..., 2), (..., 2, 2) -> (..., n_vertices + 1, 2)."""
+    half_axes, angle = covariance_axes(covariance, probability=probability)
+    circle = _heading(np.linspace(0.0, 2.0 * np.pi, n_vertices + 1)) * half_axes[..., None, :]
+    return np.asarray(mean)[..., None, :] + _turned(circle, angle[..., None])
+
+
+def motion_arrow(direction: FloatArray, speed: FloatArray, *, duration_s: float = 1.0) -> FloatArray:
+    """How far a vehicle gets in `duration_s`. (...), (...) -> (..., 2) metres."""
+    arrow: FloatArray = (duration_s * np.asarray(speed))[..., None] * _heading(direction)
+    return arrow
+
+
+def vehicle_outline(
+    position: FloatArray, direction: FloatArray, *, length: float = 4.5, width: float = 1.8
+) -> FloatArray:
+    """The closed outline of vehicles from above, with a pointed bow. (n, 2), (n,) -> (n, 6, 2) metres."""
+    body = np.array([[-0.5, -0.5], [0.28, -0.5], [0.5, 0.0], [0.28, 0.5], [-0.5, 0.5], [-0.5, -0.5]])
+    outline: FloatArray = position[:, None, :] + _turned(body * [length, width], np.asarray(direction)[:, None])
+    return outline
+
+
+def _heading(direction: FloatArray) -> FloatArray:
+    return np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+
+
+def _turned(offset: FloatArray, angle: FloatArray) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = offset[..., 0], offset[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)

@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture, von_mises
+from oracles import von_mises_mixture_density
+
+CIRCLE = np.linspace(-np.pi, np.pi, 4097)[:-1]
+
+
+@pytest.mark.parametrize("concentration", [0.0, 1e-9, 0.5, 20.0, 600.0])
+def test_von_mises_equals_scipy_where_scipy_is_finite(concentration):
+    ours = von_mises.log_density(CIRCLE, 0.7, concentration)
+    theirs = stats.vonmises.logpdf(CIRCLE, max(concentration, 1e-12), loc=0.7)
+    np.testing.assert_allclose(ours, theirs, atol=1e-10)
+
+
+@pytest.mark.parametrize("concentration", [1e4, 1e6])
+def test_von_mises_is_finite_and_normalised_where_bessel_overflows(concentration):
+    width = 12 / np.sqrt(concentration)
+    d = np.linspace(-width, width, 20001)
+    log_p = von_mises.log_density(d, 0.0, concentration)
+    assert np.isfinite(von_mises.log_density(np.pi, 0.0, concentration))
+    assert np.trapezoid(np.exp(log_p), d) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_concentration_inverts_the_mean_resultant_length():
+    concentration = np.logspace(-6, 6, 400)
+    found = von_mises.concentration_of(von_mises.mean_resultant_length(concentration))
+    np.testing.assert_allclose(found, concentration, rtol=1e-8)
+
+
+def test_concentration_at_the_ends():
+    assert von_mises.concentration_of(0.0) == 0.0
+    assert von_mises.concentration_of(1.0) == von_mises.MAX_CONCENTRATION
+
+
+def test_the_mixture_of_figure_2():
+    weight, mean, concentration = np.array([0.5, 0.3, 0.2]), np.deg2rad([-45.0, 0.0, 45.0]), np.full(3, 20.0)
+    mixture = VonMisesMixture(weight=weight, mean_direction=mean, concentration=concentration)
+    expected = von_mises_mixture_density(CIRCLE, weight, mean, concentration)
+    np.testing.assert_allclose(np.exp(mixture.log_density(CIRCLE)), expected, rtol=1e-10)
+
+
+def test_the_uniform_circle_has_the_papers_density():
+    nothing = VonMisesMixture(weight=np.ones(1), mean_direction=np.zeros(1), concentration=np.zeros(1))
+    assert np.exp(nothing.log_density(np.array(1.0))) == pytest.approx(1 / (2 * np.pi))
+
+
+def test_padding_changes_nothing():
+    one = VonMisesMixture(weight=np.ones(1), mean_direction=np.ones(1), concentration=np.ones(1))
+    padded = VonMisesMixture(
+        weight=np.array([1.0, 0.0]), mean_direction=np.array([1.0, 0.0]), concentration=np.array([1.0, 500.0])
+    )
+    np.testing.assert_array_equal(one.log_density(CIRCLE), padded.log_density(CIRCLE))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"weight": np.array([0.5, 0.4])}, "sum to one"),
+        ({"weight": np.array([1.5, -0.5])}, "negative"),
+        ({"concentration": np.array([1.0, np.nan])}, "finite"),
+        ({"mean_direction": np.zeros(3)}, "one shape"),
+    ],
+)
+def test_a_mixture_that_is_none_is_refused(changes, message):
+    good = {"weight": np.array([0.5, 0.5]), "mean_direction": np.zeros(2), "concentration": np.ones(2)}
+    with pytest.raises(ValueError, match=message):
+        VonMisesMixture(**(good | changes))
+
+
+@pytest.mark.parametrize(("shape", "rate"), [(0.5, 2.0), (1.0, 1.0), (7.0, 0.6), (900.0, 80.0)])
+def test_gamma_equals_scipy(shape, rate):
+    speed = np.linspace(0.0, 40.0, 500)[1:]
+    ours = Gamma(shape=np.array(shape), rate=np.array(rate)).log_density(speed)
+    np.testing.assert_allclose(ours, stats.gamma.logpdf(speed, shape, scale=1 / rate), atol=1e-10, rtol=1e-12)
+
+
+def test_gamma_of_shape_one_is_finite_at_rest_and_impossible_below():
+    resting = Gamma(shape=np.array(1.0), rate=np.array(10.0))
+    assert resting.log_density(np.array(0.0)) == pytest.approx(np.log(10.0))
+    assert resting.log_density(np.array(-0.1)) == -np.inf
+
+
+def test_a_gamma_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="positive"):
+        Gamma(shape=np.array(0.0), rate=np.array(1.0))
+
+
+# False alarm rate of each of the following: 1e-4, by the fixed seed either never or always.
+
+
+def test_samples_of_a_mixture_follow_it_and_not_another():
+    mixture = VonMisesMixture(
+        weight=np.array([0.6, 0.4]), mean_direction=np.array([3.0, -1.0]), concentration=np.array([30.0, 2.0])
+    )
+    rows = VonMisesMixture(
+        weight=np.tile(mixture.weight, (20_000, 1)),
+        mean_direction=np.tile(mixture.mean_direction, (20_000, 1)),
+        concentration=np.tile(mixture.concentration, (20_000, 1)),
+    )
+    drawn, mode = rows.sample(rng=np.random.default_rng(3))
+    cumulative = np.concatenate([[0.0], np.cumsum(np.exp(mixture.log_density(CIRCLE))) * (CIRCLE[1] - CIRCLE[0])])
+    edges = np.append(CIRCLE, np.pi) - 0.5 * (CIRCLE[1] - CIRCLE[0])
+    assert stats.kstest(drawn, lambda d: np.interp(d, edges, cumulative)).pvalue > 1e-4
+    assert stats.kstest(drawn + 0.05, lambda d: np.interp(d, edges, cumulative)).pvalue < 1e-4
+    assert stats.binomtest(int((mode == 0).sum()), 20_000, 0.6).pvalue > 1e-4

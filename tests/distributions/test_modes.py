@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+from sklearn.cluster import DBSCAN
+
+from dirprim_filter.distributions.modes import NOISE, dbscan
+from oracles import circular_distance
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_labels_are_those_of_scikit_learn(seed):
+    rng = np.random.default_rng(seed)
+    around = [rng.vonmises(rng.uniform(-np.pi, np.pi), rng.choice([1, 20, 300]), rng.integers(1, 60)) for _ in range(2)]
+    theta = np.concatenate([*around, rng.uniform(-np.pi, np.pi, rng.integers(0, 10))])
+    if seed % 3 == 0:
+        theta = np.round(theta, 1)  # repeated angles
+    for eps in (0.021, 0.13, 0.77, 3.2):
+        for min_samples in (1, 2, 6):
+            distance = circular_distance(theta[:, None], theta[None])
+            expected = DBSCAN(eps=eps, min_samples=min_samples, metric="precomputed").fit(distance).labels_
+            np.testing.assert_array_equal(dbscan(theta, eps=eps, min_samples=min_samples), expected)
+
+
+def test_no_angle_and_one_angle():
+    assert dbscan(np.empty(0), eps=0.1, min_samples=1).size == 0
+    assert dbscan(np.array([2.0]), eps=0.1, min_samples=1).tolist() == [0]
+    assert dbscan(np.array([2.0]), eps=0.1, min_samples=2).tolist() == [NOISE]
+
+
+def test_a_cluster_across_the_wrap_is_one():
+    theta = np.array([3.1, -3.1, 3.12, -3.13, 0.0, 0.01])
+    assert dbscan(theta, eps=0.1, min_samples=2).tolist() == [0, 0, 0, 0, 1, 1]
+
+
+def test_impossible_reach_is_refused():
+    with pytest.raises(ValueError, match="positive"):
+        dbscan(np.zeros(3), eps=0.0, min_samples=1)

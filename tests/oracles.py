@@ -1,0 +1,62 @@
+"""Slow and obvious twins of what the package computes fast."""
+
+import numpy as np
+from scipy import stats
+
+
+def circular_distance(a, b):
+    """Absolute turn between angles, by the cosine."""
+    return np.arccos(np.clip(np.cos(np.asarray(a) - np.asarray(b)), -1.0, 1.0))
+
+
+def von_mises_mixture_density(direction, weight, mean, concentration):
+    """Eq. 1 term by term, by scipy."""
+    return sum(w * stats.vonmises.pdf(direction, k, loc=m) for w, m, k in zip(weight, mean, concentration, strict=True))
+
+
+def central_velocity(track_id, time_ns, position, *, half_window_s, max_gap_s):
+    """Central differences row by row, as the definition says it."""
+    velocity = np.full((len(time_ns), 2), np.nan)
+    for i in range(len(time_ns)):
+        rows = [j for j in range(len(time_ns)) if track_id[j] == track_id[i]]
+        rows.sort(key=lambda j: time_ns[j])
+        at = rows.index(i)
+        low = high = at
+        while low > 0 and time_ns[rows[low]] - time_ns[rows[low - 1]] <= max_gap_s * 1e9:
+            if time_ns[i] - time_ns[rows[low - 1]] > half_window_s * 1e9 and low != at:
+                break
+            low -= 1
+            if time_ns[i] - time_ns[rows[low]] > half_window_s * 1e9:
+                break
+        while high < len(rows) - 1 and time_ns[rows[high + 1]] - time_ns[rows[high]] <= max_gap_s * 1e9:
+            if time_ns[rows[high + 1]] - time_ns[i] > half_window_s * 1e9 and high != at:
+                break
+            high += 1
+            if time_ns[rows[high]] - time_ns[i] > half_window_s * 1e9:
+                break
+        if low != high:
+            span_s = (time_ns[rows[high]] - time_ns[rows[low]]) * 1e-9
+            velocity[i] = (position[rows[high]] - position[rows[low]]) / span_s
+    return velocity
+
+
+def kalman_positions(measured, dt_s, *, noise_m, density, first_speed_std):
+    """A constant-velocity Kalman filter as a plain loop over matrices: means, covariances and log evidences."""
+    f = np.block([[np.eye(2), dt_s * np.eye(2)], [np.zeros((2, 2)), np.eye(2)]])
+    q = density * np.block(
+        [[dt_s**3 / 3 * np.eye(2), dt_s**2 / 2 * np.eye(2)], [dt_s**2 / 2 * np.eye(2), dt_s * np.eye(2)]]
+    )
+    h = np.eye(2, 4)
+    r = noise_m**2 * np.eye(2)
+    x = np.array([*measured[0], 0.0, 0.0])
+    p = np.diag([noise_m**2, noise_m**2, first_speed_std**2, first_speed_std**2])
+    means, covariances, evidences = [x], [p], [0.0]
+    for z in measured[1:]:
+        x, p = f @ x, f @ p @ f.T + q
+        s = h @ p @ h.T + r
+        evidences.append(stats.multivariate_normal.logpdf(z, h @ x, s))
+        gain = p @ h.T @ np.linalg.inv(s)
+        x, p = x + gain @ (z - h @ x), (np.eye(4) - gain @ h) @ p
+        means.append(x)
+        covariances.append(p)
+    return np.array(means), np.array(covariances), np.array(evidences)

@@ -1,0 +1,78 @@
+"""MCAP files for tests, written by the stock writer and pulled apart record by record."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import build_file_descriptor_set
+
+DATA = Path(__file__).parents[2] / "../shared/data"
+RECORD = struct.Struct("<BQ")
+CHUNK = 6
+
+
+def log_bytes(
+    messages: Iterable[tuple[str, int, bytes]],
+    *,
+    compression: CompressionType = CompressionType.ZSTD,
+    chunk_size: int = 1 << 20,
+    **options: Any,
+) -> bytes:
+    """A log of (topic, log time, data); publish time is log time + 1, sequence counts all messages."""
+    buffer = io.BytesIO()
+    writer = Writer(buffer, compression=compression, chunk_size=chunk_size, **options)
+    writer.start()
+    schema = writer.register_schema("Blob", "none", b"definition")
+    channels: dict[str, int] = {}
+    for sequence, (topic, time_ns, data) in enumerate(messages):
+        if topic not in channels:
+            channels[topic] = writer.register_channel(topic, "blob", schema)
+        writer.add_message(channels[topic], time_ns, data, time_ns + 1, sequence)
+    writer.finish()
+    return buffer.getvalue()
+
+
+def records(data: bytes) -> list[tuple[int, int, int]]:
+    """(opcode, start, end) of each record of an intact file."""
+    at, found = 8, []
+    while at < len(data) - 8:
+        opcode, length = RECORD.unpack_from(data, at)
+        found.append((opcode, at, at + RECORD.size + length))
+        at = found[-1][2]
+    return found
+
+
+def scene(objects: Iterable[tuple[str, float, float]], stamp_s: int = 0) -> SceneUpdate:
+    """A scene by the nuScenes convention: an entity with one cube for each (id, x, y)."""
+    update = SceneUpdate()
+    for name, x, y in objects:
+        entity = update.entities.add(id=name, frame_id="map")
+        entity.timestamp.seconds = stamp_s
+        cube = entity.cubes.add()
+        cube.pose.position.x, cube.pose.position.y, cube.pose.position.z = x, y, 1.0
+        cube.pose.orientation.w = 1.0
+    return update
+
+
+def write_protobuf_log(path: Path, messages: Iterable[tuple[str, int, Any]], **options: Any) -> Path:
+    """A log of (topic, log time, protobuf message or raw bytes of a SceneUpdate) by the stock writer."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start()
+        channels: dict[str, int] = {}
+        for topic, time_ns, message in messages:
+            if topic not in channels:
+                kind = SceneUpdate if isinstance(message, bytes) else type(message)
+                definition = build_file_descriptor_set(kind).SerializeToString()
+                schema = writer.register_schema(kind.DESCRIPTOR.full_name, "protobuf", definition)
+                channels[topic] = writer.register_channel(topic, "protobuf", schema)
+            data = message if isinstance(message, bytes) else message.SerializeToString()
+            writer.add_message(channels[topic], time_ns, data, time_ns)
+        writer.finish()
+    return path

@@ -1,0 +1,220 @@
+"""What `EstimateLog` writes: the estimates exactly, and scenes that say the same to the eye."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.message import DecodeError
+from mcap.reader import make_reader
+from scipy.stats import chi2
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
+from dirprim_filter.recording import save_map, scene
+from dirprim_filter.recording.schemas.dirprim import decode_estimates, encode_estimates
+from dirprim_filter.recording.writer import EstimateLog, write_tracks
+from dirprim_filter.tracks import Tracks
+from tessellation import GridTessellation
+
+COLUMNS = (
+    "track_id", "time_ns", "position", "covariance", "direction", "direction_resultant", "speed", "speed_std",
+    "effective_sample_size", "log_evidence",
+)  # fmt: skip
+
+
+def a_frame(time_ns, *, n=4, n_particles=60, seed=0):
+    rng = np.random.default_rng([seed, time_ns % 1000])
+    root = rng.normal(size=(n, 2, 2))
+    root[0] = 0.0  # a belief in one point
+    estimates = Estimates(
+        track_id=np.arange(n) + 10**12,
+        time_ns=np.full(n, time_ns),
+        position=rng.normal(scale=500.0, size=(n, 2)),
+        covariance=root @ root.transpose(0, 2, 1),
+        direction=rng.uniform(-np.pi, np.pi, n),
+        direction_resultant=rng.random(n),
+        speed=rng.gamma(2.0, 4.0, n),
+        speed_std=rng.random(n),
+        effective_sample_size=rng.uniform(1, n_particles, n),
+        log_evidence=-rng.gamma(2.0, 4.0, n),
+    )
+    particles = Particles(
+        position=1e6 + rng.normal(size=(n * n_particles, 2)),
+        direction=rng.uniform(-np.pi, np.pi, n * n_particles),
+        speed=rng.random(n * n_particles),
+        weight=np.full(n * n_particles, 1 / n_particles),
+        vehicle=np.repeat(np.arange(n), n_particles),
+    )
+    detections = Detections(track_id=estimates.track_id, time_ns=estimates.time_ns, position=estimates.position)
+    return TrackedFrame(time_ns=time_ns, detections=detections, estimates=estimates, particles=particles)
+
+
+def a_map(*, n_place_free_modes=1):
+    grid = GridTessellation(origin=np.array([-5.0, 3.0]), cell_size=10.0, n_x=3, n_y=2, square=np.array([1, 4]))
+    return PrimitiveMap(
+        tessellation=grid,
+        direction=VonMisesMixture(
+            weight=np.array([[0.7, 0.2, 0.1], [0.9, 0.0, 0.1], [0.0, 0.0, 1.0]]),
+            mean_direction=np.array([[0.0, 1.5, 3.0], [-2.0, 0.0, 3.0], [0.0, 0.0, 3.0]]),
+            concentration=np.array([[50.0, 1e6, 0.1], [0.0, 0.0, 0.1], [0.0, 0.0, 0.1]]),
+        ),
+        speed=Gamma(shape=np.full((3, 3), 2.0), rate=np.full((3, 3), 0.3)),
+        n_rows=np.array([3, 4, 7]),
+        n_place_free_modes=n_place_free_modes,
+        relaxation=Relaxation(
+            direction_rate=0.5,
+            speed_rate=0.3,
+            mode_rate=0.1,
+            place_free_turning=0.02,
+            place_free_speed_rate=0.2,
+            drift=0.05,
+        ),
+    )
+
+
+@pytest.fixture
+def estimate_log(tmp_path):
+    path = tmp_path / "out.mcap"
+    with EstimateLog(path, metadata={"seed": "3"}, particle_stride=7) as log:
+        log.write_map_scene(a_map())
+        for time_ns in range(0, 3_000_000_000, 100_000_000):
+            log.write(a_frame(time_ns))
+        ids = ["a", "b"]
+        log.write_forecast(2_900_000_000, ids, np.random.default_rng(0).normal(size=(2, 5, 10, 2)))
+    return path
+
+
+def messages(path, topic):
+    with path.open("rb") as file:
+        return [m for _, _, m in make_reader(file, validate_crcs=True).iter_messages(topics=topic)]
+
+
+def test_estimates_read_back_equal(estimate_log):
+    written = messages(estimate_log, "/dirprim/tracks")
+    assert len(written) == 30
+    for message in written:
+        back, sent = decode_estimates(message.data), a_frame(message.log_time).estimates
+        for name in COLUMNS:
+            np.testing.assert_array_equal(getattr(back, name), getattr(sent, name), err_msg=name)
+
+
+def test_an_estimate_of_another_time_is_refused():
+    with pytest.raises(ValueError, match="expected all at 5 ns"):
+        encode_estimates(a_frame(4).estimates, 5)
+
+
+def test_broken_estimates_are_refused():
+    message = encode_estimates(a_frame(4).estimates, 4)
+    for name in ("y", "covariance_xy", "direction", "log_evidence"):
+        short = type(message)()
+        short.CopyFrom(message)
+        getattr(short, name).pop()
+        with pytest.raises(DecodeError, match=f"{name}: expected 4 numbers, got 3"):
+            decode_estimates(short.SerializeToString())
+    message.speed[2] = np.nan
+    with pytest.raises(DecodeError, match="speed: expected finite"):
+        decode_estimates(message.SerializeToString())
+
+
+def test_the_scene_draws_the_estimates(estimate_log):
+    message = messages(estimate_log, "/dirprim/tracks/scene")[3]
+    update, sent = SceneUpdate.FromString(message.data), a_frame(message.log_time).estimates
+    assert update.deletions[0].type == update.deletions[0].ALL
+    assert [e.id for e in update.entities] == sent.track_id.astype(str).tolist()
+    for i, entity in enumerate(update.entities):
+        arrow, region = entity.arrows[0], entity.cylinders[0]
+        assert arrow.shaft_length == sent.speed[i]
+        yaw = 2 * np.arctan2(arrow.pose.orientation.z, arrow.pose.orientation.w)
+        assert np.cos(yaw - sent.direction[i]) == pytest.approx(1.0)
+        assert entity.texts[0].text == entity.id
+        if i == 0:
+            assert region.size.x == region.size.y > 0
+            continue
+        # A point of the region's rim has the Mahalanobis distance of the 90 % quantile, in every direction.
+        turn = 2 * np.arctan2(region.pose.orientation.z, region.pose.orientation.w)
+        t = np.linspace(0, 2 * np.pi, 9)
+        along = np.column_stack([region.size.x / 2 * np.cos(t), region.size.y / 2 * np.sin(t)])
+        rim = along @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        distance = np.einsum("ni,ij,nj->n", rim, np.linalg.inv(sent.covariance[i]), rim)
+        np.testing.assert_allclose(distance, chi2.ppf(0.9, 2), rtol=1e-6)
+
+
+def test_the_cloud_holds_every_seventh_particle_to_the_micrometre(estimate_log):
+    message = messages(estimate_log, "/dirprim/particles")[0]
+    cloud, sent = PointCloud.FromString(message.data), a_frame(message.log_time).particles
+    fields = np.dtype([(f.name, "<f4") for f in cloud.fields])
+    assert [f.offset for f in cloud.fields] == [0, 4, 8, 12]
+    points = np.frombuffer(cloud.data, fields)
+    from_middle = np.column_stack([points["x"], points["y"]]).astype(np.float64)
+    at = from_middle + np.array([cloud.pose.position.x, cloud.pose.position.y])
+    np.testing.assert_allclose(at, sent.position[::7], atol=1e-6, rtol=0)
+    np.testing.assert_allclose(points["weight"], sent.weight[::7], rtol=1e-6)
+
+
+def test_petals_point_where_vehicles_go():
+    petals = scene.petals(a_map())
+    assert petals.shape == (3, 3, 2)  # the place-free mode and the padding are not drawn
+    np.testing.assert_array_equal(petals[:, 0], [[10.0, 8.0], [10.0, 8.0], [10.0, 18.0]])
+    middle = petals[:, 1:].mean(axis=1) - petals[:, 0]
+    np.testing.assert_allclose(np.arctan2(middle[:, 1], middle[:, 0]), [0.0, 1.5, -2.0])
+    np.testing.assert_allclose(np.hypot(*(petals[:, 1] - petals[:, 0]).T), [3.5, 1.0, 4.5])
+    a, b = petals[:, 1] - petals[:, 0], petals[:, 2] - petals[:, 0]
+    assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
+    assert scene.petals(a_map(n_place_free_modes=3)).shape == (0, 3, 2)
+
+
+def test_outlines_are_the_cells_sides(estimate_log):
+    (message,) = messages(estimate_log, "/dirprim/map/scene")
+    cells, roses = SceneUpdate.FromString(message.data).entities
+    line = cells.lines[0]
+    points = np.array([(p.x, p.y) for p in line.points])
+    sides = points[np.array(line.indices).reshape(-1, 2)]
+    assert len(sides) == 8
+    np.testing.assert_allclose(np.abs(sides[:, 1] - sides[:, 0]).sum(axis=1), 10.0)
+    assert len(roses.triangles[0].points) == 9
+
+
+def test_forecasts_are_lines(estimate_log):
+    (message,) = messages(estimate_log, "/dirprim/forecast")
+    entities = SceneUpdate.FromString(message.data).entities
+    assert [(e.id, len(e.lines), len(e.lines[0].points)) for e in entities] == [("a", 5, 10), ("b", 5, 10)]
+    with (
+        pytest.raises(ValueError, match="expected 1 vehicles"),
+        EstimateLog(estimate_log.with_name("b.mcap"), metadata={}) as log,
+    ):
+        log.write_forecast(0, ["a"], np.zeros((2, 5, 10, 2)))
+
+
+def test_a_stride_of_none_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="particle_stride"):
+        EstimateLog(tmp_path / "a.mcap", metadata={}, particle_stride=0)
+
+
+def test_rerun_converts_what_we_write(estimate_log, tmp_path):
+    """An independent reader: rerun turns each message into columns, and checks them."""
+    rerun = Path(sys.executable).with_name("rerun")
+    if not rerun.exists():
+        pytest.skip("the rerun program is not beside this Python")
+    rng = np.random.default_rng(0)
+    tracks = Tracks(
+        track_id=np.arange(5), time_ns=np.arange(5) // 2 * 10**8, position=rng.normal(size=(5, 2)),
+        direction=rng.normal(size=5), speed=rng.random(5),
+    )  # fmt: skip
+    write_tracks(tracks, tmp_path / "tracks.mcap", detections=Detections.of(tracks))
+    save_map(a_map(), tmp_path / "map.mcap")
+    environment = os.environ | {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
+    for source in (estimate_log, tmp_path / "tracks.mcap", tmp_path / "map.mcap"):
+        made = tmp_path / f"{source.stem}.rrd"
+        for arguments in (["mcap", "convert", source, "-o", made], ["rrd", "verify", made]):
+            done = subprocess.run(
+                [rerun, *arguments], env=environment, capture_output=True, text=True, timeout=120, check=False
+            )
+            assert done.returncode == 0, done.stderr
+        assert made.stat().st_size > 1000

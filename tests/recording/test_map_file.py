@@ -1,0 +1,182 @@
+"""Maps through a file: the same to the last bit, or one clear line."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
+from dirprim_filter.recording import load_map, save_map
+from dirprim_filter.recording.errors import OutputExistsError, RecordingError
+from dirprim_filter.recording.map_file import MAP_TOPIC
+from dirprim_filter.recording.mcap_log import McapLog
+from dirprim_filter.recording.scan import scan
+from dirprim_filter.recording.scene import frame_transform
+from dirprim_filter.recording.schemas import dirprim_pb2
+from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, encode_tiles
+from tessellation import GridTessellation
+
+
+def some_map(n_cells, *, n_modes=3, seed=0):
+    rng = np.random.default_rng([seed, n_cells])
+    rows = (n_cells + 1, n_modes)
+    n_x = 200
+    weight = rng.dirichlet(np.ones(n_modes), size=n_cells + 1)
+    square = np.sort(rng.choice(2 * n_cells + 1, size=n_cells, replace=False))
+    return PrimitiveMap(
+        tessellation=GridTessellation(
+            origin=rng.normal(size=2), cell_size=1 / 3, n_x=n_x, n_y=(2 * n_cells) // n_x + 1, square=square
+        ),
+        direction=VonMisesMixture(
+            weight=weight,
+            mean_direction=rng.uniform(-np.pi, np.pi, rows),
+            concentration=10.0 ** rng.uniform(-3, 6, rows),
+        ),
+        speed=Gamma(shape=rng.gamma(2.0, 1.0, rows), rate=rng.gamma(2.0, 1.0, rows)),
+        n_rows=rng.integers(0, 2**40, n_cells + 1),
+        n_place_free_modes=1,
+        relaxation=Relaxation(**{f.name: rng.gamma(2.0) for f in fields(Relaxation)}),
+    )
+
+
+def assert_equal(a, b):
+    for name in ("origin", "cell_size", "n_x", "n_y", "square"):
+        np.testing.assert_array_equal(getattr(a.tessellation, name), getattr(b.tessellation, name), err_msg=name)
+    for name in ("weight", "mean_direction", "concentration"):
+        np.testing.assert_array_equal(getattr(a.direction, name), getattr(b.direction, name), err_msg=name)
+    for name in ("shape", "rate"):
+        np.testing.assert_array_equal(getattr(a.speed, name), getattr(b.speed, name), err_msg=name)
+    np.testing.assert_array_equal(a.n_rows, b.n_rows)
+    assert a.n_place_free_modes == b.n_place_free_modes
+    assert a.relaxation == b.relaxation
+
+
+@pytest.mark.parametrize("n_cells", [0, 1, TILE_CELLS, TILE_CELLS + 1, 3 * TILE_CELLS - 5])
+def test_a_map_loads_equal(tmp_path, n_cells):
+    sent = some_map(n_cells)
+    save_map(sent, tmp_path / "map.mcap", metadata={"seed": "0"})
+    assert_equal(load_map(tmp_path / "map.mcap"), sent)
+    tiles = list(scan(tmp_path / "map.mcap"))
+    assert len(tiles) == max(1, -(-n_cells // TILE_CELLS))
+    assert {tile.topic for tile in tiles} == {"/dirprim/map"}
+
+
+def test_every_field_of_a_relaxation_has_its_place_in_the_message():
+    assert [f.name for f in dirprim_pb2.Relaxation.DESCRIPTOR.fields] == [f.name for f in fields(Relaxation)]
+
+
+def test_the_same_map_gives_the_same_bytes(tmp_path):
+    for name in ("a", "b"):
+        save_map(some_map(50), tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_an_existing_file_is_kept_without_force(tmp_path):
+    path = tmp_path / "map.mcap"
+    save_map(some_map(5), path)
+    with pytest.raises(OutputExistsError, match=r"map\.mcap"):
+        save_map(some_map(6), path)
+    assert_equal(load_map(path), some_map(5))
+    save_map(some_map(6), path, force=True)
+    assert_equal(load_map(path), some_map(6))
+
+
+def test_a_log_that_is_no_map_is_told(tmp_path):
+    with McapLog(tmp_path / "log.mcap", metadata={}) as log:
+        log.write("/tf", frame_transform(0), 0)
+    with pytest.raises(RecordingError, match=r"log\.mcap: expected a map.*dirprim learn"):
+        load_map(tmp_path / "log.mcap")
+    (tmp_path / "text").write_text("no log at all")
+    with pytest.raises(RecordingError, match="expected an MCAP log"):
+        load_map(tmp_path / "text")
+
+
+def write_tiles(path, tiles):
+    with McapLog(path, metadata={}) as log:
+        for tile in tiles:
+            log.write(MAP_TOPIC, tile, 0)
+
+
+def test_tiles_may_come_in_any_order(tmp_path):
+    sent = some_map(2 * TILE_CELLS + 9)
+    write_tiles(tmp_path / "map.mcap", reversed(list(encode_tiles(sent))))
+    assert_equal(load_map(tmp_path / "map.mcap"), sent)
+
+
+def without_weight(tile):
+    tile.cells.weight.pop()
+
+
+def of_a_huge_count(tile):
+    tile.n_modes = 2**31
+
+
+def of_many_tiles(tile):
+    tile.n_tiles = 2**31
+
+
+def of_an_endless_grid(tile):
+    tile.grid.n_x = tile.grid.n_y = 2**40
+
+
+def of_other_weights(tile):
+    tile.cells.weight[0] += 1.0
+
+
+def of_no_number(tile):
+    tile.cells.rate[0] = np.nan
+
+
+def of_unknown_cells(tile):
+    tile.ClearField("grid")
+
+
+def of_no_place_free_row(tile):
+    tile.ClearField("place_free")
+
+
+@pytest.mark.parametrize(
+    ("harm", "told"),
+    [
+        (without_weight, "weight: expected 30 numbers, got 29"),
+        (of_a_huge_count, "weight: expected 21474836480 numbers, got 30"),
+        (of_many_tiles, "expected tiles 0 to 2147483647, got 1"),
+        (of_an_endless_grid, "squares, more than"),
+        (of_other_weights, "expected to sum to one"),
+        (of_no_number, "rate: expected finite"),
+        (of_unknown_cells, "expected the cells of a grid"),
+        (of_no_place_free_row, "weight: expected 3 numbers, got 0"),
+    ],
+)
+def test_a_harmed_tile_is_told_in_one_line(tmp_path, harm, told):
+    (tile,) = encode_tiles(some_map(10))
+    harm(tile)
+    write_tiles(tmp_path / "map.mcap", [tile])
+    with pytest.raises(RecordingError, match=told) as caught:
+        load_map(tmp_path / "map.mcap")
+    assert "map.mcap" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_a_doubled_and_a_foreign_tile_are_told(tmp_path):
+    tiles = list(encode_tiles(some_map(TILE_CELLS + 9)))
+    foreign = list(encode_tiles(some_map(TILE_CELLS + 9, seed=1)))
+    for name, part, told in (
+        ("a", tiles[:1], "expected tiles 0 to 1, got 1"),
+        ("b", [tiles[0], tiles[0]], "tile 0: expected once"),
+        ("c", [tiles[0], foreign[1]], "tiles of several"),
+    ):
+        write_tiles(tmp_path / name, part)
+        with pytest.raises(RecordingError, match=told):
+            load_map(tmp_path / name)
+
+
+def test_a_damaged_map_is_told(tmp_path):
+    path = tmp_path / "map.mcap"
+    save_map(some_map(500), path)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"map\.mcap: not a whole map.*damaged"):
+        load_map(path)

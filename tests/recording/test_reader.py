@@ -1,0 +1,313 @@
+"""Tracks, detections and summaries out of logs that other software wrote."""
+
+import json
+import logging
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf import descriptor_pool
+from mcap.reader import make_reader
+from mcap_files import DATA, scene, write_protobuf_log
+from mcap_protobuf.decoder import DecoderFactory
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.recording.errors import DecodeError, NoTracksError
+from dirprim_filter.recording.reader import (
+    inspect,
+    read_estimates,
+    read_track_logs,
+    read_tracks,
+    stream_detections,
+)
+from dirprim_filter.recording.writer import write_tracks
+from dirprim_filter.tracks import Tracks
+
+OSI_LOGS = [
+    "MovingHostWith3DModel",
+    "MovingHostWithStopLine",
+    "disappearingVehicle",
+    "testBrakeAndIndicatorLights",
+    "omega_prime/osi_centerline_example",
+]
+STEP_NS = 100_000_000
+
+
+def osi_log(name):
+    path = DATA / "mcap_osi" / f"{name}.mcap"
+    if not path.exists():
+        pytest.skip(f"real logs are not at {path.parent}")
+    return path
+
+
+def decoded(path):
+    """Rows of a log by the stock reader and decoder: id, time, position, velocity or None."""
+    with path.open("rb") as file:
+        for schema, _, message, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            truth = view if schema.name == "osi3.GroundTruth" else view.global_ground_truth
+            for mover in truth.moving_object:
+                base = mover.base
+                velocity = (base.velocity.x, base.velocity.y) if base.HasField("velocity") else None
+                yield mover.id.value, message.log_time, (base.position.x, base.position.y), velocity
+
+
+def circling(n=40, name="7", radius=20.0, start=0):
+    """One vehicle on a circle, 10 Hz, as scenes of one object each: (topic, log time, scene)."""
+    angle = 0.05 * np.arange(n)
+    return [
+        ("/markers", start + i * STEP_NS, scene([(name, radius * np.cos(a), radius * np.sin(a))], stamp_s=i))
+        for i, a in enumerate(angle)
+    ]
+
+
+@pytest.mark.parametrize("name", OSI_LOGS)
+def test_osi_rows_are_those_of_the_stock_decoder(name):
+    path = osi_log(name)
+    rows = sorted(decoded(path), key=lambda row: (row[1], row[0]))
+    tracks = read_tracks(path)
+    order = np.lexsort((tracks.track_id, tracks.time_ns))
+    assert tracks.track_id[order].tolist() == [row[0] for row in rows]
+    assert tracks.time_ns[order].tolist() == [row[1] for row in rows]
+    np.testing.assert_array_equal(tracks.position[order], [row[2] for row in rows])
+    velocity = tracks.speed[:, None] * np.stack([np.cos(tracks.direction), np.sin(tracks.direction)], -1)
+    if all(row[3] for row in rows):
+        np.testing.assert_allclose(velocity[order], [row[3] for row in rows], atol=1e-2)
+
+
+@pytest.mark.parametrize("name", OSI_LOGS)
+def test_osi_direction_and_speed_agree_with_where_the_vehicles_go(name):
+    """Integrated over a track, velocity leads from its first position to its last."""
+    tracks = read_tracks(osi_log(name))
+    velocity = tracks.speed[:, None] * np.stack([np.cos(tracks.direction), np.sin(tracks.direction)], -1)
+    for vehicle in np.unique(tracks.track_id):
+        rows = tracks.track_id == vehicle
+        seconds = np.diff(tracks.time_ns[rows])[:, None] * 1e-9
+        travelled = np.sum(seconds * (velocity[rows][1:] + velocity[rows][:-1]) / 2, axis=0)
+        moved = tracks.position[rows][-1] - tracks.position[rows][0]
+        assert np.linalg.norm(travelled - moved) < 0.3 + 0.03 * np.linalg.norm(moved)
+
+
+def test_standing_osi_vehicles_point_where_their_body_does():
+    tracks = read_tracks(osi_log("testBrakeAndIndicatorLights"))
+    standing = tracks.speed < 1e-6
+    assert standing.any()
+    np.testing.assert_allclose(tracks.direction[standing], 1.5708, atol=0.1)
+
+
+def test_the_stream_gives_the_same_rows_as_the_tracks():
+    path = osi_log("omega_prime/osi_centerline_example")
+    stream = stream_detections(path)
+    frames = list(stream)
+    tracks = read_tracks(path)
+    times = [np.unique(frame.time_ns).tolist() for frame in frames]
+    assert [len(t) for t in times] == [1] * 91
+    assert times == sorted(times)
+    expected = {
+        (str(i), t, *p) for i, t, p in zip(tracks.track_id, tracks.time_ns, tracks.position.tolist(), strict=True)
+    }
+    got = {(str(i), t, *p) for f in frames for i, t, p in zip(f.track_id, f.time_ns, f.position.tolist(), strict=True)}
+    assert got == expected
+    assert stream.damage == []
+    assert stream.dropped.total == 0
+
+
+def test_velocity_is_differenced_where_a_scene_tells_none(tmp_path):
+    path = write_protobuf_log(tmp_path / "log.mcap", circling())
+    tracks = read_tracks(path)
+    inner = slice(5, -5)
+    assert tracks.track_id.tolist() == [7] * 40
+    np.testing.assert_allclose(tracks.speed[inner], 20.0 * 0.5, rtol=5e-3)
+    tangent = np.arctan2(tracks.position[:, 1], tracks.position[:, 0]) + np.pi / 2
+    np.testing.assert_allclose(np.cos(tracks.direction - tangent)[inner], 1.0, atol=1e-6)
+
+
+def test_velocity_of_the_metadata_counts_only_where_a_track_has_it_throughout(tmp_path):
+    told, partly = circling(name="told"), circling(name="partly")
+    for i, (_, _, update) in enumerate(told + partly):
+        if i != len(told) + 3:
+            update.entities[0].metadata.add(key="speed_mps", value="3.25")
+            update.entities[0].metadata.add(key="direction_rad", value="0.5")
+            update.entities[0].metadata.add(key="group", value="-4")
+    tracks = read_tracks(write_protobuf_log(tmp_path / "log.mcap", told + partly))
+    is_told = tracks.track_id == "told"
+    assert set(tracks.speed[is_told]) == {3.25}
+    assert set(tracks.direction[is_told]) == {0.5}
+    assert set(tracks.group[is_told]) == {-4}
+    np.testing.assert_allclose(tracks.speed[~is_told], 10.0, rtol=5e-3)
+
+
+def test_entities_without_a_cube_are_no_objects(tmp_path):
+    messages = circling(n=5)
+    for _, _, update in messages:
+        update.entities.add(id="lane").lines.add()
+    assert read_tracks(write_protobuf_log(tmp_path / "log.mcap", messages)).n_tracks == 1
+
+
+def test_bad_rows_and_messages_are_counted_and_cost_no_others(tmp_path, caplog):
+    messages = circling(n=10)
+    messages[4][2].entities.add(id="8").cubes.add().pose.position.x = float("nan")
+    messages[5][2].entities.extend([messages[4][2].entities[0]] * 2)
+    messages[6][2].entities.add(id="x" * 1000).cubes.add()
+    messages.insert(7, ("/markers", 650_000_000, b"\xff\xff no protobuf"))
+    path = write_protobuf_log(tmp_path / "log.mcap", messages)
+    with caplog.at_level(logging.WARNING):
+        log = read_track_logs(path)
+    assert len(log.tracks) == 10
+    assert (log.dropped.invalid, log.dropped.repeated, log.dropped.undecodable) == (2, 2, 1)
+    assert log.dropped.total == 5
+    assert log.damage == ()
+    assert "log.mcap: left out 1 messages that cannot be decoded, 2 rows" in caplog.text
+    with pytest.raises(DecodeError, match=r"log.mcap: topic /markers, message at 650000000 ns"):
+        read_tracks(path, strict=True)
+
+
+def test_header_time_is_that_of_the_contents_and_going_back_in_it_is_counted(tmp_path):
+    messages = circling(n=10)
+    messages[3], messages[4] = (
+        ("/markers", m[1], n[2]) for m, n in ((messages[3], messages[4]), (messages[4], messages[3]))
+    )
+    messages[9][2].entities[0].ClearField("timestamp")
+    path = write_protobuf_log(tmp_path / "log.mcap", messages)
+    tracks = read_tracks(path, time_source="header", start_ns=2_000_000_000, end_ns=8_000_000_000)
+    assert tracks.time_ns.tolist() == [s * 1_000_000_000 for s in range(2, 8)]
+    stream = stream_detections(path, time_source="header")
+    assert [int(f.time_ns[0]) // 1_000_000_000 for f in stream] == [0, 1, 2, 4, 5, 6, 7, 8]
+    assert (stream.dropped.backward, stream.dropped.untimed) == (1, 1)
+
+
+def test_messages_of_one_time_are_one_instant(tmp_path):
+    messages = [
+        (topic, time_ns, scene([(name, float(time_ns), 0.0), ("both", 1.0, 0.0)]))
+        for time_ns in (10, 20)
+        for topic, name in (("/left", "a"), ("/right", "b"))
+    ]
+    stream = stream_detections(write_protobuf_log(tmp_path / "log.mcap", messages), topics="/left|/right")
+    frames = list(stream)
+    assert [f.time_ns.tolist() for f in frames] == [[10] * 3, [20] * 3]
+    assert [f.track_id.tolist() for f in frames] == [["a", "both", "b"]] * 2
+    assert stream.dropped.repeated == 2
+
+
+def test_several_logs_keep_their_vehicles_and_groups_apart(tmp_path):
+    (tmp_path / "x").mkdir()
+    a = write_protobuf_log(tmp_path / "a.mcap", circling(n=5) + circling(n=5, name="own"))
+    b = write_protobuf_log(tmp_path / "b.mcap", circling(n=6))
+    same = write_protobuf_log(tmp_path / "x" / "b.mcap", circling(n=7))
+    tracks = read_tracks([a, b, same])
+    names, counts = np.unique(tracks.track_id, return_counts=True)
+    assert dict(zip(names.tolist(), counts.tolist(), strict=True)) == {
+        "a/7": 5,
+        "own": 5,
+        "b-1/7": 6,
+        "b-2/7": 7,
+    }
+    groups = {name: set(tracks.group[tracks.track_id == name].tolist()) for name in names}
+    assert groups == {"a/7": {0}, "own": {0}, "b-1/7": {1}, "b-2/7": {2}}
+    with pytest.raises(ValueError, match="at least one log"):
+        read_tracks([])
+
+
+def straight(n=20, noise=0.0):
+    return Tracks(
+        track_id=np.full(n, 5), time_ns=np.arange(n) * STEP_NS,
+        position=np.stack([np.arange(n) * 1.0, np.full(n, noise)], -1),
+        direction=np.zeros(n), speed=np.full(n, 10.0),
+    )  # fmt: skip
+
+
+def test_tracks_come_from_our_own_topic_and_detections_from_theirs(tmp_path):
+    path = tmp_path / "log.mcap"
+    write_tracks(straight(), path, detections=Detections.of(straight(noise=0.7)))
+    assert set(read_tracks(path).position[:, 1]) == {0.0}
+    stream = stream_detections(path)
+    assert stream.topics == {"/detections"}
+    assert {float(frame.position[0, 1]) for frame in stream} == {0.7}
+    assert set(read_tracks(path, topics="/detections").position[:, 1]) == {0.7}
+
+
+def test_of_several_scenes_the_one_with_objects_and_most_messages_is_read(tmp_path, caplog):
+    short = [("/short", t, m) for _, t, m in circling(n=5)]
+    ours = [("/dirprim/tracks/scene", t, m) for _, t, m in circling(n=90)]
+    lanes = [("/lanes", t, scene([])) for t in range(100)]
+    for _, _, update in lanes:
+        update.entities.add(id="0").lines.add()
+    path = write_protobuf_log(tmp_path / "log.mcap", circling(n=30) + short + ours + lanes)
+    with caplog.at_level(logging.INFO):
+        assert len(read_tracks(path)) == 30
+    assert "of the topics /markers, /short, /markers is read" in caplog.text
+    assert len(read_tracks(path, topics="/sho.*")) == 5
+    assert len(read_tracks(path, topics="/dirprim/tracks/scene")) == 90
+
+
+def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path):
+    path = write_protobuf_log(tmp_path / "log.mcap", [("/pose", 1, PoseInFrame()), ("/lanes", 1, scene([]))])
+    with pytest.raises(NoTracksError) as told:
+        read_tracks(path)
+    for part in (
+        "log.mcap",
+        "/pose (foxglove.PoseInFrame)",
+        "/lanes (foxglove.SceneUpdate)",
+        "osi3.GroundTruth",
+    ):
+        assert part in str(told.value)
+    assert "\n" not in str(told.value)
+    with pytest.raises(NoTracksError, match="/nothing"):
+        stream_detections(path, topics="/nothing")
+    with pytest.raises(NoTracksError, match="/dirprim/tracks"):
+        read_estimates(path)
+    with pytest.raises(ValueError, match="regular expression"):
+        read_tracks(path, topics="(")
+
+
+def test_an_osi_schema_that_is_no_descriptor_set_costs_its_messages(tmp_path):
+    from mcap.writer import Writer
+
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("osi3.GroundTruth", "protobuf", b"\xff\xff\xff")
+        writer.add_message(writer.register_channel("/truth", "protobuf", schema), 1, b"", 1)
+        writer.finish()
+    with pytest.raises(NoTracksError, match="/truth"):
+        read_tracks(path)
+    with pytest.raises(DecodeError, match="FileDescriptorSet"):
+        read_tracks(path, topics="/truth", strict=True)
+
+
+def test_reading_osi_leaves_the_default_descriptor_pool_alone():
+    read_tracks(osi_log("disappearingVehicle"))
+    with pytest.raises(KeyError):
+        descriptor_pool.Default().FindMessageTypeByName("osi3.SensorView")
+
+
+def test_inspect_counts_what_the_stock_reader_counts():
+    path = osi_log("omega_prime/osi_centerline_example")
+    summary = inspect(path).as_json()
+    assert json.loads(json.dumps(summary)) == summary
+    with path.open("rb") as file:
+        stock = make_reader(file).get_summary().statistics
+    assert summary == {
+        "topics": [
+            {
+                "name": "ground_truth", "schema": "osi3.GroundTruth", "encoding": "protobuf",
+                "messages": stock.message_count, "tracks": len({row[0] for row in decoded(path)}),
+            }
+        ],
+        "messages": stock.message_count,
+        "start_ns": stock.message_start_time,
+        "end_ns": stock.message_end_time,
+        "damage": [],
+    }  # fmt: skip
+
+
+def test_inspect_tells_tracks_only_of_schemas_that_carry_them_and_damage(tmp_path):
+    path = write_protobuf_log(tmp_path / "log.mcap", [*circling(n=5), ("/pose", 1, PoseInFrame())])
+    path.write_bytes(path.read_bytes()[:-8])
+    summary = inspect(path)
+    assert [(topic.name, topic.messages, topic.tracks) for topic in summary.topics] == [
+        ("/markers", 5, 1), ("/pose", 1, None),
+    ]  # fmt: skip
+    assert [damage["kind"] for damage in summary.as_json()["damage"]] == ["magic"]
+    empty = inspect(write_protobuf_log(tmp_path / "empty.mcap", []))
+    assert (empty.topics, empty.messages, empty.start_ns, empty.end_ns) == ((), 0, None, None)

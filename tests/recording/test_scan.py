@@ -1,0 +1,181 @@
+"""The scan against the stock writer and reader, and against the MCAP project's own conformance files."""
+
+import json
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType
+from mcap_files import CHUNK, DATA, log_bytes, records
+
+from dirprim_filter.recording.scan import scan
+
+CONFORMANCE = DATA / "mcap_conformance"
+LAYOUTS = [
+    {"compression": CompressionType.ZSTD, "chunk_size": 400},
+    {"compression": CompressionType.LZ4, "chunk_size": 400},
+    {"compression": CompressionType.NONE, "chunk_size": 400, "enable_data_crcs": True},
+    {"compression": CompressionType.ZSTD, "chunk_size": 400, "enable_crcs": False},
+    {"compression": CompressionType.ZSTD, "chunk_size": 400, "index_types": IndexType.NONE},
+    {
+        "compression": CompressionType.ZSTD,
+        "chunk_size": 400,
+        "repeat_channels": False,
+        "repeat_schemas": False,
+    },
+    {"compression": CompressionType.NONE, "use_chunking": False, "enable_data_crcs": True},
+]
+
+
+def jittered(n=300):
+    """Messages whose times go back and forth over several chunks, some of them equal."""
+    rng = np.random.default_rng(7)
+    times = 1_000_000 + np.arange(n) // 2 * 10 + rng.integers(0, 200, n)
+    return [(f"/topic{i % 3}", int(time), bytes([i % 251]) * int(rng.integers(0, 60))) for i, time in enumerate(times)]
+
+
+@pytest.fixture
+def log_file(tmp_path):
+    def write(data):
+        path = tmp_path / "log.mcap"
+        path.write_bytes(data)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_delivers_all_messages_in_stable_order_of_log_time(log_file, layout):
+    sent = jittered()
+    log = scan(log_file(log_bytes(sent, **layout)))
+    expected = sorted(enumerate(sent), key=lambda item: item[1][1])
+    got = [(m.sequence, (m.topic, m.log_time_ns, m.data)) for m in log]
+    assert got == expected
+    assert log.damage == []
+    assert all(m.publish_time_ns == m.log_time_ns + 1 for m in log)
+    message = next(iter(log))
+    assert (message.schema_name, message.schema_encoding, message.schema_data, message.message_encoding) == (
+        "Blob", "none", b"definition", "blob",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_topic_filter_delivers_what_filtering_afterwards_would(log_file, layout):
+    path = log_file(log_bytes(jittered(), **layout))
+    assert list(scan(path, topics=lambda topic: topic == "/topic1")) == [m for m in scan(path) if m.topic == "/topic1"]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_channels_are_known_before_the_first_message(log_file, layout):
+    log = scan(log_file(log_bytes(jittered(), **layout)))
+    assert sorted(channel.topic for channel in log.channels()) == ["/topic0", "/topic1", "/topic2"]
+
+
+def test_can_be_iterated_again(log_file):
+    log = scan(log_file(log_bytes(jittered())[:-60]))
+    first, damage = list(log), list(log.damage)
+    assert list(log) == first
+    assert log.damage == damage != []
+
+
+def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
+    """The first chunk in the file, which defines the channel, is last in time; no summary helps."""
+    late, early = ("/a", 10_000, b"x" * 900), ("/a", 10, b"y" * 900)
+    data = log_bytes([late, early], chunk_size=600, repeat_channels=False, repeat_schemas=False)
+    assert len([r for r in records(data) if r[0] == CHUNK]) == 2
+    log = scan(log_file(data))
+    assert [(m.topic, m.log_time_ns) for m in log] == [("/a", 10), ("/a", 10_000)]
+    assert log.damage == []
+
+
+def test_holds_no_more_than_the_chunks_that_overlap(log_file):
+    sent = [("/a", i, b"z" * 90) for i in range(2000)]
+    log = scan(log_file(log_bytes(sent, chunk_size=1000)))
+    opened = []
+    read = log._messages
+    log._messages = lambda chunk: opened.append(chunk) or read(chunk)
+    messages = iter(log)
+    for _ in range(20):
+        next(messages)
+    assert len(opened) <= 4
+
+
+def test_metadata_records(tmp_path):
+    from mcap.writer import Writer
+
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("dirprim", {"seed": "3"})
+        writer.finish()
+    assert scan(path).metadata == [("dirprim", {"seed": "3"})]
+
+
+def test_equals_the_stock_reader_on_real_logs():
+    paths = sorted((DATA / "mcap_osi").rglob("*.mcap")) + sorted((DATA / "mcap_rosbag2").rglob("*.mcap"))
+    if not paths:
+        pytest.skip(f"real logs are not at {DATA}")
+    for path in paths:
+        log = scan(path)
+        got = [(m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data, m.schema_name) for m in log]
+        assert log.damage == []
+        with path.open("rb") as file:
+            stock = [
+                (c.topic, m.log_time, m.publish_time, m.sequence, m.data, s.name if s else "")
+                for s, c, m in make_reader(file).iter_messages()
+            ]
+        assert sorted(got) == sorted(stock)
+        assert [row[1] for row in got] == sorted(row[1] for row in stock)
+
+
+def test_conformance_files_read_to_what_their_json_says():
+    described = sorted(path for path in CONFORMANCE.glob("*/*.json") if path.parent.name != "old_history")
+    if not described:
+        pytest.skip(f"conformance files are not at {CONFORMANCE}")
+    assert len(described) == 416
+    for path in described:
+        log = scan(path.with_suffix(".mcap"))
+        expected, metadata = _described(json.loads(path.read_text())["records"])
+        assert [_as_row(message) for message in log] == expected, path.name
+        assert log.metadata == metadata, path.name
+        assert log.damage == [], path.name
+
+
+def test_files_of_older_writers_read_without_an_exception():
+    paths = sorted((CONFORMANCE / "old_history").glob("*.mcap"))
+    if not paths:
+        pytest.skip(f"conformance files are not at {CONFORMANCE}")
+    for path in paths:
+        n_messages = len(list(scan(path)))
+        assert n_messages == (10 if path.name.startswith("TenMessages") else 0), path.name
+
+
+def _as_row(message):
+    return (
+        message.log_time_ns, message.publish_time_ns, message.sequence, message.topic, message.data,
+        message.message_encoding, message.schema_name, message.schema_encoding, message.schema_data,
+    )  # fmt: skip
+
+
+def _described(parts):
+    """What a reader must see: the messages in order of log time, and the metadata records."""
+    schemas = {"0": {"name": "", "encoding": "", "data": []}}
+    channels, rows, metadata = {}, [], []
+    for part in parts:
+        values = dict(part["fields"])
+        if part["type"] == "Schema":
+            schemas[values["id"]] = values
+        elif part["type"] == "Channel":
+            channels[values["id"]] = values
+        elif part["type"] == "Metadata":
+            metadata.append((values["name"], values["metadata"]))
+        elif part["type"] == "Message":
+            channel = channels[values["channel_id"]]
+            schema = schemas[channel["schema_id"]]
+            times = [int(values[name]) for name in ("log_time", "publish_time", "sequence")]
+            rows.append((
+                *times, channel["topic"], bytes(map(int, values["data"])), channel["message_encoding"],
+                schema["name"], schema["encoding"], bytes(map(int, schema["data"])),
+            ))  # fmt: skip
+    return sorted(rows, key=lambda row: row[0]), metadata

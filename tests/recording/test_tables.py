@@ -1,0 +1,287 @@
+"""Tables to tracks: what is good is kept exactly, what is bad is counted or told in one line."""
+
+import csv
+import logging
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.tables import delimited, read_csv, read_sdd, read_sumo_fcd, sumo_fcd
+
+DATA = Path(__file__).parents[2] / "../shared/data"
+real_data = pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
+
+HEADER = "time_s,track_id,x_m,y_m,heading_rad,speed_mps"
+
+
+def table(tmp_path, text, name="table.csv"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_columns_are_found_by_name_in_any_order(tmp_path, caplog):
+    header = "speed_mps,lane,y_m,time_s,group,x_m,track_id,heading_rad"
+    text = f"{header}\n5,L1,2,0.1,3,1,a,-0.5\n6,L1,4,0.2,3,2,a,0.25\n"
+    with caplog.at_level(logging.INFO):
+        read = read_csv(table(tmp_path, text))
+    tracks = read.tracks
+    assert "columns ignored: lane" in caplog.text
+    assert tracks.track_id.tolist() == ["a", "a"]
+    assert tracks.time_ns.tolist() == [100_000_000, 200_000_000]
+    assert tracks.position.tolist() == [[1.0, 2.0], [2.0, 4.0]]
+    assert tracks.direction.tolist() == [-0.5, 0.25]
+    assert tracks.speed.tolist() == [5.0, 6.0]
+    assert tracks.group.tolist() == [3, 3]
+    assert (read.dropped, read.notes) == ({}, {})
+
+
+@pytest.mark.parametrize("start", ["0", "1700000000", "-1700000000", "999998", "1000000", "8999999000"])
+def test_tenths_of_a_second_are_exact_at_any_epoch(tmp_path, start):
+    rows = [f"{Decimal(start) + Decimal(i) / 10},1,{i},0,0,1" for i in range(40)]
+    tracks = read_csv(table(tmp_path, "\n".join([HEADER, *rows]))).tracks
+    assert tracks.time_ns.tolist() == [int(start) * 10**9 + i * 10**8 for i in range(40)]
+
+
+def test_times_in_nanoseconds_are_exact(tmp_path):
+    rows = ["1700000000.123456789,1,0,0,0,1", "1.7000000011234567891e9,1,1,0,0,1", "0.000000001,1,2,0,0,1"]
+    tracks = read_csv(table(tmp_path, "\n".join([HEADER, *rows]))).tracks
+    assert tracks.time_ns.tolist() == [1, 1_700_000_000_123_456_789, 1_700_000_001_123_456_789]
+
+
+def test_bad_rows_are_dropped_and_counted_and_good_ones_kept(tmp_path, monkeypatch):
+    rows = [
+        "0.0,a,0,0,0,1",
+        "0.2,a,2,0,0,1",
+        "0.1,a,1,0,0,1",
+        "0.1,a,9,9,0,1",
+        "0.3,a,nan,0,0,1",
+        "0.4,a,,0,0,1",
+        ",a,4,0,0,1",
+        "",
+        "0.5,a,5,0,0,inf",
+        "0.6,a,6,0,0,-1",
+        "0.1,b,7,0,0,1",
+    ]
+    for block_rows in (delimited.BLOCK_ROWS, 2):
+        monkeypatch.setattr(delimited, "BLOCK_ROWS", block_rows)
+        read = read_csv(table(tmp_path, "\n".join([HEADER, *rows])))
+        assert read.dropped == {
+            "a number that is missing or not finite": 4,
+            "negative speed": 1,
+            "a second row of a vehicle at one time": 1,
+        }
+        assert list(read.notes.values()) == [1]
+        assert len(read.tracks) + sum(read.dropped.values()) == len([r for r in rows if r])
+        assert read.tracks.position[:, 0].tolist() == [0.0, 1.0, 7.0, 2.0]
+
+
+def test_an_id_in_two_groups_is_two_vehicles(tmp_path):
+    rows = ["0.0,7,1,0,0,1,1", "0.0,7,2,0,0,1,2", "0.1,8,3,0,0,1,2"]
+    read = read_csv(table(tmp_path, "\n".join([f"{HEADER},group", *rows])))
+    assert read.tracks.track_id.tolist() == ["1/7", "2/7", "2/8"]
+    assert list(read.notes.values()) == [1]
+    apart = read_csv(table(tmp_path, "\n".join([f"{HEADER},group", rows[0], rows[2]])))
+    assert apart.tracks.track_id.tolist() == [7, 8]
+    assert apart.notes == {}
+
+
+def test_motion_is_differenced_where_the_table_has_none(tmp_path):
+    rows = [f"{0.1 * i:.1f},v,{3 * 0.1 * i:.4f},{4 * 0.1 * i:.4f}" for i in range(20)]
+    read = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows, "90,v,0,0"])))
+    np.testing.assert_allclose(read.tracks.speed, 5.0, rtol=1e-9)
+    np.testing.assert_allclose(read.tracks.direction, np.arctan2(4, 3), rtol=1e-9)
+    assert read.dropped == {"alone in time, so that no velocity can be derived": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "expected columns time_s, track_id, x_m, y_m"),
+        ("time_s;track_id;x_m;y_m\n", "separated by commas"),
+        ("time_s,track_id,x_m\n0,1,2\n", r"line 1: expected columns.*missing: y_m"),
+        (f"{HEADER}\n", "rows after the header"),
+        ("time_ms,track_id,x_m,y_m\n", r"column time_s, got time_ms; divide by 1e3, and name it time_s"),
+        ("time_s,track_id,x_ft,y_ft\n", r"column x_m, got x_ft; multiply by 0\.3048"),
+        ("time_s,track_id,x,y\n", r"column x_m, got x; convert it where the unit differs, and name it x_m"),
+        (
+            "time_s,track_id,x_m,y_m,heading_deg,speed_mps\n",
+            "column heading_rad, got heading_deg; multiply by pi/180",
+        ),
+        (
+            "time_s,track_id,x_m,y_m,heading_rad,speed_kmh\n",
+            r"column speed_mps, got speed_kmh; divide by 3\.6",
+        ),
+        ("time_s,track_id,x_m,y_m,x_m\n", "one column x_m, got 2"),
+        (f"{HEADER}\n0,1,2,3,0,1\n0,1,2,fast,0,1\n", r"line 3: expected a number as y_m, got 'fast'"),
+        (f"{HEADER}\n\n\n0,1,2,3,0,1\nsoon,1,2,3,0,1\n", r"line 5: expected a number as time_s, got 'soon'"),
+        (f"{HEADER}\n0,1,2,3,0\n", r"line 2: expected 6 cells, got 5"),
+        (f'{HEADER}\n0,"1\n', "unexpected end of data"),
+        (
+            f"{HEADER}\n1700000000000,1,2,3,0,1\n",
+            r"line 2: expected seconds as time_s, got 1\.7e\+12; divide by 1e3",
+        ),
+        (f"{HEADER},group\n0,1,2,3,0,1,red\n", "a whole number as group, got 'red'"),
+        (f"{HEADER},group\n0,1,2,3,0,1,{2**70}\n", "a whole number as group"),
+    ],
+)
+def test_a_wrong_table_is_told_in_one_line(tmp_path, text, told):
+    with pytest.raises(TableError, match=told) as caught:
+        read_csv(table(tmp_path, text))
+    assert "table.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_text_that_is_not_utf8_is_told(tmp_path):
+    (tmp_path / "a.csv").write_bytes(f"{HEADER}\n0,M\xfcller,2,3,0,1\n".encode("latin-1"))
+    with pytest.raises(TableError, match="UTF-8"):
+        read_csv(tmp_path / "a.csv")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_name(tmp_path):
+    (tmp_path / "a.csv").write_text(f"{HEADER}\n0,1,2,3,0,1\n", encoding="utf-8-sig")
+    assert len(read_csv(tmp_path / "a.csv").tracks) == 1
+
+
+def test_degrees_in_a_column_of_radians_are_suspected(tmp_path, caplog):
+    read_csv(table(tmp_path, f"{HEADER}\n0,1,2,3,270,1\n"))
+    assert "is it in degrees?" in caplog.text
+
+
+SDD = """\
+0 10 20 30 60 0 0 0 0 "Cart"
+0 20 20 40 60 15 0 0 1 "Cart"
+0 30 20 50 60 30 0 1 1 "Cart"
+0 30 20 50 60 45 1 0 1 "Cart"
+1 0 0 2 4 0 0 0 0 "Biker"
+1 0 -60 2 -56 30 0 0 0 "Biker"
+"""
+
+
+def test_sdd_boxes_become_centres_with_north_up(tmp_path):
+    read = read_sdd(table(tmp_path, SDD, "annotations.txt"), metres_per_pixel=0.1)
+    assert read.dropped == {"marked as lost": 1}
+    cart = read.tracks[read.tracks.track_id == 0]
+    np.testing.assert_allclose(cart.position, [[2, -4], [3, -4], [4, -4]])
+    assert cart.time_ns.tolist() == [0, 500_000_000, 1_000_000_000]
+    np.testing.assert_allclose(cart.speed, 2.0)
+    np.testing.assert_allclose(cart.direction, 0.0)
+    biker = read.tracks[read.tracks.track_id == 1]
+    np.testing.assert_allclose(biker.direction, np.pi / 2)  # up in the image
+    np.testing.assert_allclose(biker.speed, 6.0)
+
+
+def test_sdd_keeps_the_labels_asked_for(tmp_path):
+    path = table(tmp_path, SDD, "annotations.txt")
+    read = read_sdd(path, metres_per_pixel=0.1, frames_per_second=15.0, labels=["Biker"])
+    assert read.dropped == {"marked as lost": 1, "of another label": 3}
+    assert set(read.tracks.track_id) == {1}
+    assert read.tracks.time_ns.tolist() == [0, 2_000_000_000]
+
+
+def test_sdd_errors_are_told(tmp_path):
+    with pytest.raises(TableError, match=r"line 2: expected 10 cells, got 3"):
+        read_sdd(table(tmp_path, SDD[: SDD.index("\n") + 1] + "1 2 3\n"), metres_per_pixel=0.1)
+    with pytest.raises(TableError, match=r"line 1: expected a number as xmin, got 'ten'"):
+        read_sdd(table(tmp_path, SDD.replace("10", "ten", 1)), metres_per_pixel=0.1)
+    with pytest.raises(ValueError, match="metres_per_pixel"):
+        read_sdd(table(tmp_path, SDD), metres_per_pixel=0.0)
+
+
+FCD = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<!-- generated by SUMO -->
+<fcd-export xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance">
+    <timestep time="0.10">
+        <vehicle id="a.0" x="1.5" y="-2.5" angle="90.00" speed="3.00" pos="5.1" lane="1_0" slope="0.0"/>
+        <person id="p" x="0" y="0" angle="0" speed="1"/>
+    </timestep>
+    <timestep time="0.20">
+        <vehicle id="a.0" x="1.8" y="-2.5" angle="0.00" speed="3.50" pos="5.4" lane="1_0" slope="0.0"/>
+        <vehicle id="b" x="7" y="8" angle="225.00" speed="0" pos="5.4" lane="1_0" slope="0.0"/>
+    </timestep>
+</fcd-export>
+"""
+
+
+def test_sumo_vehicles_turn_from_compass_to_direction(tmp_path, monkeypatch):
+    for block_rows in (sumo_fcd.BLOCK_ROWS, 1):
+        monkeypatch.setattr(sumo_fcd, "BLOCK_ROWS", block_rows)
+        read = read_sumo_fcd(table(tmp_path, FCD, "fcd.xml"))
+        assert read.dropped == {"persons and containers": 1}
+        assert read.tracks.track_id.tolist() == ["a.0", "a.0", "b"]
+        assert read.tracks.time_ns.tolist() == [100_000_000, 200_000_000, 200_000_000]
+        assert read.tracks.position.tolist() == [[1.5, -2.5], [1.8, -2.5], [7.0, 8.0]]
+        np.testing.assert_allclose(read.tracks.direction, [0.0, np.pi / 2, -3 * np.pi / 4], atol=1e-12)
+        assert read.tracks.speed.tolist() == [3.0, 3.5, 0.0]
+
+
+def test_sumo_without_speeds_is_differenced(tmp_path):
+    text = FCD.replace(' speed="3.50"', "")
+    read = read_sumo_fcd(table(tmp_path, text, "fcd.xml"))
+    np.testing.assert_allclose(read.tracks.speed, 3.0)
+    assert read.dropped["alone in time, so that no velocity can be derived"] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "no element found"),
+        (FCD[:300], r"expected well-formed xml"),
+        (
+            FCD.replace("<fcd-export", "<!DOCTYPE a [<!ENTITY b 'c'>]>\n<fcd-export"),
+            "line 3: expected no DOCTYPE",
+        ),
+        ("<net><edge/></net>", "expected an fcd-export, got <net>"),
+        ("<fcd-export><timestep time='0'/></fcd-export>", "expected vehicles"),
+        (FCD.replace('"0.20"', '"later"'), "line 8: expected seconds as time, got 'later'"),
+        (FCD.replace('x="7"', 'x="seven"'), "line 10: expected a number as x, got 'seven'"),
+        (FCD.replace('x="7"', ""), "line 10: expected x of a vehicle"),
+    ],
+)
+def test_a_wrong_fcd_is_told_in_one_line(tmp_path, text, told):
+    with pytest.raises(TableError, match=told) as caught:
+        read_sumo_fcd(table(tmp_path, text, "fcd.xml"))
+    assert "\n" not in str(caught.value)
+
+
+@real_data
+@pytest.mark.parametrize(
+    ("name", "n_rows", "n_tracks"),
+    [
+        ("lankershim/lankershim.csv", 92_626, 1584),
+        ("town03/roundabout.csv", 67_098, 540),
+        ("town03/intersection.csv", 48_887, 398),
+    ],
+)
+def test_real_csv_comes_whole_and_on_the_tenth(name, n_rows, n_tracks):
+    read = read_csv(DATA / name)
+    assert (len(read.tracks), read.tracks.n_tracks, read.dropped) == (n_rows, n_tracks, {})
+    assert (read.tracks.time_ns % 100_000_000 == 0).all()
+    with (DATA / name).open() as file:
+        slow = sorted(
+            (round(float(r["time_s"]) * 10), int(r["track_id"]), float(r["x_m"]), float(r["speed_mps"]))
+            for r in csv.DictReader(file)
+        )
+    fast = sorted(
+        zip(
+            (read.tracks.time_ns // 100_000_000).tolist(),
+            read.tracks.track_id.tolist(),
+            read.tracks.position[:, 0].tolist(),
+            read.tracks.speed.tolist(),
+            strict=True,
+        )
+    )
+    assert fast == slow
+
+
+@real_data
+@pytest.mark.parametrize(("video", "scale", "n_rows"), [("video2", 0.03948, 15_085), ("video4", 0.03898, 29_380)])
+def test_real_annotations_are_all_accounted_for(video, scale, n_rows):
+    read = read_sdd(DATA / "death_circle" / video / "annotations.txt", metres_per_pixel=scale)
+    assert len(read.tracks) + sum(read.dropped.values()) == n_rows
+    assert (read.tracks.speed > 25.0).mean() < 0.005  # some boxes jump when a lost track is found again
+    assert np.ptp(read.tracks.position, axis=0).max() < 100.0

@@ -1,0 +1,233 @@
+"""What `write_tracks` writes: read back exactly, in order, and safe from half-written files."""
+
+import hashlib
+from collections import defaultdict
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.message import DecodeError
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.recording.errors import OutputExistsError
+from dirprim_filter.recording.mcap_log import McapLog
+from dirprim_filter.recording.scan import scan
+from dirprim_filter.recording.scene import frame_transform
+from dirprim_filter.recording.schemas import dirprim_pb2
+from dirprim_filter.recording.schemas.dirprim import decode_observations, encode_observations
+from dirprim_filter.recording.writer import write_tracks
+from dirprim_filter.tracks import Tracks
+
+COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "group")
+
+
+def some_tracks(n_vehicles=7, n_instants=30, *, seed=0, named=False):
+    rng = np.random.default_rng(seed)
+    n = n_vehicles * n_instants
+    vehicle = rng.permutation(np.tile(np.arange(n_vehicles), n_instants))
+    order = np.argsort(vehicle, kind="stable")
+    instant = np.empty(n, np.int64)
+    instant[order] = np.tile(np.arange(n_instants), n_vehicles)
+    return Tracks(
+        track_id=np.array([f"car {v}" for v in vehicle]) if named else vehicle,
+        time_ns=1_700_000_000_000_000_000 + instant * 100_000_000,
+        position=rng.normal(scale=1e3, size=(n, 2)),
+        direction=rng.uniform(-np.pi, np.pi, n),
+        speed=rng.gamma(2.0, 5.0, n),
+        group=rng.integers(-3, 3, n_vehicles)[vehicle],
+    )
+
+
+def messages_by_topic(path):
+    found = defaultdict(list)
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            assert schema is not None
+            assert channel.message_encoding == schema.encoding == "protobuf"
+            assert message.publish_time == message.log_time
+            found[channel.topic].append((schema.name, message))
+    return found
+
+
+def test_every_message_says_the_same_as_the_rows(tmp_path):
+    tracks = some_tracks()
+    write_tracks(tracks, tmp_path / "a.mcap", detections=Detections.of(tracks))
+    found = messages_by_topic(tmp_path / "a.mcap")
+    assert {topic: messages[0][0] for topic, messages in found.items()} == {
+        "/tf": "foxglove.FrameTransform",
+        "/objects": "dirprim.Observations",
+        "/objects/scene": "foxglove.SceneUpdate",
+        "/detections": "dirprim.Observations",
+        "/detections/scene": "foxglove.SceneUpdate",
+    }
+    assert len(found["/tf"]) == 1
+    assert FrameTransform.FromString(found["/tf"][0][1].data).child_frame_id == "base_link"
+    assert found["/tf"][0][1].log_time == tracks.time_ns[0]
+    for topic in ("/objects", "/objects/scene", "/detections", "/detections/scene"):
+        assert [m.log_time for _, m in found[topic]] == np.unique(tracks.time_ns).tolist()
+        assert [m.sequence for _, m in found[topic]] == list(range(30))
+    row = 0
+    for (_, own), (_, drawn) in zip(found["/objects"], found["/objects/scene"], strict=True):
+        frame = decode_observations(own.data)
+        entities = SceneUpdate.FromString(drawn.data).entities
+        assert frame.stamp_ns == own.log_time
+        for i, entity in enumerate(entities):
+            cube, told = entity.cubes[0], {pair.key: pair.value for pair in entity.metadata}
+            assert entity.id == frame.track_id[i] == str(tracks.track_id[row])
+            assert (cube.pose.position.x, cube.pose.position.y) == tuple(frame.position[i])
+            assert tuple(frame.position[i]) == tuple(tracks.position[row])
+            assert float(told["direction_rad"]) == frame.direction[i] == tracks.direction[row]
+            assert float(told["speed_mps"]) == frame.speed[i] == tracks.speed[row]
+            assert int(told["group"]) == frame.group[i] == tracks.group[row]
+            yaw = 2 * np.arctan2(cube.pose.orientation.z, cube.pose.orientation.w)
+            assert np.cos(yaw - tracks.direction[row]) == pytest.approx(1.0)
+            assert entity.frame_locked
+            assert entity.lifetime.nanos == 150_000_000
+            row += 1
+    assert row == len(tracks)
+
+
+def test_detections_tell_positions_alone(tmp_path):
+    tracks = some_tracks()
+    later = Detections(
+        track_id=tracks.track_id[::-1],
+        time_ns=tracks.time_ns[::-1] + 50_000_000,
+        position=tracks.position[::-1],
+    )
+    write_tracks(tracks, tmp_path / "a.mcap", detections=later)
+    with (tmp_path / "a.mcap").open("rb") as file:
+        written = [m.log_time for _, _, m in make_reader(file).iter_messages(log_time_order=False)]
+    assert written == sorted(written)
+    _, message = messages_by_topic(tmp_path / "a.mcap")["/detections"][0]
+    frame = decode_observations(message.data)
+    assert np.isnan(frame.direction).all()
+    assert np.isnan(frame.speed).all()
+
+
+def test_the_metadata_record_names_producer_and_source(tmp_path):
+    write_tracks(some_tracks(), tmp_path / "a.mcap", metadata={"source": "x.csv"})
+    with (tmp_path / "a.mcap").open("rb") as file:
+        (record,) = make_reader(file).iter_metadata()
+    assert record.name == "dirprim"
+    assert record.metadata["producer"] == "dirprim-filter"
+    assert record.metadata["source"] == "x.csv"
+    assert "version" in record.metadata
+
+
+def test_the_same_tracks_give_the_same_bytes(tmp_path):
+    digests = set()
+    for name in ("a", "b"):
+        write_tracks(some_tracks(), tmp_path / name)
+        digests.add(hashlib.sha256((tmp_path / name).read_bytes()).digest())
+    assert len(digests) == 1
+    write_tracks(some_tracks(seed=1), tmp_path / "c")
+    assert hashlib.sha256((tmp_path / "c").read_bytes()).digest() not in digests
+
+
+def test_no_rows_give_a_log_that_reads(tmp_path):
+    write_tracks(some_tracks()[:0], tmp_path / "a.mcap")
+    assert messages_by_topic(tmp_path / "a.mcap") == {}
+
+
+def test_an_existing_file_is_kept_without_force(tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"precious")
+    with pytest.raises(OutputExistsError, match=r"a\.mcap"):
+        write_tracks(some_tracks(), path)
+    assert path.read_bytes() == b"precious"
+    write_tracks(some_tracks(), path, force=True)
+    assert len(messages_by_topic(path)["/objects"]) == 30
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_missing_is_told(tmp_path):
+    with pytest.raises(NotADirectoryError, match="existing folder"):
+        write_tracks(some_tracks(), tmp_path / "nowhere" / "a.mcap")
+
+
+def test_a_negative_time_is_refused_and_nothing_stays(tmp_path):
+    tracks = some_tracks()
+    early = Tracks(**{c: getattr(tracks, c) for c in COLUMNS} | {"time_ns": tracks.time_ns - tracks.time_ns[50]})
+    with pytest.raises(ValueError, match="time_ns"):
+        write_tracks(early, tmp_path / "a.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("error", "stays"), [(KeyboardInterrupt, True), (RuntimeError, False)])
+def test_an_interrupted_log_reads_and_a_failed_one_is_gone(tmp_path, error, stays):
+    path = tmp_path / "a.mcap"
+
+    def interrupted():
+        with McapLog(path, metadata={}) as log:
+            log.write("/tf", frame_transform(5), 5)
+            assert not path.exists()
+            raise error
+
+    with pytest.raises(error):
+        interrupted()
+    assert list(tmp_path.iterdir()) == ([path] if stays else [])
+    if stays:
+        assert len(messages_by_topic(path)["/tf"]) == 1
+
+
+def test_a_chunk_spans_no_more_than_the_time_asked_for(tmp_path):
+    with McapLog(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
+        for time_ns in range(0, 10_000_000_000, 100_000_000):
+            log.write("/tf", frame_transform(time_ns), time_ns)
+    with (tmp_path / "a.mcap").open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    assert len(chunks) == 10
+    assert max(c.message_end_time - c.message_start_time for c in chunks) < 1_000_000_000
+
+
+def test_after_a_kill_all_but_the_last_chunk_is_in_the_partial_file(tmp_path):
+    """What stands on the disk at any moment is what a kill would leave."""
+    with McapLog(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
+        for time_ns in range(0, 10_000_000_000, 100_000_000):
+            log.write("/tf", frame_transform(time_ns), time_ns)
+        (partial,) = tmp_path.iterdir()
+        assert partial.name.startswith("a.mcap.")
+        left = scan(partial)
+        assert [m.log_time_ns for m in left] == list(range(0, 9_000_000_000, 100_000_000))
+        assert left.damage
+        left.close()
+
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    rows=st.lists(st.tuples(st.text(max_size=5), finite, finite, st.integers(-(2**63), 2**63 - 1)), max_size=5),
+    time_ns=st.integers(-(2**63), 2**63 - 1),
+)
+def test_any_numbers_survive_the_message(rows, time_ns):
+    message = dirprim_pb2.Observations()
+    message.track_id.extend(row[0] for row in rows)
+    message.x.extend(row[1] for row in rows)
+    message.y.extend(row[2] for row in rows)
+    message.group.extend(row[3] for row in rows)
+    message.timestamp.seconds, message.timestamp.nanos = divmod(time_ns, 10**9)
+    frame = decode_observations(message.SerializeToString())
+    assert frame.stamp_ns == time_ns
+    assert list(frame.track_id) == [row[0] for row in rows]
+    assert frame.position.tolist() == [[row[1], row[2]] for row in rows]
+    assert frame.group.tolist() == [row[3] for row in rows]
+
+
+def test_columns_of_unlike_lengths_are_refused():
+    tracks = some_tracks()
+    message = encode_observations(tracks, np.arange(4), 0)
+    decode_observations(message.SerializeToString())
+    for name in ("x", "y", "direction", "speed", "group"):
+        short = dirprim_pb2.Observations()
+        short.CopyFrom(message)
+        getattr(short, name).pop()
+        with pytest.raises(DecodeError, match=f"{name}: expected 4 numbers, got 3"):
+            decode_observations(short.SerializeToString())
+    with pytest.raises(DecodeError, match="no such message"):
+        decode_observations(message.SerializeToString()[:-3])

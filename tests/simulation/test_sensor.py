@@ -1,0 +1,129 @@
+"""Laws of the sensor: noise, missed and false detections as promised.
+
+Every bound is a normal approximation at 4.5 standard deviations: a false alarm in about 150,000 runs of each.
+"""
+
+import numpy as np
+import pytest
+
+from dirprim_filter.simulation.sensor import detect
+from dirprim_filter.tracks import Tracks
+
+Z = 4.5
+N_FRAMES, N_VEHICLES = 400, 25
+NOISE_M, MISS_RATE, FALSE_PER_FRAME = 0.7, 0.1, 1.5
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Tracks:
+    source = np.random.default_rng(3)
+    n = N_FRAMES * N_VEHICLES
+    return Tracks(
+        track_id=np.tile(np.arange(N_VEHICLES), N_FRAMES),
+        time_ns=np.repeat(np.arange(N_FRAMES), N_VEHICLES) * 100_000_000,
+        position=source.uniform((-50.0, -20.0), (50.0, 20.0), (n, 2)),
+        direction=np.zeros(n),
+        speed=np.ones(n),
+    )
+
+
+def errors(truth: Tracks, rng: np.random.Generator, noise_m: float) -> np.ndarray:
+    seen = detect(truth, noise_m=noise_m, miss_rate=0.0, false_per_frame=0.0, rng=rng)
+    np.testing.assert_array_equal(seen.track_id, truth.track_id.astype(str))
+    return np.asarray(seen.position - truth.position)
+
+
+def noise_holds(error: np.ndarray) -> bool:
+    """Standard deviation of each axis, their correlation and mean, as for isotropic noise of NOISE_M."""
+    n = len(error)
+    deviation = np.abs(error.std(axis=0) / NOISE_M - 1) < Z / np.sqrt(2 * n)
+    mean = np.abs(error.mean(axis=0)) < Z * NOISE_M / np.sqrt(n)
+    return bool(deviation.all() and mean.all() and abs(np.corrcoef(error.T)[0, 1]) < Z / np.sqrt(n))
+
+
+def test_noise_is_isotropic_with_the_stated_deviation(truth: Tracks, rng: np.random.Generator) -> None:
+    assert noise_holds(errors(truth, rng, NOISE_M))
+
+
+def test_noise_check_notices_a_tenth_more(truth: Tracks, rng: np.random.Generator) -> None:
+    assert not noise_holds(errors(truth, rng, 1.1 * NOISE_M))
+
+
+def misses_hold(truth: Tracks, rng: np.random.Generator, miss_rate: float) -> bool:
+    seen = detect(truth, miss_rate=miss_rate, false_per_frame=0.0, rng=rng)
+    n = len(truth)
+    return bool(abs(n - len(seen) - n * MISS_RATE) < Z * np.sqrt(n * MISS_RATE * (1 - MISS_RATE)))
+
+
+def test_missed_detections_are_binomial(truth: Tracks, rng: np.random.Generator) -> None:
+    assert misses_hold(truth, rng, MISS_RATE)
+
+
+def test_miss_check_notices_a_quarter_more(truth: Tracks, rng: np.random.Generator) -> None:
+    assert not misses_hold(truth, rng, 1.25 * MISS_RATE)
+
+
+def clutter(truth: Tracks, rng: np.random.Generator, false_per_frame: float) -> np.ndarray:
+    """Positions of the false detections, whose ids are unique and of their own."""
+    seen = detect(truth, false_per_frame=false_per_frame, rng=rng)
+    false = np.char.startswith(seen.track_id, "false-")
+    assert np.unique(seen.track_id[false]).size == false.sum()
+    assert set(seen.track_id[~false]) == set(truth.track_id.astype(str))
+    assert np.isin(seen.time_ns[false], truth.time_ns).all()
+    return np.asarray(seen.position[false])
+
+
+def clutter_holds(truth: Tracks, position: np.ndarray) -> bool:
+    """A Poisson number, uniform over the bounding box (by mean and variance of a uniform law)."""
+    n, expected = len(position), N_FRAMES * FALSE_PER_FRAME
+    low, high = truth.position.min(axis=0), truth.position.max(axis=0)
+    unit = (position - low) / (high - low)
+    inside = ((unit >= 0) & (unit <= 1)).all()
+    centred = np.abs(unit.mean(axis=0) - 0.5) < Z / np.sqrt(12 * n)
+    spread = np.abs(unit.var(axis=0) - 1 / 12) < Z / np.sqrt(180 * n)
+    return bool(abs(n - expected) < Z * np.sqrt(expected) and inside and centred.all() and spread.all())
+
+
+def test_false_detections_are_poisson_and_uniform(truth: Tracks, rng: np.random.Generator) -> None:
+    assert clutter_holds(truth, clutter(truth, rng, FALSE_PER_FRAME))
+
+
+def test_clutter_check_notices_more_of_it_and_a_smaller_box(truth: Tracks, rng: np.random.Generator) -> None:
+    assert not clutter_holds(truth, clutter(truth, rng, 1.5 * FALSE_PER_FRAME))
+    assert not clutter_holds(truth, 0.7 * clutter(truth, rng, FALSE_PER_FRAME))
+
+
+def test_detections_come_in_order_of_time(truth: Tracks, rng: np.random.Generator) -> None:
+    assert (np.diff(detect(truth, rng=rng).time_ns) >= 0).all()
+
+
+def test_a_perfect_sensor_reports_the_truth(truth: Tracks, rng: np.random.Generator) -> None:
+    assert not errors(truth, rng, 0.0).any()
+
+
+def test_a_blind_sensor_reports_nothing(truth: Tracks, rng: np.random.Generator) -> None:
+    assert len(detect(truth, miss_rate=1.0, false_per_frame=0.0, rng=rng)) == 0
+
+
+def test_no_traffic_gives_no_detections(truth: Tracks, rng: np.random.Generator) -> None:
+    assert len(detect(truth[:0], rng=rng)) == 0
+
+
+def test_the_same_generator_gives_the_same_detections(truth: Tracks) -> None:
+    one, two = (detect(truth, rng=np.random.default_rng(9)) for _ in range(2))
+    np.testing.assert_array_equal(one.position, two.position)
+    np.testing.assert_array_equal(one.track_id, two.track_id)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"noise_m": -1.0}, {"miss_rate": 1.5}, {"false_per_frame": float("nan")}, {"noise_m": float("inf")}],
+)
+def test_parameters_out_of_range_are_named(truth: Tracks, rng: np.random.Generator, wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        detect(truth, rng=rng, **wrong)

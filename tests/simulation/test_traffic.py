@@ -1,0 +1,195 @@
+"""Traffic that SUMO drives through the scenes: on the right side, and the same from the same seed."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from dirprim_filter.distributions.angles import difference
+from dirprim_filter.simulation import traffic
+from dirprim_filter.simulation.drivers import DRIVERS, OFFSETS_M, vehicle_lengths
+from dirprim_filter.simulation.scenes import RING_RADIUS, SCENES
+from dirprim_filter.simulation.traffic import SimulationError, simulate
+from dirprim_filter.tracks import Tracks
+
+needs_sumo = pytest.mark.skipif(
+    importlib.util.find_spec("sumo") is None, reason='needs Eclipse SUMO: pip install "dirprim-filter[sim]"'
+)
+
+DURATION_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def observed() -> dict[str, Tracks]:
+    return {scene: simulate(scene, duration_s=DURATION_S, seed=5) for scene in SCENES}
+
+
+def motion(tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows (but each vehicle's last), and the displacement to the vehicle's next row, 0.1 s later."""
+    order = np.lexsort((tracks.time_ns, tracks.track_id))
+    same = np.diff(tracks.track_id[order]) == 0
+    rows, following = order[:-1][same], order[1:][same]
+    assert (tracks.time_ns[following] - tracks.time_ns[rows] == 100_000_000).all(), "a vehicle left and came back"
+    return rows, following, tracks.position[following] - tracks.position[rows]
+
+
+@needs_sumo
+@pytest.mark.parametrize("scene", SCENES)
+def test_time_starts_at_zero_and_ticks_at_ten_hertz(observed: dict[str, Tracks], scene: str) -> None:
+    times = np.unique(observed[scene].time_ns)
+    np.testing.assert_array_equal(times, np.arange(DURATION_S * 10).astype(np.int64) * 100_000_000)
+    assert observed[scene].track_id.dtype == np.int64
+
+
+@needs_sumo
+@pytest.mark.parametrize("scene", SCENES)
+def test_direction_and_speed_are_those_of_the_displacements(observed: dict[str, Tracks], scene: str) -> None:
+    tracks = observed[scene]
+    rows, following, moved = motion(tracks)
+    step = np.hypot(moved[:, 0], moved[:, 1])
+    speed = (tracks.speed[rows] + tracks.speed[following]) / 2
+    assert np.median(np.abs(step / 0.1 - speed)) < 0.1
+    assert np.quantile(np.abs(step / 0.1 - speed), 0.99) < 2.0
+    assert step.max() < 4.5, "a vehicle jumped"
+    driving = step > 0.2
+    course = np.arctan2(moved[driving, 1], moved[driving, 0])
+    off = np.abs(difference(course, tracks.direction[following][driving]))
+    assert np.median(off) < np.radians(1.0)
+    assert np.quantile(off, 0.99) < np.radians(15.0)
+    # The compass read as a mathematical angle would be wrong nearly everywhere.
+    compass = np.pi / 2 - tracks.direction[following][driving]
+    assert np.median(np.abs(difference(course, compass))) > np.radians(20.0)
+
+
+@needs_sumo
+def test_position_is_the_centre_of_the_vehicle(observed: dict[str, Tracks]) -> None:
+    """A vehicle that enters has its rear on the end of the road, so its centre is half a length inside."""
+    tracks = observed["highway"]
+    _, first = np.unique(tracks.track_id, return_index=True)  # rows are in order of time
+    entered = first[(tracks.time_ns[first] > 0) & (np.abs(tracks.position[first, 0]) > 150)]
+    inside = 200.0 - np.abs(tracks.position[entered, 0])
+    on_road = np.abs(np.sin(tracks.direction[entered])) < 0.01  # the ramp is not parallel to x
+    usual = float(np.median(list(vehicle_lengths().values())))
+    assert on_road.sum() > 10
+    assert np.median(inside[on_road]) == pytest.approx(usual / 2, abs=0.2)
+
+
+@needs_sumo
+def test_roundabout_is_driven_counter_clockwise(observed: dict[str, Tracks]) -> None:
+    tracks = observed["roundabout"]
+    x, y = tracks.position.T
+    radius = np.hypot(x, y)
+    on_ring = (np.abs(radius - RING_RADIUS) < 2.0) & (tracks.speed > 1.0)
+    tangent = np.arctan2(y, x) + np.pi / 2
+    assert on_ring.sum() > 500
+    assert np.abs(difference(tracks.direction, tangent))[on_ring].max() < np.radians(60.0)
+    assert radius.min() > RING_RADIUS - 2.5, "nobody drives over the central island"
+    for quarter in range(4):
+        assert (on_ring & (np.floor((np.arctan2(y, x) + np.pi) / (np.pi / 2)) == quarter)).any()
+
+
+@needs_sumo
+@pytest.mark.parametrize("scene", ["roundabout", "intersection"])
+def test_traffic_keeps_to_the_right_on_every_arm(observed: dict[str, Tracks], scene: str) -> None:
+    tracks = observed[scene]
+    x, y = tracks.position.T
+    for arm in range(4):
+        along, left = (
+            np.cos(arm * np.pi / 2) * x + np.sin(arm * np.pi / 2) * y,
+            np.cos(arm * np.pi / 2) * y - np.sin(arm * np.pi / 2) * x,
+        )
+        far = along > 60.0
+        outward = np.cos(tracks.direction - arm * np.pi / 2) > 0
+        assert (far & outward).any()
+        assert (far & ~outward).any()
+        assert (left[far & outward] < -0.5).all(), "outbound vehicles have the middle of the road on their left"
+        assert (left[far & ~outward] > 0.5).all()
+
+
+@needs_sumo
+def test_highway_flows_both_ways_and_over_the_ramps(observed: dict[str, Tracks]) -> None:
+    tracks = observed["highway"]
+    x, y = tracks.position.T
+    main, back, ramp = (y < 0) & (y > -6.5), y > 0, y < -12
+    assert (np.cos(tracks.direction[main]) > 0).all()
+    assert (np.cos(tracks.direction[back]) < 0).all()
+    assert (x[ramp] < 0).any()
+    assert (x[ramp] > 0).any()
+    assert np.median(tracks.speed[main]) > 20.0
+
+
+@needs_sumo
+def test_drivers_differ_in_speed_and_in_place_across_the_lane(observed: dict[str, Tracks]) -> None:
+    tracks = observed["highway"]
+    back = tracks[(tracks.position[:, 1] > 0) & (tracks.position[:, 0] < -150)]
+    assert back.speed.std() > 0.8
+    lanes = back.position[:, 1] > 9.3
+    assert min(back.position[lanes, 1].std(), back.position[~lanes, 1].std()) > 0.15
+
+
+@needs_sumo
+def test_the_same_seed_gives_the_same_tracks_and_another_does_not(observed: dict[str, Tracks]) -> None:
+    again = simulate("roundabout", duration_s=DURATION_S, seed=5)
+    for name in ("track_id", "time_ns", "position", "direction", "speed"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(observed["roundabout"], name))
+    other = simulate("roundabout", duration_s=DURATION_S, seed=6)
+    assert len(other) != len(again) or not np.allclose(other.position, again.position)
+
+
+@needs_sumo
+def test_a_lower_rate_is_a_subset_of_the_rows(observed: dict[str, Tracks]) -> None:
+    thin = simulate("roundabout", duration_s=DURATION_S, seed=5, rate_hz=2.0)
+    full = observed["roundabout"]
+    kept = full[full.time_ns % 500_000_000 == 0]
+    np.testing.assert_array_equal(thin.time_ns, kept.time_ns)
+    np.testing.assert_array_equal(thin.position, kept.position)
+    assert thin.n_tracks <= full.n_tracks
+
+
+@needs_sumo
+def test_failure_of_sumo_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(traffic.SETTINGS, "--step-length", "-1")
+    with pytest.raises(SimulationError, match=r"^sumo failed with status \d+: .+") as caught:
+        simulate("roundabout", duration_s=1.0, seed=1)
+    assert "\n" not in str(caught.value)
+
+
+def test_without_sumo_the_error_names_the_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _name: None)
+    with pytest.raises(SimulationError, match=r'pip install "dirprim-filter\[sim\]"'):
+        simulate("roundabout", duration_s=1.0, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"scene": "moon"}, "scene: expected one of roundabout, intersection, highway, got 'moon'"),
+        ({"duration_s": 0.0}, "duration_s"),
+        ({"duration_s": float("inf")}, "duration_s"),
+        ({"seed": -1}, "seed"),
+        ({"rate_hz": 3.0}, "rate_hz"),
+        ({"rate_hz": 20.0}, "rate_hz"),
+        ({"rate_hz": 0.0}, "rate_hz"),
+        ({"rate_hz": float("nan")}, "rate_hz"),
+    ],
+)
+def test_arguments_out_of_range_are_named(wrong: dict[str, object], told: str) -> None:
+    arguments = {"scene": "roundabout", "duration_s": 10.0, "seed": 1} | wrong
+    with pytest.raises(ValueError, match=told):
+        simulate(**arguments)  # type: ignore[arg-type]
+
+
+def test_shares_of_drivers_sum_to_one() -> None:
+    assert sum(driver.share for driver in DRIVERS) == pytest.approx(1.0)
+    assert sum(OFFSETS_M.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_edges_and_flows_name_what_exists(scene: str) -> None:
+    description = SCENES[scene]()
+    nodes = {node.name for node in description.nodes}
+    edges = {edge.name for edge in description.edges}
+    assert len(nodes) == len(description.nodes)
+    assert len(edges) == len(description.edges)
+    assert {end for edge in description.edges for end in (edge.start, edge.end)} == nodes
+    assert {name for flow in description.flows for name in (flow.origin, flow.destination)} <= edges

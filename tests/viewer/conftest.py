@@ -1,0 +1,87 @@
+"""One small scene for the whole room: three cells along a road to the north-east, two vehicles on it."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
+from dirprim_filter.tracks import Tracks
+from tessellation import GridTessellation
+
+START_NS = 1_700_000_000_123_456_789
+STEP_NS = 100_000_000
+N_PARTICLES = 50
+
+
+@pytest.fixture
+def scene_map() -> PrimitiveMap:
+    """Three cells of 10 m; two own modes, then one place-free mode; the third cell holds no data."""
+    cells = GridTessellation.covering(np.array([[5.0, 5.0], [15.0, 15.0], [25.0, 25.0]]), cell_size=10.0)
+    return PrimitiveMap(
+        tessellation=cells,
+        direction=VonMisesMixture(
+            weight=[[0.9, 0.0, 0.1], [0.6, 0.3, 0.1], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]],
+            mean_direction=[[np.pi / 2, 0.0, 0.0], [0.3, 2.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
+            concentration=[[500.0, 1.0, 0.0], [8.0, 0.5, 0.0], [1.0, 1.0, 0.0], [1.0, 1.0, 0.0]],
+        ),
+        speed=Gamma(shape=np.full((4, 3), 4.0), rate=np.array([[0.5, 1.0, 1.0]] * 4)),
+        n_rows=np.array([100, 60, 0, 160]),
+        n_place_free_modes=1,
+        relaxation=Relaxation(**{f.name: 0.3 for f in fields(Relaxation)}),  # nothing that is drawn
+    )
+
+
+@pytest.fixture
+def scene_tracks() -> Tracks:
+    """Two vehicles, five rows each, to the north-east at 10 m/s."""
+    step = np.arange(5)
+    position = np.concatenate([5.0 + 0.7071 * step[:, None], 15.0 + 0.7071 * step[:, None]]) * np.ones(2)
+    return Tracks(
+        track_id=np.repeat([7, 8], 5),
+        time_ns=START_NS + STEP_NS * np.tile(step, 2),
+        position=position,
+        direction=np.full(10, np.pi / 4),
+        speed=np.full(10, 10.0),
+    )
+
+
+@pytest.fixture
+def scene_frames(scene_tracks: Tracks) -> list[TrackedFrame]:
+    """What a filter could say of `scene_tracks`; the last frame has lost all vehicles."""
+    rng = np.random.default_rng(1)
+    frames = []
+    for time_ns in np.unique(scene_tracks.time_ns):
+        now = scene_tracks[scene_tracks.time_ns == time_ns]
+        m = len(now)
+        cloud = now.position[:, None] + rng.normal(0.0, 0.7, (m, N_PARTICLES, 2))
+        believed = Estimates(
+            track_id=now.track_id, time_ns=now.time_ns, position=now.position,
+            covariance=np.tile(0.49 * np.eye(2), (m, 1, 1)),
+            direction=now.direction, direction_resultant=np.full(m, 0.9),
+            speed=now.speed, speed_std=np.ones(m),
+            effective_sample_size=np.full(m, 30.0), log_evidence=np.full(m, -2.0),
+        )  # fmt: skip
+        samples = Particles(
+            position=cloud.reshape(-1, 2),
+            direction=rng.normal(np.pi / 4, 0.2, m * N_PARTICLES),
+            speed=np.full(m * N_PARTICLES, 10.0),
+            weight=np.full(m * N_PARTICLES, 1.0 / N_PARTICLES),
+            vehicle=np.repeat(np.arange(m), N_PARTICLES),
+        )
+        seen = Detections.of(now)
+        frames.append(TrackedFrame(time_ns=int(time_ns), detections=seen, estimates=believed, particles=samples))
+    return [*frames, _nothing_at(frames[-1], frames[-1].time_ns + STEP_NS)]
+
+
+def _nothing_at(frame: TrackedFrame, time_ns: int) -> TrackedFrame:
+    none = slice(0, 0)
+    return TrackedFrame(
+        time_ns=time_ns,
+        detections=Detections(**{f.name: getattr(frame.detections, f.name)[none] for f in fields(Detections)}),
+        estimates=Estimates(**{f.name: getattr(frame.estimates, f.name)[none] for f in fields(Estimates)}),
+        particles=Particles(**{f.name: getattr(frame.particles, f.name)[none] for f in fields(Particles)}),
+    )

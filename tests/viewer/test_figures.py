@@ -1,0 +1,94 @@
+"""Figures: all petals are there, north is up, files are whole, nothing global is touched."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.image import imread
+
+from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.tracks import Tracks
+from dirprim_filter.viewer import shapes
+from dirprim_filter.viewer.figures import demo_figure, map_figure, save_figure
+
+FUTURES = np.cumsum(np.full((6, 5, 2), 2.0), axis=1) + 20.0
+
+
+def test_the_map_shows_every_petal_with_north_up_and_equal_scales(
+    scene_map: PrimitiveMap, scene_tracks: Tracks
+) -> None:
+    figure = map_figure(scene_map, tracks=scene_tracks)
+    axes, color_bar = figure.axes
+    (petals,) = [c for c in axes.collections if isinstance(c, PolyCollection)]
+    assert len(petals.get_paths()) == len(shapes.rose_petals(scene_map).polygon)
+    figure.draw_without_rendering()
+    origin, east, north = axes.transData.transform([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]])
+    assert east[0] > origin[0]
+    assert north[1] > origin[1]
+    assert east[0] - origin[0] == pytest.approx(north[1] - origin[1])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("east [m]", "north [m]")
+    assert color_bar.get_ylabel() == "mean speed [m/s]"
+
+
+def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map: PrimitiveMap) -> None:
+    time_ns = np.array([0, 1, 2, 100, 101, 0, 1]) * 1_000_000_000
+    tracks = Tracks(
+        track_id=np.array([1, 1, 1, 1, 1, 2, 2]), time_ns=time_ns, position=np.arange(14.0).reshape(7, 2),
+        direction=np.zeros(7), speed=np.ones(7),
+    )  # fmt: skip
+    axes = map_figure(scene_map, tracks=tracks).axes[0]
+    lines = sorted(len(path.vertices) for path in axes.collections[1].get_paths())
+    assert lines == [2, 2, 3]
+
+
+def test_the_demo_shows_the_vehicle_that_is_forecast(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
+) -> None:
+    figure = demo_figure(
+        scene_map, tracks=scene_tracks, frame=scene_frames[2],
+        estimates=Estimates.concatenate([frame.estimates for frame in scene_frames]),
+        truth=scene_tracks, forecasts={"8": FUTURES},
+    )  # fmt: skip
+    assert figure.axes[1].get_title(loc="left") == "Tracked: vehicle 8"
+    (cloud,) = [c for c in figure.axes[2].collections if type(c) is PathCollection]
+    mine = scene_frames[2].particles.vehicle == 1
+    assert (cloud.get_offsets() == scene_frames[2].particles.position[mine]).all()
+    save_figure(figure, tmp_path / "demo.png")
+    picture = imread(tmp_path / "demo.png")
+    assert picture.shape[1] > 1500
+    assert 0.02 < (picture[..., :3] < 0.9).any(axis=-1).mean() < 0.6  # neither blank nor cluttered
+
+
+def test_the_demo_needs_neither_truth_nor_forecasts_but_its_vehicle(
+    scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
+) -> None:
+    estimates = Estimates.concatenate([frame.estimates for frame in scene_frames])
+    figure = demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=estimates)
+    assert figure.axes[1].get_title(loc="left") == "Tracked: vehicle 7"
+    with pytest.raises(ValueError, match="focus: vehicle 99 is not among the frame's 2"):
+        demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=estimates, focus="99")
+
+
+@pytest.mark.parametrize("name", ["map.png", "map.svg", "map.pdf"])
+def test_a_figure_is_whole_and_is_not_overwritten(tmp_path: Path, scene_map: PrimitiveMap, name: str) -> None:
+    figure = map_figure(scene_map)
+    save_figure(figure, tmp_path / "figures" / name)
+    with pytest.raises(FileExistsError, match="overwrite it with --force"):
+        save_figure(figure, tmp_path / "figures" / name)
+    save_figure(figure, tmp_path / "figures" / name, force=True)
+    assert [p.name for p in (tmp_path / "figures").iterdir()] == [name]
+
+
+def test_an_unknown_format_is_refused_and_leaves_nothing(tmp_path: Path, scene_map: PrimitiveMap) -> None:
+    with pytest.raises(ValueError, match="not supported"):
+        save_figure(map_figure(scene_map), tmp_path / "map.xyz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pyplot_is_never_imported() -> None:
+    program = "import sys, dirprim_filter.viewer.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    subprocess.run([sys.executable, "-c", program], check=True)

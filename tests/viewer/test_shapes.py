@@ -1,0 +1,116 @@
+"""Laws of the shapes: areas are probabilities, north is up, ellipses hold what they say."""
+
+import numpy as np
+import pytest
+from matplotlib.path import Path as Outline
+
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.viewer import shapes
+from tessellation import GridTessellation
+
+COVARIANCE = np.array([[4.0, 1.5], [1.5, 1.0]])
+MEAN = np.array([10.0, -3.0])
+
+
+def area_of(polygon: np.ndarray) -> float:
+    """The shoelace formula."""
+    x, y = polygon.T
+    return 0.5 * abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))
+
+
+def test_a_petal_points_where_its_mode_goes(scene_map: PrimitiveMap) -> None:
+    petals = shapes.rose_petals(scene_map)
+    north = petals.polygon[petals.cell == 0][0] - scene_map.tessellation.centers[0]
+    tip = north[np.argmax(np.hypot(*north.T))]
+    assert tip[1] > 0
+    assert abs(tip[0]) < 0.05 * tip[1]
+    assert (np.hypot(*north.T) <= shapes.REACH * 5.0 + 1e-9).all()
+
+
+def test_a_petals_area_is_proportional_to_its_weight_whatever_its_concentration(
+    scene_map: PrimitiveMap,
+) -> None:
+    petals = shapes.rose_petals(scene_map)
+    area = np.array([area_of(p) for p in petals.polygon])
+    # 24 vertices and the cut at the rim cost at most 3 %; lengths, the wrong quantity, differ by far more.
+    assert area / petals.weight == pytest.approx((area / petals.weight)[0], rel=0.03)
+    length = np.hypot(*(petals.polygon - petals.polygon[:, :1]).transpose(2, 0, 1)).max(axis=1)
+    assert np.ptp(length / petals.weight) > 0.3 * (length / petals.weight).max()
+
+
+def test_only_a_cells_own_modes_are_drawn_the_heaviest_first(scene_map: PrimitiveMap) -> None:
+    petals = shapes.rose_petals(scene_map)
+    assert petals.cell.tolist() == [0, 1, 1]  # cell 2 holds no data; the last mode is place-free
+    assert petals.weight.tolist() == [0.9, 0.6, 0.3]
+    assert petals.mean_speed.tolist() == [8.0, 8.0, 4.0]
+    assert shapes.fastest_speed(petals) == 8.0
+
+
+def test_a_map_without_cells_has_no_petals(scene_map: PrimitiveMap) -> None:
+    petals = shapes.rose_petals(scene_map.without_places())
+    assert petals.polygon.shape[0] == 0
+    assert shapes.fastest_speed(petals) == 1.0
+    assert shapes.map_extent(scene_map.without_places()).shape == (2, 2)
+
+
+def test_fan_triangles_fill_their_polygons(scene_map: PrimitiveMap) -> None:
+    polygon = shapes.rose_petals(scene_map).polygon
+    corner = polygon.reshape(-1, 2)[shapes.fan_triangles(polygon)]
+    (ax, ay), (bx, by) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
+    area = 0.5 * np.abs(ax * by - ay * bx)
+    assert area.reshape(len(polygon), -1).sum(axis=1) == pytest.approx([area_of(p) for p in polygon])
+
+
+def test_cell_outlines_close(scene_map: PrimitiveMap) -> None:
+    for line, polygon in zip(
+        shapes.cell_outlines(scene_map.tessellation), scene_map.tessellation.polygons(), strict=True
+    ):
+        assert (line[0] == line[-1]).all()
+        assert (line[:-1] == polygon).all()
+    assert shapes.cell_outlines(GridTessellation.empty()) == []
+
+
+@pytest.mark.parametrize("probability", [0.5, 0.9])
+def test_the_ellipse_holds_its_probability(probability: float) -> None:
+    """Binomial count within 4 standard deviations: a false alarm in 16,000 runs; the seed is fixed."""
+    n = 20_000
+    sample = np.random.default_rng(2).multivariate_normal(MEAN, COVARIANCE, n)
+    line = shapes.covariance_ellipse(MEAN, COVARIANCE, probability=probability, n_vertices=1000)
+    inside = Outline(line).contains_points(sample).sum()
+    sigma = np.sqrt(n * probability * (1 - probability))
+    assert abs(inside - n * probability) < 4 * sigma
+    other = shapes.covariance_ellipse(MEAN, COVARIANCE, probability=probability - 0.05, n_vertices=1000)
+    assert abs(Outline(other).contains_points(sample).sum() - n * probability) > 4 * sigma
+
+
+def test_the_ellipse_is_closed_and_lies_at_one_mahalanobis_distance() -> None:
+    line = shapes.covariance_ellipse(np.stack([MEAN, -MEAN]), np.stack([COVARIANCE] * 2), probability=0.9)
+    assert line.shape == (2, 49, 2)
+    offset = line[1] + MEAN
+    distance = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(COVARIANCE), offset)
+    assert distance == pytest.approx(-2 * np.log(0.1))
+    assert line[:, 0] == pytest.approx(line[:, -1])
+
+
+def test_a_certain_position_is_a_point() -> None:
+    line = shapes.covariance_ellipse(MEAN, np.zeros((2, 2)), probability=0.9)
+    assert line == pytest.approx(np.tile(MEAN, (49, 1)))
+
+
+def test_arrows_and_outlines_point_along_the_direction() -> None:
+    direction = np.array([0.0, np.pi / 2, -3 * np.pi / 4])
+    arrow = shapes.motion_arrow(direction, np.array([2.0, 3.0, 4.0]), duration_s=0.5)
+    assert arrow == pytest.approx(np.array([[1, 0], [0, 1.5], [-np.sqrt(2), -np.sqrt(2)]]), abs=1e-12)
+    outline = shapes.vehicle_outline(np.zeros((3, 2)), direction, length=4.0, width=2.0)
+    bow = outline[:, 2]
+    assert np.arctan2(bow[:, 1], bow[:, 0]) == pytest.approx(direction)
+    assert np.hypot(*bow.T) == pytest.approx(2.0)
+    assert (outline[:, 0] == outline[:, -1]).all()
+
+
+def test_the_extent_holds_all_points_with_a_margin_on_every_side() -> None:
+    points = np.array([[0.0, 0.0], [100.0, 10.0]])
+    low, high = shapes.extent(points)
+    assert (low <= points.min(axis=0) - 5.0).all()
+    assert (high >= points.max(axis=0) + 5.0).all()
+    assert np.ptp(shapes.extent(np.empty((0, 2))), axis=0).tolist() == [20.0, 20.0]

@@ -1,0 +1,223 @@
+"""What was sent to an .rrd file is what comes back, at the log's own times; files are whole or not there."""
+
+import logging
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.tracks import Tracks
+from dirprim_filter.viewer import shapes, stream
+from dirprim_filter.viewer.blueprint import TIMELINE
+from dirprim_filter.viewer.stream import open_stream
+
+
+@pytest.fixture(autouse=True)
+def strict() -> Iterator[None]:
+    """Without it the SDK turns every mistake into a warning."""
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+def rows_of(path: Path, entity: str, column: str) -> list[tuple[int | None, np.ndarray]]:
+    """(time, values) of each row of one entity, ascending in time; None is static."""
+    rows: list[tuple[int | None, np.ndarray]] = []
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path != entity or column not in batch.schema.names:
+            continue
+        timed = TIMELINE in batch.schema.names
+        times = batch.column(TIMELINE).to_numpy().astype(np.int64).tolist() if timed else [None] * batch.num_rows
+        values = [np.array(v) for v in batch.column(column).to_pylist()]
+        rows += [(t, v) for t, v in zip(times, values, strict=True) if v.ndim]
+    return sorted(rows, key=lambda row: row[0] or 0)
+
+
+def write_all(path: Path, frames: list[TrackedFrame], primitives: PrimitiveMap, **options: int) -> Path:
+    with open_stream(save=path, **options) as sink:
+        sink.log_map(primitives)
+        sink.log_report("# Run")
+        for frame in frames:
+            sink.write(frame)
+    return path
+
+
+def test_particles_come_back_at_their_times_to_the_nanosecond(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
+) -> None:
+    path = write_all(tmp_path / "run.rrd", scene_frames, scene_map)
+    rows = rows_of(path, "/tracks/particles", "Points3D:positions")
+    assert [time for time, _ in rows] == [frame.time_ns for frame in scene_frames]
+    for (_, place), frame in zip(rows, scene_frames, strict=True):
+        assert (place.reshape(-1, 3)[:, :2] == frame.particles.position.astype(np.float32)).all()
+
+
+def test_vehicles_that_a_frame_does_not_name_vanish(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
+) -> None:
+    path = write_all(tmp_path / "run.rrd", scene_frames, scene_map)
+    for entity, column in [
+        ("/detections", "Points3D:positions"), ("/tracks/particles", "Points3D:positions"),
+        ("/tracks/estimates", "Points3D:positions"), ("/tracks/ids", "Points3D:labels"),
+        ("/tracks/motion", "Arrows3D:vectors"), ("/tracks/covariance", "LineStrips3D:strips"),
+        ("/tracks/trails", "LineStrips3D:strips"),
+    ]:  # fmt: skip
+        rows = rows_of(path, entity, column)
+        assert len(rows) == len(scene_frames), entity
+        assert rows[-2][1].size > 0, entity
+        assert rows[-1][1].size == 0, entity
+    vehicles = [float(v[0]) for _, v in rows_of(path, "/metrics/vehicles", "Scalars:scalars")]
+    assert vehicles == [2, 2, 2, 2, 2, 0]
+    assert len(rows_of(path, "/metrics/ess", "Scalars:scalars")) == 5
+
+
+def test_trails_join_the_estimates_of_one_vehicle(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
+) -> None:
+    path = write_all(tmp_path / "run.rrd", scene_frames, scene_map)
+    steps = [value for _, value in rows_of(path, "/tracks/trails", "LineStrips3D:strips")]
+    assert steps[0].size == 0  # nobody was seen before the first frame
+    expected = np.stack([scene_frames[0].estimates.position, scene_frames[1].estimates.position], axis=1)
+    assert steps[1][..., :2] == pytest.approx(expected, rel=1e-6)
+
+
+def test_thinning_shows_one_particle_in_so_many(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
+) -> None:
+    path = write_all(tmp_path / "run.rrd", scene_frames[:1], scene_map, particle_stride=7)
+    (_, place), *_ = rows_of(path, "/tracks/particles", "Points3D:positions")
+    assert (place[:, :2] == scene_frames[0].particles.position[::7].astype(np.float32)).all()
+
+
+def test_the_map_is_static_and_its_petals_are_those_of_the_shapes(tmp_path: Path, scene_map: PrimitiveMap) -> None:
+    path = write_all(tmp_path / "map.rrd", [], scene_map)
+    ((time, vertices),) = rows_of(path, "/map/roses", "Mesh3D:vertex_positions")
+    assert time is None
+    assert vertices[:, :2] == pytest.approx(shapes.rose_petals(scene_map).polygon.reshape(-1, 2), rel=1e-6)
+    ((_, outlines),) = rows_of(path, "/map/cells", "LineStrips3D:strips")
+    assert len(outlines) == scene_map.tessellation.n_cells
+
+
+def test_truth_ends_with_the_last_row(tmp_path: Path, scene_tracks: Tracks) -> None:
+    with open_stream(save=tmp_path / "truth.rrd") as sink:
+        sink.log_truth(scene_tracks)
+    rows = [row for row in rows_of(tmp_path / "truth.rrd", "/truth", "LineStrips3D:strips") if row[0] is not None]
+    times = np.unique(scene_tracks.time_ns).tolist()
+    assert [time for time, _ in rows] == [*times, times[-1] + 100_000_000]
+    assert [len(outlines) for _, outlines in rows] == [2] * 5 + [0]
+
+
+def test_forecasts_of_one_time_are_shown_together_until_their_vehicle_goes(
+    tmp_path: Path, scene_frames: list[TrackedFrame]
+) -> None:
+    futures = np.arange(24.0).reshape(3, 4, 2)
+    with open_stream(save=tmp_path / "f.rrd") as sink:
+        for frame in scene_frames:
+            sink.write(frame)
+            if frame is scene_frames[1]:
+                sink.write_forecast(frame.time_ns, ["7", "8"], np.stack([futures, futures]))
+    first, last = rows_of(tmp_path / "f.rrd", "/forecasts", "LineStrips3D:strips")
+    assert (first[0], last[0]) == (scene_frames[1].time_ns, scene_frames[-1].time_ns)
+    assert first[1].shape == (6, 5, 3)
+    assert first[1][:3, 1:, :2] == pytest.approx(futures)
+    assert first[1][:3, 0, :2] == pytest.approx(np.tile(scene_frames[1].estimates.position[0], (3, 1)))
+    assert last[1].size == 0
+
+
+def test_the_file_verifies_and_holds_one_blueprint(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
+) -> None:
+    path = write_all(tmp_path / "run.rrd", scene_frames, scene_map)
+    subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", path], check=True, capture_output=True)
+    reader = RrdReader(path)
+    assert len(reader.blueprints()) == 1
+    (recording,) = reader.recordings()
+    assert recording.application_id == "dirprim"
+    columns = {name for chunk in reader.stream() for name in chunk.to_record_batch().schema.names}
+    assert TIMELINE in columns
+    assert not columns & {"log_time", "log_tick"}  # the log's own time alone
+
+
+def test_the_same_file_has_the_same_identity_in_every_run(tmp_path: Path, scene_map: PrimitiveMap) -> None:
+    def identity(name: str) -> str:
+        path = write_all(tmp_path / name, [], scene_map, force=True)
+        (recording,) = RrdReader(path).recordings()
+        return str(recording.recording_id)
+
+    assert identity("a.rrd") == identity("a.rrd")
+    assert identity("a.rrd") != identity("b.rrd")
+
+
+def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, scene_map: PrimitiveMap) -> None:
+    path = tmp_path / "run.rrd"
+    path.write_bytes(b"precious")
+    with pytest.raises(FileExistsError, match=r"run\.rrd: exists already; overwrite it with --force"):
+        open_stream(save=path)
+    assert path.read_bytes() == b"precious"
+    write_all(path, [], scene_map, force=True)
+    assert len(RrdReader(path).recordings()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["run.rrd"]
+
+
+def test_after_an_error_the_file_keeps_its_temporary_name_and_reads(
+    tmp_path: Path, scene_frames: list[TrackedFrame], caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        with open_stream(save=tmp_path / "run.rrd") as sink:
+            sink.write(scene_frames[0])
+            raise RuntimeError("the filter broke")
+
+    with caplog.at_level(logging.WARNING), pytest.raises(RuntimeError, match="the filter broke"):
+        fail()
+    assert [p.name for p in tmp_path.iterdir()] == ["run.part.rrd"]
+    assert "run.part.rrd: holds what was written before the error" in caplog.text
+    assert len(rows_of(tmp_path / "run.part.rrd", "/detections", "Points3D:positions")) == 1
+
+
+def test_ctrl_c_leaves_a_whole_file(tmp_path: Path, scene_frames: list[TrackedFrame]) -> None:
+    def interrupt() -> None:
+        with open_stream(save=tmp_path / "run.rrd") as sink:
+            sink.write(scene_frames[0])
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupt()
+    assert len(rows_of(tmp_path / "run.rrd", "/detections", "Points3D:positions")) == 1
+
+
+def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers() -> None:
+    with pytest.raises(ValueError, match="at least one place to stream to"):
+        open_stream()
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with pytest.raises(ConnectionError, match=f"127.0.0.1:{port}/proxy: no viewer answers"):
+        open_stream(connect=f"rerun+http://127.0.0.1:{port}/proxy")
+    with pytest.raises(ConnectionError, match="expected an address such as"):
+        open_stream(connect="localhost")
+
+
+def test_a_viewer_that_does_not_start_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for program, error in [
+        ("false", "did not start; it needs a screen"),
+        ("/no/such/viewer", "did not start"),
+    ]:
+        monkeypatch.setattr(stream, "_viewer_program", lambda program=program: program)
+        with pytest.raises(ConnectionError, match=error):
+            stream.show_file(tmp_path / "run.rrd")
+    monkeypatch.setattr(stream, "_viewer_program", lambda: "true")  # it handed the file to a running viewer
+    stream.show_file(tmp_path / "run.rrd")
+
+
+def test_the_library_imports_neither_viewer_nor_figures() -> None:
+    program = "import sys, dirprim_filter; sys.exit(bool({'rerun', 'matplotlib'} & set(sys.modules)))"
+    subprocess.run([sys.executable, "-c", program], check=True)
