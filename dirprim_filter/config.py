@@ -54,6 +54,7 @@ class FilterConfig:
         resample_below: resample when the effective sample size falls below this share of the particles.
         place_free_share: of the particles that take up a mode, those that follow no primitive of the place: the
             vehicle that does what none has done there is not lost.
+        reach_m: metres; so far beside a cell a vehicle still moves as vehicles do in it: about a lane's width.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         max_gap_s: seconds without a measurement after which a belief ends.
     """
@@ -63,7 +64,8 @@ class FilterConfig:
     outlier_probability: float = 1e-3
     outlier_extent_m: float = 100.0
     resample_below: float = 0.5
-    place_free_share: float = 0.1
+    place_free_share: float = 0.2
+    reach_m: float = 3.5
     step_s: float = 0.1
     max_gap_s: float = 5.0
 

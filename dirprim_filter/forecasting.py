@@ -62,7 +62,7 @@ def forecast(
             f"got {pace}, {horizon_s}, {dt_s} and {n_samples}"
         )
     config = config or FilterConfig()
-    table = motion_table(primitive_map, step_s=config.step_s, place_free_share=config.place_free_share)
+    table = motion_table(primitive_map, config)
     cloud = _kernels.Cloud(
         position=np.tile(start, (1, n_samples, 1)),
         direction=np.full((1, n_samples), heading),

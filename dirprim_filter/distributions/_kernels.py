@@ -341,16 +341,15 @@ def _number_clusters(
 ) -> int:
     """Number the clusters by their first row of the unsorted data and give border points the lowest in reach."""
     n = theta.size
-    first_row = np.full(n + 1, n, np.int64)
+    place = np.empty(n, np.int64)
     for i in range(n):
-        if core[i]:
-            first_row[cluster[i]] = min(first_row[cluster[i]], index[i])
-    rank = np.argsort(first_row)
-    number = np.empty(n + 1, np.int64)
+        place[index[i]] = i
+    number = np.full(n + 1, -1, np.int64)
     count = 0
-    for i in range(n + 1):
-        number[rank[i]] = i
-        if first_row[i] < n:
+    for row in range(n):
+        i = place[row]
+        if core[i] and number[cluster[i]] < 0:
+            number[cluster[i]] = count
             count += 1
     for i in range(n):
         label[index[i]] = number[cluster[i]] if core[i] else n

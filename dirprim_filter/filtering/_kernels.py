@@ -53,7 +53,7 @@ class Cloud(NamedTuple):
     state: UIntArray  # (V, 4) of the random numbers
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def draw_mode(table: MotionTable, cell: int, direction: float, speed: float, by_speed: bool, state: UIntArray) -> int:
     """A mode of the cell, by its weight times how well it fits the direction and, on request, the speed (Eq. 4).
 
@@ -87,65 +87,70 @@ def draw_mode(table: MotionTable, cell: int, direction: float, speed: float, by_
 
 
 @njit(cache=True)
-def turn(table: MotionTable, cell: int, mode: int, direction: float, step_s: float, state: UIntArray) -> float:
-    """The direction a step later: Eq. 4 of the vehicle's own and its mode's, or diffusion where no mode draws."""
-    if not table.draws[cell, mode]:
-        return density.draw_von_mises(direction, 1.0 / (table.turning * step_s), state)
-    e = math.exp(-table.direction_rate * step_s)
-    concentration = table.concentration[cell, mode]
-    own = concentration * e / (1.0 - e * e)
-    usual = concentration / (1.0 + e)
-    away = table.mean[cell, mode] - direction
+def turn(direction: float, mean: float, concentration: float, kept: float, state: UIntArray) -> float:
+    """The direction a step later: Eq. 4 of the vehicle's own and its mode's; `kept` is e^{-k dt}."""
+    own = concentration * kept / (1.0 - kept * kept)
+    usual = concentration / (1.0 + kept)
+    away = mean - direction
     along = own + usual * math.cos(away)
     across = usual * math.sin(away)
     return density.draw_von_mises(direction + math.atan2(across, along), math.hypot(along, across), state)
 
 
 @njit(cache=True)
-def accelerate(table: MotionTable, cell: int, mode: int, speed: float, step_s: float, state: UIntArray) -> float:
-    """The speed a step later: the exact step of the Cox-Ingersoll-Ross process."""
-    k = table.speed_rate if table.draws[cell, mode] else table.place_free_speed_rate
-    e = math.exp(-k * step_s)
-    rate = table.rate[cell, mode]
-    count = density.draw_poisson(rate * speed * e / (1.0 - e), state)
-    return density.draw_gamma(table.shape[cell, mode] + count, state) * (1.0 - e) / rate
+def accelerate(speed: float, shape: float, rate: float, kept: float, state: UIntArray) -> float:
+    """The speed a step later: the exact step of the Cox-Ingersoll-Ross process; `kept` is e^{-k dt}."""
+    count = density.draw_poisson(rate * speed * kept / (1.0 - kept), state)
+    return density.draw_gamma(shape + count, state) * (1.0 - kept) / rate
 
 
 @njit(cache=True)
-def advance(table: MotionTable, cloud: Cloud, v: int, p: int, dt_s: float) -> None:
-    """Move one particle by `dt_s` in steps of at most `step_s`, along the mean direction and speed of each step."""
-    state = cloud.state[v]
+def advance(table: MotionTable, cloud: Cloud, v: int, dt_s: float) -> None:
+    """Move a vehicle's particles by `dt_s` in steps of at most `step_s`, along each step's mean direction and speed.
+
+    All particles in one call: arguments that hold arrays are counted at every call, by all threads.
+    """
+    state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
     h = dt_s / n_steps
     takes_up = 1.0 - math.exp(-table.mode_rate * h)
     slip = math.sqrt(table.drift * h)
-    x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
-    direction, speed = cloud.direction[v, p], cloud.speed[v, p]
-    cell, mode = cloud.cell[v, p], cloud.mode[v, p]
-    for _ in range(n_steps):
-        here = locate(table.locator, x, y)
-        if here != cell:
-            cell = here
-            mode = draw_mode(table, cell, direction, speed, True, state)
-        elif density.uniform(state) < takes_up:
-            mode = draw_mode(table, cell, direction, speed, False, state)
-        turned = turn(table, cell, mode, direction, h, state)
-        faster = accelerate(table, cell, mode, speed, h, state)
-        middle, distance = 0.5 * (direction + turned), 0.5 * (speed + faster) * h
-        x += distance * math.cos(middle) + slip * density.draw_normal(state)
-        y += distance * math.sin(middle) + slip * density.draw_normal(state)
-        direction, speed = density.wrap(turned), faster
-    cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
-    cloud.direction[v, p], cloud.speed[v, p] = direction, speed
-    cloud.cell[v, p], cloud.mode[v, p] = cell, mode
+    direction_kept, speed_kept = math.exp(-table.direction_rate * h), math.exp(-table.speed_rate * h)
+    free_speed_kept = math.exp(-table.place_free_speed_rate * h)
+    free_concentration = 1.0 / (table.turning * h)
+    for p in range(cloud.position.shape[1]):
+        x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
+        direction, speed = cloud.direction[v, p], cloud.speed[v, p]
+        cell, mode = cloud.cell[v, p], cloud.mode[v, p]
+        for _ in range(n_steps):
+            here = locate(table.locator, x, y)
+            if here != cell:
+                cell = here
+                mode = draw_mode(table, cell, direction, speed, True, state)
+            elif density.uniform(state) < takes_up:
+                mode = draw_mode(table, cell, direction, speed, False, state)
+            if table.draws[cell, mode]:
+                turned = turn(direction, table.mean[cell, mode], table.concentration[cell, mode], direction_kept, state)
+                kept = speed_kept
+            else:
+                turned = density.draw_von_mises(direction, free_concentration, state)
+                kept = free_speed_kept
+            faster = accelerate(speed, table.shape[cell, mode], table.rate[cell, mode], kept, state)
+            middle, distance = 0.5 * (direction + turned), 0.5 * (speed + faster) * h
+            x += distance * math.cos(middle) + slip * density.draw_normal(state)
+            y += distance * math.sin(middle) + slip * density.draw_normal(state)
+            direction, speed = density.wrap(turned), faster
+        cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
+        cloud.direction[v, p], cloud.speed[v, p] = direction, speed
+        cloud.cell[v, p], cloud.mode[v, p] = cell, mode
+    cloud.state[v] = state
 
 
 @njit(cache=True, nogil=True)
 def predict(table: MotionTable, cloud: Cloud, vehicle: IntArray, dt_s: FloatArray) -> None:
     """Move every particle of the vehicles named."""
     for i in range(vehicle.size):
-        for p in range(cloud.position.shape[1]):
-            advance(table, cloud, vehicle[i], p, dt_s[i])
+        advance(table, cloud, vehicle[i], dt_s[i])
 
 
 @njit(cache=True, nogil=True)
@@ -153,8 +158,8 @@ def predict_paths(table: MotionTable, cloud: Cloud, dt_s: float, path: FloatArra
     """Positions of the particles after each of n_steps steps of `dt_s`. Fills (V, P, n_steps, 2)."""
     for v in range(path.shape[0]):
         for step in range(path.shape[2]):
+            advance(table, cloud, v, dt_s)
             for p in range(path.shape[1]):
-                advance(table, cloud, v, p, dt_s)
                 path[v, p, step, 0], path[v, p, step, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
 
 
@@ -263,14 +268,20 @@ def resample(cloud: Cloud, vehicle: IntArray) -> None:
     """Replace each vehicle's particles by equally weighted survivors."""
     n = cloud.position.shape[1]
     ancestor = np.empty(n, np.int64)
+    numbers = np.empty((n, 4))
+    labels = np.empty((n, 2), np.int64)
     for v in vehicle:
         systematic(cloud.log_weight[v], density.uniform(cloud.state[v]), ancestor)
-        cloud.position[v] = cloud.position[v][ancestor]
-        cloud.direction[v] = cloud.direction[v][ancestor]
-        cloud.speed[v] = cloud.speed[v][ancestor]
-        cloud.cell[v] = cloud.cell[v][ancestor]
-        cloud.mode[v] = cloud.mode[v][ancestor]
-        cloud.log_weight[v] = -math.log(n)
+        for p in range(n):
+            a = ancestor[p]
+            numbers[p, 0], numbers[p, 1] = cloud.position[v, a, 0], cloud.position[v, a, 1]
+            numbers[p, 2], numbers[p, 3] = cloud.direction[v, a], cloud.speed[v, a]
+            labels[p, 0], labels[p, 1] = cloud.cell[v, a], cloud.mode[v, a]
+        for p in range(n):
+            cloud.position[v, p, 0], cloud.position[v, p, 1] = numbers[p, 0], numbers[p, 1]
+            cloud.direction[v, p], cloud.speed[v, p] = numbers[p, 2], numbers[p, 3]
+            cloud.cell[v, p], cloud.mode[v, p] = labels[p, 0], labels[p, 1]
+            cloud.log_weight[v, p] = -math.log(n)
 
 
 @njit(cache=True, nogil=True)

@@ -36,7 +36,7 @@ class ParticleFilter:
     def __init__(self, primitive_map: PrimitiveMap, config: FilterConfig) -> None:
         self.config = config
         self.belief = ParticleBelief(n_particles=config.n_particles)
-        self._table = motion_table(primitive_map, step_s=config.step_s, place_free_share=config.place_free_share)
+        self._table = motion_table(primitive_map, config)
         self._outlier_density = config.outlier_probability / config.outlier_extent_m**2
         n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(n_threads, thread_name_prefix="dirprim") if n_threads > 1 else None

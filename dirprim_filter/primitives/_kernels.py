@@ -17,7 +17,7 @@ TOLERANCE = 1e-7  # of the mean log likelihood per row
 
 
 class Rows(NamedTuple):
-    """Observations of moving vehicles, sorted by cell."""
+    """Observations of moving vehicles, sorted by cell and, inside a cell, by direction."""
 
     direction: FloatArray
     cosine: FloatArray
@@ -51,31 +51,31 @@ class Modes(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def fit_cells(
-    rows: Rows,
-    start: IntArray,
-    n_vehicles: FloatArray,
-    cells: IntArray,
-    two_steps: bool,
-    bounds: Bounds,
-    out: Modes,
-) -> None:
-    """Fit the cells named in `cells`; cell c has rows start[c] to start[c + 1]. Fills the rows of `out`.
+def fit_cells_at_once(rows: Rows, start: IntArray, n_vehicles: FloatArray, bounds: Bounds, out: Modes) -> None:
+    """Direction and speed together, modes by BIC; cell c has rows start[c] to start[c + 1]. Fills the rows of `out`."""
+    for c in range(n_vehicles.size):
+        if start[c + 1] > start[c]:
+            fit_at_once(_slice(rows, start[c], start[c + 1]), n_vehicles[c], bounds, _row(out, c))
 
-    two_steps: the paper's recipe, modes by DBSCAN and directions before speeds; else both at once and modes by BIC.
-    """
-    for c in cells:
-        first, last = start[c], start[c + 1]
-        if last == first:
-            continue
-        cell = Rows(
-            rows.direction[first:last], rows.cosine[first:last], rows.sine[first:last],
-            rows.speed[first:last], rows.log_speed[first:last], rows.weight[first:last],
-        )  # fmt: skip
-        if two_steps:
-            fit_in_two_steps(cell, n_vehicles[c], bounds, _row(out, c))
-        else:
-            fit_at_once(cell, n_vehicles[c], bounds, _row(out, c))
+
+@njit(cache=True, nogil=True)
+def fit_cells_in_two_steps(rows: Rows, start: IntArray, n_vehicles: FloatArray, bounds: Bounds, out: Modes) -> None:
+    """The paper's recipe, modes by DBSCAN and directions before speeds; else as `fit_cells_at_once`."""
+    for c in range(n_vehicles.size):
+        if start[c + 1] > start[c]:
+            fit_in_two_steps(_slice(rows, start[c], start[c + 1]), n_vehicles[c], bounds, _row(out, c))
+
+
+@njit(cache=True)
+def _slice(rows: Rows, first: int, last: int) -> Rows:
+    return Rows(
+        rows.direction[first:last],
+        rows.cosine[first:last],
+        rows.sine[first:last],
+        rows.speed[first:last],
+        rows.log_speed[first:last],
+        rows.weight[first:last],
+    )
 
 
 @njit(cache=True)
@@ -126,7 +126,7 @@ def _copy_mode(source: Modes, i: int, target: Modes, j: int) -> None:
 def start_evenly(rows: Rows, modes: Modes, bounds: Bounds) -> None:
     """Modes at even quantiles of the circle, cut at its widest gap."""
     n, k = rows.direction.size, modes.weight.size
-    theta = np.sort(rows.direction)
+    theta = rows.direction
     cut, widest = 0, theta[0] + density.TWO_PI - theta[n - 1]
     for i in range(1, n):
         if theta[i] - theta[i - 1] > widest:
@@ -223,10 +223,9 @@ def maximisation(sums: FloatArray, total: float, n_vehicles: float, bounds: Boun
 def fit_in_two_steps(rows: Rows, n_vehicles: float, bounds: Bounds, out: Modes) -> None:
     """The paper's recipe: DBSCAN for the number of modes, EM on directions, then a gamma for each mode."""
     n = rows.direction.size
-    order = np.argsort(rows.direction)
     label = np.empty(n, np.int64)
     min_samples = max(3, math.ceil(bounds.dbscan_share * n))
-    k = density.dbscan_sorted(rows.direction[order], order, bounds.dbscan_eps, min_samples, label)
+    k = density.dbscan_sorted(rows.direction, np.arange(n), bounds.dbscan_eps, min_samples, label)
     k = min(max(k, 1), bounds.max_modes)
     trial = _empty_modes(k)
     start_evenly(rows, trial, bounds)

@@ -63,7 +63,9 @@ def learn_primitives(
     """
     config = config or LearningConfig()
     tracks = tracks if isinstance(tracks, Tracks) else Tracks.concatenate(tracks)
-    _check_options(tracks, tessellation, cell_size, n_cells=n_cells, modes=modes, primitive=primitive)
+    _check_options(
+        tracks, tessellation=tessellation, cell_size=cell_size, n_cells=n_cells, modes=modes, primitive=primitive
+    )
     rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s)
     free = fit_place_free(rows, config)
     candidates = _candidates(rows.position, tessellation, cell_size, n_cells, config)
@@ -88,6 +90,7 @@ def learn_primitives(
 
 def _check_options(
     tracks: Tracks,
+    *,
     tessellation: object,
     cell_size: float | None,
     n_cells: int | None,
@@ -150,7 +153,9 @@ def fit_place_free(rows: TrackRows, config: LearningConfig) -> PlaceFree:
         mean_speed = float(moving.speed.mean())
         spread = max(float(np.log(mean_speed) - np.log(moving.speed).mean()), 1e-3)
         bounds = bounds_of(config, max_modes=k, speed_spread=spread)
-        _kernels.fit_at_once(columns_of(moving.direction, moving.speed), float(moving.n_vehicles), bounds, found)
+        order = np.argsort(moving.direction)
+        columns = columns_of(moving.direction[order], moving.speed[order])
+        _kernels.fit_at_once(columns, float(moving.n_vehicles), bounds, found)
     standing = (n_standing + 1) / (len(rows) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
     used = np.flatnonzero(found.weight)
@@ -178,9 +183,8 @@ def fit_cells(
     n, k = cells.n_cells, config.max_modes
     found = _kernels.Modes(np.zeros((n, k)), np.zeros((n, k)), np.zeros((n, k)), np.ones((n, k)), np.ones((n, k)))
     bounds = bounds_of(config, max_modes=k, speed_spread=free.speed_spread)
-    _kernels.fit_cells(
-        in_cells.rows, in_cells.start, in_cells.n_vehicles, np.arange(n), modes == "dbscan", bounds, found
-    )
+    fit = _kernels.fit_cells_in_two_steps if modes == "dbscan" else _kernels.fit_cells_at_once
+    fit(in_cells.rows, in_cells.start, in_cells.n_vehicles, bounds, found)
     n_rows = in_cells.n_rows
     standing = in_cells.n_standing / np.maximum(n_rows, 1)
     used = max(int((found.weight > 0).sum(axis=1).max(initial=0)), 1)

@@ -19,7 +19,8 @@ MIN_PAIRS = 10
 RATES = (0.02, 10.0)
 """1/s; slower than this nothing settles within a forecast, faster than this rows half a second apart cannot tell."""
 MIN_TURNING = 1e-4
-MIN_DRIFT = 1e-4
+MIN_DRIFT = 0.02
+"""m^2/s; a simulator drives on its lines, a filter that trusts them to the centimetre loses whoever does not."""
 FALLBACK = Relaxation(
     direction_rate=0.5,
     speed_rate=0.2,

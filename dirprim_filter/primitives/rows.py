@@ -65,7 +65,7 @@ class TrackRows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellRows:
-    """Moving rows sorted by cell, and what each cell holds.
+    """Moving rows sorted by cell and direction, and what each cell holds.
 
     Attributes:
         rows: the columns of moving rows, as the kernels take them.
@@ -86,7 +86,7 @@ class CellRows:
         standing = rows.speed < standing_speed
         n_cells = tessellation.n_cells
         moving = np.flatnonzero(~standing & (cell >= 0))
-        order = moving[np.argsort(cell[moving], kind="stable")]
+        order = moving[np.lexsort((rows.direction[moving], cell[moving]))]
         return cls(
             rows=columns_of(rows.direction[order], rows.speed[order]),
             start=np.searchsorted(cell[order], np.arange(n_cells + 1)).astype(np.int64),
@@ -100,15 +100,15 @@ class CellRows:
         return np.asarray(np.diff(self.start) + self.n_standing, dtype=np.int64)
 
 
-def columns_of(direction: FloatArray, speed: FloatArray, weight: FloatArray | None = None) -> _kernels.Rows:
-    """The columns of moving rows, as the kernels take them. (n,), (n,) positive -> columns of (n,)."""
+def columns_of(direction: FloatArray, speed: FloatArray) -> _kernels.Rows:
+    """The columns of moving rows, as the kernels take them: ascending directions (n,), positive speeds (n,)."""
     return _kernels.Rows(
         direction,
         np.cos(direction),
         np.sin(direction),
         speed,
         np.log(speed),
-        np.ones_like(speed) if weight is None else weight,
+        np.ones_like(speed),
     )
 
 
