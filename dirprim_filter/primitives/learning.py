@@ -271,13 +271,15 @@ def _choose_cells(
 def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:
     """The grid whose number of cells is nearest to `n_cells`, by bisection on the logarithm of its cell size."""
     low, high = 0.1, float(np.ptp(position, axis=0).max()) + 1.0
+    nearest = GridTessellation.covering(position, cell_size=high)
     for _ in range(30):
         middle = float(np.sqrt(low * high))
         grid = GridTessellation.covering(position, cell_size=middle)
+        nearest = min(nearest, grid, key=lambda tried: abs(tried.n_cells - n_cells))
         if grid.n_cells == n_cells:
-            return grid
+            break
         low, high = (middle, high) if grid.n_cells > n_cells else (low, middle)
-    return grid
+    return nearest
 
 
 def _held_out_scores(

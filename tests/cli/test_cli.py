@@ -1,0 +1,300 @@
+"""The command line: results on stdout, one line for an error, exit codes that tell."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dirprim_filter import Tracks, load_map, read_estimates, read_tracks, write_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.evaluation.tracking import score
+
+DONE, FAILED, USAGE, INPUT_LOST = 0, 1, 2, 3
+
+
+def dirprim(*arguments):
+    return run([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def few(ring):
+    return ring[ring.track_id < 6]
+
+
+@pytest.fixture
+def log(few, tmp_path):
+    write_tracks(few, tmp_path / "few.mcap")
+    return tmp_path / "few.mcap"
+
+
+@pytest.fixture
+def learned(log, tmp_path):
+    assert dirprim("learn", log, "-o", tmp_path / "map.mcap", "--cell-size", 6) == DONE
+    return tmp_path / "map.mcap"
+
+
+def csv_of(tracks, path, *, noise_m=0.0, rng=None):
+    position = tracks.position + (noise_m * rng.standard_normal(tracks.position.shape) if rng else 0.0)
+    rows = np.column_stack([tracks.time_ns * 1e-9, tracks.track_id, position])
+    np.savetxt(
+        path, rows, delimiter=",", header="time_s,track_id,x_m,y_m", comments="", fmt=["%.1f", "%d", "%.4f", "%.4f"]
+    )
+    return path
+
+
+def test_help_of_every_command_has_an_example(capsys):
+    assert dirprim("--help") == DONE
+    commands = [line.split()[0] for line in capsys.readouterr().out.split("Commands:")[1].splitlines() if line.strip()]
+    assert {"info", "convert", "simulate", "learn", "track", "forecast", "plot", "view", "demo"} <= set(commands)
+    for command in set(commands) - {"demo"}:
+        assert dirprim(command, "--help") == DONE
+        assert f"Example: dirprim {command} " in " ".join(capsys.readouterr().out.split())
+
+
+def test_info_names_the_topics_that_carry_tracks(log, few, capsys):
+    assert dirprim("info", log) == DONE
+    assert "tracks in: /objects, /objects/scene" in capsys.readouterr().out
+    assert dirprim("info", log, "--json") == DONE
+    told = json.loads(capsys.readouterr().out)
+    assert set(told) == {"topics", "messages", "start_ns", "end_ns", "damage"}
+    topics = {topic["name"]: topic for topic in told["topics"]}
+    assert set(topics["/objects"]) == {"name", "schema", "encoding", "messages", "tracks"}
+    assert topics["/objects"]["tracks"] == few.n_tracks
+    assert (told["start_ns"], told["end_ns"], told["damage"]) == (few.time_ns.min(), few.time_ns.max(), [])
+
+
+def test_the_way_from_a_table_to_tracked_vehicles(few, tmp_path, capsys):
+    table = csv_of(few, tmp_path / "few.csv", noise_m=0.5, rng=np.random.default_rng(0))
+    write_tracks(few, tmp_path / "truth.mcap")
+    assert dirprim("convert", table, "-o", tmp_path / "noisy.mcap") == DONE
+    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap") == DONE
+    assert (
+        dirprim("track", tmp_path / "noisy.mcap", "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap") == DONE
+    )
+    estimates = read_estimates(tmp_path / "out.mcap")
+    assert set(estimates.track_id) == set(few.track_id)
+    assert len(estimates) == len(few)
+    assert score(estimates, few).position_rmse < 0.5 * np.sqrt(2)  # better than what was measured
+    assert capsys.readouterr().err == ""
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not(log, learned, tmp_path):
+    for name, seed in (("a", 4), ("b", 4), ("c", 5)):
+        assert dirprim("track", log, "--map", learned, "-o", tmp_path / name, "--seed", seed) == DONE
+    a, b, c = ((tmp_path / name).read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+
+
+def test_a_vehicles_estimates_do_not_change_when_others_are_removed(few, log, learned, tmp_path):
+    write_tracks(few[few.track_id == 3], tmp_path / "one.mcap")
+    for name in ("few", "one"):
+        assert dirprim("track", tmp_path / f"{name}.mcap", "--map", learned, "-o", tmp_path / f"{name}.out") == DONE
+    among, alone = read_estimates(tmp_path / "few.out"), read_estimates(tmp_path / "one.out")
+    rows = among.track_id == 3
+    assert rows.sum() == len(alone) > 0
+    for field in ("time_ns", "position", "covariance", "direction", "speed", "log_evidence"):
+        np.testing.assert_array_equal(getattr(among, field)[rows], getattr(alone, field))
+
+
+def test_what_exists_is_not_overwritten_without_force(log, learned, tmp_path, capsys):
+    before = learned.read_bytes()
+    assert dirprim("learn", log, "-o", learned) == FAILED
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert str(learned) in error
+    assert "--force" in error
+    assert learned.read_bytes() == before
+    assert dirprim("learn", log, "-o", learned, "--force", "--cells", 12) == DONE
+    assert load_map(learned).tessellation.n_cells == pytest.approx(12, abs=3)
+
+
+def test_options_reach_the_library(log, tmp_path):
+    assert dirprim("learn", log, "-o", tmp_path / "m", "--cell-size", 9, "--modes", "dbscan", "--seed", 3) == DONE
+    assert load_map(tmp_path / "m").tessellation.cell_size == 9.0
+    assert dirprim("learn", log, "-o", tmp_path / "n", "--cell-size", 9, "--end", "2000000000") == DONE
+    assert load_map(tmp_path / "n").n_rows[-1] < load_map(tmp_path / "m").n_rows[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["frobnicate"], "No such command"),
+        (["learn"], "Missing argument"),
+        (["learn", "absent.mcap", "-o", "x"], "absent.mcap"),
+        (["learn", __file__, "-o", "x", "--tessellation", "hexagons"], "hexagons"),
+    ],
+)
+def test_usage(arguments, said, capsys):
+    assert run(arguments) == USAGE
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("time_s,track_id,x_m\n0,1,2\n", "y_m"),
+        ("time_s,track_id,x_m,y_m,speed_kmh\n0,1,2,3,50\n", "speed_kmh"),
+        ("time_s,track_id,x_m,y_m\n0,1,two,3\n", "two"),
+    ],
+)
+def test_a_wrong_table_is_told_in_one_line(content, said, tmp_path, capsys):
+    (tmp_path / "wrong.csv").write_text(content)
+    assert dirprim("convert", tmp_path / "wrong.csv", "-o", tmp_path / "out.mcap") == FAILED
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "wrong.csv" in error
+    assert said in error
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_dropped_rows_are_counted_and_the_rest_is_kept(few, tmp_path, capsys):
+    table = csv_of(few, tmp_path / "t.csv")
+    with table.open("a") as file:
+        file.write("1.0,0,nan,2\n0.0,0,3,3\n")
+    assert dirprim("convert", table, "-o", tmp_path / "t.mcap") == INPUT_LOST
+    assert capsys.readouterr().err.count("dropped 1 rows") == 2
+    assert len(read_tracks(tmp_path / "t.mcap")) == len(few)
+
+
+def test_a_damaged_log_is_read_as_far_as_it_is_whole(few, tmp_path, capsys):
+    write_tracks(few, tmp_path / "whole.mcap")
+    data = (tmp_path / "whole.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 9 // 10])
+    assert dirprim("info", tmp_path / "cut.mcap") == INPUT_LOST
+    assert "damage" in capsys.readouterr().out
+    assert dirprim("learn", tmp_path / "cut.mcap", "-o", tmp_path / "m", "--strict") == FAILED
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "m").exists()
+
+
+def test_files_that_are_no_logs(tmp_path, capsys):
+    for name, content in (("empty.mcap", b""), ("text.mcap", b"hello, this is no log\n" * 9)):
+        (tmp_path / name).write_bytes(content)
+        assert dirprim("info", tmp_path / name) == FAILED
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert name in error
+
+
+def test_a_map_is_asked_for_where_a_log_came(log, tmp_path, capsys):
+    assert dirprim("track", log, "--map", log, "-o", tmp_path / "x") == FAILED
+    assert "dirprim learn" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_log_without_tracks_says_what_it_has(log, learned, capsys, tmp_path):
+    assert dirprim("learn", learned, "-o", tmp_path / "x") == FAILED
+    assert "/dirprim/map" in capsys.readouterr().err
+
+
+def test_forecast_of_a_state(learned, capsys, tmp_path):
+    state = ["--at", 20, 0, "--direction-deg", 90, "--speed", 8, "--samples", 50]
+    assert dirprim("forecast", "--map", learned, *state, "--json") == DONE
+    paths = np.array(json.loads(capsys.readouterr().out)["paths"])
+    assert paths.shape == (50, 10, 2)
+    assert dirprim("forecast", "--map", learned, *state, "-o", tmp_path / "f.png") == DONE
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+    assert len(capsys.readouterr().out.splitlines()) == 11
+
+
+def test_a_bug_keeps_its_traceback(monkeypatch, log):
+    def broken(_path):
+        raise TypeError("a bug")
+
+    monkeypatch.setattr("dirprim_filter.recording.reader.inspect", broken)
+    with pytest.raises(TypeError, match="a bug"):
+        dirprim("info", log)
+
+
+def test_a_closed_pipe_is_no_error(log):
+    command = f"{sys.executable} -m dirprim_filter.cli info {log} {log} {log} | head -n 1"
+    result = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
+    assert result.stderr == ""
+    assert result.stdout.startswith(str(log))
+
+
+def test_simulate_writes_what_the_demo_reads(tmp_path):
+    pytest.importorskip("sumo", reason="the extra `sim` (eclipse-sumo) is not installed")
+    assert dirprim("simulate", "intersection", "-o", tmp_path / "s.mcap", "--duration", 20, "--seed", 1) == DONE
+    assert read_tracks(tmp_path / "s.mcap").n_tracks > 0
+    again = tmp_path / "again.mcap"
+    assert dirprim("simulate", "intersection", "-o", again, "--duration", 20, "--seed", 1) == DONE
+    assert again.read_bytes() == (tmp_path / "s.mcap").read_bytes()
+
+
+def test_ids_that_are_no_numbers_stay_as_they_are(few, tmp_path):
+    named = Tracks(
+        track_id=np.char.add("car-", few.track_id.astype(str)),
+        time_ns=few.time_ns,
+        position=few.position,
+        direction=few.direction,
+        speed=few.speed,
+    )
+    write_tracks(named, tmp_path / "named.mcap")
+    assert dirprim("learn", tmp_path / "named.mcap", "-o", tmp_path / "m") == DONE
+    assert dirprim("track", tmp_path / "named.mcap", "--map", tmp_path / "m", "-o", tmp_path / "o") == DONE
+    assert set(read_estimates(tmp_path / "o").track_id) == set(named.track_id)
+
+
+def test_lankershim_from_table_to_estimates(real_data, tmp_path):
+    truth_table = real_data / "lankershim" / "lankershim.csv"
+    assert dirprim("convert", truth_table, "-o", tmp_path / "truth.mcap") == DONE
+    truth = read_tracks(tmp_path / "truth.mcap")
+    some = np.isin(truth.track_id, np.unique(truth.track_id)[::20])
+    noisy = csv_of(truth[some], tmp_path / "noisy.csv", noise_m=0.5, rng=np.random.default_rng(1))
+    assert dirprim("convert", noisy, "-o", tmp_path / "noisy.mcap") == DONE
+    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap") == DONE
+    assert (
+        dirprim("track", tmp_path / "noisy.mcap", "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap") == DONE
+    )
+    result = score(read_estimates(tmp_path / "out.mcap"), truth)
+    assert result.n_rows == some.sum()  # every vehicle, at every time
+    assert result.position_rmse < 0.5 * np.sqrt(2)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "MovingHostWith3DModel", "MovingHostWithStopLine", "disappearingVehicle", "testBrakeAndIndicatorLights",
+        "omega_prime/osi_centerline_example",
+    ],
+)  # fmt: skip
+def test_logs_of_asam_osi_straight_away(name, real_data, tmp_path, capsys):
+    log = real_data / "mcap_osi" / f"{name}.mcap"
+    assert dirprim("info", log) == DONE
+    assert "tracks in: " in capsys.readouterr().out
+    assert dirprim("learn", log, "-o", tmp_path / "map.mcap") == DONE
+    assert dirprim("track", log, "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap") == DONE
+    truth = read_tracks(log)
+    assert score(read_estimates(tmp_path / "out.mcap"), truth).n_vehicles == truth.n_tracks
+
+
+def test_the_demo(tmp_path_factory, capsys):
+    folder = tmp_path_factory.mktemp("demo") / "demo"
+    assert dirprim("demo", "-o", folder) == DONE
+    table = capsys.readouterr().out
+    for line in ("with the prior", "place-free", "constant velocity", "next: open"):
+        assert line in table
+    assert {path.name for path in folder.iterdir()} == {"map.mcap", "tracks.mcap", "tracks.rrd", "demo.png"}
+    _opens_everywhere(folder)
+    assert dirprim("demo", "-o", folder) == FAILED  # nothing is overwritten
+
+
+def _opens_everywhere(folder):
+    """The stock reader with CRC validation, rerun's importer, and rerun's own check."""
+    from mcap.reader import make_reader
+
+    rerun = Path(sys.executable).with_name("rerun")
+    for name in ("map", "tracks"):
+        with (folder / f"{name}.mcap").open("rb") as file:
+            assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) > 0
+        converted = folder / f"{name}_converted.rrd"
+        subprocess.run(
+            [rerun, "mcap", "convert", folder / f"{name}.mcap", "-o", converted], check=True, capture_output=True
+        )
+        subprocess.run([rerun, "rrd", "verify", converted], check=True, capture_output=True)
+    subprocess.run([rerun, "rrd", "verify", folder / "tracks.rrd"], check=True, capture_output=True)

@@ -1,0 +1,288 @@
+"""What is learned from tracks of which the truth is known, and from tracks that hold next to nothing."""
+
+import numpy as np
+import pytest
+from scipy.special import polygamma
+from situations import ring_traffic, rows_of
+
+from dirprim_filter import learn_primitives
+from dirprim_filter.config import LearningConfig
+from dirprim_filter.distributions.angles import difference, wrap
+from dirprim_filter.distributions.von_mises import mean_resultant_length
+from dirprim_filter.primitives import _kernels
+from dirprim_filter.primitives.rows import TrackRows, columns_of
+from dirprim_filter.tracks import Tracks
+from tessellation import GridTessellation
+
+# (weight, mean direction, concentration, shape, mean speed) of each mode, of each of two cells
+TRUTH = {
+    "west": np.array([[0.6, 0.3, 60.0, 40.0, 12.0], [0.4, -1.6, 25.0, 9.0, 5.0]]),
+    "east": np.array([[0.5, 3.0, 40.0, 20.0, 8.0], [0.3, 1.2, 80.0, 60.0, 14.0], [0.2, -1.0, 30.0, 12.0, 4.0]]),
+}
+N_VEHICLES = 3000
+FALSE_ALARM_SIGMAS = 5.0  # of 25 parameters, each off by that much once in 1.7e6 draws
+
+
+def simulated(truth, rng, *, n=N_VEHICLES):
+    """Directions and speeds of n vehicles."""
+    weight, mean, concentration, shape, mean_speed = truth.T
+    mode = rng.choice(weight.size, size=n, p=weight)
+    return (
+        wrap(rng.vonmises(mean[mode], concentration[mode])),
+        rng.standard_gamma(shape[mode]) * mean_speed[mode] / shape[mode],
+    )
+
+
+@pytest.fixture(scope="module")
+def two_cells():
+    """Rows in cells west and east of x = 0; no two rows share a vehicle."""
+    rng = np.random.default_rng(3)
+    west = rows_of(*simulated(TRUTH["west"], rng), position=(-5.0, 5.0))
+    east = rows_of(*simulated(TRUTH["east"], rng), position=(5.0, 5.0), first_id=N_VEHICLES)
+    return Tracks.concatenate([west, east])
+
+
+def own_modes(learned, position):
+    """Modes that a cell has of its own, without the one for standing: rows as in TRUTH, heaviest first."""
+    direction, speed = learned.primitive_at(np.array(position))
+    n_own = direction.weight.size - learned.n_place_free_modes - 1
+    columns = direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.mean
+    found = np.stack(columns, axis=1)[:n_own]
+    found = found[found[:, 0] > 0]
+    found[:, 0] /= found[:, 0].sum()
+    return found
+
+
+def sigmas_off(found, truth):
+    """How many standard errors of maximum likelihood lie between each parameter and its true value."""
+    weight, mean, concentration, shape, mean_speed = truth.T
+    n = N_VEHICLES * weight
+    resultant = mean_resultant_length(concentration)
+    of_concentration = 1 - resultant**2 - resultant / concentration
+    error = found - truth
+    error[:, 1] = difference(found[:, 1], mean)
+    standard_error = [
+        np.sqrt(weight * (1 - weight) / N_VEHICLES),
+        1 / np.sqrt(n * concentration * resultant),
+        1 / np.sqrt(n * of_concentration),
+        1 / np.sqrt(n * (polygamma(1, shape) - 1 / shape)),
+        mean_speed / np.sqrt(n * shape),
+    ]
+    return np.abs(error / np.stack(standard_error, axis=1)).max()
+
+
+@pytest.mark.parametrize(("cell", "position"), [("west", (-5.0, 5.0)), ("east", (5.0, 5.0))])
+def test_a_known_mixture_is_recovered_in_each_cell(two_cells, cell, position):
+    learned = learn_primitives(two_cells, cell_size=10.0, rng=np.random.default_rng(0))
+    assert learned.tessellation.n_cells == 2
+    found = own_modes(learned, position)
+    assert found.shape == TRUTH[cell].shape  # BIC found the number of modes
+    assert sigmas_off(found, TRUTH[cell]) < FALSE_ALARM_SIGMAS
+    for column, change in enumerate((0.05, 0.05, 10.0, 10.0, 0.5)):  # the tolerance can tell neighbours apart
+        other = TRUTH[cell].copy()
+        other[:, column] += change
+        other[:, 0] /= other[:, 0].sum() if column else 1.0
+        assert sigmas_off(found, other) > FALSE_ALARM_SIGMAS
+
+
+@pytest.mark.parametrize(("cell", "position"), [("west", (-5.0, 5.0)), ("east", (5.0, 5.0))])
+def test_the_papers_recipe_finds_the_same_modes(two_cells, cell, position):
+    learned = learn_primitives(two_cells, cell_size=10.0, modes="dbscan", rng=np.random.default_rng(0))
+    found = own_modes(learned, position)
+    assert found.shape == TRUTH[cell].shape
+    np.testing.assert_allclose(difference(found[:, 1], TRUTH[cell][:, 1]), 0, atol=0.05)
+    np.testing.assert_allclose(found[:, [0, 2, 4]], TRUTH[cell][:, [0, 2, 4]], rtol=0.2)
+
+
+@pytest.mark.parametrize("with_speed", [True, False])
+@pytest.mark.parametrize("k", [1, 2, 3, 6])
+def test_the_log_likelihood_of_em_never_falls(k, with_speed):
+    direction, speed = simulated(TRUTH["east"], np.random.default_rng(k), n=400)
+    order = np.argsort(direction)
+    rows = columns_of(direction[order], speed[order])
+    bounds = _kernels.Bounds(k, 0.0, 0.0, 0.2, 1e3, 1e3, 0.2, 0.05)  # no priors
+    modes = _kernels.Modes(*(np.ones(k) for _ in _kernels.Modes._fields))
+    _kernels.start_evenly(rows, modes, bounds)
+    trace = []
+    for _ in range(60):
+        sums = np.zeros((k, 5))
+        trace.append(_kernels.expectation(rows, with_speed, modes, sums))
+        _kernels.maximisation(sums, 400.0, 400.0, bounds, modes)
+    assert (modes.weight > 0).all()
+    assert np.diff(trace).min() >= -1e-8
+    assert trace[-1] > trace[0] + 10  # it had something to climb
+
+
+def parameters(learned):
+    return [
+        learned.tessellation.centers, learned.direction.weight, learned.direction.mean_direction,
+        learned.direction.concentration, learned.speed.shape, learned.speed.rate, learned.n_rows,
+        np.array([getattr(learned.relaxation, name) for name in learned.relaxation.__dataclass_fields__]),
+    ]  # fmt: skip
+
+
+def assert_same_map(a, b):
+    for mine, theirs in zip(parameters(a), parameters(b), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def test_the_same_tracks_and_random_state_give_the_identical_map(ring):
+    assert_same_map(
+        learn_primitives(ring, rng=np.random.default_rng(5)), learn_primitives(ring, rng=np.random.default_rng(5))
+    )
+
+
+def test_the_order_of_the_rows_does_not_matter(ring):
+    shuffled = ring[np.random.default_rng(0).permutation(len(ring))]
+    assert_same_map(
+        learn_primitives(ring, cell_size=6.0, rng=np.random.default_rng(5)),
+        learn_primitives(shuffled, cell_size=6.0, rng=np.random.default_rng(5)),
+    )
+
+
+def test_an_iterable_of_tracks_gives_the_map_of_their_concatenation(ring):
+    parts = [ring[ring.track_id % 3 == i] for i in range(3)]
+    assert_same_map(
+        learn_primitives((part for part in parts), cell_size=6.0, rng=np.random.default_rng(1)),
+        learn_primitives(Tracks.concatenate(parts), cell_size=6.0, rng=np.random.default_rng(1)),
+    )
+
+
+def learned_ring(tracks, **knobs):
+    return learn_primitives(tracks, cell_size=6.0, config=LearningConfig(**knobs), rng=np.random.default_rng(0))
+
+
+def test_rows_ten_times_denser_in_time_change_nothing_because_they_are_thinned():
+    sparse = ring_traffic(np.random.default_rng(9), dt_s=0.1, n_rows=100)
+    dense = ring_traffic(np.random.default_rng(9), dt_s=0.01, n_rows=1000)
+    for mine, theirs in zip(parameters(learned_ring(dense)), parameters(learned_ring(sparse)), strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-9)
+    assert learned_ring(dense, row_interval_s=1e-3).n_rows[-1] == len(dense)  # what would be without
+
+
+def test_rows_kept_at_other_instants_change_little():
+    sparse = ring_traffic(np.random.default_rng(9), dt_s=0.15, n_rows=70)  # kept every 0.45 s
+    dense = ring_traffic(np.random.default_rng(9), dt_s=0.015, n_rows=700)  # kept every 0.405 s
+    others = ring_traffic(np.random.default_rng(10))
+    query = others.position, others.direction, others.speed
+    of_sparse, of_dense = learned_ring(sparse).log_density(*query), learned_ring(dense).log_density(*query)
+    assert abs(of_dense.mean() - of_sparse.mean()) < 0.1
+
+
+def test_kept_rows_are_the_interval_apart_and_no_vehicle_is_lost(ring):
+    kept = TrackRows.thinned(ring, interval_s=0.4)
+    same = np.diff(kept.vehicle) == 0
+    assert np.diff(kept.time_ns)[same].min() >= 400_000_000
+    assert kept.n_vehicles == ring.n_tracks
+    assert len(TrackRows.thinned(ring, interval_s=0.1)) == len(ring)
+
+
+def still(n, speed=0.0):
+    return rows_of(np.linspace(-3, 3, n), np.full(n, speed), position=(1.0, 1.0))
+
+
+def one_vehicle():
+    return ring_traffic(np.random.default_rng(0), n_vehicles=1)
+
+
+def antipodal():
+    return rows_of(np.tile([0.5, 0.5 - np.pi], 20), np.full(40, 7.0), position=(1.0, 1.0))
+
+
+@pytest.mark.parametrize("modes", ["bic", "dbscan"])
+@pytest.mark.parametrize(
+    "tracks",
+    [
+        pytest.param(one_vehicle(), id="one vehicle"),
+        pytest.param(rows_of([2.0], [8.0]), id="one row"),
+        pytest.param(still(1), id="one row of a standing vehicle"),
+        pytest.param(still(30), id="all stand at speed 0"),
+        pytest.param(still(30, 0.2), id="all creep below the standing speed"),
+        pytest.param(rows_of(np.full(30, 1.0), np.linspace(3, 9, 30)), id="all angles equal"),
+        pytest.param(rows_of(np.full(30, np.pi), np.full(30, 8.0)), id="all angles and speeds equal"),
+        pytest.param(rows_of(np.linspace(-3, 3, 30), np.linspace(1, 9, 30), position=(2.0, 2.0)), id="one point"),
+        pytest.param(antipodal(), id="two opposite directions"),
+        pytest.param(rows_of(np.linspace(-3, 3, 30), np.linspace(1, 9, 30), position=(1e7, -1e7)), id="far away"),
+    ],
+)
+def test_little_or_degenerate_data_give_a_finite_proper_map(tracks, modes):
+    learned = learn_primitives(tracks, modes=modes, rng=np.random.default_rng(0))
+    assert learned.tessellation.n_cells >= 1
+    assert learned.direction.concentration.max() <= 1e3
+    assert learned.speed.shape.max() <= 1e3
+    for place in (tracks.position[0], tracks.position[0] + 1e4):
+        direction, speed = np.meshgrid(np.linspace(-np.pi, np.pi, 13), [0.0, 0.1, 1.0, 10.0, 50.0])
+        assert np.isfinite(learned.log_density(place, direction, speed)).all()
+        fine = np.linspace(-np.pi, np.pi, 2000, endpoint=False)
+        assert np.exp(learned.direction_log_density(place, fine)).mean() * 2 * np.pi == pytest.approx(1, abs=1e-9)
+
+
+def test_one_row_comes_out_as_the_likeliest_motion_of_its_cell_and_leaves_others_possible():
+    learned = learn_primitives(rows_of([2.0], [8.0]), rng=np.random.default_rng(0))
+    log_p = learned.log_density(np.zeros(2), np.array([2.0, -1.0]), np.array([8.0, 8.0]))
+    assert 2.0 < log_p[0] - log_p[1] < 20.0
+
+
+def test_standing_vehicles_come_out_as_a_mode_without_direction_near_speed_zero():
+    learned = learn_primitives(still(30), rng=np.random.default_rng(0))
+    direction, speed = learned.sample(np.tile([1.0, 1.0], (4000, 1)), rng=np.random.default_rng(1))
+    assert np.mean(speed < 0.3) > 0.9  # exponential of mean 0.05 m/s
+    assert abs(np.exp(1j * direction[speed < 0.3]).mean()) < 5 / np.sqrt(4000)
+    assert len(own_modes(learned, (1.0, 1.0))) == 0
+
+
+def test_opposite_directions_come_out_as_two_modes_of_half_the_weight():
+    found = own_modes(learn_primitives(antipodal(), rng=np.random.default_rng(0)), (1.0, 1.0))
+    found = found[np.argsort(found[:, 1])]
+    np.testing.assert_allclose(found[:, 0], 0.5, atol=1e-6)
+    np.testing.assert_allclose(found[:, 1], [0.5 - np.pi, 0.5], atol=1e-6)
+    np.testing.assert_allclose(found[:, 4], 7.0, rtol=1e-6)
+
+
+def test_no_rows_are_refused(ring):
+    with pytest.raises(ValueError, match="tracks: expected at least one row, got none"):
+        learn_primitives(ring[:0], rng=np.random.default_rng(0))
+    with pytest.raises(ValueError, match="parts: expected at least one"):
+        learn_primitives(iter(()), rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tessellation": "hexagons"}, "tessellation: .*'grid'.* got 'hexagons'"),
+        ({"modes": "aic"}, "modes: expected 'bic' or 'dbscan', got 'aic'"),
+        ({"primitive": "bent"}, "primitive: .*'flat', got 'bent'"),
+        ({"cell_size": 5.0, "n_cells": 5}, "at most one of them"),
+        ({"cell_size": 5.0, "tessellation": GridTessellation.empty()}, "at most one of them"),
+        ({"n_cells": 0}, "n_cells: expected at least 1, got 0"),
+        ({"cell_size": 0.0}, "cell_size: expected a positive length"),
+        ({"cell_size": np.nan}, "cell_size: expected a positive length"),
+        ({"cell_size": 1e-3}, "cell_size: .* choose larger cells"),
+    ],
+)
+def test_unknown_or_contradictory_options_are_refused_by_name(ring, options, message):
+    with pytest.raises(ValueError, match=message):
+        learn_primitives(ring, rng=np.random.default_rng(0), **options)
+
+
+@pytest.mark.parametrize("n", [4, 12, 20, 80])
+def test_n_cells_gives_about_that_many(ring, n):
+    learned = learn_primitives(ring, n_cells=n, rng=np.random.default_rng(0))
+    assert learned.tessellation.n_cells == pytest.approx(n, rel=0.2)
+
+
+def test_given_cells_are_kept_even_where_they_hold_nothing(ring):
+    cells = GridTessellation.covering(np.array([[500.0, 500.0]]), cell_size=10.0)
+    learned = learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))
+    assert learned.tessellation is cells
+    np.testing.assert_array_equal(learned.n_rows[:-1], 0)
+    assert np.isfinite(learned.log_density([505.0, 505.0], 0.0, 5.0))
+
+
+def test_held_out_vehicles_are_likelier_with_the_places_than_without(ring):
+    test = ring.track_id % 4 == 0
+    learned = learn_primitives(ring[~test], rng=np.random.default_rng(0))
+    query = ring.position[test], ring.direction[test], ring.speed[test]
+    with_places = learned.log_density(*query).mean()
+    without = learned.without_places().log_density(*query).mean()
+    assert with_places > without + 0.5

@@ -1,0 +1,65 @@
+"""Traffic and maps that several test modules build with numbers of their own."""
+
+import numpy as np
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.primitive_map import Relaxation
+from dirprim_filter.tracks import Tracks
+from tessellation import GridTessellation
+
+
+def ring_traffic(rng, *, n_vehicles=40, radius=20.0, speed=8.0, n_rows=100, dt_s=0.1):
+    """Vehicles that drive counter-clockwise around the origin, at speeds and radii of their own."""
+    start = rng.uniform(0, 2 * np.pi, n_vehicles)
+    pace = speed * rng.gamma(50.0, 1 / 50.0, n_vehicles)
+    r = radius + rng.normal(0, 0.7, n_vehicles)
+    t = np.arange(n_rows) * dt_s
+    angle = start[:, None] + pace[:, None] / r[:, None] * t
+    position = np.stack([r[:, None] * np.cos(angle), r[:, None] * np.sin(angle)], axis=-1)
+    return Tracks(
+        track_id=np.repeat(np.arange(n_vehicles), n_rows),
+        time_ns=np.tile((t * 1e9).round().astype(np.int64), n_vehicles),
+        position=position.reshape(-1, 2),
+        direction=(angle + np.pi / 2).ravel(),
+        speed=np.repeat(pace, n_rows),
+    )
+
+
+def rows_of(direction, speed, *, position=(0.0, 0.0), time_ns=0, first_id=0):
+    """Tracks of one row for each vehicle, all at one time."""
+    n = len(direction)
+    return Tracks(
+        track_id=first_id + np.arange(n),
+        time_ns=np.broadcast_to(np.asarray(time_ns, np.int64), n),
+        position=np.broadcast_to(position, (n, 2)),
+        direction=direction,
+        speed=speed,
+    )
+
+
+def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4, **rates):
+    """One cell around the origin, in which vehicles drive one way at one speed; outside they do the same."""
+    column = np.ones((2, 1))
+    given = {
+        "direction_rate": 0.5, "speed_rate": 0.5, "mode_rate": 0.1,
+        "place_free_turning": 1e-4, "place_free_speed_rate": 0.1, "drift": 0.02,
+    } | rates  # fmt: skip
+    return PrimitiveMap(
+        tessellation=GridTessellation.covering(np.zeros((1, 2)) + 1e-3, cell_size=side),
+        direction=VonMisesMixture(weight=column, mean_direction=mean * column, concentration=concentration * column),
+        speed=Gamma(shape=shape * column, rate=shape / speed * column),
+        n_rows=np.array([1, 1]),
+        n_place_free_modes=0,
+        relaxation=Relaxation(**given),
+    )
+
+
+def straight_drives(names, *, n_frames=20, dt_s=0.5, speed=10.0, gap_after=None, gap_s=0.0):
+    """Frames of vehicles that drive east, each on a lane of its own: a list of (name, time, position) rows per frame."""
+    frames = []
+    for i in range(n_frames):
+        late = gap_s if gap_after is not None and i > gap_after else 0.0
+        t = i * dt_s + late
+        frames.append([(name, round(t * 1e9), (speed * t, 4.0 * lane)) for lane, name in enumerate(names)])
+    return frames

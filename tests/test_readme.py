@@ -1,0 +1,49 @@
+"""What the README says works, word for word."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from dirprim_filter.cli.main import run
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+BLOCKS = re.findall(r"^```(\w+)(?: (\w+))?\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def beside_recordings(tmp_path, monkeypatch):
+    (tmp_path / "recordings").symlink_to(ROOT / "recordings")
+    monkeypatch.chdir(tmp_path)
+
+
+def test_there_are_two_set_up_commands_of_one_line_each():
+    setups = [body for language, kind, body in BLOCKS if language == "sh" and kind in {"demo", "tests"}]
+    assert len(setups) == 2
+    assert all(body.count("\n") == 1 for body in setups)
+    assert setups[0].rstrip().endswith(".venv/bin/dirprim demo")
+
+
+def test_the_python_example_runs(beside_recordings, capsys):
+    (code,) = [body for language, _, body in BLOCKS if language == "python"]
+    assert len(code.splitlines()) <= 10
+    exec(compile(code, "README.md", "exec"), {})  # noqa: S102 (our own text)
+    assert "cells" in capsys.readouterr().out
+    assert Path("map.mcap").exists()
+
+
+def test_the_commands_run(beside_recordings):
+    (commands,) = [body for language, kind, body in BLOCKS if kind == "commands"]
+    for line in commands.splitlines():
+        program, *arguments = shlex.split(line)
+        assert program == "dirprim"
+        assert run(arguments) == 0, line
+    for output in ("map.mcap", "map.png", "tracks.mcap", "tracks.rrd", "forecast.png"):
+        assert Path(output).stat().st_size > 0
+
+
+def test_the_picture_exists():
+    (picture,) = re.findall(r"!\[[^]]+\]\(([^)]+)\)", README)
+    assert (ROOT / picture).stat().st_size > 0
