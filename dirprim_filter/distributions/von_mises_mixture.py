@@ -59,7 +59,7 @@ class VonMisesMixture:
         object.__setattr__(self, "mean_direction", wrap(mean))
         object.__setattr__(self, "concentration", concentration)
 
-    def __getitem__(self, index: AnyArray | int) -> VonMisesMixture:
+    def __getitem__(self, index: AnyArray | int | None) -> VonMisesMixture:
         """The mixtures at `index` of the leading axes."""
         return VonMisesMixture(
             weight=self.weight[index],

@@ -1,0 +1,122 @@
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import logsumexp
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions.product import (
+    kernel_density,
+    multiply_gammas,
+    multiply_mixtures,
+    sample_by_importance,
+    sample_by_rejection,
+)
+
+FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
+CIRCLE = np.linspace(-np.pi, np.pi, 8193)[:-1]
+STEP = CIRCLE[1] - CIRCLE[0]
+
+
+def mixture(*modes):
+    weight, mean, concentration = map(np.array, zip(*modes, strict=True))
+    return VonMisesMixture(weight=weight, mean_direction=mean, concentration=concentration)
+
+
+JUNCTION = mixture((0.5, np.deg2rad(-45), 20.0), (0.3, 0.0, 20.0), (0.2, np.deg2rad(45), 20.0))
+TURN_RIGHT = mixture((1.0, np.deg2rad(-90), 2.5))
+PAIRS = [
+    (JUNCTION, TURN_RIGHT),
+    (JUNCTION, mixture((0.6, 3.1, 50.0), (0.4, -1.0, 0.0))),
+    (mixture((1.0, 0.0, 600.0)), mixture((1.0, np.pi, 600.0))),  # antipodal: the product is nearly flat, and tiny
+]
+
+
+@pytest.mark.parametrize(("prior", "belief"), PAIRS)
+def test_the_product_is_that_of_the_densities_and_its_evidence_their_integral(prior, belief):
+    product, log_evidence = multiply_mixtures(prior, belief)
+    pointwise = prior.log_density(CIRCLE) + belief.log_density(CIRCLE)
+    assert log_evidence == pytest.approx(logsumexp(pointwise) + np.log(STEP), abs=1e-9)
+    np.testing.assert_allclose(product.log_density(CIRCLE), pointwise - log_evidence, atol=1e-8)
+
+
+def test_nothing_overflows_at_the_largest_concentrations():
+    product, log_evidence = multiply_mixtures(mixture((1.0, 0.0, 1e6)), mixture((1.0, 1e-3, 1e6)))
+    assert product.concentration[0] == pytest.approx(2e6, rel=1e-5)
+    assert np.isfinite(log_evidence)
+
+
+def test_order_does_not_matter_and_the_uniform_changes_nothing():
+    a, b = multiply_mixtures(JUNCTION, TURN_RIGHT), multiply_mixtures(TURN_RIGHT, JUNCTION)
+    np.testing.assert_allclose(a.mixture.log_density(CIRCLE), b.mixture.log_density(CIRCLE), atol=1e-12)
+    same, log_evidence = multiply_mixtures(JUNCTION, mixture((1.0, 0.0, 0.0)))
+    np.testing.assert_allclose(same.log_density(CIRCLE), JUNCTION.log_density(CIRCLE), atol=1e-12)
+    assert log_evidence == pytest.approx(-np.log(2 * np.pi))
+
+
+def test_leading_axes_broadcast():
+    many = JUNCTION[None][np.zeros(4, np.int64)]
+    product, log_evidence = multiply_mixtures(many, TURN_RIGHT)
+    assert product.weight.shape == (4, 3)
+    assert log_evidence.shape == (4,)
+
+
+def test_gammas_multiply_as_their_densities():
+    a, b = Gamma(shape=np.array(20.0), rate=np.array(2.0)), Gamma(shape=np.array(5.0), rate=np.array(0.7))
+    product, log_evidence = multiply_gammas(a, b)
+    speed = np.linspace(0.1, 30, 50)
+    np.testing.assert_allclose(
+        product.log_density(speed) + log_evidence, a.log_density(speed) + b.log_density(speed), atol=1e-10
+    )
+    with pytest.raises(ValueError, match="more than 1"):
+        multiply_gammas(Gamma(shape=np.array(0.4), rate=np.array(1.0)), Gamma(shape=np.array(0.5), rate=np.array(1.0)))
+
+
+def cumulative(log_density):
+    edges = np.append(CIRCLE, np.pi) - 0.5 * STEP
+    steps = np.concatenate([[0.0], np.cumsum(np.exp(log_density(CIRCLE))) * STEP])
+    return lambda theta: np.interp(theta, edges, steps)
+
+
+def papers_sampler(prior, belief, *, log_envelope, n=20_000):
+    def log_target(theta):
+        return prior.log_density(theta) + belief.log_density(theta)
+
+    broad = mixture((1.0, np.deg2rad(-60), 1.0))
+    return sample_by_rejection(log_target, broad, log_envelope=log_envelope, n_samples=n, rng=np.random.default_rng(2))
+
+
+def test_the_papers_rejection_sampler_agrees_with_the_closed_form_and_with_nothing_else():
+    product = multiply_mixtures(JUNCTION, TURN_RIGHT).mixture
+    accepted = papers_sampler(JUNCTION, TURN_RIGHT, log_envelope=np.log(6.0))
+    assert stats.kstest(accepted.direction, cumulative(product.log_density)).pvalue > FALSE_ALARM
+    assert stats.kstest(accepted.direction, cumulative(JUNCTION.log_density)).pvalue < FALSE_ALARM
+    exact, _ = product[None][np.zeros(20_000, np.int64)].sample(rng=np.random.default_rng(3))
+    assert stats.kstest(exact, cumulative(product.log_density)).pvalue > FALSE_ALARM
+    assert 0 < accepted.acceptance < 1
+
+
+def test_an_envelope_below_the_target_is_refused():
+    with pytest.raises(ValueError, match="raise k"):
+        papers_sampler(JUNCTION, TURN_RIGHT, log_envelope=np.log(0.1))
+    with pytest.raises(ValueError, match="lower k"):
+        papers_sampler(JUNCTION, TURN_RIGHT, log_envelope=200.0)
+
+
+def test_importance_weights_make_the_proposal_the_target():
+    product = multiply_mixtures(JUNCTION, TURN_RIGHT).mixture
+    theta, weight = sample_by_importance(
+        product.log_density, mixture((1.0, -1.0, 0.8)), n_samples=200_000, rng=np.random.default_rng(4)
+    )
+    expected = (np.exp(product.log_density(CIRCLE)) * np.exp(1j * CIRCLE)).sum() * STEP
+    seen = (weight * np.exp(1j * theta)).sum()
+    standard_error = np.sqrt((weight**2).sum())
+    assert abs(seen - expected) < 4.5 * standard_error  # two components at 4.5 sigma: 1.4e-5
+    assert abs((np.exp(1j * theta)).mean() - expected) > 4.5 * standard_error  # unweighted it is another law
+
+
+def test_the_kernel_density_estimate_runs_through_its_samples():
+    product = multiply_mixtures(JUNCTION, TURN_RIGHT).mixture
+    sample, _ = product[None][np.zeros(3000, np.int64)].sample(rng=np.random.default_rng(5))
+    estimate = np.exp(kernel_density(sample, concentration=80.0).log_density(CIRCLE))
+    assert estimate.sum() * STEP == pytest.approx(1.0)
+    assert np.abs(estimate - np.exp(product.log_density(CIRCLE))).sum() * STEP < 0.2
