@@ -71,8 +71,8 @@ class FilterConfig:
 
     def __post_init__(self) -> None:
         require_positive(self)
-        if self.outlier_probability >= 1 or self.resample_below > 1:
-            raise ValueError("outlier_probability, resample_below: expected shares below one")
+        if self.outlier_probability >= 1 or self.resample_below > 1 or self.place_free_share > 1:
+            raise ValueError("outlier_probability, resample_below, place_free_share: expected shares below one")
 
 
 def require_positive(config: LearningConfig | FilterConfig, *, skip: tuple[str, ...] = ()) -> None:

@@ -10,6 +10,9 @@ import numpy as np
 from dirprim_filter.tracks import Tracks, as_texts, as_times, check_lengths
 from tessellation.arrays import AnyArray, FloatArray, IntArray, as_floats
 
+NO_TIME = -(1 << 63)
+"""Nanoseconds before every frame's: how far a log has come before its first."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detections:
@@ -50,6 +53,21 @@ class Detections:
     def none(cls) -> Detections:
         """No detection."""
         return cls(track_id=np.empty(0, np.str_), time_ns=np.empty(0, np.int64), position=np.empty((0, 2)))
+
+    def instant(self, *, after_ns: int) -> int:
+        """The time of these rows as the next frame of a log that has come to `after_ns`; `after_ns` if there are none.
+
+        Raises:
+            ValueError: several instants, a repeated id, or a time that is not after `after_ns`.
+        """
+        if len(self) == 0:
+            return after_ns
+        time_ns = int(self.time_ns[0])
+        if (self.time_ns != time_ns).any() or np.unique(self.track_id).size != len(self):
+            raise ValueError("detections: expected one instant and each track id once; see Detections.frames")
+        if time_ns <= after_ns:
+            raise ValueError(f"detections: expected times after {after_ns} ns, got {time_ns}")
+        return time_ns
 
     def frames(self) -> Iterator[Detections]:
         """The rows of each instant, ascending in time."""

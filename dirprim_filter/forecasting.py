@@ -55,6 +55,7 @@ def forecast(
     start = as_floats("position", position, "2")
     heading = float(as_floats("direction", direction, ""))
     pace = float(as_floats("speed", speed, ""))
+    horizon_s, dt_s = float(as_floats("horizon_s", horizon_s, "")), float(as_floats("dt_s", dt_s, ""))
     n_steps = int(np.floor(horizon_s / dt_s + 1e-9)) if dt_s > 0 else 0
     if pace < 0 or n_steps < 1 or n_samples < 1:
         raise ValueError(

@@ -37,7 +37,10 @@ def as_track_ids(value: npt.ArrayLike) -> AnyArray:
 
 def _is_decimal_int64(name: str) -> bool:
     digits = name.removeprefix("-")
-    return digits.isascii() and digits.isdigit() and len(digits) < 19 and str(int(name)) == name
+    if not (digits.isascii() and digits.isdigit() and len(digits) <= 19):
+        return False
+    number = int(name)
+    return str(number) == name and -(1 << 63) <= number < 1 << 63
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,12 +85,7 @@ class Tracks:
         order = np.argsort(columns["time_ns"], kind="stable")
         for name, column in columns.items():
             object.__setattr__(self, name, column[order])
-        repeated = repeated_rows(self.track_id, self.time_ns)
-        if repeated.any():
-            row = int(np.argmax(repeated))
-            raise ValueError(
-                f"track_id, time_ns: vehicle {self.track_id[row]} has two rows at {self.time_ns[row]} ns; keep one"
-            )
+        check_not_repeated(self.track_id, self.time_ns)
 
     def __len__(self) -> int:
         return int(self.time_ns.size)
@@ -110,7 +108,7 @@ class Tracks:
 
     @classmethod
     def from_positions(
-        cls, *, track_id: npt.ArrayLike, time_ns: IntArray, position: FloatArray, group: npt.ArrayLike = ()
+        cls, *, track_id: npt.ArrayLike, time_ns: npt.ArrayLike, position: npt.ArrayLike, group: npt.ArrayLike = ()
     ) -> Tracks:
         """Tracks whose direction and speed are central differences of the positions of each vehicle.
 
@@ -125,10 +123,13 @@ class Tracks:
         Raises:
             ValueError: as the constructor.
         """
-        ids = as_track_ids(track_id)
+        ids, times = as_track_ids(track_id), as_times("time_ns", time_ns)
         position = as_floats("position", position, "n 2")
         groups = np.asarray(group, dtype=np.int64)
-        velocity = differenced_velocity(ids, time_ns, position)
+        groups = groups if groups.size else np.zeros(ids.size, np.int64)
+        check_lengths({"track_id": ids, "time_ns": times, "position": position, "group": groups})
+        check_not_repeated(ids, times)
+        velocity = differenced_velocity(ids, times, position)
         known = np.isfinite(velocity[:, 0])
         if not known.all():
             logger.warning(
@@ -138,11 +139,11 @@ class Tracks:
             )
         return cls(
             track_id=ids[known],
-            time_ns=time_ns[known],
+            time_ns=times[known],
             position=position[known],
             direction=np.arctan2(velocity[known, 1], velocity[known, 0]),
             speed=np.hypot(velocity[known, 0], velocity[known, 1]),
-            group=groups[known] if groups.size else groups,
+            group=groups[known],
         )
 
     @classmethod
@@ -194,6 +195,18 @@ def check_lengths(columns: dict[str, AnyArray]) -> None:
     if len(set(lengths.values())) > 1 or any(c.ndim == 0 for c in columns.values()):
         told = ", ".join(f"{name} {columns[name].shape}" for name in lengths)
         raise ValueError(f"columns: expected one length n, got {told}")
+
+
+def check_not_repeated(track_id: AnyArray, time_ns: IntArray) -> None:
+    """No vehicle has two rows at one time.
+
+    Raises:
+        ValueError: names the first that has.
+    """
+    repeated = repeated_rows(track_id, time_ns)
+    if repeated.any():
+        row = int(np.argmax(repeated))
+        raise ValueError(f"track_id, time_ns: vehicle {track_id[row]} has two rows at {time_ns[row]} ns; keep one")
 
 
 def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:

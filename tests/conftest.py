@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from situations import ring_traffic
-
 from dirprim_filter import learn_primitives
+from situations import ring_traffic
 
 ROOT = Path(__file__).parents[1]
 

@@ -60,3 +60,17 @@ def kalman_positions(measured, dt_s, *, noise_m, density, first_speed_std):
         means.append(x)
         covariances.append(p)
     return np.array(means), np.array(covariances), np.array(evidences)
+
+
+def kalman_known_velocity(measured, dt_s, *, velocity, noise_m, drift):
+    """A Kalman filter of the position alone, moved at a known velocity: means, variances per axis, log evidences."""
+    x, p = measured[0], noise_m**2
+    means, variances, evidences = [x], [p], [0.0]
+    for z in measured[1:]:
+        x, p = x + velocity * dt_s, p + drift * dt_s
+        s = p + noise_m**2
+        evidences.append(stats.norm.logpdf(z, x, np.sqrt(s)).sum())
+        x, p = x + p / s * (z - x), p - p**2 / s
+        means.append(x)
+        variances.append(p)
+    return np.array(means), np.array(variances), np.array(evidences)

@@ -46,20 +46,12 @@ def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4
         "place_free_turning": 1e-4, "place_free_speed_rate": 0.1, "drift": 0.02,
     } | rates  # fmt: skip
     return PrimitiveMap(
-        tessellation=GridTessellation.covering(np.zeros((1, 2)) + 1e-3, cell_size=side),
+        tessellation=GridTessellation(
+            origin=np.full(2, -side / 2), cell_size=side, n_x=1, n_y=1, square=np.zeros(1, np.int64)
+        ),
         direction=VonMisesMixture(weight=column, mean_direction=mean * column, concentration=concentration * column),
         speed=Gamma(shape=shape * column, rate=shape / speed * column),
         n_rows=np.array([1, 1]),
         n_place_free_modes=0,
         relaxation=Relaxation(**given),
     )
-
-
-def straight_drives(names, *, n_frames=20, dt_s=0.5, speed=10.0, gap_after=None, gap_s=0.0):
-    """Frames of vehicles that drive east, each on a lane of its own: a list of (name, time, position) rows per frame."""
-    frames = []
-    for i in range(n_frames):
-        late = gap_s if gap_after is not None and i > gap_after else 0.0
-        t = i * dt_s + late
-        frames.append([(name, round(t * 1e9), (speed * t, 4.0 * lane)) for lane, name in enumerate(names)])
-    return frames

@@ -6,7 +6,7 @@ import numpy as np
 from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
 
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import NO_TIME, Detections
 from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import BoolArray, FloatArray
@@ -49,17 +49,22 @@ class ConstantVelocityTracker:
         self._density = acceleration_density
         self._max_gap_ns = int(max_gap_s * 1e9)
         self._filters: dict[str, tuple[KalmanFilter, int]] = {}
+        self._time_ns = NO_TIME
         self._frame = Detections.none()
         self._log_evidence: FloatArray = np.empty(0)
         self._is_new: BoolArray = np.empty(0, np.bool_)
 
     def predict(self, detections: Detections) -> None:
-        """Move the filter of every vehicle in the frame to the frame's time; begin those that are new."""
+        """Move the filter of every vehicle in the frame to the frame's time; begin those that are new.
+
+        Raises:
+            ValueError: several instants, a repeated id, or time going backwards; the filters are as before.
+        """
+        self._time_ns = time_ns = detections.instant(after_ns=self._time_ns)
         self._frame = detections
         self._log_evidence = np.zeros(len(detections))
         self._is_new = np.zeros(len(detections), np.bool_)
         for row, name in enumerate(detections.track_id):
-            time_ns = int(detections.time_ns[row])
             kalman, last_ns = self._filters.get(str(name), (None, 0))
             if kalman is None or time_ns - last_ns > self._max_gap_ns:
                 kalman = _begin(detections.position[row], self._noise_m)
@@ -82,16 +87,16 @@ class ConstantVelocityTracker:
         n = len(filters)
         state = np.array([kalman.x for kalman in filters]).reshape(n, 4)
         covariance = np.array([kalman.P for kalman in filters]).reshape(n, 4, 4)
-        speed = np.hypot(state[:, 2], state[:, 3])
-        along = state[:, 2:] / np.maximum(speed, 1e-9)[:, None]
+        direction = np.arctan2(state[:, 3], state[:, 2])
+        along = np.column_stack([np.cos(direction), np.sin(direction)])
         return Estimates(
             track_id=self._frame.track_id,
             time_ns=self._frame.time_ns,
             position=state[:, :2],
             covariance=covariance[:, :2, :2],
-            direction=np.arctan2(state[:, 3], state[:, 2]),
+            direction=direction,
             direction_resultant=np.ones(n),
-            speed=speed,
+            speed=np.hypot(state[:, 2], state[:, 3]),
             speed_std=np.sqrt(np.einsum("ni,nij,nj->n", along, covariance[:, 2:, 2:], along)),
             effective_sample_size=np.ones(n),
             log_evidence=self._log_evidence,

@@ -7,7 +7,7 @@ import logging
 import numpy as np
 
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.detections import Detections
+from dirprim_filter.detections import NO_TIME, Detections
 from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.particle_filter import ParticleFilter
@@ -36,6 +36,7 @@ class Tracker:
         self.recoveries = 0
         self._filter = ParticleFilter(primitive_map, self.config)
         self._seed = int(rng.integers(2**63))
+        self._time_ns = NO_TIME
         self._frame = Detections.none()
         self._slot: IntArray = np.empty(0, np.int64)
         self._measured: IntArray = np.empty(0, np.int64)
@@ -49,22 +50,15 @@ class Tracker:
             detections: one instant, each id once.
 
         Raises:
-            ValueError: several instants, a repeated id, or time going backwards.
+            ValueError: several instants, a repeated id, or time going backwards; the beliefs are as before.
         """
         belief = self._filter.belief
+        self._time_ns = time_ns = detections.instant(after_ns=self._time_ns)
         ids = [str(name) for name in detections.track_id]
-        time_ns = int(detections.time_ns[0]) if ids else 0
-        if (detections.time_ns != time_ns).any() or len(set(ids)) != len(ids):
-            raise ValueError("detections: expected one instant and each track id once; see Detections.frames")
-        if ids:
-            belief.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9))
+        belief.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9))
         is_new = np.array([name not in belief for name in ids], dtype=np.bool_)
         slot = np.array([belief.slot_of(name) for name in ids], dtype=np.int64)
         dt_ns = time_ns - belief.time_ns[slot[~is_new]]
-        if (dt_ns <= 0).any():
-            raise ValueError(
-                f"detections: expected times after {belief.time_ns[slot[~is_new]].max()} ns, got {time_ns}"
-            )
         self._filter.predict(slot[~is_new], np.asarray(dt_ns * 1e-9, dtype=np.float64))
         belief.time_ns[slot] = time_ns
         self._frame, self._slot = detections, slot
@@ -82,7 +76,7 @@ class Tracker:
             self.recoveries += int(lost.size)
             logger.info(
                 "at %d ns no particle explains the positions of %s: begun anew",
-                int(self._frame.time_ns[0]), ", ".join(str(name) for name in self._frame.track_id[lost]),
+                self._time_ns, ", ".join(str(name) for name in self._frame.track_id[lost]),
             )  # fmt: skip
             self._begin(lost)
 
@@ -120,6 +114,5 @@ class Tracker:
         self._filter.resample(self._slot, self._effective_sample_size)
 
     def _begin(self, rows: IntArray) -> None:
-        time_ns = int(self._frame.time_ns[0]) if rows.size else 0
-        key = [birth_key(self._seed, str(name), time_ns) for name in self._frame.track_id[rows]]
+        key = [birth_key(self._seed, str(name), self._time_ns) for name in self._frame.track_id[rows]]
         self._filter.be_born(self._slot[rows], np.array(key, dtype=np.uint64), self._frame.position[rows])

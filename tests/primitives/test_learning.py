@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.special import polygamma
-from situations import ring_traffic, rows_of
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.config import LearningConfig
@@ -12,6 +11,7 @@ from dirprim_filter.distributions.von_mises import mean_resultant_length
 from dirprim_filter.primitives import _kernels
 from dirprim_filter.primitives.rows import TrackRows, columns_of
 from dirprim_filter.tracks import Tracks
+from situations import ring_traffic, rows_of
 from tessellation import GridTessellation
 
 # (weight, mean direction, concentration, shape, mean speed) of each mode, of each of two cells
@@ -153,8 +153,8 @@ def learned_ring(tracks, **knobs):
 
 
 def test_rows_ten_times_denser_in_time_change_nothing_because_they_are_thinned():
-    sparse = ring_traffic(np.random.default_rng(9), dt_s=0.1, n_rows=100)
-    dense = ring_traffic(np.random.default_rng(9), dt_s=0.01, n_rows=1000)
+    sparse = ring_traffic(np.random.default_rng(9), n_vehicles=12, dt_s=0.1, n_rows=100)
+    dense = ring_traffic(np.random.default_rng(9), n_vehicles=12, dt_s=0.01, n_rows=1000)
     for mine, theirs in zip(parameters(learned_ring(dense)), parameters(learned_ring(sparse)), strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-9)
     assert learned_ring(dense, row_interval_s=1e-3).n_rows[-1] == len(dense)  # what would be without
@@ -286,3 +286,11 @@ def test_held_out_vehicles_are_likelier_with_the_places_than_without(ring):
     with_places = learned.log_density(*query).mean()
     without = learned.without_places().log_density(*query).mean()
     assert with_places > without + 0.5
+
+
+def test_n_cells_gives_the_nearest_number_found_where_sizes_skip_the_one_asked_for():
+    scattered = np.random.default_rng(198).uniform(-40, 40, (30, 2))
+    position = np.concatenate([scattered, np.round(scattered / 20) * 20])  # some on corners of squares
+    tracks = rows_of(np.zeros(60), np.full(60, 5.0), position=position)
+    learned = learn_primitives(tracks, n_cells=18, rng=np.random.default_rng(0))
+    assert learned.tessellation.n_cells == pytest.approx(18, rel=0.2)

@@ -84,7 +84,9 @@ def test_log_density_itself_integrates_to_one_over_both_axes(learned):
     for place in position:
         p = np.exp(learned.log_density(place, DIRECTIONS[:, None], SPEEDS))
         assert (p @ SPEED_WEIGHTS).sum() * (2 * np.pi / 216) == pytest.approx(1.0, abs=1e-6)
-        assert np.exp(learned.direction_log_density(place, DIRECTIONS)).mean() * 2 * np.pi == pytest.approx(1.0, abs=1e-6)
+        assert np.exp(learned.direction_log_density(place, DIRECTIONS)).mean() * 2 * np.pi == pytest.approx(
+            1.0, abs=1e-6
+        )
 
 
 def test_the_density_is_finite_everywhere_even_of_standing_vehicles(learned):

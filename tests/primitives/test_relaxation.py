@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from situations import rows_of
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.primitives.relaxation import FALLBACK, RATES
 from dirprim_filter.tracks import Tracks
+from situations import rows_of
 from tessellation import GridTessellation
 
 N_VEHICLES, N_ROWS, DT_S = 200, 60, 0.5

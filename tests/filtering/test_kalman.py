@@ -1,0 +1,86 @@
+"""The baseline against a plain loop over matrices."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates
+from dirprim_filter.filtering import ConstantVelocityTracker
+from dirprim_filter.filtering.kalman import FIRST_SPEED_STD, acceleration_density
+from dirprim_filter.tracks import Tracks
+from oracles import kalman_positions
+from situations import ring_traffic
+
+
+def run(frames, **knobs):
+    tracker = ConstantVelocityTracker(**{"noise_m": 0.7, "acceleration_density": 2.0} | knobs)
+    found = []
+    for frame in frames:
+        tracker.predict(frame)
+        tracker.weigh()
+        found.append(tracker.estimate())
+        assert len(tracker.particles().weight) == 0
+        tracker.resample()
+    return Estimates.concatenate(found)
+
+
+def test_means_covariances_and_evidence_are_those_of_the_plain_loop():
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=3, n_rows=40)
+    measured = tracks.position + np.random.default_rng(3).normal(0, 0.7, tracks.position.shape)
+    found = run(Detections(track_id=tracks.track_id, time_ns=tracks.time_ns, position=measured).frames())
+    for name in range(3):
+        rows, seen = found.track_id == name, measured[tracks.track_id == name]
+        mean, covariance, evidence = kalman_positions(
+            seen, 0.1, noise_m=0.7, density=2.0, first_speed_std=FIRST_SPEED_STD
+        )
+        np.testing.assert_allclose(found.position[rows], mean[:, :2], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.covariance[rows], covariance[:, :2, :2], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.log_evidence[rows], evidence, rtol=1e-9, atol=1e-9)
+        velocity = mean[:, 2:]
+        np.testing.assert_allclose(found.speed[rows], np.hypot(*velocity.T), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.direction[rows], np.arctan2(*velocity.T[::-1]), atol=1e-9)
+        other = kalman_positions(seen, 0.1, noise_m=0.8, density=2.0, first_speed_std=FIRST_SPEED_STD)[0]
+        assert np.abs(found.position[rows] - other[:, :2]).max() > 1e-3
+
+
+def test_speed_deviates_as_the_velocity_does_along_the_course():
+    measured = np.outer(np.arange(30), [0.6, 0.8])
+    found = run(
+        Detections(track_id=["a"], time_ns=[i * 100_000_000], position=place[None]) for i, place in enumerate(measured)
+    )
+    _, covariance, _ = kalman_positions(measured, 0.1, noise_m=0.7, density=2.0, first_speed_std=FIRST_SPEED_STD)
+    np.testing.assert_allclose(found.speed_std**2, covariance[:, 2, 2], rtol=1e-9)  # alike in all directions here
+
+
+def test_after_the_gap_it_restarts_and_before_it_it_does_not():
+    def at(time_s, x):
+        return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
+
+    found = run([at(0.0, 0.0), at(1.0, 10.0), at(6.0, 60.0), at(11.5, 500.0), at(12.5, 510.0)], max_gap_s=5.0)
+    assert (found.log_evidence == 0).tolist() == [True, False, False, True, False]
+    np.testing.assert_array_equal(found.position[3], [500.0, 0.0])
+    np.testing.assert_allclose(found.covariance[3], 0.49 * np.eye(2))
+    fresh = run([at(11.5, 500.0), at(12.5, 510.0)])
+    np.testing.assert_array_equal(found.position[3:], fresh.position)
+
+
+def test_an_empty_frame_gives_no_estimate():
+    assert len(run([Detections.none()])) == 0
+
+
+def test_the_density_of_known_white_acceleration_is_found():
+    rng = np.random.default_rng(5)
+    n, dt_s, density = 20_000, 0.2, 1.5
+    velocity = [20.0, 0.0] + rng.normal(0, np.sqrt(density * dt_s), (n, 2)).cumsum(axis=0) * 1.0
+    tracks = Tracks(
+        track_id=np.zeros(n, int), time_ns=np.arange(n) * 200_000_000, position=np.zeros((n, 2)),
+        direction=np.arctan2(velocity[:, 1], velocity[:, 0]), speed=np.hypot(*velocity.T),
+    )  # fmt: skip
+    five_errors = 5 / np.sqrt(n)  # of a chi squared of 2 n degrees of freedom, relative
+    assert acceleration_density(tracks) == pytest.approx(density, rel=five_errors)
+    assert acceleration_density(tracks) != pytest.approx(1.1 * density, rel=five_errors)
+
+
+def test_the_density_needs_two_rows_of_a_vehicle_near_in_time(ring):
+    with pytest.raises(ValueError, match="two rows at most 2 s apart"):
+        acceleration_density(ring[ring.time_ns == 0])

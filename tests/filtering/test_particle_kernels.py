@@ -1,0 +1,198 @@
+"""The compiled steps on weights, against numpy, scipy, filterpy and counting."""
+
+import filterpy.monte_carlo
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.special import logsumexp
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering.belief import FIRST_CAPACITY, ParticleBelief, birth_key
+from dirprim_filter.filtering.motion import motion_table
+from situations import one_cell_map
+
+FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
+VEHICLE = np.array([2, 0], np.int64)
+
+
+@pytest.fixture
+def cloud():
+    """Three vehicles of 500 unequally weighted particles, those of the last two around (3, -2) and (40, 7)."""
+    rng = np.random.default_rng(0)
+    weight = rng.dirichlet(np.full(500, 0.5), size=3)
+    center = np.array([[40.0, 7.0], [0.0, 0.0], [3.0, -2.0]])
+    return _kernels.Cloud(
+        position=center[:, None] + rng.normal(0, [1.0, 2.0], (3, 500, 2)),
+        direction=rng.vonmises(3.0, 4.0, (3, 500)),
+        speed=rng.gamma(5.0, 2.0, (3, 500)),
+        cell=rng.integers(0, 9, (3, 500)),
+        mode=rng.integers(0, 3, (3, 500)),
+        log_weight=np.log(weight),
+        state=rng.integers(2**63, size=(3, 4), dtype=np.uint64),
+    )
+
+
+def copied(cloud):
+    return _kernels.Cloud(*(column.copy() for column in cloud))
+
+
+def test_moments_are_numpys_weighted_mean_and_covariance(cloud):
+    out = np.empty((2, 9))
+    _kernels.moments(cloud, VEHICLE, out)
+    for row, v in zip(out, VEHICLE, strict=True):
+        w = np.exp(cloud.log_weight[v])
+        covariance = np.cov(cloud.position[v].T, aweights=w, ddof=0)
+        toward = np.average(np.exp(1j * cloud.direction[v]), weights=w)
+        expected = [
+            *np.average(cloud.position[v], axis=0, weights=w), covariance[0, 0], covariance[0, 1], covariance[1, 1],
+            np.angle(toward), np.abs(toward), np.average(cloud.speed[v], weights=w),
+            np.sqrt(np.cov(cloud.speed[v], aweights=w, ddof=0)),
+        ]  # fmt: skip
+        np.testing.assert_allclose(row, expected, rtol=1e-10)
+
+
+def test_evidence_and_weights_are_scipys_logsumexp_of_gauss_or_outlier(cloud):
+    before, evidence = copied(cloud), np.empty(2)
+    measured, noise, outlier = np.array([[3.5, -1.0], [400.0, 7.0]]), 0.7, 1e-7
+    _kernels.weigh(cloud, VEHICLE, measured, noise, outlier, evidence)
+    for i, v in enumerate(VEHICLE):
+        gauss = stats.multivariate_normal(measured[i], noise**2 * np.eye(2)).logpdf(before.position[v])
+        weight = before.log_weight[v] + np.logaddexp(gauss, np.log(outlier))
+        assert evidence[i] == pytest.approx(logsumexp(weight), rel=1e-12)
+        np.testing.assert_allclose(cloud.log_weight[v], weight - logsumexp(weight), rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(cloud.log_weight[1], before.log_weight[1])  # not asked for
+    assert evidence[1] == pytest.approx(np.log(outlier))
+
+
+def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(cloud):
+    before, evidence = copied(cloud), np.empty(1)
+    table = motion_table(one_cell_map(), FilterConfig())
+    vehicle = np.array([1], np.int64)
+    _kernels.settle(table, cloud, vehicle)
+    _kernels.predict(table, cloud, vehicle, np.array([1e-9]))
+    _kernels.weigh(cloud, vehicle, np.array([[50.0, -20.0]]), 1e7, 1e-300, evidence)
+    np.testing.assert_allclose(cloud.log_weight[1], before.log_weight[1], atol=1e-9)
+    np.testing.assert_allclose(cloud.position[1], before.position[1], atol=1e-4)
+    np.testing.assert_allclose(cloud.speed[1], before.speed[1], atol=1e-2)
+    _kernels.weigh(cloud, vehicle, np.array([[0.0, 0.0]]), 1.0, 1e-300, evidence)
+    assert np.abs(cloud.log_weight[1] - before.log_weight[1]).max() > 1.0  # a telling one does
+
+
+def effective_sample_size(weight):
+    with np.errstate(divide="ignore"):
+        log_weight = np.log(np.asarray(weight, dtype=float))[None]
+    n = log_weight.size
+    empty = np.zeros((1, n))
+    cloud = _kernels.Cloud(
+        np.zeros((1, n, 2)), empty, empty, empty.astype(np.int64), empty.astype(np.int64), log_weight,
+        np.zeros((1, 4), np.uint64),
+    )  # fmt: skip
+    out = np.empty(1)
+    _kernels.effective_sample_size(cloud, np.zeros(1, np.int64), out)
+    return out[0]
+
+
+def test_effective_sample_size_is_n_of_equal_weights_and_one_of_a_single_survivor():
+    assert effective_sample_size(np.full(64, 1 / 64)) == pytest.approx(64)
+    assert effective_sample_size([0, 0, 1, 0]) == pytest.approx(1)
+    assert effective_sample_size([0.5, 0, 0.5, 0]) == pytest.approx(2)
+
+
+def ancestors(weight, u):
+    ancestor = np.empty(len(weight), np.int64)
+    with np.errstate(divide="ignore"):
+        _kernels.systematic(np.log(np.asarray(weight, dtype=float)), float(u), ancestor)
+    return ancestor
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    weight=st.lists(st.floats(0, 1), min_size=1, max_size=40).filter(lambda w: sum(w) > 1e-3),
+    u=st.floats(1e-9, 1 - 1e-9),
+)
+def test_every_particle_survives_floor_or_ceil_of_n_w_times(weight, u):
+    expected = len(weight) * np.array(weight) / np.sum(weight)
+    count = np.bincount(ancestors(weight, u), minlength=len(weight))
+    assert count.sum() == len(weight)
+    assert (count >= np.floor(expected - 1e-9)).all()
+    assert (count <= np.ceil(expected + 1e-9)).all()
+    assert (count[np.array(weight) == 0] == 0).all()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_systematic_resampling_is_filterpys_for_the_same_number(seed):
+    weight = np.random.default_rng(seed).dirichlet(np.full(200, 0.2))
+    np.random.seed(seed)  # noqa: NPY002 filterpy draws from numpy's global numbers
+    u = np.random.random()  # noqa: NPY002
+    np.random.seed(seed)  # noqa: NPY002
+    theirs = filterpy.monte_carlo.systematic_resample(weight)
+    np.testing.assert_array_equal(ancestors(weight, u), theirs)
+    assert not np.array_equal(ancestors(weight, (u + 0.5) % 1), theirs)
+
+
+@pytest.mark.parametrize("survivor", [0, 3, 6])
+def test_a_particle_with_all_the_weight_is_the_only_ancestor(survivor):
+    np.testing.assert_array_equal(ancestors(np.eye(7)[survivor], 0.999999), survivor)
+
+
+def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
+    before = copied(cloud)
+    heaviest = int(before.log_weight[2].argmax())
+    _kernels.resample(cloud, VEHICLE)
+    np.testing.assert_allclose(cloud.log_weight[VEHICLE], -np.log(500))
+    rows = {tuple(before.position[2, p]): p for p in range(500)}
+    origin = np.array([rows[tuple(place)] for place in cloud.position[2]])
+    for name in ("direction", "speed", "cell", "mode"):
+        np.testing.assert_array_equal(getattr(cloud, name)[2], getattr(before, name)[2, origin])
+    expected = 500 * np.exp(before.log_weight[2, heaviest])
+    assert np.floor(expected) <= (origin == heaviest).sum() <= np.ceil(expected)
+    for mine, old in zip(cloud, before, strict=True):
+        np.testing.assert_array_equal(mine[1], old[1])  # not asked for
+
+
+def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
+    table = motion_table(ring_map, FilterConfig())
+    belief = ParticleBelief(n_particles=20_000)
+    place = np.array([20.0, 0.0])
+    _kernels.be_born(table, belief.cloud, np.array([0]), np.array([7], np.uint64), place[None], 0.01)
+    x, y = (belief.cloud.position[0] - place).T
+    assert stats.kstest(x, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
+    assert stats.kstest(y, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
+    assert stats.kstest(x, stats.norm(0, 0.011).cdf).pvalue < FALSE_ALARM
+    # a cell's border runs along y = 0: each half follows the primitive of its own cell
+    for half in (y > 0, y < 0):
+        at = belief.cloud.position[0, half]
+        direction, _ = ring_map.sample(at, rng=np.random.default_rng(1))
+        assert stats.ks_2samp(belief.cloud.direction[0, half], direction).pvalue > FALSE_ALARM
+        assert stats.ks_2samp(belief.cloud.direction[0, ~half], direction).pvalue < FALSE_ALARM
+    np.testing.assert_array_equal(belief.cloud.cell[0], ring_map.tessellation.cell_of(belief.cloud.position[0]))
+
+
+def test_slots_are_given_taken_back_and_kept_when_the_block_grows():
+    belief = ParticleBelief(n_particles=3)
+    slot = {f"{i}": belief.slot_of(f"{i}") for i in range(FIRST_CAPACITY)}
+    assert sorted(slot.values()) == list(range(FIRST_CAPACITY))
+    for name, s in slot.items():
+        belief.time_ns[s] = int(name)
+        belief.cloud.speed[s] = int(name)
+    belief.slot_of("one too many")
+    assert belief.time_ns.size == 2 * FIRST_CAPACITY
+    assert all((belief.cloud.speed[belief.slot_of(name)] == int(name)).all() for name in slot)
+    assert set(belief.forget(before_ns=5)) == {"0", "1", "2", "3", "4", "one too many"}
+    assert len(belief) == FIRST_CAPACITY - 5
+    assert "3" not in belief
+    assert "5" in belief
+
+
+def test_a_birth_key_differs_by_seed_by_vehicle_and_by_time():
+    keys = {int(birth_key(*given)) for given in [(1, "a", 5), (2, "a", 5), (1, "b", 5), (1, "a", 6), (1, "a", 5)]}
+    assert len(keys) == 4
+    assert birth_key(1, "2/3", 4) != birth_key(1, "3", 42)
+
+
+def test_a_belief_without_particles_is_refused():
+    with pytest.raises(ValueError, match="n_particles: expected at least 1, got 0"):
+        ParticleBelief(n_particles=0)

@@ -1,0 +1,235 @@
+"""One belief for each vehicle: its own, whoever else is there, and the truth of a Kalman filter where there is one."""
+
+import os
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates
+from dirprim_filter.filtering import ConstantVelocityTracker, Tracker
+from dirprim_filter.filtering.belief import FIRST_CAPACITY
+from oracles import kalman_known_velocity
+from situations import one_cell_map, ring_traffic
+
+
+@pytest.fixture(scope="module")
+def traffic():
+    """Forty named vehicles, reported with noise of half a metre for three seconds."""
+    tracks = ring_traffic(np.random.default_rng(21), n_rows=30)
+    noise = np.random.default_rng(22).normal(0, 0.5, tracks.position.shape)
+    names = np.char.add("car ", tracks.track_id.astype(str))
+    return Detections(track_id=names, time_ns=tracks.time_ns, position=tracks.position + noise)
+
+
+def one(name, time_s, x, y):
+    return Detections(track_id=[name], time_ns=[round(time_s * 1e9)], position=[[x, y]])
+
+
+def track(primitive_map, frames, *, seed=1, n_particles=100, **knobs):
+    """Estimates of every frame, and the tracker."""
+    config = FilterConfig(n_particles=n_particles, **knobs)
+    tracker = Tracker(primitive_map, config=config, rng=np.random.default_rng(seed))
+    found = []
+    for frame in frames:
+        tracker.predict(frame)
+        tracker.weigh()
+        found.append(tracker.estimate())
+        tracker.resample()
+    return Estimates.concatenate(found), tracker
+
+
+def of_vehicle(estimates, name):
+    """The bytes of everything that was believed of one vehicle."""
+    rows = np.asarray(estimates.track_id) == name
+    assert rows.any()
+    return [getattr(estimates, f.name)[rows].tobytes() for f in fields(estimates)[1:]]
+
+
+def test_the_same_seed_gives_identical_estimates_and_another_gives_others(ring_map, traffic):
+    first, again = (track(ring_map, traffic.frames())[0] for _ in range(2))
+    for f in fields(first):
+        assert getattr(first, f.name).tobytes() == getattr(again, f.name).tobytes()
+    other = track(ring_map, traffic.frames(), seed=2)[0]
+    assert of_vehicle(other, "car 3") != of_vehicle(first, "car 3")
+
+
+@pytest.fixture(scope="module")
+def everybody(ring_map, traffic):
+    return track(ring_map, traffic.frames())[0]
+
+
+def test_a_vehicles_estimates_are_the_same_to_the_byte_without_the_others(ring_map, traffic, everybody):
+    for names in (["car 3"], ["car 39", "car 3", "car 17"]):
+        rows = np.isin(traffic.track_id, names)
+        few = Detections(
+            track_id=traffic.track_id[rows], time_ns=traffic.time_ns[rows], position=traffic.position[rows]
+        )
+        alone, _ = track(ring_map, few.frames())
+        for name in names:
+            assert of_vehicle(alone, name) == of_vehicle(everybody, name)
+
+
+def test_a_vehicles_estimates_are_the_same_to_the_byte_in_any_order(ring_map, traffic, everybody):
+    rows = np.random.default_rng(0).permutation(len(traffic))
+    shuffled = Detections(
+        track_id=traffic.track_id[rows], time_ns=traffic.time_ns[rows], position=traffic.position[rows]
+    )
+    mixed, _ = track(ring_map, shuffled.frames())
+    assert mixed.track_id.tolist() != everybody.track_id.tolist()
+    for name in np.unique(traffic.track_id):
+        assert of_vehicle(mixed, name) == of_vehicle(everybody, name)
+
+
+def test_a_vehicles_estimates_are_the_same_to_the_byte_on_any_number_of_threads(
+    ring_map, traffic, everybody, monkeypatch
+):
+    for n_threads in (1, 7):
+        monkeypatch.setattr(os, "cpu_count", lambda n=n_threads: n)
+        found, tracker = track(ring_map, traffic.frames())
+        assert tracker._filter._n_threads == n_threads
+        for name in ("car 0", "car 20", "car 39"):
+            assert of_vehicle(found, name) == of_vehicle(everybody, name)
+
+
+def test_a_vehicle_unseen_for_longer_than_the_gap_begins_anew(ring_map):
+    frames = [one("a", t, 20.0, 0.5) for t in (0.0, 0.1, 5.1, 10.2)]
+    found, _ = track(ring_map, frames, max_gap_s=5.0)
+    assert (found.log_evidence == 0).tolist() == [True, False, False, True]
+    fresh, _ = track(ring_map, frames[3:])
+    assert of_vehicle(fresh, "a") == [column[-len(column) // 4 :] for column in of_vehicle(found, "a")]
+
+
+def on_the_ring(time_s):
+    """Where a vehicle is that drives at 8 m/s."""
+    return 20.0 * np.array([np.cos(0.4 * time_s), np.sin(0.4 * time_s)])
+
+
+def test_a_jump_of_a_kilometre_is_begun_anew_and_counted(ring_map):
+    times = 0.1 * np.arange(20)
+    path = {
+        "a": np.array([on_the_ring(t) + np.array([1000.0 * (t > 0.95), 0.0]) for t in times]),
+        "b": np.array([on_the_ring(t + 4.0) for t in times]),
+    }
+    frames = [
+        Detections(track_id=["a", "b"], time_ns=np.full(2, round(t * 1e9)), position=[path["a"][i], path["b"][i]])
+        for i, t in enumerate(times)
+    ]
+    found, tracker = track(ring_map, frames)
+    assert tracker.recoveries == 1
+    for f in fields(found)[1:]:
+        assert np.isfinite(getattr(found, f.name)).all()
+    assert np.abs(found.position[found.track_id == "a"] - path["a"]).max() < 2.0
+    calm, tracker = track(ring_map, [one("b", t, *path["b"][i]) for i, t in enumerate(times)])
+    assert tracker.recoveries == 0
+    assert of_vehicle(calm, "b") == of_vehicle(found, "b")
+
+
+def test_an_empty_frame_gives_no_estimate_and_changes_nothing(ring_map):
+    frames = [one("a", 0.0, 20.0, 0.5), Detections.none(), one("a", 0.1, 20.0, 1.3)]
+    found, tracker = track(ring_map, frames)
+    assert len(found) == 2
+    without, _ = track(ring_map, frames[::2])
+    assert of_vehicle(found, "a") == of_vehicle(without, "a")
+    tracker.predict(Detections.none())
+    assert len(tracker.particles().weight) == 0
+
+
+def both(times_s, names=("a", "b")):
+    return Detections(
+        track_id=list(names), time_ns=[round(t * 1e9) for t in times_s], position=[[20.0, 0.5], [0.0, 20.0]]
+    )
+
+
+@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (both([0.6, 0.6], names=("a", "a")), "each track id once"),
+        (both([0.6, 0.7]), "one instant"),
+        (both([0.4, 0.4]), "expected times after 500000000 ns, got 400000000"),
+        (both([0.5, 0.5]), "expected times after 500000000 ns, got 500000000"),
+        (one("b", 0.4, 20.0, 0.0), "expected times after 500000000 ns, got 400000000"),
+    ],
+)
+def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of, frame, message):
+    def followed(bad):
+        tracker = (
+            Tracker(ring_map, config=FilterConfig(n_particles=50), rng=np.random.default_rng(0))
+            if filter_of == "particles"
+            else ConstantVelocityTracker(noise_m=0.5, acceleration_density=1.0)
+        )
+        tracker.predict(one("a", 0.5, 20.0, 0.0))
+        tracker.weigh()
+        tracker.resample()
+        if bad is not None:
+            with pytest.raises(ValueError, match=message):
+                tracker.predict(bad)
+        tracker.predict(both([0.8, 0.8]))
+        tracker.weigh()
+        return tracker.estimate()
+
+    before, after = followed(None), followed(frame)
+    assert of_vehicle(after, "a") == of_vehicle(before, "a")
+    assert of_vehicle(after, "b") == of_vehicle(before, "b")
+
+
+def test_particles_weigh_one_for_each_vehicle_and_are_copies(ring_map, traffic):
+    frames = list(traffic.frames())
+    _, tracker = track(ring_map, frames[:4])
+    tracker.predict(frames[4])
+    tracker.weigh()
+    estimates, particles = tracker.estimate(), tracker.particles()
+    weight = particles.weight.reshape(len(estimates), 100)
+    np.testing.assert_allclose(weight.sum(axis=1), 1.0, rtol=1e-12)
+    np.testing.assert_array_equal(particles.vehicle, np.repeat(np.arange(40), 100))
+    mean = np.einsum("vp,vpi->vi", weight, particles.position.reshape(40, 100, 2))
+    np.testing.assert_allclose(mean, estimates.position, rtol=1e-9)
+    tracker.resample()
+    np.testing.assert_allclose(np.einsum("vp,vpi->vi", weight, particles.position.reshape(40, 100, 2)), mean)
+    assert (weight.max(axis=1) > 1 / 50).any()  # they were weighed
+
+
+def test_a_thousand_vehicles_one_after_another_need_no_more_memory_than_a_few(ring_map):
+    frames = [one(f"car {i}", float(i), 20.0, 0.0) for i in range(1000)]
+    _, tracker = track(ring_map, frames, n_particles=5, max_gap_s=5.0)
+    assert tracker._filter.belief.time_ns.size == FIRST_CAPACITY
+    _, hoarder = track(ring_map, frames[:50], n_particles=5, max_gap_s=1e6)
+    assert hoarder._filter.belief.time_ns.size > FIRST_CAPACITY
+
+
+def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to_monte_carlo_error():
+    """All modes alike and sharp: only the drift moves particles off a straight line of known velocity."""
+    n, dt_s, noise_m, drift = 20_000, 0.5, 0.8, 0.3
+    rng = np.random.default_rng(4)
+    truth = np.array([10.0 * dt_s, 0.0]) * np.arange(12)[:, None] + rng.normal(
+        0, np.sqrt(drift * dt_s), (12, 2)
+    ).cumsum(axis=0)
+    measured = truth + rng.normal(0, noise_m, truth.shape)
+    frames = [one("a", i * dt_s, *place) for i, place in enumerate(measured)]
+    found, _ = track(
+        one_cell_map(drift=drift), frames, n_particles=n, noise_m=noise_m, outlier_probability=1e-12
+    )  # fmt: skip
+
+    def off(**change):
+        """The largest error in units of what n particles may be off; their weights are unequal, hence n / 10."""
+        known = {"velocity": np.array([10.0, 0.0]), "noise_m": noise_m, "drift": drift} | change
+        mean, variance, evidence = kalman_known_velocity(measured, dt_s, **known)
+        worth = n / 10
+        return max(
+            np.abs((found.position - mean) / np.sqrt(variance / worth)[:, None]).max(),
+            np.abs(np.linalg.det(found.covariance) / variance**2 - 1).max() / np.sqrt(4 / worth),
+            np.abs(found.log_evidence - evidence).max() * np.sqrt(worth),
+        )
+
+    assert off() < 5
+    for change in ({"velocity": np.array([9.5, 0.0])}, {"noise_m": 0.9}, {"drift": 0.45}):
+        assert off(**change) > 5
+
+
+def test_the_belief_is_lost_only_where_an_outlier_explains_more_than_the_particles(ring_map):
+    _, tracker = track(ring_map, [one("a", 0.0, 20.0, 0.0)])
+    outlier = tracker.config.outlier_probability / tracker.config.outlier_extent_m**2
+    assert tracker._filter.is_lost(np.log([outlier, 1.9 * outlier, 2.1 * outlier])).tolist() == [True, True, False]

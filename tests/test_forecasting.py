@@ -1,0 +1,130 @@
+"""Hallucinated futures keep to the road, and a vehicle's futures are its own."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter import forecast, learn_primitives
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.filtering import Tracker
+from dirprim_filter.forecasting import Forecaster
+from dirprim_filter.replay import replay
+from situations import one_cell_map, ring_traffic
+
+START = {"position": (20.0, 0.0), "direction": np.pi / 2, "speed": 8.0}
+
+
+def test_futures_have_a_row_for_each_sample_and_step(ring_map):
+    for horizon_s, dt_s, n_steps in ((3.0, 0.5, 6), (5.0, 0.1, 50), (0.7, 0.1, 7), (1.0, 0.3, 3), (0.5, 0.5, 1)):
+        paths = forecast(
+            ring_map, **START, horizon_s=horizon_s, dt_s=dt_s, n_samples=7, rng=np.random.default_rng(0)
+        )  # fmt: skip
+        assert paths.shape == (7, n_steps, 2)
+        assert np.isfinite(paths).all()
+
+
+def test_the_same_random_state_gives_the_same_futures_and_another_gives_others(ring_map):
+    first, again, other = (forecast(ring_map, **START, rng=np.random.default_rng(seed)) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_on_a_straight_road_of_one_speed_positions_stand_at_dt_2_dt_and_so_on():
+    straight = one_cell_map(drift=1e-6)
+    paths = forecast(straight, position=(5.0, 1.0), direction=0.0, speed=10.0, dt_s=0.5, rng=np.random.default_rng(0))
+    np.testing.assert_allclose(paths[..., 0], np.tile(5.0 + 5.0 * np.arange(1, 11), (100, 1)), atol=0.1)
+    np.testing.assert_allclose(paths[..., 1], 1.0, atol=0.3)
+
+
+def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
+    test = ring_traffic(np.random.default_rng(77), n_vehicles=20, n_rows=1)  # of other vehicles
+    learned = learn_primitives(ring, cell_size=6.0, rng=np.random.default_rng(0))
+
+    def off_the_ring(primitive_map, **knobs):
+        rng = np.random.default_rng(0)
+        last = np.concatenate([
+            forecast(primitive_map, position=p, direction=d, speed=s, horizon_s=3.0, rng=rng, **knobs)[:, -1]
+            for p, d, s in zip(test.position, test.direction, test.speed, strict=True)
+        ])  # fmt: skip
+        return np.abs(np.hypot(*last.T) - 20.0).mean()
+
+    with_places, without = off_the_ring(learned), off_the_ring(learned.without_places())
+    assert with_places < 6.0  # a fifth of the futures follow no primitive for a cell's length: `place_free_share`
+    assert without > 9.0  # straight on for 24 m ends 11 m outside
+    devoted = off_the_ring(learned, config=FilterConfig(place_free_share=1e-9))
+    assert devoted < with_places - 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"speed": -1.0}, "at least 0 m/s"),
+        ({"speed": np.nan}, "speed: expected finite"),
+        ({"direction": np.inf}, "direction: expected finite"),
+        ({"position": (0.0, np.nan)}, "position: expected finite"),
+        ({"position": (0.0, 0.0, 0.0)}, r"position: expected shape \(2\)"),
+        ({"horizon_s": 0.1}, "at least one step"),
+        ({"horizon_s": -5.0}, "at least one step"),
+        ({"horizon_s": np.inf}, "horizon_s: expected finite"),
+        ({"horizon_s": np.nan}, "horizon_s: expected finite"),
+        ({"dt_s": 0.0}, "at least one step"),
+        ({"dt_s": -0.5}, "at least one step"),
+        ({"dt_s": np.nan}, "dt_s: expected finite"),
+        ({"n_samples": 0}, "one sample"),
+    ],
+)
+def test_bad_input_is_refused_by_name(ring_map, change, message):
+    with pytest.raises(ValueError, match=message):
+        forecast(ring_map, **START | change, rng=np.random.default_rng(0))
+
+
+def test_a_standing_vehicle_has_a_finite_future(ring_map):
+    paths = forecast(ring_map, **START | {"speed": 0.0}, rng=np.random.default_rng(0))
+    assert np.isfinite(paths).all()
+
+
+class Kept(list):
+    """A sink of forecasts."""
+
+    def write_forecast(self, time_ns, track_id, paths):
+        self.append((time_ns, list(track_id), paths))
+
+
+def forecasts(ring_map, detections, **knobs):
+    kept = Kept()
+    forecaster = Forecaster(ring_map, [kept], rng=np.random.default_rng(5), **{"n_samples": 4} | knobs)
+    tracker = Tracker(ring_map, config=FilterConfig(n_particles=50), rng=np.random.default_rng(5))
+    replay(detections.frames(), tracker, [forecaster])
+    return kept
+
+
+def test_a_vehicles_futures_are_the_same_to_the_byte_without_the_others(ring_map, ring):
+    crowd = Detections.of(ring[(ring.track_id < 6) & (ring.time_ns < 2_500_000_000)])
+    rows = crowd.track_id == "4"
+    alone = Detections(track_id=crowd.track_id[rows], time_ns=crowd.time_ns[rows], position=crowd.position[rows])
+    of_crowd, of_one = forecasts(ring_map, crowd), forecasts(ring_map, alone)
+    assert [time_ns for time_ns, *_ in of_crowd] == [0, 1_000_000_000, 2_000_000_000]
+    for (_, names, paths), (_, name, path) in zip(of_crowd, of_one, strict=True):
+        assert name == ["4"]
+        assert paths.shape == (6, 4, 20, 2)
+        assert paths[names.index("4")].tobytes() == path[0].tobytes()
+        assert paths[names.index("3")].tobytes() != path[0].tobytes()
+
+
+def test_forecasts_come_as_often_as_asked_for(ring_map, ring):
+    crowd = Detections.of(ring[(ring.track_id < 2) & (ring.time_ns < 1_000_000_000)])
+    assert [time_ns for time_ns, *_ in forecasts(ring_map, crowd, every_s=0.3)] == [
+        0,
+        300_000_000,
+        600_000_000,
+        900_000_000,
+    ]
+    assert len(forecasts(ring_map, crowd, every_s=1e-3)) == 10
+
+
+def test_a_frame_without_vehicles_is_not_forecast(ring_map):
+    kept = Kept()
+    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=Estimates.concatenate([]), particles=None)
+    Forecaster(ring_map, [kept], rng=np.random.default_rng(0)).write(frame)
+    assert kept == []

@@ -1,0 +1,81 @@
+"""The main loop hands every frame to every sink, in order, and asks the log for no more than it needs."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateList
+from dirprim_filter.filtering import ConstantVelocityTracker, Tracker
+from dirprim_filter.replay import replay
+
+
+class Witness:
+    """A sink that notes what it was given, together with everybody else."""
+
+    def __init__(self, name, seen):
+        self.name, self.seen = name, seen
+
+    def write(self, frame):
+        self.seen.append((self.name, frame))
+
+
+@pytest.fixture
+def detections(ring):
+    return Detections.of(ring[ring.time_ns < 1_000_000_000])
+
+
+def test_sinks_see_every_frame_in_order_and_in_the_order_of_the_sinks(ring_map, detections):
+    seen = []
+    tracker = Tracker(ring_map, config=FilterConfig(n_particles=20), rng=np.random.default_rng(0))
+    n_frames = replay(detections.frames(), tracker, [Witness("first", seen), Witness("second", seen)])
+    assert n_frames == 10
+    assert [name for name, _ in seen] == ["first", "second"] * 10
+    assert [frame.time_ns for _, frame in seen[::2]] == sorted(set(detections.time_ns.tolist()))
+    for (_, frame), (_, again), reported in zip(seen[::2], seen[1::2], detections.frames(), strict=True):
+        assert frame is again
+        np.testing.assert_array_equal(frame.detections.position, reported.position)
+        assert frame.estimates.track_id.astype(str).tolist() == reported.track_id.tolist()
+        assert (frame.estimates.time_ns == frame.time_ns).all()
+
+
+def test_particles_are_those_of_the_estimates_before_resampling(ring_map, detections):
+    seen = []
+    tracker = Tracker(ring_map, config=FilterConfig(n_particles=50), rng=np.random.default_rng(0))
+    replay(detections.frames(), tracker, [Witness("", seen)])
+    for _, frame in seen:
+        weight = frame.particles.weight.reshape(-1, 50)
+        np.testing.assert_allclose(1 / (weight**2).sum(axis=1), frame.estimates.effective_sample_size, rtol=1e-9)
+        mean = np.einsum("vp,vpi->vi", weight, frame.particles.position.reshape(-1, 50, 2))
+        np.testing.assert_allclose(mean, frame.estimates.position, rtol=1e-9, atol=1e-9)
+
+
+def test_a_stream_is_read_one_frame_at_a_time(ring_map, detections):
+    asked, seen = [], []
+
+    def stream():
+        for i, frame in enumerate(detections.frames()):
+            asked.append(i)
+            assert len(seen) == i  # all before it have been dealt with
+            yield frame
+
+    tracker = Tracker(ring_map, config=FilterConfig(n_particles=20), rng=np.random.default_rng(0))
+    assert replay(stream(), tracker, [Witness("", seen)]) == len(asked) == 10
+
+
+def test_an_empty_stream_is_no_frame(ring_map):
+    kept = EstimateList()
+    assert replay([], Tracker(ring_map, rng=np.random.default_rng(0)), [kept]) == 0
+    assert len(kept.all()) == 0
+
+
+@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+def test_time_going_backwards_is_refused_by_every_filter(ring_map, detections, filter_of):
+    tracker = (
+        Tracker(ring_map, rng=np.random.default_rng(0))
+        if filter_of == "particles"
+        else ConstantVelocityTracker(noise_m=0.5, acceleration_density=1.0)
+    )
+    frames = list(detections.frames())
+    with pytest.raises(ValueError, match="expected times after 900000000 ns, got 800000000"):
+        replay([frames[9], frames[8]], tracker, [])

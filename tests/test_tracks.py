@@ -1,0 +1,187 @@
+"""Observed motion is checked at the door, kept in order of time, and differenced as the definition says."""
+
+import logging
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dirprim_filter.tracks import (
+    DIFFERENCE_HALF_WINDOW_S,
+    MAX_DIFFERENCE_GAP_S,
+    Tracks,
+    as_texts,
+    as_track_ids,
+    differenced_velocity,
+)
+from oracles import central_velocity
+
+GOOD = {
+    "track_id": [4, 4, 9], "time_ns": [0, 10, 0], "position": np.zeros((3, 2)),
+    "direction": np.zeros(3), "speed": np.ones(3),
+}  # fmt: skip
+
+
+def test_rows_are_kept_in_order_of_time_and_rows_of_one_time_in_the_order_given():
+    tracks = Tracks(
+        track_id=["d", "a", "c", "b"], time_ns=[5, 1, 5, 1], position=np.arange(8.0).reshape(4, 2),
+        direction=[0.1, 0.2, 0.3, 0.4], speed=[1, 2, 3, 4], group=[7, 8, 9, 6],
+    )  # fmt: skip
+    assert tracks.track_id.tolist() == ["a", "b", "d", "c"]
+    assert tracks.time_ns.tolist() == [1, 1, 5, 5]
+    assert tracks.speed.tolist() == [2, 4, 1, 3]
+    assert tracks.group.tolist() == [8, 6, 7, 9]
+    assert tracks.position.tolist() == [[2, 3], [6, 7], [0, 1], [4, 5]]
+    assert tracks.n_tracks == 4
+
+
+def test_directions_are_wrapped_and_groups_left_out_are_zero():
+    tracks = Tracks(**GOOD | {"direction": [3 * np.pi, -np.pi, 0.5]})
+    np.testing.assert_allclose(np.sort(tracks.direction), [0.5, np.pi, np.pi])
+    assert tracks.group.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"speed": [1.0, -0.5, 1.0]}, r"speed: expected at least 0 m/s, got -0.5 in row 1"),
+        ({"speed": [1.0, np.nan, 1.0]}, r"speed: expected finite numbers, got nan at \(1,\)"),
+        (
+            {"position": np.array([[0, 0], [0, 0], [0, np.inf]])},
+            r"position: expected finite numbers, got inf at \(2, 1\)",
+        ),
+        ({"position": np.zeros((3, 3))}, r"position: expected shape \(n, 2\), got \(3, 3\)"),
+        ({"direction": np.zeros((3, 1))}, r"direction: expected shape \(n\), got \(3, 1\)"),
+        ({"direction": np.zeros(2)}, r"columns: expected one length n, got .*direction \(2,\)"),
+        ({"track_id": [1, 2]}, r"columns: expected one length n, got track_id \(2,\)"),
+        ({"time_ns": [0.0, 10.0, 0.0]}, r"time_ns: expected whole nanoseconds \(int64\), got float64"),
+        ({"time_ns": [0, 0, 0]}, r"vehicle 4 has two rows at 0 ns; keep one"),
+        ({"track_id": ["4", 4, "9"], "time_ns": [7, 7, 7]}, r"vehicle 4 has two rows at 7 ns"),
+        ({"group": [1, 2]}, r"columns: expected one length n, got .*group \(2,\)"),
+    ],
+)
+def test_bad_columns_are_refused_by_name_and_place(change, message):
+    Tracks(**GOOD)
+    with pytest.raises(ValueError, match=message):
+        Tracks(**GOOD | change)
+
+
+@pytest.mark.parametrize(
+    ("given_ids", "kept"),
+    [
+        (["7", "12"], [7, 12]),
+        ([7, 12], [7, 12]),
+        (np.array([7, 12], np.uint8), [7, 12]),
+        (["-3"], [-3]),
+        (["07"], ["07"]),
+        (["7", "07"], ["7", "07"]),
+        (["-0"], ["-0"]),
+        (["+7"], ["+7"]),
+        ([" 7"], [" 7"]),
+        (["٧"], ["٧"]),  # a digit, but no canonical one
+        (["car 7"], ["car 7"]),
+        ([""], [""]),
+        (np.array([2**63 - 1, -(2**63)], np.int64), [2**63 - 1, -(2**63)]),
+        ([str(2**63 - 1), str(-(2**63))], [2**63 - 1, -(2**63)]),
+        (np.array([5, 2**63 - 1], np.uint64), [5, 2**63 - 1]),
+        (np.array([5, 2**63], np.uint64), ["5", str(2**63)]),
+        ([str(2**63)], [str(2**63)]),
+        (["1" * 5000], ["1" * 5000]),
+        ([], []),
+    ],
+)
+def test_ids_are_numbers_where_all_are_canonical_int64_and_text_elsewhere(given_ids, kept):
+    assert as_track_ids(given_ids).tolist() == kept
+
+
+@given(st.lists(st.integers(-(2**63), 2**63 - 1), max_size=5))
+def test_an_id_is_the_same_as_number_and_as_text(ids):
+    numbers = np.array(ids, np.int64)
+    np.testing.assert_array_equal(as_track_ids(as_texts(numbers)), numbers)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_central_differences_are_those_of_the_slow_oracle_on_irregular_tracks_with_gaps(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 40))
+    vehicle = rng.integers(0, 4, n)
+    step_ns = rng.choice([1, 20_000_000, 100_000_000, 250_000_000, 400_000_000, 2_000_000_000, 2_000_000_001], n)
+    time_ns = 1_700_000_000_000_000_000 + step_ns.cumsum()
+    position = rng.normal(0, 50, (n, 2))
+    order = rng.permutation(n)
+    ours = differenced_velocity(vehicle[order], time_ns[order], position[order])
+    slow = central_velocity(
+        vehicle[order], time_ns[order], position[order],
+        half_window_s=DIFFERENCE_HALF_WINDOW_S, max_gap_s=MAX_DIFFERENCE_GAP_S,
+    )  # fmt: skip
+    np.testing.assert_allclose(ours, slow, rtol=1e-6)
+
+
+def test_positions_of_a_circle_give_its_direction_and_speed(ring):
+    found = Tracks.from_positions(
+        track_id=ring.track_id, time_ns=ring.time_ns, position=ring.position, group=ring.group
+    )
+    assert len(found) == len(ring)
+    inner = (ring.time_ns > 200_000_000) & (ring.time_ns < 9_700_000_000)
+    turn = np.abs(np.angle(np.exp(1j * (found.direction - ring.direction))))
+    assert turn[inner].max() < 1e-6  # a chord is parallel to the tangent of its middle
+    # the chord of 2 x 0.2 s is shorter than the arc by (angle / 2)^2 / 6; at most 0.3 rad / s
+    np.testing.assert_allclose(found.speed[inner], ring.speed[inner], rtol=0.005)
+    assert np.abs(found.speed[inner] / ring.speed[inner] - 1).max() > 1e-5
+
+
+def test_rows_that_stand_alone_in_time_are_dropped_and_counted(caplog):
+    with caplog.at_level(logging.WARNING):
+        found = Tracks.from_positions(
+            track_id=np.array([1, 1, 2, 1]), time_ns=np.array([0, 10**9, 0, 10**10]), position=np.eye(4)[:, :2],
+            group=[5, 5, 6, 5],
+        )  # fmt: skip
+    assert found.track_id.tolist() == [1, 1]
+    assert found.group.tolist() == [5, 5]
+    assert "2 of 4 rows stand alone in time" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"time_ns": np.array([0, 0])}, "vehicle 1 has two rows at 0 ns"),
+        ({"time_ns": np.array([0])}, "columns: expected one length n"),
+        ({"time_ns": np.array([0.0, 1e8])}, "time_ns: expected whole nanoseconds"),
+        ({"position": np.array([[0, 0], [np.nan, 0]])}, "position: expected finite numbers"),
+        ({"group": [1]}, "columns: expected one length n"),
+    ],
+)
+def test_bad_positions_are_refused_by_name_before_they_are_differenced(change, message):
+    good = {"track_id": [1, 1], "time_ns": np.array([0, 100_000_000]), "position": np.eye(2)}
+    assert len(Tracks.from_positions(**good)) == 2
+    with pytest.raises(ValueError, match=message):
+        Tracks.from_positions(**good | change)
+
+
+def test_chosen_rows_by_mask_indices_and_slice(ring):
+    for rows in (ring.track_id == 3, np.flatnonzero(ring.track_id == 3), slice(5, 50, 3)):
+        chosen = ring[rows]
+        np.testing.assert_array_equal(chosen.position, ring.position[rows])
+        np.testing.assert_array_equal(chosen.track_id, ring.track_id[rows])
+    assert ring[ring.track_id == 3].n_tracks == 1
+    assert len(ring[:0]) == 0
+
+
+def test_concatenation_holds_all_rows_and_numbers_among_names_become_text(ring):
+    parts = [ring[ring.track_id % 2 == i] for i in (0, 1)]
+    whole = Tracks.concatenate(iter(parts))
+    assert whole.track_id.dtype == np.int64
+    rows = {(t, i, *p) for t, i, p in zip(whole.time_ns, whole.track_id, whole.position.tolist(), strict=True)}
+    assert rows == {(t, i, *p) for t, i, p in zip(ring.time_ns, ring.track_id, ring.position.tolist(), strict=True)}
+    named = Tracks(**GOOD | {"track_id": ["x", "x", "y"]})
+    mixed = Tracks.concatenate([Tracks(**GOOD), named])
+    assert sorted(set(mixed.track_id.tolist())) == ["4", "9", "x", "y"]
+
+
+def test_concatenation_refuses_nothing_and_a_vehicle_twice_at_a_time(ring):
+    with pytest.raises(ValueError, match="at least one Tracks"):
+        Tracks.concatenate([])
+    with pytest.raises(ValueError, match="vehicle 0 has two rows at 0 ns"):
+        Tracks.concatenate([ring, ring[:1]])
