@@ -16,30 +16,36 @@ class LearningConfig:
         row_interval_s: seconds; rows of a vehicle nearer than this to its last kept row tell nothing new.
         dbscan_eps: radians, the reach of a neighbourhood (the paper's way to the number of modes).
         dbscan_share: a core point has this share of the cell's rows within reach, and at least three.
-        direction_prior: pseudo-vehicles of uniform direction in each mode. They bound the concentration that one
-            vehicle, whose rows all point one way, would make unbounded.
-        speed_prior: pseudo-vehicles in each mode whose speeds spread as the place-free ones do.
-        max_concentration: bound of a mode's concentration: 1.8 degrees of spread.
-        max_shape: bound of a mode's gamma shape: 3 % of spread in speed.
+        prior_strengths: pseudo-vehicles of uniform direction, and of the place-free spread of speed, in each mode. They
+            bound the concentration that one vehicle, whose rows all point one way, would make unbounded; held-out
+            vehicles choose among them, for no other knob decides more. The first is tried first.
+        bend_scale: rad/m, standard deviation of a mode's bend before it is seen: the tightest turns that vehicles drive
+            are of about 5 m radius, most are none.
+        gain_scale: 1/m, the same of the gain of log speed: hard braking at 10 m/s halves the speed in 15 m.
+        max_concentration: bound of a mode's concentration: 0.6 degrees of spread.
+        max_shape: bound of a mode's gamma shape: 1 % of spread in speed.
         cell_sizes: metres, the grid's candidates when no size is asked for.
     """
 
     max_modes: int = 6
     max_place_free_modes: int = 4
     standing_speed: float = 0.3
-    row_interval_s: float = 0.4
+    row_interval_s: float = 0.2
     dbscan_eps: float = 0.2
     dbscan_share: float = 0.05
-    direction_prior: float = 0.02
-    speed_prior: float = 0.1
-    max_concentration: float = 1e3
-    max_shape: float = 1e3
+    prior_strengths: tuple[float, ...] = (0.02, 0.2, 0.002, 0.0002)
+    bend_scale: float = 0.1
+    gain_scale: float = 0.05
+    max_concentration: float = 1e4
+    max_shape: float = 1e4
     cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
 
     def __post_init__(self) -> None:
-        require_positive(self, skip=("cell_sizes",))
-        if not self.cell_sizes or min(self.cell_sizes) <= 0:
-            raise ValueError(f"cell_sizes: expected positive lengths in metres, got {self.cell_sizes}")
+        require_positive(self, skip=("cell_sizes", "prior_strengths"))
+        for name in ("cell_sizes", "prior_strengths"):
+            numbers = getattr(self, name)
+            if not numbers or min(numbers) <= 0:
+                raise ValueError(f"{name}: expected positive numbers, got {numbers}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +60,10 @@ class FilterConfig:
         resample_below: resample when the effective sample size falls below this share of the particles.
         place_free_share: of the particles that take up a mode, those that follow no primitive of the place: the
             vehicle that does what none has done there is not lost.
+        forecast_place_free_share: the same in forecasts, which hold as many such vehicles as there are, not more.
+        direction_spread: radians by which drivers differ beyond what a map's sharpest modes say; a filter that believes
+            a tenth of a degree takes whoever is one degree off for a stranger.
+        speed_spread: share of the speed, likewise.
         reach_m: metres; so far beside a cell a vehicle still moves as vehicles do in it: about a lane's width.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         max_gap_s: seconds without a measurement after which a belief ends.
@@ -65,6 +75,9 @@ class FilterConfig:
     outlier_extent_m: float = 100.0
     resample_below: float = 0.5
     place_free_share: float = 0.2
+    forecast_place_free_share: float = 0.01
+    direction_spread: float = 0.05
+    speed_spread: float = 0.05
     reach_m: float = 3.5
     step_s: float = 0.1
     max_gap_s: float = 5.0

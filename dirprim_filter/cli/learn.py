@@ -39,6 +39,7 @@ class Modes(StrEnum):
 class Shape(StrEnum):
     """How a primitive varies inside its cell."""
 
+    CURVED = "curved"
     FLAT = "flat"
 
 
@@ -49,7 +50,7 @@ def learn(
     cell_size: Annotated[float | None, typer.Option(help="Metres; chosen by held-out vehicles if left out.")] = None,
     cells: Annotated[int | None, typer.Option(help="About how many cells, instead of their size.")] = None,
     modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,
-    primitive: Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")] = Shape.FLAT,
+    primitive: Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")] = Shape.CURVED,
     seed: Seed = 0,
     topics: Topics = None,
     time_source: Time = TimeSource.LOG,

@@ -31,6 +31,10 @@ class MotionTable(NamedTuple):
     log_fit: FloatArray  # (n_cells + 1, M) log of weight and of what normalises direction
     log_speed_fit: FloatArray  # (n_cells + 1, M) what normalises speed
     draws: BoolArray  # (n_cells + 1, M) whether the mode draws directions towards its mean
+    bend: FloatArray  # (n_cells + 1, M, 2)
+    gain: FloatArray  # (n_cells + 1, M, 2)
+    center: FloatArray  # (n_cells + 1, 2)
+    extent: FloatArray  # (n_cells + 1,) metres from the centre beyond which nothing bends further
     direction_rate: float
     speed_rate: float
     mode_rate: float
@@ -54,7 +58,18 @@ class Cloud(NamedTuple):
 
 
 @njit(cache=True, inline="always")
-def draw_mode(table: MotionTable, cell: int, direction: float, speed: float, by_speed: bool, state: UIntArray) -> int:
+def offset_in(table: MotionTable, cell: int, x: float, y: float) -> tuple[float, float]:
+    """Metres from the centre of a cell, as far as its primitive bends: no further than the cell goes."""
+    extent = table.extent[cell]
+    east = min(max(x - table.center[cell, 0], -extent), extent)
+    north = min(max(y - table.center[cell, 1], -extent), extent)
+    return east, north
+
+
+@njit(cache=True)
+def draw_mode(
+    table: MotionTable, cell: int, x: float, y: float, direction: float, speed: float, by_speed: bool, state: UIntArray
+) -> int:
     """A mode of the cell, by its weight times how well it fits the direction and, on request, the speed (Eq. 4).
 
     A share of the particles follow no primitive of the place, so that a vehicle that does not either is not lost.
@@ -65,14 +80,17 @@ def draw_mode(table: MotionTable, cell: int, direction: float, speed: float, by_
     log_p = np.empty(n)
     top = -np.inf
     log_speed = math.log(max(speed, 1e-6))
+    east, north = offset_in(table, cell, x, y)
     for m in range(n):
         log_p[m] = -np.inf
         if table.weight[cell, m] > 0.0:
+            mean = table.mean[cell, m] + table.bend[cell, m, 0] * east + table.bend[cell, m, 1] * north
             log_p[m] = table.log_fit[cell, m]
-            log_p[m] += table.concentration[cell, m] * (math.cos(direction - table.mean[cell, m]) - 1.0)
+            log_p[m] += table.concentration[cell, m] * (math.cos(direction - mean) - 1.0)
             if by_speed:
-                log_p[m] += table.log_speed_fit[cell, m] - table.rate[cell, m] * speed
-                log_p[m] += (table.shape[cell, m] - 1.0) * log_speed
+                gained = table.gain[cell, m, 0] * east + table.gain[cell, m, 1] * north
+                log_p[m] += table.log_speed_fit[cell, m] - table.rate[cell, m] * math.exp(-gained) * speed
+                log_p[m] += (table.shape[cell, m] - 1.0) * log_speed - table.shape[cell, m] * gained
             top = max(top, log_p[m])
     total = 0.0
     for m in range(n):
@@ -83,7 +101,7 @@ def draw_mode(table: MotionTable, cell: int, direction: float, speed: float, by_
         left -= log_p[m]
         if left < 0.0:
             return m
-    return len(log_p) - 1  # rounding left a sliver over
+    return n - 1  # rounding left a sliver over
 
 
 @njit(cache=True)
@@ -126,16 +144,25 @@ def advance(table: MotionTable, cloud: Cloud, v: int, dt_s: float) -> None:
             here = locate(table.locator, x, y)
             if here != cell:
                 cell = here
-                mode = draw_mode(table, cell, direction, speed, True, state)
+                mode = draw_mode(table, cell, x, y, direction, speed, True, state)
             elif density.uniform(state) < takes_up:
-                mode = draw_mode(table, cell, direction, speed, False, state)
+                mode = draw_mode(table, cell, x, y, direction, speed, False, state)
+            rate = table.rate[cell, mode]
             if table.draws[cell, mode]:
-                turned = turn(direction, table.mean[cell, mode], table.concentration[cell, mode], direction_kept, state)
+                east, north = offset_in(table, cell, x, y)
+                bend, gain = table.bend[cell, mode], table.gain[cell, mode]
+                mean = table.mean[cell, mode] + bend[0] * east + bend[1] * north
+                rate *= math.exp(-gain[0] * east - gain[1] * north)
+                # The deviation from the mode relaxes, not the direction: a vehicle on a bend turns with the bend.
+                carried = (bend[0] * math.cos(direction) + bend[1] * math.sin(direction)) * speed * h
+                turned = turn(
+                    direction + carried, mean + carried, table.concentration[cell, mode], direction_kept, state
+                )
                 kept = speed_kept
             else:
                 turned = density.draw_von_mises(direction, free_concentration, state)
                 kept = free_speed_kept
-            faster = accelerate(speed, table.shape[cell, mode], table.rate[cell, mode], kept, state)
+            faster = accelerate(speed, table.shape[cell, mode], rate, kept, state)
             middle, distance = 0.5 * (direction + turned), 0.5 * (speed + faster) * h
             x += distance * math.cos(middle) + slip * density.draw_normal(state)
             y += distance * math.sin(middle) + slip * density.draw_normal(state)
@@ -167,10 +194,12 @@ def predict_paths(table: MotionTable, cloud: Cloud, dt_s: float, path: FloatArra
 def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
     """Give every particle the cell of its position and a mode that fits its direction and speed."""
     for v in vehicle:
+        state = cloud.state[v]
         for p in range(cloud.position.shape[1]):
-            cell = locate(table.locator, cloud.position[v, p, 0], cloud.position[v, p, 1])
+            x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
+            cell = locate(table.locator, x, y)
             cloud.cell[v, p] = cell
-            cloud.mode[v, p] = draw_mode(table, cell, cloud.direction[v, p], cloud.speed[v, p], True, cloud.state[v])
+            cloud.mode[v, p] = draw_mode(table, cell, x, y, cloud.direction[v, p], cloud.speed[v, p], True, state)
 
 
 @njit(cache=True, nogil=True)
@@ -193,10 +222,13 @@ def be_born(
                 left -= table.weight[cell, m]
                 if left < 0.0:
                     break
-            mean, concentration = table.mean[cell, mode], table.concentration[cell, mode]
+            east, north = offset_in(table, cell, x, y)
+            bend, gain = table.bend[cell, mode], table.gain[cell, mode]
+            mean = table.mean[cell, mode] + bend[0] * east + bend[1] * north
+            rate = table.rate[cell, mode] * math.exp(-gain[0] * east - gain[1] * north)
             cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
-            cloud.direction[v, p] = density.wrap(density.draw_von_mises(mean, concentration, state))
-            cloud.speed[v, p] = density.draw_gamma(table.shape[cell, mode], state) / table.rate[cell, mode]
+            cloud.direction[v, p] = density.wrap(density.draw_von_mises(mean, table.concentration[cell, mode], state))
+            cloud.speed[v, p] = density.draw_gamma(table.shape[cell, mode], state) / rate
             cloud.cell[v, p], cloud.mode[v, p] = cell, mode
             cloud.log_weight[v, p] = -math.log(n)
 
@@ -207,15 +239,17 @@ def weigh(
     vehicle: IntArray,
     measured: FloatArray,
     noise: float,
-    outlier: float,
+    outlier_probability: float,
+    outlier_extent: float,
     log_evidence: FloatArray,
 ) -> None:
-    """Weigh by a position measured with Gaussian noise, or by an outlier of the density `outlier`; normalise.
+    """Weigh by a position measured with Gaussian noise, or by an outlier; normalise.
 
     Fills the log density of each measurement given those before it.
     """
     n = cloud.position.shape[1]
-    log_normal = -math.log(density.TWO_PI * noise * noise)
+    log_normal = math.log1p(-outlier_probability) - math.log(density.TWO_PI * noise * noise)
+    outlier = outlier_probability / outlier_extent**2
     log_outlier = math.log(outlier)
     for i in range(vehicle.size):
         v = vehicle[i]

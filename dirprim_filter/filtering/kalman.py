@@ -64,9 +64,12 @@ class ConstantVelocityTracker:
         self._frame = detections
         self._log_evidence = np.zeros(len(detections))
         self._is_new = np.zeros(len(detections), np.bool_)
+        gone = [name for name, (_, last_ns) in self._filters.items() if time_ns - last_ns > self._max_gap_ns]
+        for name in gone:
+            del self._filters[name]
         for row, name in enumerate(detections.track_id):
             kalman, last_ns = self._filters.get(str(name), (None, 0))
-            if kalman is None or time_ns - last_ns > self._max_gap_ns:
+            if kalman is None:
                 kalman = _begin(detections.position[row], self._noise_m)
                 self._is_new[row] = True
             else:
@@ -79,7 +82,7 @@ class ConstantVelocityTracker:
             if not self._is_new[row]:
                 kalman, _ = self._filters[str(name)]
                 kalman.update(self._frame.position[row])
-                self._log_evidence[row] = kalman.log_likelihood
+                self._log_evidence[row] = _log_density(kalman.y, kalman.S)
 
     def estimate(self) -> Estimates:
         """What is believed of the frame's vehicles; a Gaussian has all of its samples' worth."""
@@ -118,6 +121,15 @@ def _move(kalman: KalmanFilter, dt_s: float, density: float) -> None:
     noise = Q_continuous_white_noise(dim=2, dt=dt_s, spectral_density=density)
     kalman.Q = np.kron(noise, np.eye(2))
     kalman.predict()
+
+
+def _log_density(innovation: FloatArray, covariance: FloatArray) -> float:
+    """Natural log of the Gaussian density of an innovation (2,); filterpy asks scipy.stats, at ten times the cost."""
+    (a, b), (_, d) = covariance
+    determinant = a * d - b * b
+    x, y = innovation
+    distance = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
+    return float(-0.5 * (distance + np.log(determinant)) - np.log(2.0 * np.pi))
 
 
 def _begin(position: FloatArray, noise_m: float) -> KalmanFilter:

@@ -15,6 +15,9 @@ from tessellation._kernels import Locator
 
 STANDING_BELOW = 0.3
 """m/s, mean speed of a mode; vehicles that stand do not relax to those that drive."""
+FINE_PIXEL_M = 1.5
+MAX_REFINEMENT = 10
+MAX_PIXELS = 20_000_000
 
 
 def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
@@ -32,7 +35,10 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
     draws = direction.concentration > 0
     draws[n - 1] = False
     draws[:, m - primitive_map.n_place_free_modes :] = False
-    shape, rate = speed.shape.copy(), speed.rate.copy()
+    concentration = 1.0 / (1.0 / np.maximum(direction.concentration, 1e-12) + config.direction_spread**2)
+    concentration = np.where(direction.concentration > 0, concentration, 0.0)
+    shape = 1.0 / (1.0 / speed.shape + np.where(speed.shape > 1.0, config.speed_spread**2, 0.0))
+    rate = shape / speed.mean
     anywhere = ~draws & (speed.mean >= STANDING_BELOW)
     shape[anywhere], rate[anywhere] = speeds_of_all_places(primitive_map)
     relaxation = primitive_map.relaxation
@@ -40,12 +46,16 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
         locator=reaching(primitive_map.tessellation.locator, config.reach_m),
         weight=direction.weight,
         mean=direction.mean_direction,
-        concentration=direction.concentration,
+        concentration=concentration,
         shape=shape,
         rate=rate,
-        log_fit=log_weights(direction.weight) - von_mises.log_normaliser(direction.concentration),
+        log_fit=log_weights(direction.weight) - von_mises.log_normaliser(concentration),
         log_speed_fit=np.asarray(shape * np.log(rate) - gammaln(shape)),
         draws=draws,
+        bend=primitive_map.bend,
+        gain=primitive_map.gain,
+        center=primitive_map.centers,
+        extent=np.append(0.5 * np.sqrt(primitive_map.tessellation.area), 0.0),
         direction_rate=relaxation.direction_rate,
         speed_rate=relaxation.speed_rate,
         mode_rate=relaxation.mode_rate,
@@ -72,18 +82,18 @@ def speeds_of_all_places(primitive_map: PrimitiveMap) -> tuple[float, float]:
 def reaching(locator: Locator, reach_m: float) -> Locator:
     """The locator whose cells also cover what lies within `reach_m` of them, to the nearest.
 
-    A vehicle beside the cells, where nobody happened to be seen, still follows the road beside it.
+    A vehicle beside the cells, where nobody happened to be seen, still follows the road beside it. The raster is made
+    as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`.
     """
-    pixels = reach_m * locator.pixels_per_metre
-    margin = int(np.ceil(pixels))
-    cell = np.pad(locator.cell, margin, constant_values=-1)
+    finer = int(np.clip(np.ceil(1.0 / (locator.pixels_per_metre * FINE_PIXEL_M)), 1, MAX_REFINEMENT))
+    while finer > 1 and locator.cell.size * finer**2 > MAX_PIXELS:
+        finer -= 1
+    per_metre = locator.pixels_per_metre * finer
+    margin = int(np.ceil(reach_m * per_metre))
+    cell = np.pad(np.kron(locator.cell, np.ones((finer, finer), np.int64)), margin, constant_values=-1)
     if (cell < 0).all():
         return locator
     distance, nearest = distance_transform_edt(cell < 0, return_indices=True)
-    near = cell[tuple(nearest)]
-    return Locator(
-        locator.origin_x - margin / locator.pixels_per_metre,
-        locator.origin_y - margin / locator.pixels_per_metre,
-        locator.pixels_per_metre,
-        np.ascontiguousarray(np.where(distance <= pixels, near, -1)),
-    )
+    reached = np.where(distance <= reach_m * per_metre, cell[tuple(nearest)], -1)
+    origin_x, origin_y = locator.origin_x - margin / per_metre, locator.origin_y - margin / per_metre
+    return Locator(origin_x, origin_y, per_metre, np.ascontiguousarray(reached))

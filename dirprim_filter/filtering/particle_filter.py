@@ -59,7 +59,11 @@ class ParticleFilter:
     def weigh(self, slot: IntArray, measured: FloatArray) -> FloatArray:
         """Weigh the particles by measured positions. (v,), (v, 2) metres -> (v,) log evidence."""
         log_evidence = np.empty(slot.size)
-        _kernels.weigh(self.belief.cloud, slot, measured, self.config.noise_m, self._outlier_density, log_evidence)
+        config = self.config
+        _kernels.weigh(
+            self.belief.cloud, slot, measured, config.noise_m, config.outlier_probability, config.outlier_extent_m,
+            log_evidence,
+        )  # fmt: skip
         return log_evidence
 
     def is_lost(self, log_evidence: FloatArray) -> AnyArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,8 +16,8 @@ import numpy as np
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives import _kernels
-from dirprim_filter.primitives.primitive_map import Primitive, PrimitiveMap
-from dirprim_filter.primitives.relaxation import learn_relaxation
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.relaxation import FALLBACK, learn_relaxation
 from dirprim_filter.primitives.rows import CellRows, TrackRows, columns_of
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation, Tessellation
@@ -28,6 +29,8 @@ ModesRule = Literal["bic", "dbscan"]
 
 PLACE_FREE_STRENGTHS = np.geomspace(0.01, 10.0, 13)
 """Pseudo-vehicles with which the place-free primitive may enter a cell."""
+PLACE_FREE_PRIOR = 0.1
+"""Pseudo-vehicles in each place-free mode, which has all vehicles of the log to speak for it."""
 MIN_STANDING_MEAN = 0.05
 """m/s; standing vehicles of a simulator have speed 0, which would make the density at 0 unbounded."""
 
@@ -39,7 +42,7 @@ def learn_primitives(
     cell_size: float | None = None,
     n_cells: int | None = None,
     modes: ModesRule = "bic",
-    primitive: Literal["flat"] = "flat",
+    primitive: Literal["flat", "curved"] = "curved",
     config: LearningConfig | None = None,
     rng: np.random.Generator,
 ) -> PrimitiveMap:
@@ -51,7 +54,8 @@ def learn_primitives(
         cell_size: metres, side of the grid's cells; chosen by held-out vehicles if absent.
         n_cells: about how many cells the grid shall have, instead of `cell_size`.
         modes: "bic" fits direction and speed together and counts modes by BIC; "dbscan" is the paper's recipe.
-        primitive: "flat", constant in a cell as in the paper.
+        primitive: "curved", a mode's mean direction and log mean speed vary linearly across the cell where BIC says
+            so; "flat", constant in a cell as in the paper. With "dbscan" cells are flat.
         config: every other knob.
         rng: chooses the held-out vehicles.
 
@@ -69,23 +73,25 @@ def learn_primitives(
     rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s)
     free = fit_place_free(rows, config)
     candidates = _candidates(rows.position, tessellation, cell_size, n_cells, config)
-    cells, strength = _choose_cells(rows, candidates, modes, free, config=config, rng=rng)
-    fitted = fit_cells(rows, cells, modes, free, config)
+    recipe = Recipe(modes, primitive == "curved" and modes == "bic", config.prior_strengths[0], config)
+    cells, recipe, strength = _choose(rows, candidates, recipe, free, rng=rng)
+    fitted = fit_cells(rows, cells, recipe, free)
     learned = assemble(cells, fitted, free, strength)
-    cell = cells.cell_of(rows.position)
-    relaxation = learn_relaxation(learned, rows, cell, standing_speed=config.standing_speed)
+    relaxation = learn_relaxation(learned, rows, standing_speed=config.standing_speed)
     logger.info(
         "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
         cells.n_cells, rows.n_vehicles, strength,
     )  # fmt: skip
-    return PrimitiveMap(
-        tessellation=cells,
-        direction=learned.direction,
-        speed=learned.speed,
-        n_rows=np.append(fitted.n_rows, len(rows)),
-        n_place_free_modes=free.weight.size,
-        relaxation=relaxation,
-    )
+    return replace(learned, relaxation=relaxation)
+
+
+class Recipe(NamedTuple):
+    """How cells are fitted."""
+
+    modes: ModesRule
+    curved: bool
+    prior_strength: float
+    config: LearningConfig
 
 
 def _check_options(
@@ -103,8 +109,8 @@ def _check_options(
         raise ValueError(f"tessellation: this version knows 'grid' or a Tessellation, got {tessellation!r}")
     if modes not in ("bic", "dbscan"):
         raise ValueError(f"modes: expected 'bic' or 'dbscan', got {modes!r}")
-    if primitive != "flat":
-        raise ValueError(f"primitive: this version knows 'flat', got {primitive!r}")
+    if primitive not in ("curved", "flat"):
+        raise ValueError(f"primitive: expected 'curved' or 'flat', got {primitive!r}")
     given = [name for name, value in (("cell_size", cell_size), ("n_cells", n_cells)) if value is not None]
     if len(given) > 1 or (given and not isinstance(tessellation, str)):
         raise ValueError("tessellation, cell_size, n_cells: at most one of them can decide the cells")
@@ -131,11 +137,13 @@ class FittedCells(NamedTuple):
     n_rows: IntArray
 
 
-def bounds_of(config: LearningConfig, *, max_modes: int, speed_spread: float) -> _kernels.Bounds:
+def bounds_of(recipe: Recipe, *, max_modes: int, speed_spread: float) -> _kernels.Bounds:
     """The priors and bounds of a fit, as the kernels take them."""
+    config = recipe.config
     return _kernels.Bounds(
-        max_modes, config.direction_prior, config.speed_prior, speed_spread,
+        max_modes, recipe.prior_strength, speed_spread,
         config.max_concentration, config.max_shape, config.dbscan_eps, config.dbscan_share,
+        config.bend_scale, config.gain_scale, recipe.curved,
     )  # fmt: skip
 
 
@@ -147,14 +155,14 @@ def fit_place_free(rows: TrackRows, config: LearningConfig) -> PlaceFree:
     moving = rows[rows.speed >= config.standing_speed]
     n_standing = len(rows) - len(moving)
     k = config.max_place_free_modes
-    found = _kernels.Modes(np.zeros(k), np.zeros(k), np.zeros(k), np.ones(k), np.ones(k))
+    found = _no_modes(k)
     spread, mean_speed = 1.0, 1.0
     if len(moving):
         mean_speed = float(moving.speed.mean())
         spread = max(float(np.log(mean_speed) - np.log(moving.speed).mean()), 1e-3)
-        bounds = bounds_of(config, max_modes=k, speed_spread=spread)
+        bounds = bounds_of(Recipe("bic", False, PLACE_FREE_PRIOR, config), max_modes=k, speed_spread=spread)
         order = np.argsort(moving.direction)
-        columns = columns_of(moving.direction[order], moving.speed[order])
+        columns = columns_of(moving.direction[order], moving.speed[order], np.zeros((len(moving), 2)))
         _kernels.fit_at_once(columns, float(moving.n_vehicles), bounds, found)
     standing = (n_standing + 1) / (len(rows) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
@@ -175,31 +183,32 @@ def _standing_mean(rows: TrackRows, config: LearningConfig) -> float:
     return max(float(standing.mean()) if standing.size else 0.0, MIN_STANDING_MEAN)
 
 
-def fit_cells(
-    rows: TrackRows, cells: Tessellation, modes: ModesRule, free: PlaceFree, config: LearningConfig
-) -> FittedCells:
+def _no_modes(*shape: int) -> _kernels.Modes:
+    zeros = [np.zeros(shape) for _ in range(7)]
+    return _kernels.Modes(zeros[0], zeros[1], zeros[2], np.ones(shape), np.ones(shape), *zeros[3:])
+
+
+def fit_cells(rows: TrackRows, cells: Tessellation, recipe: Recipe, free: PlaceFree) -> FittedCells:
     """Fit each cell's modes to its own rows."""
+    config = recipe.config
     in_cells = CellRows.of(rows, cells, standing_speed=config.standing_speed)
     n, k = cells.n_cells, config.max_modes
-    found = _kernels.Modes(np.zeros((n, k)), np.zeros((n, k)), np.zeros((n, k)), np.ones((n, k)), np.ones((n, k)))
-    bounds = bounds_of(config, max_modes=k, speed_spread=free.speed_spread)
-    fit = _kernels.fit_cells_in_two_steps if modes == "dbscan" else _kernels.fit_cells_at_once
+    found = _no_modes(n, k)
+    bounds = bounds_of(recipe, max_modes=k, speed_spread=free.speed_spread)
+    fit = _kernels.fit_cells_in_two_steps if recipe.modes == "dbscan" else _kernels.fit_cells_at_once
     fit(in_cells.rows, in_cells.start, in_cells.n_vehicles, bounds, found)
-    n_rows = in_cells.n_rows
-    standing = in_cells.n_standing / np.maximum(n_rows, 1)
     used = max(int((found.weight > 0).sum(axis=1).max(initial=0)), 1)
     order = np.argsort(-found.weight, axis=1, kind="stable")[:, :used]  # heaviest first
-    with_standing = _kernels.Modes(
-        np.column_stack([np.take_along_axis(found.weight, order, 1) * (1 - standing[:, None]), standing]),
-        *(
-            np.column_stack([np.take_along_axis(column, order, 1), np.full(n, of_standing)])
-            for column, of_standing in zip(
-                found[1:], (free.mean[-1], free.concentration[-1], free.shape[-1], free.rate[-1]), strict=True
-            )
-        ),
+    n_rows = in_cells.n_rows
+    standing = (in_cells.n_standing / np.maximum(n_rows, 1))[:, None]
+    heaviest = _kernels.Modes(*(np.take_along_axis(column, order, 1) for column in found))
+    of_standing = (free.mean[-1], free.concentration[-1], free.shape[-1], free.rate[-1], 0.0, 0.0, 0.0, 0.0)
+    modes = _kernels.Modes(
+        np.hstack([heaviest.weight * (1 - standing), standing]),
+        *(np.hstack([own, np.full((n, 1), last)]) for own, last in zip(heaviest[1:], of_standing, strict=True)),
     )
     vehicles = np.where(n_rows > 0, np.maximum(in_cells.n_vehicles, 1.0), 0.0)
-    return FittedCells(with_standing, vehicles, n_rows)
+    return FittedCells(modes, vehicles, n_rows)
 
 
 def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> FloatArray:
@@ -207,8 +216,8 @@ def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> Fl
     return np.asarray(strength / (n_vehicles + strength))
 
 
-def assemble(cells: Tessellation, fitted: FittedCells, free: PlaceFree, strength: float) -> Primitive:
-    """The parameter table of a map: each cell's own modes, then the place-free ones; the last row is place-free."""
+def assemble(cells: Tessellation, fitted: FittedCells, free: PlaceFree, strength: float) -> PrimitiveMap:
+    """A map of each cell's own modes, then the place-free ones; its relaxation is still to be learned."""
     n, own = fitted.modes.weight.shape
     share = place_free_share(fitted.n_vehicles, strength)[:, None]
     weight = np.zeros((n + 1, own + free.weight.size))
@@ -221,13 +230,24 @@ def assemble(cells: Tessellation, fitted: FittedCells, free: PlaceFree, strength
         placed = np.vstack([of_cells, np.full(own, filler)])
         return np.column_stack([placed, np.tile(of_free, (n + 1, 1))])
 
-    return Primitive(
-        VonMisesMixture(
+    def slope(east: FloatArray, north: FloatArray) -> FloatArray:
+        flat = np.zeros_like(free.weight)
+        return np.stack([column(east, flat, 0.0), column(north, flat, 0.0)], axis=-1)
+
+    modes = fitted.modes
+    return PrimitiveMap(
+        tessellation=cells,
+        direction=VonMisesMixture(
             weight=weight,
-            mean_direction=column(fitted.modes.mean, free.mean, 0.0),
-            concentration=column(fitted.modes.concentration, free.concentration, 0.0),
+            mean_direction=column(modes.mean, free.mean, 0.0),
+            concentration=column(modes.concentration, free.concentration, 0.0),
         ),
-        Gamma(shape=column(fitted.modes.shape, free.shape, 1.0), rate=column(fitted.modes.rate, free.rate, 1.0)),
+        speed=Gamma(shape=column(modes.shape, free.shape, 1.0), rate=column(modes.rate, free.rate, 1.0)),
+        n_rows=np.append(fitted.n_rows, fitted.n_rows.sum()),
+        n_place_free_modes=free.weight.size,
+        relaxation=FALLBACK,
+        bend=slope(modes.bend_east, modes.bend_north),
+        gain=slope(modes.gain_east, modes.gain_north),
     )
 
 
@@ -247,25 +267,33 @@ def _candidates(
     return [GridTessellation.covering(position, cell_size=size) for size in sizes]
 
 
-def _choose_cells(
-    rows: TrackRows,
-    candidates: list[Tessellation],
-    modes: ModesRule,
-    free: PlaceFree,
-    *,
-    config: LearningConfig,
-    rng: np.random.Generator,
-) -> tuple[Tessellation, float]:
-    """The cells and the strength of the place-free primitive in them that held-out vehicles like best."""
-    vehicles = np.unique(rows.vehicle)
-    if vehicles.size < 2:  # nobody to hold out
-        return candidates[-1], 1.0
-    held_out = np.isin(rows.vehicle, rng.permutation(vehicles)[: max(vehicles.size // 3, 1)])
-    scores = [_held_out_scores(rows, held_out, cells, modes, free, config=config) for cells in candidates]
-    best = int(np.argmax([score.max() for score in scores]))
-    for cells, score in zip(candidates, scores, strict=True):
-        logger.debug("%d cells: held-out log density %.3f", cells.n_cells, score.max())
-    return candidates[best], float(PLACE_FREE_STRENGTHS[np.argmax(scores[best])])
+def _choose(
+    rows: TrackRows, candidates: list[Tessellation], recipe: Recipe, free: PlaceFree, *, rng: np.random.Generator
+) -> tuple[Tessellation, Recipe, float]:
+    """What held-out vehicles like best: the cells, the prior in their modes, and the strength of the place-free one."""
+    groups = np.unique(rows.group)
+    if groups.size < 2:  # nobody to hold out
+        return candidates[-1], recipe, 1.0
+    held_out = np.isin(rows.group, rng.permutation(groups)[: max(groups.size // 3, 1)])
+    scores: dict[tuple[int, float], FloatArray] = {}
+
+    def score(size: int, prior_strength: float) -> float:
+        if (size, prior_strength) not in scores:
+            trial = recipe._replace(prior_strength=prior_strength)
+            scores[size, prior_strength] = _held_out_scores(rows, held_out, candidates[size], trial, free)
+        return float(scores[size, prior_strength].max())
+
+    # Either decides little about the other, so each in turn rather than all pairs.
+    size, prior_strength = len(candidates) - 1, recipe.prior_strength
+    for _ in range(2):
+        size = max(range(len(candidates)), key=lambda s: score(s, prior_strength))
+        prior_strength = max(recipe.config.prior_strengths, key=lambda p: score(size, p))
+    logger.info(
+        "chosen: %d cells, prior of %g vehicles, held-out log density %.3f",
+        candidates[size].n_cells, prior_strength, score(size, prior_strength),
+    )  # fmt: skip
+    share = float(PLACE_FREE_STRENGTHS[np.argmax(scores[size, prior_strength])])
+    return candidates[size], recipe._replace(prior_strength=prior_strength), share
 
 
 def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:
@@ -283,22 +311,15 @@ def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:
 
 
 def _held_out_scores(
-    rows: TrackRows,
-    held_out: BoolArray,
-    cells: Tessellation,
-    modes: ModesRule,
-    free: PlaceFree,
-    *,
-    config: LearningConfig,
+    rows: TrackRows, held_out: BoolArray, cells: Tessellation, recipe: Recipe, free: PlaceFree
 ) -> FloatArray:
     """Mean log density of the held-out rows for each of `PLACE_FREE_STRENGTHS`."""
-    fitted = fit_cells(rows[~held_out], cells, modes, free, config)
+    fitted = fit_cells(rows[~held_out], cells, recipe, free)
     own = assemble(cells, fitted, free, strength=1e-12)
     kept = rows[held_out]
-    cell = cells.cell_of(kept.position)
-    place_free = Primitive(own.direction[-1], own.speed[-1]).log_density(kept.direction, kept.speed)
-    placed = Primitive(own.direction[cell], own.speed[cell]).log_density(kept.direction, kept.speed)
-    n_vehicles = np.append(fitted.n_vehicles, 0.0)[cell]
+    place_free = own.without_places().log_density(kept.position, kept.direction, kept.speed)
+    placed = own.log_density(kept.position, kept.direction, kept.speed)
+    n_vehicles = np.append(fitted.n_vehicles, 0.0)[cells.cell_of(kept.position)]
     share = place_free_share(n_vehicles[:, None], PLACE_FREE_STRENGTHS)
     with np.errstate(divide="ignore"):
         mixed = np.logaddexp(np.log1p(-share) + placed[:, None], np.log(share) + place_free[:, None])

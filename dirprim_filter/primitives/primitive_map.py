@@ -6,7 +6,7 @@ Eq. 1-3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -85,6 +85,9 @@ class PrimitiveMap:
         n_place_free_modes: how many of the last modes are the place-free primitive's, in every row: what a cell leans
             on where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
         relaxation: how vehicles settle on the primitives.
+        bend: (n_cells + 1, M, 2) rad/m, how a mode's mean direction turns towards the east and the north of its cell;
+            left out: none, the primitives are flat.
+        gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
 
     Raises:
         ValueError: the parameters are not those of n_cells + 1 primitives.
@@ -96,6 +99,8 @@ class PrimitiveMap:
     n_rows: IntArray
     n_place_free_modes: int
     relaxation: Relaxation
+    bend: FloatArray = field(default_factory=lambda: np.empty(0))
+    gain: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         n = self.tessellation.n_cells + 1
@@ -107,6 +112,15 @@ class PrimitiveMap:
             )
         if not 0 <= self.n_place_free_modes <= shapes[0][1]:
             raise ValueError(f"n_place_free_modes: expected 0 to {shapes[0][1]}, got {self.n_place_free_modes}")
+        for name in ("bend", "gain"):
+            slope = getattr(self, name)
+            slope = as_floats(name, slope, f"{n} {shapes[0][1]} 2") if slope.size else np.zeros((*shapes[0], 2))
+            object.__setattr__(self, name, slope)
+
+    @property
+    def centers(self) -> FloatArray:
+        """(n_cells + 1, 2) where each row's parameters hold, metres; of the place-free row anywhere, so the origin."""
+        return np.vstack([self.tessellation.centers.reshape(-1, 2), np.zeros(2)])
 
     def primitive_at(self, position: FloatArray) -> Primitive:
         """The primitives that hold at positions. (..., 2) -> leading axes (...).
@@ -115,7 +129,20 @@ class PrimitiveMap:
             ValueError: the last axis is not 2, or a coordinate is not finite.
         """
         cell = self.tessellation.cell_of(position)
-        return Primitive(self.direction[cell], self.speed[cell])
+        if not (self.bend.any() or self.gain.any()):
+            return Primitive(self.direction[cell], self.speed[cell])
+        offset = (np.asarray(position, dtype=np.float64) - self.centers[cell])[..., None, :]
+        direction, speed = self.direction[cell], self.speed[cell]
+        turned = (self.bend[cell] * offset).sum(axis=-1)
+        gained = (self.gain[cell] * offset).sum(axis=-1)
+        return Primitive(
+            VonMisesMixture(
+                weight=direction.weight,
+                mean_direction=direction.mean_direction + turned,
+                concentration=direction.concentration,
+            ),
+            Gamma(shape=speed.shape, rate=speed.rate * np.exp(-gained)),
+        )
 
     def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
         """Natural log of p(direction, speed | position), per radian and m/s. (..., 2), (...), (...) -> (...)."""
@@ -141,4 +168,6 @@ class PrimitiveMap:
             n_rows=self.n_rows[last],
             n_place_free_modes=self.n_place_free_modes,
             relaxation=self.relaxation,
+            bend=self.bend[last],
+            gain=self.gain[last],
         )

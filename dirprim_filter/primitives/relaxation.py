@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.distributions.angles import difference
-from dirprim_filter.primitives.primitive_map import Primitive, Relaxation
+from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
@@ -32,13 +32,12 @@ FALLBACK = Relaxation(
 """Where a log has no pairs to learn from."""
 
 
-def learn_relaxation(primitive: Primitive, rows: TrackRows, cell: IntArray, *, standing_speed: float) -> Relaxation:
+def learn_relaxation(primitive_map: PrimitiveMap, rows: TrackRows, *, standing_speed: float) -> Relaxation:
     """Rates from pairs of rows of a vehicle.
 
     Args:
-        primitive: the parameter table of the cells; the last row is place-free.
+        primitive_map: the map; its own relaxation is not looked at.
         rows: observations sorted by vehicle and time.
-        cell: (n,) the cell of each row.
         standing_speed: m/s; slower rows have no direction.
     """
     moving = rows.speed >= standing_speed
@@ -48,7 +47,8 @@ def learn_relaxation(primitive: Primitive, rows: TrackRows, cell: IntArray, *, s
     step_s = float((rows.time_ns[near + 1] - rows.time_ns[near]).mean() * 1e-9)
     turned = difference(rows.direction[near + 1], rows.direction[near])
     from_mean = rows.speed - rows.speed[moving].mean()
-    turn, gain, mode = _deviations(primitive, rows, cell)
+    cell = primitive_map.tessellation.cell_of(rows.position)
+    turn, gain, mode = _deviations(primitive_map, rows, cell)
     in_cell = near[(cell[near] == cell[near + 1]) & (cell[near] >= 0)]
     stays = float((mode[in_cell] == mode[in_cell + 1]).mean()) if in_cell.size else 1.0
     return Relaxation(
@@ -68,15 +68,17 @@ def _pairs(rows: TrackRows, moving: BoolArray) -> IntArray:
     return np.flatnonzero(near & moving[:-1] & moving[1:])
 
 
-def _deviations(primitive: Primitive, rows: TrackRows, cell: IntArray) -> tuple[FloatArray, FloatArray, IntArray]:
+def _deviations(
+    primitive_map: PrimitiveMap, rows: TrackRows, cell: IntArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """Each row's turn and speed off the mode most responsible for it, NaN where none draws, and that mode."""
-    log_p = primitive.direction[cell].mode_log_density(rows.direction)
-    log_p = log_p + primitive.speed[cell].log_density(rows.speed[:, None])
+    direction, speed = primitive_map.primitive_at(rows.position)
+    log_p = direction.mode_log_density(rows.direction) + speed.log_density(rows.speed[:, None])
     mode = np.asarray(log_p.argmax(axis=-1), dtype=np.int64)
-    at = cell, mode
-    draws = (primitive.direction.concentration[at] > 0) & (cell >= 0)
-    turn = np.where(draws, difference(rows.direction, primitive.direction.mean_direction[at]), np.nan)
-    gain = np.where(draws, rows.speed - primitive.speed.mean[at], np.nan)
+    at = np.arange(len(rows)), mode
+    draws = (direction.concentration[at] > 0) & (cell >= 0)
+    turn = np.where(draws, difference(rows.direction, direction.mean_direction[at]), np.nan)
+    gain = np.where(draws, rows.speed - speed.mean[at], np.nan)
     return turn, gain, mode
 
 

@@ -22,6 +22,7 @@ class TrackRows:
         position: (n, 2) metres.
         direction: (n,) radians.
         speed: (n,) m/s.
+        group: (n,) int64, what to split by: the log's groups or, where it has but one, the vehicles.
     """
 
     vehicle: IntArray
@@ -29,6 +30,7 @@ class TrackRows:
     position: FloatArray
     direction: FloatArray
     speed: FloatArray
+    group: IntArray
 
     @classmethod
     def thinned(cls, tracks: Tracks, *, interval_s: float) -> TrackRows:
@@ -36,12 +38,14 @@ class TrackRows:
         _, vehicle = np.unique(tracks.track_id, return_inverse=True)
         order = np.lexsort((tracks.time_ns, vehicle))
         kept = order[_kernels.thin(vehicle[order], tracks.time_ns[order], int(interval_s * 1e9))]
+        grouped = np.unique(tracks.group).size > 1
         return cls(
             vehicle=vehicle[kept],
             time_ns=tracks.time_ns[kept],
             position=tracks.position[kept],
             direction=tracks.direction[kept],
             speed=tracks.speed[kept],
+            group=(tracks.group if grouped else vehicle)[kept],
         )
 
     def __len__(self) -> int:
@@ -55,6 +59,7 @@ class TrackRows:
             position=self.position[rows],
             direction=self.direction[rows],
             speed=self.speed[rows],
+            group=self.group[rows],
         )
 
     @property
@@ -88,7 +93,9 @@ class CellRows:
         moving = np.flatnonzero(~standing & (cell >= 0))
         order = moving[np.lexsort((rows.direction[moving], cell[moving]))]
         return cls(
-            rows=columns_of(rows.direction[order], rows.speed[order]),
+            rows=columns_of(
+                rows.direction[order], rows.speed[order], rows.position[order] - tessellation.centers[cell[order]]
+            ),
             start=np.searchsorted(cell[order], np.arange(n_cells + 1)).astype(np.int64),
             n_vehicles=_vehicles_per_cell(cell[order], rows.vehicle[order], n_cells),
             n_standing=np.bincount(cell[standing & (cell >= 0)], minlength=n_cells).astype(np.int64),
@@ -100,8 +107,14 @@ class CellRows:
         return np.asarray(np.diff(self.start) + self.n_standing, dtype=np.int64)
 
 
-def columns_of(direction: FloatArray, speed: FloatArray) -> _kernels.Rows:
-    """The columns of moving rows, as the kernels take them: ascending directions (n,), positive speeds (n,)."""
+def columns_of(direction: FloatArray, speed: FloatArray, offset: FloatArray) -> _kernels.Rows:
+    """The columns of moving rows, as the kernels take them.
+
+    Args:
+        direction: (n,) radians, ascending inside a cell.
+        speed: (n,) m/s, positive.
+        offset: (n, 2) metres from the centre of the cell.
+    """
     return _kernels.Rows(
         direction,
         np.cos(direction),
@@ -109,6 +122,8 @@ def columns_of(direction: FloatArray, speed: FloatArray) -> _kernels.Rows:
         speed,
         np.log(speed),
         np.ones_like(speed),
+        np.ascontiguousarray(offset[:, 0]),
+        np.ascontiguousarray(offset[:, 1]),
     )
 
 

@@ -6,6 +6,7 @@ colour-blindness leaves, go around together: north is light, south dark, east am
 """
 
 import zlib
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -75,7 +76,7 @@ def _color_wheel(n_colors: int = 1024) -> ByteArray:
     return _rgba(255.0 * gamma)
 
 
-def track_color(track_id: AnyArray) -> ByteArray:
+def track_color(track_id: AnyArray | Sequence[str]) -> ByteArray:
     """One colour for each vehicle, the same in every run and picture. (n,) ids -> (n, 4).
 
     The palette's place comes from a checksum of the id's text: Python's own hash differs from run to run.

@@ -9,37 +9,46 @@ from collections.abc import Mapping
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Wedge
+from matplotlib.patches import Rectangle, Wedge
 from matplotlib.ticker import MaxNLocator
 
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
-from dirprim_filter.viewer.colors import direction_color, speed_color, track_color
-from tessellation.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.viewer.colors import direction_color
+from dirprim_filter.viewer.layers import (
+    CONFIDENCE,
+    FOCUS_COLOR,
+    INK,
+    OTHER_COLOR,
+    draw_estimates,
+    draw_forecast,
+    draw_frame,
+    draw_map,
+    draw_particles,
+    draw_tracks,
+)
+from tessellation.arrays import FloatArray
 
 Forecasts = Mapping[str, FloatArray]
 """Sampled futures by track id, (n_samples, n_steps, 2) metres each."""
 
-Rgb = tuple[float, float, float]
-
-CONFIDENCE = 0.9
-MAX_GAP_S = 2.0
-"""A vehicle unseen for longer is drawn as two lines."""
 DOTS_PER_INCH = 160
-INK = "0.15"
-CELL_GREY = "0.86"
-TRACK_GREY = "0.55"
-CLOSE_UP = 4.0
+MAP_WIDTH = 6.5
+"""Inches across a map; as tall as the map asks for."""
+BUSY_SHARE = 0.6
+"""The demo shows the square that holds this share of the traffic."""
+WAY_S = 5.0
+"""Seconds of the way that vehicles have come, in the demo."""
+CLOSE_UP = 3.0
 """Metres from the vehicle to the border of the close-up of its particles, at least."""
 
 
@@ -55,17 +64,25 @@ def map_figure(
     Args:
         primitives: the map.
         tracks: what it was learned from, as thin lines underneath.
-        estimates: tracked vehicles, as lines in their colours.
+        estimates: tracked vehicles, as lines.
         forecasts: sampled futures.
     """
-    figure = Figure(figsize=(7.2, 6.4), dpi=DOTS_PER_INCH, layout="constrained")
+    box = shapes.map_extent(primitives)
+    width, depth = box[1] - box[0]
+    height = float(np.clip(MAP_WIDTH * depth / width, 2.0, 9.0))
+    figure = Figure(figsize=(MAP_WIDTH + 1.5, height + 0.6), dpi=DOTS_PER_INCH, layout="compressed")
     axes = figure.add_subplot()
-    colors = _draw_map(axes, primitives, tracks)
+    colors = draw_map(axes, primitives)
+    if tracks is not None:
+        draw_tracks(axes, tracks)
     if estimates is not None:
-        _draw_estimates(axes, estimates)
-    _draw_forecasts(axes, forecasts or {})
-    _dress(axes, shapes.map_extent(primitives))
-    figure.colorbar(colors, ax=axes, label="mean speed [m/s]", shrink=0.7, pad=0.02)
+        draw_estimates(axes, estimates, {})
+    for paths in (forecasts or {}).values():
+        draw_forecast(axes, paths, FOCUS_COLOR, opacity=0.4)
+    _dress(axes, box)
+    bar = figure.colorbar(colors, ax=axes, label="mean speed [m/s]", shrink=0.6, pad=0.02)
+    bar.ax.tick_params(labelsize=8, color="0.6")
+    bar.outline.set_visible(False)
     return figure
 
 
@@ -95,28 +112,35 @@ def demo_figure(
     """
     forecasts = forecasts or {}
     row = _focus_row(frame, forecasts, focus)
-    figure = Figure(figsize=(14.0, 5.9), dpi=DOTS_PER_INCH, layout="constrained")
-    panels = figure.subplot_mosaic(
-        [["learned", "tracked", "close up"], ["learned", "tracked", "legend"]],
-        width_ratios=[1.18, 1.08, 0.58], height_ratios=[1.0, 0.8],
-    )  # fmt: skip
-    learned, tracked = panels["learned"], panels["tracked"]
-    colors = _draw_map(learned, primitives, tracks)
-    _dress(learned, shapes.map_extent(primitives))
-    learned.set_title("Learned: how vehicles move at each place", loc="left")
-    figure.colorbar(colors, ax=learned, label="mean speed [m/s]", shrink=0.7, pad=0.02)
-
-    _draw_map(tracked, primitives, None, opacity=0.35)
-    _draw_estimates(tracked, _until(estimates, frame.time_ns))
-    _draw_forecasts(tracked, _from_here(forecasts, frame.estimates))
-    _draw_frame(tracked, frame, truth)
     name = str(frame.estimates.track_id[row])
-    _dress(tracked, _window(frame.estimates.position[row], forecasts.get(name)))
-    tracked.set_title(f"Tracked: vehicle {name}", loc="left")
+    color = {name: FOCUS_COLOR}
+    figure = Figure(figsize=(13.0, 5.0), dpi=DOTS_PER_INCH)
+    window = _window(primitives, frame.estimates.position[row])
+    learned = _add_axes(figure, (0.62, 0.5, 4.2, 4.2))
+    colors = draw_map(learned, primitives)
+    draw_tracks(learned, tracks)
+    _dress(learned, window)
+    learned.set_title("(a)  Learned: how vehicles move at each place", loc="left", fontsize=10)
 
-    _draw_close_up(panels["close up"], primitives, frame, truth, row)
-    tracked.indicate_inset_zoom(panels["close up"], edgecolor=INK)
-    _draw_legend(panels["legend"], _color(name), has_truth=truth is not None)
+    tracked = _add_axes(figure, (5.02, 0.5, 4.2, 4.2))
+    draw_map(tracked, primitives, opacity=0.3)
+    draw_estimates(tracked, _recent(estimates, frame.time_ns), color)
+    for other, paths in _from_here(forecasts, frame.estimates).items():
+        draw_forecast(tracked, paths, color.get(other, OTHER_COLOR), opacity=0.5 if other == name else 0.15)
+    draw_frame(tracked, frame, truth, color, marker=3.5)
+    _dress(tracked, window)
+    tracked.set(ylabel="", yticklabels=[])
+    tracked.set_title(f"(b)  Tracked: vehicle {name} and its futures", loc="left", fontsize=10)
+
+    close_up = _add_axes(figure, (9.45, 2.25, 2.45, 2.45))
+    _draw_close_up(close_up, primitives, frame, truth, row)
+    _mark(tracked, close_up, "c")
+    _draw_wheel(_add_axes(figure, (12.02, 3.9, 0.8, 0.8)))
+    _draw_key(_add_axes(figure, (9.45, 0.85, 3.4, 1.25)), has_truth=truth is not None)
+    bar = figure.colorbar(colors, cax=_add_axes(figure, (9.45, 0.53, 2.45, 0.12)), orientation="horizontal")
+    bar.set_label("mean speed in (a) [m/s]", fontsize=9, labelpad=2)
+    bar.ax.tick_params(labelsize=8, color="0.6", pad=2)
+    bar.outline.set_visible(False)
     return figure
 
 
@@ -131,119 +155,80 @@ def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
         raise FileExistsError(f"{path}: exists already; overwrite it with --force or choose another name")
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.stem}.part{path.suffix}")
-    figure.savefig(part, bbox_inches="tight")
+    figure.savefig(part)
     part.replace(path)
 
 
-# --- What is drawn -------------------------------------------------------------------------------------
-
-
-def _draw_map(axes: Axes, primitives: PrimitiveMap, tracks: Tracks | None, *, opacity: float = 1.0) -> ScalarMappable:
-    """Cells, tracks and roses from below; -> the colours of speed, for a colour bar."""
-    petals = shapes.rose_petals(primitives)
-    fastest = shapes.fastest_speed(petals)
-    outlines = shapes.cell_outlines(primitives.tessellation)
-    axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.5, zorder=1))
-    if tracks is not None:
-        paths = _paths(tracks.track_id, tracks.time_ns, tracks.position)
-        axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.3, alpha=0.25, zorder=2))
-    face = speed_color(petals.mean_speed, fastest=fastest) / 255.0
-    axes.add_collection(
-        PolyCollection(list(petals.polygon), facecolors=face, edgecolors=INK, linewidths=0.25, alpha=opacity, zorder=3)
-    )
-    root = petals.polygon[:, 0]
-    axes.plot(root[:, 0], root[:, 1], ".", color=INK, markersize=1.6, alpha=opacity, zorder=4)
-    steps = speed_color(np.linspace(0.0, 1.0, 256), fastest=1.0) / 255.0
-    return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
-
-
-def _draw_estimates(axes: Axes, estimates: Estimates) -> None:
-    for name in np.unique(estimates.track_id):
-        rows = estimates.track_id == name
-        paths = _paths(estimates.track_id[rows], estimates.time_ns[rows], estimates.position[rows])
-        axes.add_collection(LineCollection(paths, colors=_color(name), linewidths=1.6, zorder=6))
-
-
-def _draw_forecasts(axes: Axes, forecasts: Forecasts) -> None:
-    for name, paths in forecasts.items():
-        color = _color(name)
-        axes.add_collection(LineCollection(list(paths), colors=color, linewidths=0.8, alpha=0.3, zorder=5))
-        axes.plot(*paths[:, -1].T, ".", color=color, markersize=3.0, alpha=0.7, markeredgewidth=0, zorder=5)
-
-
-def _draw_frame(axes: Axes, frame: TrackedFrame, truth: Tracks | None, *, marker: float = 4.0) -> None:
-    """Detections, estimates with their ellipses and, where known, the vehicles themselves, at one instant."""
-    estimates = frame.estimates
-    if truth is not None:
-        now = truth.time_ns == frame.time_ns
-        outline = shapes.vehicle_outline(truth.position[now], truth.direction[now])
-        axes.add_collection(LineCollection(list(outline), colors=INK, linewidths=1.2, zorder=7))
-    axes.plot(*frame.detections.position.T, "x", color=INK, markersize=1.5 * marker, markeredgewidth=1.4, zorder=9)
-    ellipse = shapes.covariance_ellipse(estimates.position, estimates.covariance, probability=CONFIDENCE)
-    for row, name in enumerate(estimates.track_id):
-        color = _color(name)
-        axes.plot(*ellipse[row].T, color=color, linewidth=1.8, zorder=8)
-        axes.plot(*estimates.position[row], "o", color=color, markersize=marker, markeredgecolor="white", zorder=10)
+# --- The panels ----------------------------------------------------------------------------------------
 
 
 def _draw_close_up(axes: Axes, primitives: PrimitiveMap, frame: TrackedFrame, truth: Tracks | None, row: int) -> None:
-    """The particles of one vehicle, coloured by direction, larger where they weigh more."""
-    estimates, particles = frame.estimates, frame.particles
-    _draw_map(axes, primitives, None, opacity=0.15)
-    mine = particles.vehicle == row
-    axes.scatter(
-        particles.position[mine, 0],
-        particles.position[mine, 1],
-        s=6.0 * np.sqrt(particles.weight[mine] * mine.sum()),
-        c=direction_color(particles.direction[mine]) / 255.0,
-        linewidths=0,
-        zorder=6,
-    )
-    _draw_frame(axes, frame, truth, marker=6.0)
+    estimates = frame.estimates
+    draw_map(axes, primitives, opacity=0.12)
+    draw_particles(axes, frame.particles, row)
+    draw_frame(axes, frame, truth, {str(estimates.track_id[row]): FOCUS_COLOR}, marker=5.5)
     half_axes, _ = shapes.covariance_axes(estimates.covariance[row], probability=CONFIDENCE)
     half = max(CLOSE_UP, 1.3 * float(half_axes.max()))
-    _dress(axes, estimates.position[row] + half * np.array([[-1.0], [1.0]]))
-    axes.set(xlabel="", ylabel="", title="its particles")
-    axes.spines[["top", "right"]].set_visible(True)
+    box = estimates.position[row] + half * np.array([[-1.0], [1.0]])
+    axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal", xticks=[], yticks=[])
+    axes.set_title("(c)  Its particles", loc="left", fontsize=10)
+    west, south = box[0] + 0.12 * half
+    axes.plot([west, west + 1.0], [south, south], color=INK, linewidth=2.0, solid_capstyle="butt")
+    axes.text(west + 0.5, south + 0.05 * half, "1 m", ha="center", va="bottom", fontsize=8)
 
 
-def _draw_legend(axes: Axes, color: Rgb, *, has_truth: bool) -> None:
-    """What the marks mean, and a ring with the colours of direction."""
+def _mark(axes: Axes, close_up: Axes, letter: str) -> None:
+    """A frame around what another panel shows closer."""
+    west, east = close_up.get_xlim()
+    south, north = close_up.get_ylim()
+    axes.add_patch(
+        Rectangle((west, south), east - west, north - south, fill=False, color=INK, linewidth=0.8, zorder=11)
+    )
+    axes.annotate(f"({letter})", (east, north), (3, 3), textcoords="offset points", fontsize=8, va="center", zorder=11)
+
+
+def _draw_key(axes: Axes, *, has_truth: bool) -> None:
+    """What the marks mean."""
+    focus: dict[str, Any] = {"color": FOCUS_COLOR, "markeredgecolor": "white"}
     marks = [
-        Line2D([], [], color=color, linewidth=1.6, label="estimates so far"),
-        Line2D(
-            [],
-            [],
-            color=color,
-            linewidth=1.8,
-            marker="o",
-            markeredgecolor="white",
-            label="now, with 90 % region",
-        ),
-        Line2D([], [], color=color, linewidth=0.8, alpha=0.6, marker=".", label="sampled futures"),
-        Line2D([], [], color=INK, linewidth=0, marker="x", markeredgewidth=1.4, label="detection"),
+        Line2D([], [], linewidth=1.6, marker="o", label=f"estimate, 90 % region, last {WAY_S:g} s", **focus),
+        Line2D([], [], linewidth=0.7, marker=".", color=FOCUS_COLOR, label="its sampled futures"),
+        Line2D([], [], linewidth=1.6, marker="o", color=OTHER_COLOR, markeredgecolor="white", label="other vehicles"),
+        Line2D([], [], linewidth=0, marker="x", color=INK, label="detection"),
     ]
     if has_truth:
-        marks.append(Line2D([], [], color=INK, linewidth=1.2, label="true vehicle"))
-    axes.legend(handles=marks, loc="upper left", frameon=False, borderaxespad=0.0)
+        marks.append(Line2D([], [], linewidth=0.9, color=INK, label="true vehicle"))
+    axes.legend(
+        handles=marks, loc="upper left", frameon=False, borderpad=0.0, borderaxespad=0.0, fontsize=9, labelspacing=0.65
+    )
     axes.axis("off")
-    ring = axes.inset_axes((0.0, 0.0, 0.3, 0.4))
+
+
+def _draw_wheel(axes: Axes) -> None:
+    """A ring with the colours of direction."""
     edges = np.linspace(-180.0, 180.0, 73)
-    for start, end in pairwise(edges):
-        shade = direction_color(np.radians(0.5 * (start + end))) / 255.0
-        ring.add_patch(Wedge((0, 0), 1.0, start, end + 0.5, width=0.35, color=shade, linewidth=0))
+    wedges = [Wedge((0, 0), 1.0, start, end + 0.5, width=0.35) for start, end in pairwise(edges)]
+    colors = direction_color(np.radians(0.5 * (edges[1:] + edges[:-1]))) / 255.0
+    axes.add_collection(PatchCollection(wedges, facecolors=colors, linewidths=0))
     for letter, x, y in (("N", 0.0, 0.36), ("E", 0.36, 0.0), ("S", 0.0, -0.36), ("W", -0.36, 0.0)):
-        ring.text(x, y, letter, ha="center", va="center", fontsize=6, color=INK)
-    ring.set(xlim=(-1.05, 1.05), ylim=(-1.05, 1.05), aspect="equal")
-    ring.axis("off")
-    axes.text(0.36, 0.2, "particles: their\ndirection", va="center", transform=axes.transAxes)
+        axes.text(x, y, letter, ha="center", va="center", fontsize=6, color=INK)
+    axes.set(xlim=(-1.05, 1.05), ylim=(-1.05, 1.05), aspect="equal")
+    axes.text(0.0, -1.2, "their\ndirection", ha="center", va="top", fontsize=8)
+    axes.axis("off")
+
+
+def _add_axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
+    """Axes at (left, bottom, width, height) in inches."""
+    width, height = figure.get_size_inches()
+    return figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
 
 
 def _dress(axes: Axes, box: FloatArray) -> None:
     axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal", xlabel="east [m]", ylabel="north [m]")
     axes.xaxis.set_major_locator(MaxNLocator(6))
     axes.yaxis.set_major_locator(MaxNLocator(6))
-    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(color="0.6", labelsize=8)
+    axes.spines[:].set_color("0.6")
 
 
 # --- What is chosen ------------------------------------------------------------------------------------
@@ -257,14 +242,12 @@ def _focus_row(frame: TrackedFrame, forecasts: Forecasts, focus: str | None) -> 
     return names.index(wanted)
 
 
-def _window(position: FloatArray, paths: FloatArray | None) -> FloatArray:
-    """A square box (2, 2) around a vehicle and nine in ten of its futures."""
-    points = position[None]
-    if paths is not None:
-        points = np.concatenate([points, np.quantile(paths, [0.05, 0.95], axis=0).reshape(-1, 2)])
-    box = shapes.extent(points)
-    center, half = box.mean(axis=0), 0.5 * np.ptp(box, axis=0).max() + 5.0
-    return np.stack([center - half, center + half])
+def _window(primitives: PrimitiveMap, position: FloatArray) -> FloatArray:
+    """The busy square (2, 2), moved so far that a vehicle stands well inside."""
+    box = shapes.busy_box(primitives, share=BUSY_SHARE)
+    free = 0.25 * (box[1] - box[0])
+    shift = np.minimum(0.0, position - (box[0] + free)) + np.maximum(0.0, position - (box[1] - free))
+    return np.asarray(box + shift)
 
 
 def _from_here(forecasts: Forecasts, estimates: Estimates) -> Forecasts:
@@ -275,19 +258,8 @@ def _from_here(forecasts: Forecasts, estimates: Estimates) -> Forecasts:
     }
 
 
-def _until(estimates: Estimates, time_ns: int) -> Estimates:
-    past = estimates.time_ns <= time_ns
-    return Estimates(**{f.name: getattr(estimates, f.name)[past] for f in fields(Estimates)})
-
-
-def _paths(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:
-    """The line of each vehicle, split where it was unseen for longer than `MAX_GAP_S`."""
-    _, vehicle = np.unique(track_id, return_inverse=True)
-    order = np.lexsort((time_ns, vehicle))
-    gap = np.diff(time_ns[order]) > MAX_GAP_S * 1e9
-    return np.split(position[order], np.flatnonzero(gap | (np.diff(vehicle[order]) != 0)) + 1)
-
-
-def _color(name: object) -> Rgb:
-    red, green, blue = track_color(np.array([str(name)]))[0, :3] / 255.0
-    return float(red), float(green), float(blue)
+def _recent(estimates: Estimates, time_ns: int) -> Estimates:
+    """Of the last `WAY_S` before an instant."""
+    age_ns = time_ns - estimates.time_ns
+    kept = (age_ns >= 0) & (age_ns <= WAY_S * 1e9)
+    return Estimates(**{f.name: getattr(estimates, f.name)[kept] for f in fields(Estimates)})

@@ -14,6 +14,9 @@ N_STEPS = 48
 TICK_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 """m/s between ticks: the smallest that leaves at most six."""
 
+BAR_WIDTH = 0.3
+"""As a share of the view's width; in the corner, where there are fewest roads."""
+
 TEXT = """\
 **Roses**: how vehicles move in a cell. A petal points where they go; its area is their share; its colour is
 their mean speed, from violet (0 m/s) to yellow ({fastest:g} m/s and more). A violet disc: they stand there.
@@ -32,7 +35,7 @@ class Legend:
     """The legend of one map.
 
     Attributes:
-        extent: (2, 2) metres, the map's south-west and north-east corner; the bar lies along its south side.
+        extent: (2, 2) metres, the view's south-west and north-east corner; the bar lies in the former.
         fastest: m/s, the speed of the last colour.
     """
 
@@ -70,8 +73,7 @@ class Legend:
 
     def _x(self, speed: FloatArray) -> FloatArray:
         (west, _), (east, _) = self.extent
-        width = 0.4 * (east - west)
-        x: FloatArray = west + 0.3 * (east - west) + width * speed / self.fastest
+        x: FloatArray = west + BAR_WIDTH * (east - west) * speed / self.fastest
         return x
 
     def _y(self) -> tuple[float, float]:

@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.estimates import Estimates, TrackedFrame
-from tessellation.arrays import FloatArray
+from tessellation.arrays import AnyArray, FloatArray
 
 MOVING_FROM = 3.0
 """m/s; a picture of tracking shows vehicles that go somewhere."""
 SURE_FROM = 0.9
 """Resultant of the direction: young beliefs, and false detections, do not know where they go."""
+EVIDENCE_FROM = -3.0
+"""Natural log per square metre; a report that surprised the filter more is an outlier, or the belief is about to go."""
+BEND_FROM = np.radians(10.0)
+"""A vehicle that has turned by so much within `BEND_S` is on a bend: there a map tells more than a straight line."""
+BEND_S = 1.0
+COMPANY = 4
+"""So many vehicles within `COMPANY_WITHIN` metres of the centre are traffic; more make the picture no better."""
+COMPANY_WITHIN = 40.0
 
 
 class Moment:
-    """An `EstimateSink` that keeps the frame whose moving vehicle is nearest to a point, and names that vehicle.
+    """An `EstimateSink` that keeps the frame, and names the vehicle in it, that tell most about tracking at a place.
+
+    Only vehicles that move, and whose belief is sure and explains the report, come into question. A frame with more
+    company is better, up to `COMPANY`; then a vehicle on a bend is better than one on a straight way; then nearer to
+    the centre is better.
 
     Args:
         center: (2,) metres, where the picture should look.
@@ -28,17 +41,32 @@ class Moment:
         self.frame: TrackedFrame | None = None
         self.focus = ""
         self._center = center
-        self._nearest = np.inf
+        self._best = (0, False, -np.inf)
+        self._before: list[tuple[int, dict[str, float]]] = []
 
     def write(self, frame: TrackedFrame) -> None:
-        """Keep the frame if a vehicle of it is nearer than any before."""
-        distance = self._distances(frame.estimates)
-        if distance.size and distance.min() < self._nearest:
-            self._nearest = float(distance.min())
-            self.frame = frame
-            self.focus = str(frame.estimates.track_id[int(distance.argmin())])
-
-    def _distances(self, believed: Estimates) -> FloatArray:
-        sure = (believed.speed >= MOVING_FROM) & (believed.direction_resultant >= SURE_FROM)
+        """Keep the frame if a vehicle of it tells more than any before."""
+        believed = frame.estimates
         distance = np.hypot(*(believed.position - self._center).T)
-        return np.where(sure, distance, np.inf)
+        company = min(int((distance <= COMPANY_WITHIN).sum()), COMPANY)
+        on_bend = self._on_bend(frame.time_ns, believed)
+        for row in np.flatnonzero(_is_telling(believed)):
+            worth = (company, bool(on_bend[row]), -float(distance[row]))
+            if worth > self._best:
+                self._best, self.frame, self.focus = worth, frame, str(believed.track_id[row])
+
+    def _on_bend(self, time_ns: int, believed: Estimates) -> AnyArray:
+        """(n,) whether each vehicle has turned since the frame of `BEND_S` ago."""
+        now = dict(zip(map(str, believed.track_id), believed.direction.tolist(), strict=True))
+        self._before = [*(past for past in self._before if past[0] >= time_ns - BEND_S * 1e9), (time_ns, now)]
+        _, then = self._before[0]
+        before = np.array([then.get(name, direction) for name, direction in now.items()])
+        return np.asarray(np.abs(difference(believed.direction, before)) >= BEND_FROM)
+
+
+def _is_telling(believed: Estimates) -> AnyArray:
+    """(n,) whether each vehicle moves, and its belief is sure and explains what was reported."""
+    is_moving = believed.speed >= MOVING_FROM
+    return np.asarray(
+        is_moving & (believed.direction_resultant >= SURE_FROM) & (believed.log_evidence >= EVIDENCE_FROM)
+    )

@@ -19,8 +19,8 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import Tessellation
 from tessellation.arrays import FloatArray, IntArray
 
-SHARPEST_PETAL = 20.0
-"""Concentrations are drawn up to this one, a standard deviation of 13 degrees: narrower could not be seen."""
+SHARPEST_PETAL = 10.0
+"""Concentrations are drawn up to this one, a standard deviation of 18 degrees: narrower could not be seen."""
 SMALLEST_PETAL = 0.02
 """Modes of less weight are not drawn."""
 PETAL_RIM = 0.08
@@ -114,6 +114,24 @@ def map_extent(primitives: PrimitiveMap) -> FloatArray:
     """The box around all cells: its SW and NE corner. -> (2, 2)."""
     polygons = primitives.tessellation.polygons()
     return extent(np.concatenate(polygons) if polygons else np.empty((0, 2)))
+
+
+def busy_box(primitives: PrimitiveMap, *, share: float) -> FloatArray:
+    """The smallest square around the middle of the traffic that holds a share of it: its SW and NE corner. -> (2, 2).
+
+    The traffic is the rows that each cell was learned from. A map reaches far along its roads, where nothing
+    happens: the busy part is what to look at first.
+    """
+    rows = primitives.n_rows[:-1]
+    if rows.sum() == 0:
+        return map_extent(primitives)
+    centers = primitives.tessellation.centers
+    middle = np.average(centers, axis=0, weights=rows)
+    distance = np.abs(centers - middle).max(axis=1)
+    outwards = np.argsort(distance)
+    cell = outwards[np.searchsorted(np.cumsum(rows[outwards]), share * rows.sum())]
+    half = distance[cell] + 0.5 * np.sqrt(primitives.tessellation.area[cell])
+    return np.stack([middle - half, middle + half])
 
 
 def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[FloatArray, FloatArray]:

@@ -24,7 +24,8 @@ from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks, shapes
-from dirprim_filter.viewer.blueprint import PLOTS, TIMELINE, TRAIL_S, blueprint
+from dirprim_filter.viewer.batch import FrameBatch, time_column
+from dirprim_filter.viewer.blueprint import PLOTS, TRAIL_S, blueprint
 from dirprim_filter.viewer.legend import Legend
 from tessellation.arrays import FloatArray
 
@@ -35,6 +36,12 @@ VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
 STARTING_S = 2.0
 """A viewer that still runs after this time has found a screen."""
 PLOT_COLOR = (120, 200, 255)
+BATCH_FRAMES = 64
+"""Frames that a file gets at a time; a viewer gets each as it comes."""
+BUSY_SHARE = 0.75
+"""The view is fitted to the square that holds this share of the traffic."""
+UNSEEN_S = 0.5
+"""The forecasts of a vehicle unseen for longer vanish; one report that fails to come does not make them blink."""
 
 
 def open_stream(
@@ -143,6 +150,7 @@ class RerunSink:
         self._live = live
         self._particle_stride = particle_stride
         self._laid_out = False
+        self._batch = FrameBatch(particle_stride=particle_stride)
         self._last_seen: dict[str, tuple[int, FloatArray]] = {}
         self._forecasts: dict[str, FloatArray] = {}
         self._forecast_ns = 0
@@ -158,6 +166,7 @@ class RerunSink:
 
     def close(self, *, whole: bool = True) -> None:
         """Send what is left and close; a file gets its name if it is whole, else keeps its temporary one."""
+        self._send_batch()
         self._show_pending_forecasts()
         if not self._laid_out:
             self._lay_out(shapes.extent(np.empty((0, 2))))
@@ -178,7 +187,7 @@ class RerunSink:
         """The cells, their roses coloured by mean speed, and the legend; the view is fitted to them."""
         petals = shapes.rose_petals(primitives)
         fastest = shapes.fastest_speed(petals)
-        box = shapes.map_extent(primitives)
+        box = shapes.busy_box(primitives, share=BUSY_SHARE)
         legend = Legend(extent=box, fastest=fastest)
         self._static("/map/cells", marks.cells(primitives.tessellation))
         self._static("/map/roses", marks.roses(petals, fastest=fastest))
@@ -193,10 +202,8 @@ class RerunSink:
         times, counts = np.unique(tracks.time_ns, return_counts=True)
         # One empty instant after the last: otherwise the last vehicles would stand there for ever.
         after = times[-1] + (int(np.median(np.diff(times))) if len(times) > 1 else 1)
-        index = rr.TimeColumn(TIMELINE, timestamp=np.append(times, after).astype("datetime64[ns]"))
-        outlines = rr.LineStrips3D.columns(strips=marks.truth_outlines(tracks))
-        self._static("/truth", marks.truth_style())
-        self._stream.send_columns("/truth", [index], outlines.partition(np.append(counts, 0)))
+        outlines = marks.truth(tracks).partition(np.append(counts, 0))
+        self._stream.send_columns("/truth", [time_column([*times.tolist(), int(after)])], outlines)
 
     def log_report(self, markdown: str) -> None:
         """A text about the run: configuration, results."""
@@ -209,19 +216,11 @@ class RerunSink:
         believed = frame.estimates
         if not self._laid_out:
             self._lay_out(shapes.extent(np.concatenate([believed.position, frame.detections.position])))
-        self._forget_forecasts(frame.time_ns, believed)
-        self._at(frame.time_ns)
-        self._stream.log("/detections", marks.detections(frame.detections))
-        self._stream.log("/tracks/particles", marks.particles(frame.particles, stride=self._particle_stride))
-        self._stream.log("/tracks/estimates", marks.estimates(believed))
-        self._stream.log("/tracks/ids", marks.ids(believed))
-        self._stream.log("/tracks/motion", marks.motion(believed))
-        self._stream.log("/tracks/covariance", marks.covariance(believed))
-        self._write_trails(frame.time_ns, believed)
-        self._stream.log("/metrics/vehicles", rr.Scalars(len(believed)))
-        if len(believed):
-            self._stream.log("/metrics/ess", rr.Scalars(believed.effective_sample_size.mean()))
-            self._stream.log("/metrics/log_evidence", rr.Scalars(believed.log_evidence.mean()))
+        self._forget_forecasts(frame.time_ns)
+        self._batch.add(frame, *self._steps(believed))
+        self._see(frame.time_ns, believed)
+        if self._live or len(self._batch) >= BATCH_FRAMES:
+            self._send_batch()
 
     def write_forecast(self, time_ns: int, track_id: Sequence[str], paths: FloatArray) -> None:
         """Sampled futures; a vehicle's stay until it goes or forecasts of another time come.
@@ -229,53 +228,67 @@ class RerunSink:
         Args:
             time_ns: when the forecasts were made; after `write` of the frame of that time.
             track_id: n ids of the vehicles.
-            paths: (n, n_samples, n_steps, 2) metres; lines begin at the vehicle's last estimate.
+            paths: (n, n_samples, n_steps, 2) metres, of one shape for one time; lines begin at the vehicle's last
+                estimate.
         """
         if time_ns != self._forecast_ns:
             self._show_pending_forecasts()
             self._forecasts = {}
         for name, futures in zip(map(str, track_id), paths, strict=True):
-            seen = self._last_seen.get(name)
-            self._forecasts[name] = futures if seen is None else np.insert(futures, 0, seen[1], axis=1)
+            start = (
+                np.full((len(futures), 1, 2), self._last_seen[name][1]) if name in self._last_seen else futures[:, :1]
+            )
+            self._forecasts[name] = np.concatenate([start, futures], axis=1)
         self._forecast_ns = time_ns
         self._forecasts_pending = True
 
-    def _write_trails(self, time_ns: int, believed: Estimates) -> None:
+    def _steps(self, believed: Estimates) -> tuple[list[str], FloatArray]:
         """The step of each vehicle since it was last seen; the layout shows the steps of the last seconds."""
         names = [str(name) for name in believed.track_id]
         known = [row for row, name in enumerate(names) if name in self._last_seen]
         start = np.array([self._last_seen[names[row]][1] for row in known]).reshape(-1, 2)
-        rows = np.array(known, dtype=np.int64)
-        self._stream.log("/tracks/trails", marks.trails(believed.track_id[rows], start, believed.position[rows]))
+        return [names[row] for row in known], np.stack([start, believed.position[known]], axis=1)
+
+    def _see(self, time_ns: int, believed: Estimates) -> None:
         oldest_ns = time_ns - int(TRAIL_S * 1e9)
         self._last_seen = {name: seen for name, seen in self._last_seen.items() if seen[0] >= oldest_ns}
+        names = map(str, believed.track_id)
         self._last_seen |= {name: (time_ns, place) for name, place in zip(names, believed.position, strict=True)}
 
-    def _forget_forecasts(self, time_ns: int, believed: Estimates) -> None:
+    def _forget_forecasts(self, time_ns: int) -> None:
         """Drop the forecasts of vehicles that have gone."""
         self._show_pending_forecasts()
-        here = {str(name) for name in believed.track_id}
-        if self._forecasts.keys() <= here or time_ns <= self._forecast_ns:
-            return
-        self._forecasts = {name: paths for name, paths in self._forecasts.items() if name in here}
-        self._at(time_ns)
-        self._stream.log("/forecasts", marks.forecasts(self._forecasts))
+        since_ns = time_ns - int(UNSEEN_S * 1e9)
+        here = {name for name, (seen_ns, _) in self._last_seen.items() if seen_ns >= since_ns}
+        kept = {name: paths for name, paths in self._forecasts.items() if name in here}
+        if len(kept) < len(self._forecasts):
+            self._forecasts = kept
+            self._show_forecasts(time_ns)
 
     def _show_pending_forecasts(self) -> None:
         if self._forecasts_pending:
-            self._at(self._forecast_ns)
-            self._stream.log("/forecasts", marks.forecasts(self._forecasts))
+            self._show_forecasts(self._forecast_ns)
         self._forecasts_pending = False
+
+    def _show_forecasts(self, time_ns: int) -> None:
+        names = list(self._forecasts)
+        paths = np.stack(list(self._forecasts.values())) if names else np.empty((0, 1, 1, 2))
+        lines = marks.forecasts(names, paths).partition([paths.shape[0] * paths.shape[1]])
+        self._stream.send_columns("/forecasts", [time_column([time_ns])], lines)
 
     # --- The stream -----------------------------------------------------------------------------------------
 
-    def _at(self, time_ns: int) -> None:
-        self._stream.set_time(TIMELINE, timestamp=np.datetime64(time_ns, "ns"))
+    def _send_batch(self) -> None:
+        for entity, times, columns in self._batch.columns():
+            self._stream.send_columns(entity, [times], columns)
+        self._batch = FrameBatch(particle_stride=self._particle_stride)
 
     def _static(self, path: str, *what: rr.AsComponents) -> None:
         self._stream.log(path, *what, static=True)
 
     def _lay_out(self, box: FloatArray) -> None:
+        for path, style in marks.STYLES.items():
+            self._static(path, style)
         for path, name in PLOTS.items():
             self._static(path, rr.SeriesLines(names=name, colors=PLOT_COLOR, widths=1.5))
         self._stream.send_blueprint(blueprint(box, live=self._live))

@@ -185,6 +185,8 @@ def test_forecasts_are_lines(estimate_log):
     (message,) = messages(estimate_log, "/dirprim/forecast")
     entities = SceneUpdate.FromString(message.data).entities
     assert [(e.id, len(e.lines), len(e.lines[0].points)) for e in entities] == [("a", 5, 10), ("b", 5, 10)]
+    drawn = [[[(point.x, point.y) for point in line.points] for line in entity.lines] for entity in entities]
+    assert (np.array(drawn) == np.random.default_rng(0).normal(size=(2, 5, 10, 2))).all()
     with (
         pytest.raises(ValueError, match="expected 1 vehicles"),
         EstimateLog(estimate_log.with_name("b.mcap"), metadata={}) as log,

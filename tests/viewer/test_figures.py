@@ -2,11 +2,12 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.image import imread
 
 from dirprim_filter.estimates import Estimates, TrackedFrame
@@ -41,8 +42,8 @@ def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map: Primitive
         direction=np.zeros(7), speed=np.ones(7),
     )  # fmt: skip
     axes = map_figure(scene_map, tracks=tracks).axes[0]
-    lines = sorted(len(path.vertices) for path in axes.collections[1].get_paths())
-    assert lines == [2, 2, 3]
+    _cells, ways = [c for c in axes.collections if isinstance(c, LineCollection)]
+    assert sorted(len(path.vertices) for path in ways.get_paths()) == [2, 2, 3]
 
 
 def test_the_demo_shows_the_vehicle_that_is_forecast(
@@ -53,7 +54,7 @@ def test_the_demo_shows_the_vehicle_that_is_forecast(
         estimates=Estimates.concatenate([frame.estimates for frame in scene_frames]),
         truth=scene_tracks, forecasts={"8": FUTURES},
     )  # fmt: skip
-    assert figure.axes[1].get_title(loc="left") == "Tracked: vehicle 8"
+    assert figure.axes[1].get_title(loc="left") == "(b)  Tracked: vehicle 8 and its futures"
     (cloud,) = [c for c in figure.axes[2].collections if type(c) is PathCollection]
     mine = scene_frames[2].particles.vehicle == 1
     assert (cloud.get_offsets() == scene_frames[2].particles.position[mine]).all()
@@ -68,9 +69,33 @@ def test_the_demo_needs_neither_truth_nor_forecasts_but_its_vehicle(
 ) -> None:
     estimates = Estimates.concatenate([frame.estimates for frame in scene_frames])
     figure = demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=estimates)
-    assert figure.axes[1].get_title(loc="left") == "Tracked: vehicle 7"
+    assert figure.axes[1].get_title(loc="left") == "(b)  Tracked: vehicle 7 and its futures"
     with pytest.raises(ValueError, match="focus: vehicle 99 is not among the frame's 2"):
         demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=estimates, focus="99")
+
+
+def test_map_and_tracking_show_the_same_place_and_the_vehicle_well_inside(
+    scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
+) -> None:
+    far = replace(scene_frames[2].estimates, position=scene_frames[2].estimates.position + 100.0)
+    for believed in (scene_frames[2].estimates, far):
+        frame = replace(scene_frames[2], estimates=believed)
+        learned, tracked, *_ = demo_figure(scene_map, tracks=scene_tracks, frame=frame, estimates=believed).axes
+        assert (learned.get_xlim(), learned.get_ylim()) == (tracked.get_xlim(), tracked.get_ylim())
+        low, high = np.array([tracked.get_xlim(), tracked.get_ylim()]).T
+        assert (believed.position[0] >= low + 0.2 * (high - low)).all()
+        assert (believed.position[0] <= high - 0.2 * (high - low)).all()
+
+
+def test_the_demo_draws_the_way_of_the_last_seconds_alone(
+    scene_map: PrimitiveMap, scene_tracks: Tracks, scene_frames: list[TrackedFrame]
+) -> None:
+    estimates = Estimates.concatenate([frame.estimates for frame in scene_frames])
+    long_ago = replace(estimates, time_ns=estimates.time_ns - 20_000_000_000)
+    both = Estimates.concatenate([long_ago, estimates])
+    tracked = demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=both).axes[1]
+    ways = [c for c in tracked.collections if isinstance(c, LineCollection) and c.get_capstyle() == "round"]
+    assert [[len(path.vertices) for path in way.get_paths()] for way in ways] == [[3], [3]]  # up to the frame
 
 
 @pytest.mark.parametrize("name", ["map.png", "map.svg", "map.pdf"])

@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,17 +117,36 @@ def test_truth_ends_with_the_last_row(tmp_path: Path, scene_tracks: Tracks) -> N
     assert [len(outlines) for _, outlines in rows] == [2] * 5 + [0]
 
 
+def test_a_frame_shows_the_same_whether_it_is_sent_alone_or_in_a_batch(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def shown(name: str, batch: int) -> list[tuple[int | None, np.ndarray]]:
+        monkeypatch.setattr(stream, "BATCH_FRAMES", batch)
+        path = write_all(tmp_path / name, scene_frames, scene_map)
+        columns = [("/tracks/particles", "Points3D:colors"), ("/tracks/trails", "LineStrips3D:strips"),
+                   ("/tracks/ids", "Points3D:labels"), ("/metrics/ess", "Scalars:scalars")]  # fmt: skip
+        return [row for entity, column in columns for row in rows_of(path, entity, column)]
+
+    alone, pairs, whole = (shown(f"{n}.rrd", n) for n in (1, 2, 99))
+    assert len(alone) == 3 * len(scene_frames) + len(scene_frames) - 1
+    for other in (pairs, whole):
+        assert [time for time, _ in other] == [time for time, _ in alone]
+        assert all(np.array_equal(a, b) for (_, a), (_, b) in zip(alone, other, strict=True))
+
+
 def test_forecasts_of_one_time_are_shown_together_until_their_vehicle_goes(
     tmp_path: Path, scene_frames: list[TrackedFrame]
 ) -> None:
     futures = np.arange(24.0).reshape(3, 4, 2)
+    nobody = scene_frames[-1]  # one frame without a vehicle is a report that failed to come, not its end
+    later = replace(nobody, time_ns=nobody.time_ns + 1_000_000_000)
     with open_stream(save=tmp_path / "f.rrd") as sink:
-        for frame in scene_frames:
+        for frame in [*scene_frames, later]:
             sink.write(frame)
             if frame is scene_frames[1]:
                 sink.write_forecast(frame.time_ns, ["7", "8"], np.stack([futures, futures]))
     first, last = rows_of(tmp_path / "f.rrd", "/forecasts", "LineStrips3D:strips")
-    assert (first[0], last[0]) == (scene_frames[1].time_ns, scene_frames[-1].time_ns)
+    assert (first[0], last[0]) == (scene_frames[1].time_ns, later.time_ns)
     assert first[1].shape == (6, 5, 3)
     assert first[1][:3, 1:, :2] == pytest.approx(futures)
     assert first[1][:3, 0, :2] == pytest.approx(np.tile(scene_frames[1].estimates.position[0], (3, 1)))

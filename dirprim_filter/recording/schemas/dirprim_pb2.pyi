@@ -75,20 +75,28 @@ class Grid(_message.Message):
     def __init__(self, origin_x: _Optional[float] = ..., origin_y: _Optional[float] = ..., cell_size: _Optional[float] = ..., n_x: _Optional[int] = ..., n_y: _Optional[int] = ..., square: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Primitives(_message.Message):
-    __slots__ = ("weight", "mean_direction", "concentration", "shape", "rate", "n_rows")
+    __slots__ = ("weight", "mean_direction", "concentration", "shape", "rate", "bend_east", "bend_north", "gain_east", "gain_north", "n_rows")
     WEIGHT_FIELD_NUMBER: _ClassVar[int]
     MEAN_DIRECTION_FIELD_NUMBER: _ClassVar[int]
     CONCENTRATION_FIELD_NUMBER: _ClassVar[int]
     SHAPE_FIELD_NUMBER: _ClassVar[int]
     RATE_FIELD_NUMBER: _ClassVar[int]
+    BEND_EAST_FIELD_NUMBER: _ClassVar[int]
+    BEND_NORTH_FIELD_NUMBER: _ClassVar[int]
+    GAIN_EAST_FIELD_NUMBER: _ClassVar[int]
+    GAIN_NORTH_FIELD_NUMBER: _ClassVar[int]
     N_ROWS_FIELD_NUMBER: _ClassVar[int]
     weight: _containers.RepeatedScalarFieldContainer[float]
     mean_direction: _containers.RepeatedScalarFieldContainer[float]
     concentration: _containers.RepeatedScalarFieldContainer[float]
     shape: _containers.RepeatedScalarFieldContainer[float]
     rate: _containers.RepeatedScalarFieldContainer[float]
+    bend_east: _containers.RepeatedScalarFieldContainer[float]
+    bend_north: _containers.RepeatedScalarFieldContainer[float]
+    gain_east: _containers.RepeatedScalarFieldContainer[float]
+    gain_north: _containers.RepeatedScalarFieldContainer[float]
     n_rows: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, weight: _Optional[_Iterable[float]] = ..., mean_direction: _Optional[_Iterable[float]] = ..., concentration: _Optional[_Iterable[float]] = ..., shape: _Optional[_Iterable[float]] = ..., rate: _Optional[_Iterable[float]] = ..., n_rows: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, weight: _Optional[_Iterable[float]] = ..., mean_direction: _Optional[_Iterable[float]] = ..., concentration: _Optional[_Iterable[float]] = ..., shape: _Optional[_Iterable[float]] = ..., rate: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., n_rows: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Relaxation(_message.Message):
     __slots__ = ("direction_rate", "speed_rate", "mode_rate", "place_free_turning", "place_free_speed_rate", "drift")

@@ -21,7 +21,9 @@ from tessellation.arrays import FloatArray, IntArray
 TILE_CELLS = 4096
 """Cells in a message: some 0.5 MB at three modes, so that a damaged chunk is small and a viewer can page."""
 
-MODE_COLUMNS = ("weight", "mean_direction", "concentration", "shape", "rate")
+MODE_COLUMNS = (
+    "weight", "mean_direction", "concentration", "shape", "rate", "bend_east", "bend_north", "gain_east", "gain_north",
+)  # fmt: skip
 RELAXATION_FIELDS = tuple(f.name for f in fields(Relaxation))
 
 
@@ -40,6 +42,10 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
         "concentration": primitive_map.direction.concentration,
         "shape": primitive_map.speed.shape,
         "rate": primitive_map.speed.rate,
+        "bend_east": primitive_map.bend[..., 0],
+        "bend_north": primitive_map.bend[..., 1],
+        "gain_east": primitive_map.gain[..., 0],
+        "gain_north": primitive_map.gain[..., 1],
     }
     n_tiles = max(1, -(-grid.n_cells // TILE_CELLS))
     relaxation = {name: getattr(primitive_map.relaxation, name) for name in RELAXATION_FIELDS}
@@ -139,4 +145,6 @@ def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
         n_rows=np.concatenate([ints_of(part, "n_rows", n) for part, n in rows]),
         n_place_free_modes=first.n_place_free_modes,
         relaxation=Relaxation(**{name: getattr(first.relaxation, name) for name in RELAXATION_FIELDS}),
+        bend=np.stack([column["bend_east"], column["bend_north"]], axis=-1),
+        gain=np.stack([column["gain_east"], column["gain_north"]], axis=-1),
     )

@@ -1,0 +1,117 @@
+"""What figures are made of: one function for each layer that is drawn on a pair of axes, from the map up.
+
+Sizes that mean something are in metres, so that they hold at every scale; line widths are in points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+from matplotlib.colors import ListedColormap, Normalize
+
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.tracks import Tracks
+from dirprim_filter.viewer import shapes
+from dirprim_filter.viewer.colors import direction_color, speed_color
+from tessellation.arrays import AnyArray, FloatArray, IntArray
+
+CONFIDENCE = 0.9
+MAX_GAP_S = 2.0
+"""A vehicle unseen for longer is drawn as two lines."""
+ROOT_DIAMETER = 0.09
+"""Of the dot at a rose's root, as a share of its cell's width: it tells which way the petals point."""
+
+INK = "0.15"
+CELL_GREY = "0.87"
+TRACK_GREY = "0.8"
+FOCUS_COLOR = "#D55E00"
+OTHER_COLOR = "#0072B2"
+"""Of Okabe and Ito (2008): the vehicle that a figure is about, and all others."""
+
+
+def draw_map(axes: Axes, primitives: PrimitiveMap, *, opacity: float = 1.0) -> ScalarMappable:
+    """Cells and roses; -> the colours of speed, for a colour bar."""
+    petals = shapes.rose_petals(primitives)
+    fastest = shapes.fastest_speed(petals)
+    outlines = shapes.cell_outlines(primitives.tessellation)
+    axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.4, zorder=1))
+    color = speed_color(petals.mean_speed, fastest=fastest) / 255.0
+    color[:, 3] = opacity
+    axes.add_collection(PolyCollection(list(petals.polygon), facecolors=color, linewidths=0, zorder=3))
+    roots, width = _roots(primitives, petals)
+    axes.add_collection(
+        EllipseCollection(
+            width, width, np.zeros_like(width), offsets=roots, offset_transform=axes.transData, units="xy",
+            facecolors=INK, alpha=opacity, linewidths=0, zorder=4,
+        )
+    )  # fmt: skip
+    steps = speed_color(np.linspace(0.0, 1.0, 256), fastest=1.0) / 255.0
+    return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
+
+
+def _roots(primitives: PrimitiveMap, petals: shapes.Petals) -> tuple[FloatArray, FloatArray]:
+    cells = np.unique(petals.cell)
+    return primitives.tessellation.centers[cells], ROOT_DIAMETER * np.sqrt(primitives.tessellation.area[cells])
+
+
+def draw_tracks(axes: Axes, tracks: Tracks) -> None:
+    """Observed motion, as thin lines under the roses."""
+    paths = paths_of(tracks.track_id, tracks.time_ns, tracks.position)
+    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.3, alpha=0.3, zorder=2))
+
+
+def draw_estimates(axes: Axes, estimates: Estimates, color: Mapping[str, str]) -> None:
+    """The way of each vehicle, in its colour or else in that of all others."""
+    names = estimates.track_id.astype(np.str_)
+    for name in np.unique(names):
+        rows = names == name
+        paths = paths_of(names[rows], estimates.time_ns[rows], estimates.position[rows])
+        shade = color.get(name, OTHER_COLOR)
+        axes.add_collection(LineCollection(paths, colors=shade, linewidths=1.6, capstyle="round", zorder=6))
+
+
+def draw_forecast(axes: Axes, paths: FloatArray, color: str, *, opacity: float) -> None:
+    """Sampled futures of one vehicle, (n_samples, n_steps, 2) metres, as thin lines with a dot at their ends."""
+    axes.add_collection(LineCollection(list(paths), colors=color, linewidths=0.7, alpha=opacity, zorder=5))
+    axes.plot(
+        *paths[:, -1].T, ".", color=color, markersize=3.5, alpha=min(1.0, 2 * opacity), markeredgewidth=0, zorder=5
+    )
+
+
+def draw_frame(
+    axes: Axes, frame: TrackedFrame, truth: Tracks | None, color: Mapping[str, str], *, marker: float
+) -> None:
+    """Detections, estimates with their ellipses and, where known, the vehicles themselves, at one instant."""
+    estimates = frame.estimates
+    if truth is not None:
+        now = truth.time_ns == frame.time_ns
+        outline = shapes.vehicle_outline(truth.position[now], truth.direction[now])
+        axes.add_collection(PolyCollection(list(outline), facecolors="white", alpha=0.6, linewidths=0, zorder=6.5))
+        axes.add_collection(LineCollection(list(outline), colors=INK, linewidths=0.9, zorder=7))
+    axes.plot(*frame.detections.position.T, "x", color=INK, markersize=1.3 * marker, markeredgewidth=1.1, zorder=9)
+    ellipse = shapes.covariance_ellipse(estimates.position, estimates.covariance, probability=CONFIDENCE)
+    shades = [color.get(str(name), OTHER_COLOR) for name in estimates.track_id]
+    axes.add_collection(LineCollection(list(ellipse), colors=shades, linewidths=1.4, zorder=8))
+    for position, shade in zip(estimates.position, shades, strict=True):
+        axes.plot(*position, "o", color=shade, markersize=marker, markeredgecolor="white", zorder=10)
+
+
+def draw_particles(axes: Axes, particles: Particles, row: int) -> None:
+    """The particles of one vehicle, coloured by direction, larger where they weigh more."""
+    mine = particles.vehicle == row
+    x, y = particles.position[mine].T
+    size = 2.0 * np.sqrt(particles.weight[mine] * mine.sum())
+    axes.scatter(x, y, s=size, c=direction_color(particles.direction[mine]) / 255.0, linewidths=0, zorder=7.5)
+
+
+def paths_of(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:
+    """The line of each vehicle, split where it was unseen for longer than `MAX_GAP_S`."""
+    _, vehicle = np.unique(track_id, return_inverse=True)
+    order = np.lexsort((time_ns, vehicle))
+    gap = np.diff(time_ns[order]) > MAX_GAP_S * 1e9
+    return np.split(position[order], np.flatnonzero(gap | (np.diff(vehicle[order]) != 0)) + 1)
