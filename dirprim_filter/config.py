@@ -44,7 +44,7 @@ class LearningConfig:
         require_positive(self, skip=("cell_sizes", "prior_strengths"))
         for name in ("cell_sizes", "prior_strengths"):
             numbers = getattr(self, name)
-            if not numbers or min(numbers) <= 0:
+            if not numbers or not all(number > 0 for number in numbers):
                 raise ValueError(f"{name}: expected positive numbers, got {numbers}")
 
 

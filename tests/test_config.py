@@ -7,7 +7,8 @@ import pytest
 
 from dirprim_filter.config import FilterConfig, LearningConfig
 
-KNOBS = [(kind, f.name) for kind in (FilterConfig, LearningConfig) for f in fields(kind) if f.name != "cell_sizes"]
+SERIES = ("cell_sizes", "prior_strengths")
+KNOBS = [(kind, f.name) for kind in (FilterConfig, LearningConfig) for f in fields(kind) if f.name not in SERIES]
 
 
 @pytest.mark.parametrize(("kind", "name"), KNOBS)
@@ -23,7 +24,8 @@ def test_a_share_above_one_is_refused_by_name(knobs):
         FilterConfig(**knobs)
 
 
-@pytest.mark.parametrize("sizes", [(), (3.0, 0.0), (-1.0,)])
-def test_cell_sizes_are_positive_and_there_is_one(sizes):
-    with pytest.raises(ValueError, match="cell_sizes: expected positive lengths"):
-        LearningConfig(cell_sizes=sizes)
+@pytest.mark.parametrize("name", SERIES)
+@pytest.mark.parametrize("numbers", [(), (3.0, 0.0), (-1.0,), (np.nan,), (3.0, np.nan)])
+def test_numbers_to_choose_from_are_positive_and_there_is_one(name, numbers):
+    with pytest.raises(ValueError, match=f"{name}: expected positive numbers"):
+        LearningConfig(**{name: numbers})

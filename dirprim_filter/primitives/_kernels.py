@@ -65,19 +65,11 @@ def fit_cells_at_once(rows: Rows, start: IntArray, n_vehicles: FloatArray, bound
     """Direction and speed together, modes by BIC; cell c has rows start[c] to start[c + 1]. Fills the rows of `out`."""
     for c in range(n_vehicles.size):
         if start[c + 1] > start[c]:
-            fit_at_once(_slice(rows, start[c], start[c + 1]), n_vehicles[c], bounds, _row(out, c))
-
-
-@njit(cache=True, nogil=True)
-def fit_cells_in_two_steps(rows: Rows, start: IntArray, n_vehicles: FloatArray, bounds: Bounds, out: Modes) -> None:
-    """The paper's recipe, modes by DBSCAN and directions before speeds; else as `fit_cells_at_once`."""
-    for c in range(n_vehicles.size):
-        if start[c + 1] > start[c]:
-            fit_in_two_steps(_slice(rows, start[c], start[c + 1]), n_vehicles[c], bounds, _row(out, c))
+            fit_at_once(slice_rows(rows, start[c], start[c + 1]), n_vehicles[c], bounds, mode_row(out, c))
 
 
 @njit(cache=True)
-def _slice(rows: Rows, first: int, last: int) -> Rows:
+def slice_rows(rows: Rows, first: int, last: int) -> Rows:
     return Rows(
         rows.direction[first:last],
         rows.cosine[first:last],
@@ -91,7 +83,7 @@ def _slice(rows: Rows, first: int, last: int) -> Rows:
 
 
 @njit(cache=True)
-def _row(modes: Modes, c: int) -> Modes:
+def mode_row(modes: Modes, c: int) -> Modes:
     return Modes(
         modes.weight[c],
         modes.mean[c],
@@ -106,7 +98,7 @@ def _row(modes: Modes, c: int) -> Modes:
 
 
 @njit(cache=True)
-def _empty_modes(n: int) -> Modes:
+def empty_modes(n: int) -> Modes:
     return Modes(
         np.zeros(n),
         np.zeros(n),
@@ -127,7 +119,7 @@ def fit_at_once(rows: Rows, n_vehicles: float, bounds: Bounds, out: Modes) -> No
     for k in range(1, bounds.max_modes + 1):
         if k > n_vehicles:
             break
-        trial = _empty_modes(k)
+        trial = empty_modes(k)
         start_evenly(rows, trial, bounds)
         lowest = np.inf
         for stage in range(1 + bounds.curved):  # flat, and curved from there on
@@ -136,7 +128,7 @@ def fit_at_once(rows: Rows, n_vehicles: float, bounds: Bounds, out: Modes) -> No
             lowest = min(lowest, bic)
             if bic < best:
                 best = bic
-                _copy_modes(trial, out)
+                copy_modes(trial, out)
         if k > 2 and lowest > best + 20.0:  # far past the best: more modes only cost more
             break
 
@@ -148,7 +140,7 @@ def bayesian_information(log_likelihood: float, rows: Rows, n_vehicles: float, n
 
 
 @njit(cache=True)
-def _copy_modes(source: Modes, target: Modes) -> None:
+def copy_modes(source: Modes, target: Modes) -> None:
     """Fill `target` with the modes of `source`, and with nothing beyond them."""
     for m in range(target.weight.size):
         target.weight[m] = 0.0
@@ -346,58 +338,6 @@ def maximisation(sums: FloatArray, total: float, n_vehicles: float, bounds: Boun
     norm = modes.weight.sum()
     for m in range(modes.weight.size):
         modes.weight[m] /= norm
-
-
-@njit(cache=True)
-def fit_in_two_steps(rows: Rows, n_vehicles: float, bounds: Bounds, out: Modes) -> None:
-    """The paper's recipe: DBSCAN for the number of modes, EM on directions, then a gamma for each mode."""
-    n = rows.direction.size
-    label = np.empty(n, np.int64)
-    min_samples = max(3, math.ceil(bounds.dbscan_share * n))
-    k = density.dbscan_sorted(rows.direction, np.arange(n), bounds.dbscan_eps, min_samples, label)
-    k = min(max(k, 1), bounds.max_modes)
-    trial = _empty_modes(k)
-    start_evenly(rows, trial, bounds)
-    sums = np.zeros((k, N_SUMS))
-    for i in range(n):
-        if 0 <= label[i] < k:
-            m, w = label[i], rows.weight[i]
-            sums[m, 0] += w
-            sums[m, 1] += w * rows.cosine[i]
-            sums[m, 2] += w * rows.sine[i]
-            sums[m, 3] += w * rows.speed[i]
-            sums[m, 4] += w * rows.log_speed[i]
-    if sums[:, 0].min() > 0.0:
-        maximisation(sums, sums[:, 0].sum(), n_vehicles, bounds, trial)
-    expectation_maximisation(rows, n_vehicles, False, False, bounds, trial)
-    for m in range(k):
-        _gamma_within_two_deviations(rows, bounds, trial, m)
-    _copy_modes(trial, out)
-
-
-@njit(cache=True)
-def _gamma_within_two_deviations(rows: Rows, bounds: Bounds, modes: Modes, m: int) -> None:
-    """Eq. 3: maximum likelihood on rows within two circular standard deviations, sqrt(-2 log R), of the mode.
-
-    The shape's bias is reduced as Anderson and Ray (1975) do: a (n - 3) / n + 2 / (3 n).
-    """
-    resultant = density.i1e(modes.concentration[m]) / density.i0e(modes.concentration[m])
-    reach = 2.0 * math.sqrt(-2.0 * math.log(max(resultant, 1e-12)))
-    near = math.cos(min(reach, math.pi))
-    cosine, sine = math.cos(modes.mean[m]), math.sin(modes.mean[m])
-    count, weight, speed, log_speed = 0, 0.0, 0.0, 0.0
-    for i in range(rows.direction.size):
-        if rows.cosine[i] * cosine + rows.sine[i] * sine >= near:
-            count += 1
-            weight += rows.weight[i]
-            speed += rows.weight[i] * rows.speed[i]
-            log_speed += rows.weight[i] * rows.log_speed[i]
-    if count < 4:  # too few to tell a spread: the one that EM's last step left
-        return
-    mean_speed = speed / weight
-    shape = density.gamma_shape(math.log(mean_speed) - log_speed / weight, 1.0, bounds.max_shape)
-    modes.shape[m] = min(max(shape * (count - 3) / count + 2.0 / (3.0 * count), 1.0), bounds.max_shape)
-    modes.rate[m] = modes.shape[m] / mean_speed
 
 
 @njit(cache=True, nogil=True)

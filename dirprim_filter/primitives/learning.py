@@ -15,7 +15,7 @@ import numpy as np
 
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives import _kernels
+from dirprim_filter.primitives import _kernels, _two_steps
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.relaxation import FALLBACK, learn_relaxation
 from dirprim_filter.primitives.rows import CellRows, TrackRows, columns_of
@@ -195,7 +195,7 @@ def fit_cells(rows: TrackRows, cells: Tessellation, recipe: Recipe, free: PlaceF
     n, k = cells.n_cells, config.max_modes
     found = _no_modes(n, k)
     bounds = bounds_of(recipe, max_modes=k, speed_spread=free.speed_spread)
-    fit = _kernels.fit_cells_in_two_steps if recipe.modes == "dbscan" else _kernels.fit_cells_at_once
+    fit = _two_steps.fit_cells_in_two_steps if recipe.modes == "dbscan" else _kernels.fit_cells_at_once
     fit(in_cells.rows, in_cells.start, in_cells.n_vehicles, bounds, found)
     used = max(int((found.weight > 0).sum(axis=1).max(initial=0)), 1)
     order = np.argsort(-found.weight, axis=1, kind="stable")[:, :used]  # heaviest first

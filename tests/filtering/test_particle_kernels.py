@@ -56,11 +56,12 @@ def test_moments_are_numpys_weighted_mean_and_covariance(cloud):
 
 def test_evidence_and_weights_are_scipys_logsumexp_of_gauss_or_outlier(cloud):
     before, evidence = copied(cloud), np.empty(2)
-    measured, noise, outlier = np.array([[3.5, -1.0], [400.0, 7.0]]), 0.7, 1e-7
-    _kernels.weigh(cloud, VEHICLE, measured, noise, outlier, evidence)
+    measured, noise, share, extent = np.array([[3.5, -1.0], [400.0, 7.0]]), 0.7, 0.2, 100.0
+    outlier = share / extent**2
+    _kernels.weigh(cloud, VEHICLE, measured, noise, share, extent, evidence)
     for i, v in enumerate(VEHICLE):
         gauss = stats.multivariate_normal(measured[i], noise**2 * np.eye(2)).logpdf(before.position[v])
-        weight = before.log_weight[v] + np.logaddexp(gauss, np.log(outlier))
+        weight = before.log_weight[v] + np.logaddexp(np.log(1 - share) + gauss, np.log(outlier))
         assert evidence[i] == pytest.approx(logsumexp(weight), rel=1e-12)
         np.testing.assert_allclose(cloud.log_weight[v], weight - logsumexp(weight), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(cloud.log_weight[1], before.log_weight[1])  # not asked for
@@ -73,11 +74,11 @@ def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(clo
     vehicle = np.array([1], np.int64)
     _kernels.settle(table, cloud, vehicle)
     _kernels.predict(table, cloud, vehicle, np.array([1e-9]))
-    _kernels.weigh(cloud, vehicle, np.array([[50.0, -20.0]]), 1e7, 1e-300, evidence)
+    _kernels.weigh(cloud, vehicle, np.array([[50.0, -20.0]]), 1e7, 1e-300, 1.0, evidence)
     np.testing.assert_allclose(cloud.log_weight[1], before.log_weight[1], atol=1e-9)
     np.testing.assert_allclose(cloud.position[1], before.position[1], atol=1e-4)
     np.testing.assert_allclose(cloud.speed[1], before.speed[1], atol=1e-2)
-    _kernels.weigh(cloud, vehicle, np.array([[0.0, 0.0]]), 1.0, 1e-300, evidence)
+    _kernels.weigh(cloud, vehicle, np.array([[0.0, 0.0]]), 1.0, 1e-300, 1.0, evidence)
     assert np.abs(cloud.log_weight[1] - before.log_weight[1]).max() > 1.0  # a telling one does
 
 
@@ -154,7 +155,7 @@ def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
 
 
 def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
-    table = motion_table(ring_map, FilterConfig())
+    table = motion_table(ring_map, FilterConfig(direction_spread=1e-6, speed_spread=1e-6))
     belief = ParticleBelief(n_particles=20_000)
     place = np.array([20.0, 0.0])
     _kernels.be_born(table, belief.cloud, np.array([0]), np.array([7], np.uint64), place[None], 0.01)

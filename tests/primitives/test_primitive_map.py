@@ -6,17 +6,18 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from dirprim_filter import learn_primitives
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 
-# A periodic trapezoid errs on a von Mises by 2 I_N(k) / I_0(k) < 2 exp(-N^2 / 2 k): 2e-10 at the bound k = 1e3.
-DIRECTIONS = (np.arange(216) - 107.5) * (2 * np.pi / 216)
+# A periodic trapezoid errs on a von Mises by 2 I_N(k) / I_0(k) < 2 exp(-N^2 / 2 k): 2e-10 at the bound k = 1e4.
+DIRECTIONS = (np.arange(684) - 341.5) * (2 * np.pi / 684)
 # Over u = log speed a gamma has the characteristic function G(a + i w) / G(a), so a trapezoid of step h errs by about
-# 2 exp(-(2 pi / h)^2 / 2 a): 1e-9 at the bound a = 1e3; below the lowest node lie 1e-9 of the standing mode.
-LOG_SPEED_STEP = 0.03
+# 2 exp(-(2 pi / h)^2 / 2 a): 1e-9 at the bound a = 1e4; below the lowest node lie 1e-9 of the standing mode.
+LOG_SPEED_STEP = 0.0096
 SPEEDS = np.exp(np.arange(np.log(0.05 * 1e-9), np.log(2e3), LOG_SPEED_STEP))
 SPEED_WEIGHTS = LOG_SPEED_STEP * SPEEDS
 
@@ -32,7 +33,8 @@ def lankershim_map(real_data):
         direction=heading,
         speed=speed,
     )
-    return learn_primitives(tracks, cell_size=7.0, rng=np.random.default_rng(0))
+    config = LearningConfig(prior_strengths=(0.002,))
+    return learn_primitives(tracks, cell_size=7.0, config=config, rng=np.random.default_rng(0))
 
 
 @pytest.fixture(params=["ring_map", "lankershim_map"])
@@ -55,14 +57,14 @@ def test_the_density_integrates_to_one_at_a_thousand_places(learned):
     assert (cell >= 0).sum() > 400
     assert (cell < 0).sum() > 100
     own = learned.primitive_at(position)
-    assert own.direction.concentration.max() <= 1e3
-    assert own.speed.shape.max() <= 1e3
+    assert own.direction.concentration.max() <= 1e4
+    assert own.speed.shape.max() <= 1e4
     # Modes factorise: sum_m w_m (integral over direction) (integral over speed), by scipy's densities at the nodes.
     mu, kappa = own.direction.mean_direction, own.direction.concentration
     rows, where = np.unique(
         np.stack([mu, kappa, own.speed.shape, own.speed.rate], -1).reshape(-1, 4), axis=0, return_inverse=True
     )
-    of_direction = stats.vonmises.pdf(DIRECTIONS[:, None], rows[:, 1], loc=rows[:, 0]).sum(axis=0) * (2 * np.pi / 216)
+    of_direction = stats.vonmises.pdf(DIRECTIONS[:, None], rows[:, 1], loc=rows[:, 0]).sum(axis=0) * (2 * np.pi / 684)
     of_speed = SPEED_WEIGHTS @ stats.gamma.pdf(SPEEDS[:, None], rows[:, 2], scale=1 / rows[:, 3])
     mass = (own.direction.weight * (of_direction * of_speed)[where.ravel()].reshape(mu.shape)).sum(axis=-1)
     np.testing.assert_allclose(mass, 1.0, atol=1e-6)
@@ -78,12 +80,40 @@ def test_the_density_integrates_to_one_at_a_thousand_places(learned):
     )
 
 
+def panels(edges):
+    """Nodes and weights of Gauss and Legendre's six points between each two edges."""
+    x, w = np.polynomial.legendre.leggauss(6)
+    edges = np.unique(edges)
+    half = 0.5 * np.diff(edges)[:, None]
+    return (edges[:-1, None] + half * (x + 1)).ravel(), (half * w).ravel()
+
+
+def fine_nodes(own):
+    """Quadrature of one place's density over direction and log speed: panels of two deviations around every mode.
+
+    On a panel of two deviations of a normal, six points err by 1e-9 of its mass; 2e-9 lie beyond six deviations.
+    """
+    used = own.direction.weight > 0
+    around = np.arange(-6.0, 7.0, 2.0)[:, None]
+    turn = around / np.sqrt(np.maximum(own.direction.concentration[used], 1.0))
+    mode = wrap(own.direction.mean_direction[used] + turn).ravel()
+    u = np.log(own.speed.mean[used]) + around / np.sqrt(own.speed.shape[used])
+    low, high = np.log(0.05 * 1e-9), np.log(2e3)
+    log_speed, weight = panels(np.concatenate([u[(u > low) & (u < high)], np.linspace(low, high, 40)]))
+    return (
+        *panels(np.concatenate([mode, np.linspace(-np.pi, np.pi, 17)])),
+        np.exp(log_speed),
+        weight * np.exp(log_speed),
+    )
+
+
 def test_log_density_itself_integrates_to_one_over_both_axes(learned):
     rng = np.random.default_rng(2)
-    position = np.concatenate([random_positions(learned, 6, rng), [[1e5, 1e5]]])
+    position = np.concatenate([random_positions(learned, 12, rng), [[1e5, 1e5]]])
     for place in position:
-        p = np.exp(learned.log_density(place, DIRECTIONS[:, None], SPEEDS))
-        assert (p @ SPEED_WEIGHTS).sum() * (2 * np.pi / 216) == pytest.approx(1.0, abs=1e-6)
+        direction, direction_weight, speed, speed_weight = fine_nodes(learned.primitive_at(place))
+        p = np.exp(learned.log_density(place, direction[:, None], speed))
+        assert direction_weight @ p @ speed_weight == pytest.approx(1.0, abs=1e-6)
         assert np.exp(learned.direction_log_density(place, DIRECTIONS)).mean() * 2 * np.pi == pytest.approx(
             1.0, abs=1e-6
         )
@@ -140,7 +170,7 @@ def probability_transform(learned, place, direction, speed):
 
 def test_samples_follow_the_density_of_their_place_and_no_neighbouring_one(learned):
     place = learned.tessellation.centers[np.argmax(learned.n_rows[:-1])]
-    direction, speed = learned.sample(np.tile(place, (5000, 1)), rng=np.random.default_rng(5))
+    direction, speed = learned.sample(np.tile(place, (10_000, 1)), rng=np.random.default_rng(5))
     of_direction, of_speed = probability_transform(learned, place, direction, speed)
     assert stats.kstest(of_direction, "uniform").pvalue > FALSE_ALARM
     assert stats.kstest(of_speed, "uniform").pvalue > FALSE_ALARM

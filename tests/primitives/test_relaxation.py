@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter import learn_primitives
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.relaxation import FALLBACK, RATES
 from dirprim_filter.tracks import Tracks
 from situations import rows_of
@@ -47,7 +48,8 @@ def test_the_rates_of_known_traffic_are_learned_to_five_standard_errors(directio
     tracks = settling_traffic(rng, direction_rate=direction_rate, speed_rate=speed_rate)
     cell = GridTessellation.covering(tracks.position, cell_size=100.0)
     assert cell.n_cells == 1
-    learned = learn_primitives(tracks, tessellation=cell, rng=rng).relaxation
+    config = LearningConfig(prior_strengths=(0.02,))
+    learned = learn_primitives(tracks, tessellation=cell, primitive="flat", config=config, rng=rng).relaxation
     assert learned.direction_rate == pytest.approx(direction_rate, abs=5 * standard_error(direction_rate))
     assert learned.speed_rate == pytest.approx(speed_rate, abs=5 * standard_error(speed_rate))
     for wrong in (0.6 * direction_rate, 1.5 * direction_rate):
@@ -58,8 +60,8 @@ def test_vehicles_that_keep_to_their_lane_exactly_have_the_least_rate_and_drift(
     learned = learn_primitives(ring, cell_size=6.0, rng=np.random.default_rng(0)).relaxation
     assert learned.drift == 0.02
     assert learned.place_free_speed_rate == RATES[0]  # every vehicle drives at a speed of its own for ever
-    # turning at 8 m/s on 20 m is 0.4 rad/s: over steps of 0.4 s a diffusion of 0.4^2 0.4 rad^2/s
-    assert learned.place_free_turning == pytest.approx(0.4**2 * 0.4, rel=0.2)
+    # turning at 8 m/s on 20 m is 0.4 rad/s: over steps of 0.2 s a diffusion of 0.4^2 0.2 rad^2/s
+    assert learned.place_free_turning == pytest.approx(0.4**2 * 0.2, rel=0.2)
 
 
 @pytest.mark.parametrize("n", [1, 2, 10])

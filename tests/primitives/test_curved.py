@@ -1,0 +1,247 @@
+"""Primitives that bend: found where they are, absent where they are not, and proper densities everywhere."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import gammaln, i0e
+
+from dirprim_filter import learn_primitives
+from dirprim_filter.distributions.angles import difference, wrap
+from dirprim_filter.distributions.von_mises import mean_resultant_length
+from dirprim_filter.primitives import _kernels
+from dirprim_filter.primitives.rows import columns_of
+from dirprim_filter.recording import load_map, save_map
+from dirprim_filter.tracks import Tracks
+from situations import one_cell_map, ring_traffic
+
+SIDE = 10.0  # metres, of the one cell
+# weight, mean direction, concentration, shape, mean speed, bend east and north, gain east and north
+BENT = np.array([
+    [0.6, 3.1, 60.0, 40.0, 12.0, 0.05, -0.08, 0.03, 0.02],  # across the wrap
+    [0.4, 0.6, 25.0, 9.0, 5.0, 0.0, 0.1, -0.05, 0.0],
+])  # fmt: skip
+FLAT = np.hstack([BENT[:, :5], np.zeros((2, 4))])
+
+
+def simulated(truth, rng, *, n, low=-SIDE / 2):
+    """Rows of n vehicles that pass anywhere in the cell east and north of `low`, as the kernels take them."""
+    mode = rng.choice(len(truth), size=n, p=truth[:, 0])
+    _, mean, concentration, shape, mean_speed, *_ = truth[mode].T
+    offset = rng.uniform(low, SIDE / 2, (n, 2))
+    turned, gained = (truth[mode, 5:7] * offset).sum(axis=1), (truth[mode, 7:] * offset).sum(axis=1)
+    direction = wrap(mean + turned + rng.vonmises(0.0, concentration))
+    speed = mean_speed * np.exp(gained) * rng.standard_gamma(shape) / shape
+    order = np.argsort(direction)
+    return columns_of(direction[order], speed[order], offset[order])
+
+
+def bounds(*, max_modes=3, prior_strength=0.02, curved=True):
+    return _kernels.Bounds(max_modes, prior_strength, 0.2, 1e4, 1e4, 0.2, 0.05, 0.1, 0.05, curved)
+
+
+def no_modes(k):
+    return _kernels.Modes(*(np.zeros(k) for _ in _kernels.Modes._fields))
+
+
+def fitted(rows, **knobs):
+    """What BIC prefers, as rows of BENT, heaviest first."""
+    out = no_modes(3)
+    _kernels.fit_at_once(rows, float(rows.speed.size), bounds(**knobs), out)
+    used = out.weight > 0
+    weight, mean, concentration, shape, rate, *slopes = (column[used] for column in out)
+    found = np.column_stack([weight, mean, concentration, shape, shape / rate, *slopes])
+    return found[np.argsort(-weight)]
+
+
+def slopes_off(found, truth, n):
+    """Standard errors of maximum likelihood between each bend and gain and its true value."""
+    weight, concentration, shape = truth[:, [0]].T[0], truth[:, 2], truth[:, 3]
+    of_place = n * weight * SIDE**2 / 12
+    of_bend = 1 / np.sqrt(of_place * concentration * mean_resultant_length(concentration))
+    of_gain = 1 / np.sqrt(of_place * shape)
+    error = np.column_stack([of_bend, of_bend, of_gain, of_gain])
+    return np.abs(found[:, 5:] - truth[:, 5:]) / error
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_known_bends_and_gains_are_recovered_to_four_standard_errors(seed):
+    n = 3000
+    found = fitted(simulated(BENT, np.random.default_rng(seed), n=n))
+    assert found.shape == BENT.shape
+    assert slopes_off(found, BENT, n).max() < 4
+    assert np.abs(difference(found[:, 1], BENT[:, 1])).max() < 0.03
+    np.testing.assert_allclose(found[:, [0, 2, 3, 4]], BENT[:, [0, 2, 3, 4]], rtol=0.2)
+    for column in range(5, 9):  # the tolerance can tell neighbours apart
+        other = BENT.copy()
+        other[:, column] += 0.01
+        assert slopes_off(found, other, n).max() > 4
+
+
+def test_known_bends_are_recovered_from_one_corner_of_the_cell():
+    """There the mean at the centre is extrapolated, and moves with every step of the slope."""
+    rows = simulated(BENT[:1] / [0.6, *np.ones(8)], np.random.default_rng(0), n=3000, low=1.0)
+    (found,) = fitted(rows, max_modes=1)
+    error = 1 / np.sqrt(3000 * 4.0**2 / 12 * np.array([60.0, 60.0, 40.0, 40.0]))
+    np.testing.assert_array_less(np.abs(found[5:] - BENT[0, 5:]), 4 * error)
+    away = np.sqrt(2) * 3.0  # from the centre of the cell to that of the corner
+    assert np.abs(difference(found[1], BENT[0, 1])) < 4 * away * error[0]
+    assert np.abs(np.log(found[4] / BENT[0, 4])) < 4 * away * error[2]
+
+
+@pytest.mark.parametrize("n", [30, 300])
+def test_where_nothing_bends_flat_modes_are_preferred(n):
+    flat = [(fitted(simulated(FLAT, np.random.default_rng(seed), n=n))[:, 5:] == 0.0).all() for seed in range(100)]
+    assert np.mean(flat) >= 0.95
+
+
+def test_where_curved_modes_are_not_asked_for_none_is_found():
+    found = fitted(simulated(BENT, np.random.default_rng(0), n=1000), curved=False)
+    assert (found[:, 5:] == 0.0).all()
+
+
+def penalty(modes, bound, *, curved):
+    """Log prior of the modes: pseudo-vehicles of uniform direction and usual spread of speed; normal slopes."""
+    k, a = modes.concentration, modes.shape
+    uniform = -(np.log(i0e(k)) + k)
+    usual = a * np.log(a) - gammaln(a) - a * (1 + bound.speed_spread)
+    log_prior = bound.prior_strength * (uniform + usual)
+    if curved:
+        log_prior -= (modes.bend_east**2 + modes.bend_north**2) / (2 * bound.bend_scale**2)
+        log_prior -= (modes.gain_east**2 + modes.gain_north**2) / (2 * bound.gain_scale**2)
+    return log_prior[modes.weight > 0].sum()
+
+
+@pytest.mark.parametrize("prior_strength", [0.0, 0.02, 2.0])
+@pytest.mark.parametrize(("k", "low"), [(1, -5.0), (2, -5.0), (3, -5.0), (6, -5.0), (2, 1.0)])
+def test_the_penalised_likelihood_never_falls_flat_or_curved(k, low, prior_strength):
+    n = 400
+    rows = simulated(BENT, np.random.default_rng(k), n=n, low=low)
+    bound = bounds(prior_strength=prior_strength)
+    modes = no_modes(k)
+    _kernels.start_evenly(rows, modes, bound)
+    for curved in (False, True):
+        trace, n_modes = [], []
+        for _ in range(80):
+            sums = np.zeros((k, _kernels.N_CURVED_SUMS if curved else _kernels.N_SUMS))
+            log_likelihood = _kernels.expectation(rows, True, curved, modes, sums)
+            trace.append(log_likelihood + penalty(modes, bound, curved=curved))
+            n_modes.append((modes.weight > 0).sum())
+            _kernels.maximisation(sums, float(n), float(n), bound, modes)
+            if curved:
+                _kernels.bend(sums, float(n), float(n), bound, modes)
+        steps = np.diff(trace)[np.diff(n_modes) == 0]  # a mode that nobody drives takes its prior with it
+        assert steps.min() >= -1e-9 * n
+        assert trace[-1] > trace[0] + 3  # it had something to climb
+
+
+def bent_map(bend=(0.05, -0.08), gain=(0.03, 0.02)):
+    """One cell of 10 m around the origin with one curved mode; outside of it a flat one."""
+    flat = one_cell_map(mean=3.1, concentration=60.0, speed=12.0, shape=40.0, side=SIDE)
+    slope = [np.stack([[given], [np.zeros(2)]]) for given in (bend, gain)]
+    return replace(flat, bend=slope[0], gain=slope[1])
+
+
+def places(n, rng):
+    return rng.uniform(-SIDE / 2, SIDE / 2, (n, 2))
+
+
+def test_the_density_of_a_bent_mode_is_scipys_about_the_turned_mean_and_integrates_to_one():
+    curved, place = bent_map(), places(8, np.random.default_rng(0))
+    direction, step = np.linspace(-np.pi, np.pi, 200, retstep=True, endpoint=False)
+    speed = np.linspace(0.0, 60.0, 1201)
+    for x in place:
+        mean, mean_speed = 3.1 + 0.05 * x[0] - 0.08 * x[1], 12.0 * np.exp(0.03 * x[0] + 0.02 * x[1])
+        log_p = curved.log_density(x, direction[:, None], speed[1:])
+        expected = stats.vonmises.logpdf(direction, 60.0, loc=mean)[:, None]
+        expected = expected + stats.gamma.logpdf(speed[1:], 40.0, scale=mean_speed / 40.0)
+        np.testing.assert_allclose(log_p, expected, rtol=1e-9, atol=1e-8)
+        assert np.exp(log_p).sum() * step * (speed[1] - speed[0]) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_primitive_is_linear_inside_a_cell_and_continuous():
+    curved, rng = bent_map(), np.random.default_rng(1)
+    a, b, share = places(500, rng), places(500, rng), rng.uniform(size=500)
+    at_a, at_b, between = (curved.primitive_at(p) for p in (a, b, a + share[:, None] * (b - a)))
+
+    def columns(primitive):
+        return np.stack([primitive.direction.mean_direction[:, 0], np.log(primitive.speed.mean[:, 0])])
+
+    expected = columns(at_a) + share * difference(columns(at_b), columns(at_a))  # the course crosses the wrap
+    np.testing.assert_allclose(difference(columns(between), expected), 0.0, atol=1e-12)
+    near = curved.primitive_at(a + 1e-7 * np.sign(-a))
+    assert np.abs(difference(columns(near), columns(at_a))).max() < 2e-8
+    assert np.abs(difference(columns(at_a), columns(at_b))).max() > 0.5
+    np.testing.assert_allclose(columns(curved.primitive_at(np.zeros((1, 2))))[:, 0], [3.1, np.log(12.0)])
+    np.testing.assert_array_equal(at_a.direction.concentration, 60.0)
+    np.testing.assert_array_equal(at_a.speed.shape, 40.0)
+
+
+def test_samples_of_a_bent_mode_follow_its_density():
+    place = np.array([4.0, -4.0])
+    direction, speed = bent_map().sample(np.tile(place, (5000, 1)), rng=np.random.default_rng(2))
+    turned = difference(direction, 3.1 + 0.05 * 4.0 + 0.08 * 4.0)
+    assert stats.kstest(turned, stats.vonmises(60.0).cdf).pvalue > 1e-4
+    mean_speed = 12.0 * np.exp(0.03 * 4.0 - 0.02 * 4.0)
+    assert stats.kstest(speed, stats.gamma(40.0, scale=mean_speed / 40.0).cdf).pvalue > 1e-4
+
+
+def quarter_turn(position):
+    return np.stack([-position[..., 1], position[..., 0]], axis=-1)
+
+
+def test_a_quarter_turn_of_the_traffic_turns_the_map(ring):
+    """The squares of the grid lie around the origin, so they turn into each other."""
+    turned = Tracks(
+        track_id=ring.track_id, time_ns=ring.time_ns, position=quarter_turn(ring.position),
+        direction=wrap(ring.direction + np.pi / 2), speed=ring.speed,
+    )  # fmt: skip
+    one, other = (learn_primitives(t, cell_size=6.0, rng=np.random.default_rng(0)) for t in (ring, turned))
+    assert one.bend.any()
+    test = ring_traffic(np.random.default_rng(5), n_vehicles=20)
+    mine = one.log_density(test.position, test.direction, test.speed)
+    theirs = other.log_density(quarter_turn(test.position), wrap(test.direction + np.pi / 2), test.speed)
+    np.testing.assert_allclose(theirs, mine, atol=1e-6)
+    assert np.abs(one.log_density(quarter_turn(test.position), test.direction, test.speed) - mine).max() > 1.0
+
+
+def test_a_ring_is_learned_as_bends_of_one_over_its_radius(ring_map):
+    """On a circle the course turns by 1 / radius along the way, so that is the length of every bend."""
+    busy = ring_map.n_rows[:-1] > np.median(ring_map.n_rows[:-1])
+    bend = np.linalg.norm(ring_map.bend[:-1, 0], axis=-1)[busy]
+    np.testing.assert_allclose(bend, 1 / 20.0, rtol=0.1)
+
+
+def test_others_vehicles_are_likelier_with_curved_primitives_than_with_flat_ones(ring):
+    test = ring_traffic(np.random.default_rng(5), n_vehicles=20)
+
+    def score(primitive):
+        learned = learn_primitives(ring, cell_size=6.0, primitive=primitive, rng=np.random.default_rng(0))
+        assert bool(learned.bend.any()) == (primitive == "curved")
+        return learned.log_density(test.position, test.direction, test.speed).mean()
+
+    assert score("curved") > score("flat") + 0.5
+
+
+def test_bend_and_gain_are_kept_bit_for_bit_in_a_file(ring_map, tmp_path):
+    rng = np.random.default_rng(0)
+    strange = replace(
+        ring_map,
+        bend=rng.normal(size=ring_map.bend.shape)
+        * np.logspace(-300, 2, ring_map.bend.size).reshape(ring_map.bend.shape),
+        gain=rng.normal(size=ring_map.gain.shape),
+    )
+    for i, kept in enumerate((ring_map, strange, bent_map())):
+        save_map(kept, tmp_path / f"{i}.mcap")
+        loaded = load_map(tmp_path / f"{i}.mcap")
+        assert loaded.bend.tobytes() == kept.bend.tobytes()
+        assert loaded.gain.tobytes() == kept.gain.tobytes()
+
+
+def test_a_bend_that_does_not_fit_the_modes_is_refused():
+    for name in ("bend", "gain"):
+        with pytest.raises(ValueError, match=f"{name}: expected"):
+            replace(bent_map(), **{name: np.zeros((2, 3, 2))})
+    with pytest.raises(ValueError, match="bend: expected finite"):
+        bent_map(bend=(np.nan, 0.0))
