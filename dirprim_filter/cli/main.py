@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from dirprim_filter.cli import convert, demo, forecast, info, learn, plot, simulate, track, view
+from dirprim_filter.cli import convert, demo, evaluate, forecast, info, learn, plot, simulate, track, view
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -40,6 +40,7 @@ for command in (
     demo.demo,
 ):  # fmt: skip
     app.command()(command)
+app.add_typer(evaluate.evaluate)
 
 
 def main() -> None:

@@ -33,7 +33,7 @@ def ground_truth_decoder(schema_data: bytes) -> Callable[[bytes], ObservedFrame]
     Raises:
         DecodeError: `schema_data` is no descriptor set that defines them.
     """
-    message_class = _message_class("osi3.GroundTruth", schema_data)
+    message_class = message_class_of("osi3.GroundTruth", schema_data)
 
     def decode(data: bytes) -> ObservedFrame:
         message = message_class()
@@ -49,7 +49,7 @@ def sensor_view_decoder(schema_data: bytes) -> Callable[[bytes], ObservedFrame]:
     Raises:
         DecodeError: `schema_data` is no descriptor set that defines them.
     """
-    message_class = _message_class("osi3.SensorView", schema_data)
+    message_class = message_class_of("osi3.SensorView", schema_data)
 
     def decode(data: bytes) -> ObservedFrame:
         message = message_class()
@@ -59,7 +59,7 @@ def sensor_view_decoder(schema_data: bytes) -> Callable[[bytes], ObservedFrame]:
     return decode
 
 
-def _message_class(name: str, descriptors: bytes) -> Any:
+def message_class_of(name: str, descriptors: bytes) -> Any:
     """The class of the message called `name`, from a serialised FileDescriptorSet in a pool of its own."""
     files = FileDescriptorSet()
     parse(files, descriptors)

@@ -1,0 +1,290 @@
+"""What the prior adds to an observation, and what a turn signal adds to the prior (the paper's Table II and Fig. 8).
+
+Source: Senanayake et al. 2020, section IV. A step is a visit of a cell by a held-out vehicle that comes from another
+cell. At each step
+
+- the truth is the vehicle's direction in the middle of the visit,
+- the prior is the map's direction there,
+- the observation is a von Mises around the most probable direction of the cell before (at the vehicle's last position
+  in it), as in the paper; and, beside it, around the vehicle's own direction there, as a detector would tell it,
+- the posterior is the product of prior and observation (Eq. 4).
+
+The paper does not say how concentrated its observation is. Ours is as good as it can be: of all concentrations it has
+the one that gives the steps of the vehicles which the map was learned from the greatest likelihood.
+
+The likelihood of each is the density that it gives to the truth, summed over steps as in the paper. The gain of the
+posterior over the observation is computed for each vehicle, from its sums, and averaged over vehicles, as the paper
+averages it. Sums of densities are ruled by their largest terms; the mean gain in log density stands beside them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from dirprim_filter.distributions import VonMisesMixture, von_mises
+from dirprim_filter.distributions.angles import difference, wrap
+from dirprim_filter.distributions.product import multiply_mixtures
+from dirprim_filter.distributions.von_mises_mixture import log_weights
+from dirprim_filter.evaluation.density import rows_to_judge
+from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split
+from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.primitives.cues import TURN_RIGHT, Cue
+from dirprim_filter.tracks import Tracks
+from tessellation.arrays import AnyArray, FloatArray, IntArray
+
+MAX_STEP_S = 2.0
+"""Visits further apart in time are no step: the log has lost the vehicle in between."""
+ASCENT_STEPS = 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObservationScore:
+    """What the prior adds to one kind of observation.
+
+    Attributes:
+        concentration: of the observation, mean over steps.
+        observation: sum over all steps of the density that the observation gives to the truth, per radian.
+        posterior: the same of its product with the prior.
+        gain: mean over vehicles of posterior over observation, less 1.
+        gain_std: its standard deviation over vehicles.
+        log_gain: mean over steps of log posterior less log observation, nat.
+    """
+
+    concentration: float
+    observation: float
+    posterior: float
+    gain: float
+    gain_std: float
+    log_gain: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CueTable:
+    """Table II.
+
+    Attributes:
+        prior: sum over all steps of the density that the map gives to the truth, per radian.
+        cell_before: the paper's observation, the most probable direction of the cell before.
+        own_course: a stronger one, the vehicle's own direction in the cell before.
+        n_steps: steps of all held-out vehicles.
+        n_vehicles: vehicles that have one.
+        split_by: how vehicles were held out.
+        n_folds: how many times.
+    """
+
+    prior: float
+    cell_before: ObservationScore
+    own_course: ObservationScore
+    n_steps: int
+    n_vehicles: int
+    split_by: SplitBy
+    n_folds: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignalExample:
+    """The paper's example of a turn signal: directions sampled before and after the vehicle signals.
+
+    Attributes:
+        position: (2,) metres, the place.
+        heading: radians, of the vehicle there.
+        target: radians, the heading turned by the cue.
+        rmse_before: radians, of samples of the prior from the target.
+        rmse_after: radians, of samples of the posterior from the target.
+        n_samples: how many of each.
+    """
+
+    position: FloatArray
+    heading: float
+    target: float
+    rmse_before: float
+    rmse_after: float
+    n_samples: int
+
+
+class Steps(NamedTuple):
+    """Visits of cells that follow on another one's, sorted by vehicle and time: (n,) each."""
+
+    row: IntArray  # the middle of the visit
+    before: IntArray  # the last row in the cell before
+
+
+def evaluate_cues(
+    tracks: Tracks,
+    *,
+    split_by: SplitBy | None = None,
+    n_folds: int = 5,
+    min_speed: float = 0.5,
+    rng: np.random.Generator,
+) -> CueTable:
+    """Learn from a part of the vehicles, and follow the others from cell to cell.
+
+    Args:
+        tracks: observed motion.
+        split_by: "vehicle" or "group"; left out, by group if there are several.
+        n_folds: how many times.
+        min_speed: m/s; rows that are not faster have no direction of their own.
+        rng: deals the folds and feeds the learning.
+
+    Raises:
+        ValueError: random rows were asked for, no row is left, or no held-out vehicle goes from cell to cell.
+    """
+    kept = rows_to_judge(tracks, min_speed=min_speed, interval_s=None)
+    by = split_by or honest_split(kept)
+    if by == "random":
+        raise ValueError("split_by: expected 'vehicle' or 'group', got 'random': steps need whole vehicles")
+    parts = []
+    folds = split(kept, by=by, n_folds=n_folds, rng=rng)
+    for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
+        learned = learn_primitives(fold.train, rng=child)
+        parts.append(_follow(learned, fold))
+    joined = Followed(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    if joined.vehicle.size == 0:
+        raise ValueError("tracks: expected held-out vehicles that go from one cell to another, got none")
+    return CueTable(
+        prior=float(np.exp(joined.prior).sum()),
+        cell_before=_observation_score(joined.cell_before, joined.vehicle),
+        own_course=_observation_score(joined.own_course, joined.vehicle),
+        n_steps=joined.vehicle.size,
+        n_vehicles=np.unique(joined.vehicle).size,
+        split_by=by,
+        n_folds=len(folds),
+    )
+
+
+def steps_between_cells(learned: PrimitiveMap, tracks: Tracks) -> Steps:
+    """Where vehicles come from one cell into another; places that no cell covers are no visits."""
+    _, vehicle = np.unique(tracks.track_id, return_inverse=True)
+    order = np.lexsort((tracks.time_ns, vehicle))
+    cell = learned.tessellation.cell_of(tracks.position)[order]
+    is_new = np.concatenate([[True], (np.diff(vehicle[order]) != 0) | (np.diff(cell) != 0)])[: len(tracks)]
+    first = np.flatnonzero(is_new)
+    last = np.append(first[1:], len(tracks)) - 1
+    of = vehicle[order][first]
+    pause_ns = tracks.time_ns[order][first[1:]] - tracks.time_ns[order][last[:-1]]
+    follows = (of[1:] == of[:-1]) & (cell[first[1:]] >= 0) & (cell[first[:-1]] >= 0) & (pause_ns <= MAX_STEP_S * 1e9)
+    middle = (first + last) // 2
+    return Steps(row=order[middle[1:][follows]], before=order[last[:-1][follows]])
+
+
+def observation_concentration(observed: FloatArray, truth: FloatArray) -> float:
+    """Of the von Mises around what was observed: maximum likelihood over the steps. (n,), (n,) radians."""
+    if truth.size == 0:
+        return 0.0
+    resultant = np.cos(difference(truth, observed)).mean()
+    return float(von_mises.concentration_of(np.maximum(resultant, 0.0)))
+
+
+def most_probable_direction(mixture: VonMisesMixture) -> FloatArray:
+    """The direction of the greatest density of each mixture. (..., M) -> (...) radians.
+
+    An ascent from the mode's mean where the density is greatest: at the top theta is the direction of
+    sum_m w_m kappa_m VM_m(theta) e^{i mu_m}.
+    """
+    mean = mixture.mean_direction
+    height = log_weights(mixture.weight) - von_mises.log_normaliser(mixture.concentration)
+    between = 0.5 * difference(mean[..., :, None], mean[..., None, :])
+    at_means = logsumexp(
+        height[..., None, :] - 2.0 * mixture.concentration[..., None, :] * np.sin(between) ** 2, axis=-1
+    )
+    theta = np.take_along_axis(mean, at_means.argmax(axis=-1)[..., None], axis=-1)
+    for _ in range(ASCENT_STEPS):
+        half_turn = 0.5 * difference(theta, mean)
+        pull = mixture.concentration * np.exp(height - 2.0 * mixture.concentration * np.sin(half_turn) ** 2)
+        north, east = (pull * np.sin(mean)).sum(axis=-1), (pull * np.cos(mean)).sum(axis=-1)
+        theta = np.arctan2(north, east)[..., None]
+    return theta[..., 0]
+
+
+def turn_signal_example(
+    learned: PrimitiveMap, *, cue: Cue = TURN_RIGHT, n_samples: int = 100, rng: np.random.Generator
+) -> SignalExample:
+    """The paper's example, where the map has the clearest choice between going on and turning.
+
+    The place is the cell, and the heading the direction of a mode in it, for which the map gives most weight to the
+    lesser of two: directions within 30 degrees of the heading, and within 30 degrees of the heading turned by the cue.
+
+    Raises:
+        ValueError: the cue has more than one direction, or the map no cells.
+    """
+    turn = np.asarray(cue.turn)
+    if turn.size != 1 or learned.tessellation.n_cells == 0:
+        raise ValueError(f"cue, learned: expected one direction and some cells, got {turn.size} directions")
+    centers = learned.tessellation.centers
+    direction = learned.primitive_at(centers).direction
+    turned = difference(direction.mean_direction[:, None, :], direction.mean_direction[:, :, None])
+    weight = direction.weight[:, None, :] * (direction.concentration[:, None, :] > 1)
+    ahead = (weight * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
+    aside = (weight * (np.abs(difference(turned, turn[0])) < np.pi / 6)).sum(axis=-1)
+    cell, mode = np.unravel_index(np.argmax(np.minimum(ahead, aside)), ahead.shape)
+    heading = float(direction.mean_direction[cell, mode])
+    prior = direction[int(cell)]
+    posterior = multiply_mixtures(prior, cue.belief(heading)).mixture
+    target = float(wrap(heading + turn[0]))
+    return SignalExample(
+        position=centers[cell],
+        heading=heading,
+        target=target,
+        rmse_before=_rmse(prior, target, n_samples, rng),
+        rmse_after=_rmse(posterior, target, n_samples, rng),
+        n_samples=n_samples,
+    )
+
+
+def _rmse(belief: VonMisesMixture, target: float, n_samples: int, rng: np.random.Generator) -> float:
+    sampled, _ = belief[None][np.zeros(n_samples, np.int64)].sample(rng=rng)
+    return float(np.sqrt((difference(sampled, np.asarray(target)) ** 2).mean()))
+
+
+class Followed(NamedTuple):
+    """The steps of held-out vehicles: (n, ...) each."""
+
+    vehicle: AnyArray  # (n,) its id
+    prior: FloatArray  # (n,) log density of the truth
+    cell_before: FloatArray  # (n, 3) log densities by observation and posterior, and the concentration
+    own_course: FloatArray  # (n, 3) the same
+
+
+def _follow(learned: PrimitiveMap, fold: Fold) -> Followed:
+    """Follow the held-out vehicles from cell to cell; concentrations are learned from the others."""
+    known, steps = steps_between_cells(learned, fold.train), steps_between_cells(learned, fold.test)
+    truth = fold.test.direction[steps.row]
+    prior = learned.primitive_at(fold.test.position[steps.row]).direction
+
+    def judged(known_observed: FloatArray, observed: FloatArray) -> FloatArray:
+        concentration = observation_concentration(known_observed, fold.train.direction[known.row])
+        belief = Cue(turn=0.0, concentration=concentration).belief(observed)
+        posterior = multiply_mixtures(prior, belief).mixture
+        return np.column_stack(
+            [belief.log_density(truth), posterior.log_density(truth), np.full(truth.shape, concentration)]
+        )
+
+    def usual(tracks: Tracks, row: IntArray) -> FloatArray:
+        return most_probable_direction(learned.primitive_at(tracks.position[row]).direction)
+
+    return Followed(
+        vehicle=fold.test.track_id[steps.row],
+        prior=prior.log_density(truth),
+        cell_before=judged(usual(fold.train, known.before), usual(fold.test, steps.before)),
+        own_course=judged(fold.train.direction[known.before], fold.test.direction[steps.before]),
+    )
+
+
+def _observation_score(judged: FloatArray, vehicle: AnyArray) -> ObservationScore:
+    log_observation, log_posterior, concentration = judged.T
+    _, number = np.unique(vehicle, return_inverse=True)
+    observation = np.bincount(number, weights=np.exp(log_observation))
+    posterior = np.bincount(number, weights=np.exp(log_posterior))
+    gain = posterior / observation - 1.0
+    return ObservationScore(
+        concentration=float(concentration.mean()),
+        observation=float(observation.sum()),
+        posterior=float(posterior.sum()),
+        gain=float(gain.mean()),
+        gain_std=float(gain.std()),
+        log_gain=float((log_posterior - log_observation).mean()),
+    )

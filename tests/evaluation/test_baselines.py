@@ -1,0 +1,152 @@
+import numpy as np
+import pytest
+from scipy import integrate, stats
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+from dirprim_filter.evaluation.baselines.directional_grid_map import MIN_SAMPLES, DirectionalGridMap
+from dirprim_filter.evaluation.baselines.gaussian_process import (
+    DirectionalGaussianProcess,
+    least_certain_rows,
+    projected_normal_log_density,
+)
+from dirprim_filter.evaluation.baselines.uninformative import Uninformative
+from oracles import von_mises_mixture_density
+
+CIRCLE = np.linspace(-np.pi, np.pi, 2001)[:-1]
+STEP = CIRCLE[1] - CIRCLE[0]
+
+
+def integral(model, place):
+    return np.exp(model.direction_log_density(np.tile(place, (CIRCLE.size, 1)), CIRCLE)).sum() * STEP
+
+
+def one_cell(direction, **options):
+    position = np.full((len(direction), 2), 5.0)
+    return DirectionalGridMap.fit(position, direction, cell_size=10.0, max_concentration=1e4, **options)
+
+
+def greatest_variance(position, kernel, known):
+    cross = kernel.k1(position, position[known])
+    return (0.7 - np.einsum("ij,ji->i", cross, np.linalg.solve(kernel(position[known]), cross.T))).max()
+
+
+def test_uninformative_densities_are_those_of_the_uniform_law():
+    model = Uninformative(max_speed=20.0)
+    place, speed = np.zeros((3, 2)), np.array([0.0, 20.0, 20.1])
+    np.testing.assert_allclose(np.exp(model.direction_log_density(place, np.zeros(3))), 0.159, atol=2e-4)
+    np.testing.assert_allclose(np.exp(model.speed_log_density(place, speed)), [0.05, 0.05, 0.0], rtol=1e-12)
+    assert model.log_density(place, np.zeros(3), speed)[0] == pytest.approx(-np.log(2 * np.pi * 20))
+    with pytest.raises(ValueError, match="positive speed"):
+        Uninformative(max_speed=0.0)
+
+
+def test_a_grid_map_of_one_mode_is_scipys_maximum_likelihood_fit():
+    direction = stats.vonmises.rvs(30.0, loc=3.0, size=400, random_state=1)  # across the wrap
+    kappa, mean, _ = stats.vonmises.fit(direction, fscale=1)
+    found = one_cell(direction).direction
+    assert found.concentration[0, 0] == pytest.approx(kappa, rel=1e-4)
+    assert np.cos(found.mean_direction[0, 0] - mean) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_grid_map_finds_both_ways_of_a_street_and_beats_one_mode():
+    rng = np.random.default_rng(2)
+    direction = np.concatenate([rng.vonmises(0.5, 60, 300), rng.vonmises(0.5 - np.pi, 25, 100)])
+    model = one_cell(direction)
+    used = model.direction.weight[0] > 0
+    np.testing.assert_allclose(np.sort(model.direction.weight[0, used]), [0.25, 0.75], atol=0.02)
+    np.testing.assert_allclose(np.sort(model.direction.concentration[0, used]), [25, 60], rtol=0.3)
+    place = np.full((400, 2), 5.0)
+    kappa, mean, _ = stats.vonmises.fit(direction, fscale=1)
+    alone = stats.vonmises.logpdf(direction, kappa, loc=mean).mean()
+    assert model.direction_log_density(place, direction).mean() > alone + 1.0
+
+
+def test_em_reaches_a_point_where_no_parameter_gains():
+    rng = np.random.default_rng(3)
+    direction = np.concatenate([rng.vonmises(0.0, 40, 500), rng.vonmises(1.8, 25, 500)])
+    fitted = one_cell(direction).direction
+    assert (fitted.weight[0] > 0).sum() == 2
+
+    def log_likelihood(turned=0.0, scaled=1.0):
+        weight, mean, kappa = fitted.weight[0], fitted.mean_direction[0] + turned, fitted.concentration[0] * scaled
+        return np.log(von_mises_mixture_density(direction, weight, mean, kappa)).mean()
+
+    at_best = log_likelihood()
+    for mode in np.eye(2):
+        for turned in (0.03, -0.03):
+            assert log_likelihood(turned=turned * mode) < at_best - 1e-4
+        for scaled in (1.2, 1 / 1.2):
+            assert log_likelihood(scaled=scaled**mode) < at_best - 1e-4
+
+
+def test_cells_do_not_lean_on_each_other_and_unknown_places_are_uninformative():
+    rng = np.random.default_rng(4)
+    east, few = rng.vonmises(0.0, 50, 100), rng.vonmises(1.0, 50, MIN_SAMPLES - 1)
+    position = np.vstack([np.full((100, 2), 5.0), np.tile([15.0, 5.0], (few.size, 1))])
+    model = DirectionalGridMap.fit(position, np.append(east, few), cell_size=10.0, max_concentration=1e4)
+    np.testing.assert_allclose(
+        model.direction_log_density(np.tile([5.0, 5.0], (50, 1)), east[:50]),
+        one_cell(east).direction_log_density(np.tile([5.0, 5.0], (50, 1)), east[:50]),
+        atol=1e-9,
+    )
+    for unknown in ([15.0, 5.0], [1e4, 1e4]):
+        assert np.exp(model.direction_log_density(np.array([unknown]), np.zeros(1))) == pytest.approx(0.5 / np.pi)
+
+
+def test_repeated_angles_are_bounded_and_nothing_overflows():
+    model = one_cell(np.full(50, -np.pi))
+    assert model.direction.concentration.max() == 1e4
+    log_p = model.direction_log_density(np.full((2, 2), 5.0), np.array([np.pi, 0.0]))
+    assert np.isfinite(log_p).all()
+    assert log_p[0] == pytest.approx(0.5 * np.log(1e4 / (2 * np.pi)), abs=1e-3)
+
+
+@pytest.mark.parametrize("signal", [0.0, 0.3, 4.0, 60.0])
+def test_projected_normal_integrates_to_one(signal):
+    density = np.exp(projected_normal_log_density(CIRCLE, np.full(CIRCLE.size, signal)))
+    assert density.sum() * STEP == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, 2.0, -3.0])
+def test_projected_normal_is_the_planes_normal_density_along_the_ray(turn):
+    def along_ray(r):
+        return r * stats.multivariate_normal.pdf([r * np.cos(turn), r * np.sin(turn)], mean=[2.5, 0.0])
+
+    found = projected_normal_log_density(np.array([turn]), np.array([2.5]))
+    assert np.exp(found) == pytest.approx(integrate.quad(along_ray, 0.0, np.inf)[0], rel=1e-6)
+
+
+def test_projected_normal_stays_finite_however_sure_it_is():
+    log_p = projected_normal_log_density(np.array([0.0, np.pi / 2, np.pi]), np.full(3, 1e6))
+    assert np.isfinite(log_p).all()
+    assert log_p[0] == pytest.approx(np.log(1e6) - 0.5 * np.log(2 * np.pi), abs=1e-6)
+
+
+def test_the_informative_rule_takes_the_row_of_greatest_posterior_variance():
+    position = np.random.default_rng(5).uniform(0, 30, (60, 2))
+    kernel = ConstantKernel(0.7) * RBF(6.0) + WhiteKernel(0.05)
+    taken = least_certain_rows(position, kernel, 15)
+    assert np.unique(taken).size == 15
+    for i in range(1, 15):  # the slow way: the posterior variance given all rows taken before
+        known = position[taken[:i]]
+        cross = kernel.k1(position, known)
+        variance = 0.7 - np.einsum("ij,ji->i", cross, np.linalg.solve(kernel(known), cross.T))
+        variance[taken[:i]] = -1.0
+        assert variance[taken[i]] == pytest.approx(variance.max(), abs=1e-9)
+    random = np.random.default_rng(6).permutation(60)[:15]
+    assert greatest_variance(position, kernel, taken) < greatest_variance(position, kernel, random)
+
+
+@pytest.mark.parametrize("subset", ["random", "informative"])
+def test_a_gaussian_process_learns_a_bend_and_knows_nothing_far_away(ring, subset):
+    rows = np.random.default_rng(7).permutation(len(ring))
+    train, test = ring[rows[:600]], ring[rows[600:900]]
+    model = DirectionalGaussianProcess.fit(
+        train.position, train.direction, n_rows=150, subset=subset, rng=np.random.default_rng(8)
+    )
+    assert model.process.X_train_.shape == (150, 2)
+    assert model.direction_log_density(test.position, test.direction).mean() > 0.5
+    assert model.direction_log_density(test.position, test.direction + np.pi).mean() < -2.0
+    assert integral(model, test.position[0]) == pytest.approx(1.0, abs=1e-6)
+    far = np.full((4, 2), 1e4)
+    np.testing.assert_allclose(model.direction_log_density(far, np.arange(4.0)), -np.log(2 * np.pi), atol=1e-6)

@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.evaluation.cues import (
+    evaluate_cues,
+    most_probable_direction,
+    observation_concentration,
+    steps_between_cells,
+    turn_signal_example,
+)
+from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.cues import TURN_LEFT, Cue
+from dirprim_filter.tracks import Tracks
+from situations import one_cell_map
+from tessellation import GridTessellation
+
+
+def street(n_cells, mixtures):
+    """A row of 10 m squares, eastward from the origin, each with its modes: lists of (weight, mean, concentration)."""
+    weight, mean, concentration = (np.array([[mode[i] for mode in modes] for modes in mixtures]) for i in range(3))
+    n_modes = weight.shape[1]
+    return PrimitiveMap(
+        tessellation=GridTessellation(
+            origin=np.zeros(2), cell_size=10.0, n_x=n_cells, n_y=1, square=np.arange(n_cells)
+        ),
+        direction=VonMisesMixture(weight=weight, mean_direction=mean, concentration=concentration),
+        speed=Gamma(shape=np.full((n_cells + 1, n_modes), 9.0), rate=np.ones((n_cells + 1, n_modes))),
+        n_rows=np.ones(n_cells + 1, np.int64), n_place_free_modes=0, relaxation=one_cell_map().relaxation,
+    )  # fmt: skip
+
+
+def drive(x, *, time_s=None, track_id=0):
+    n = len(x)
+    return Tracks(
+        track_id=np.full(n, track_id), time_ns=np.round(1e9 * np.arange(n) if time_s is None else time_s).astype(int),
+        position=np.column_stack([x, np.full(n, 5.0)]), direction=np.zeros(n), speed=np.full(n, 5.0),
+    )  # fmt: skip
+
+
+PLAIN = street(4, [[(1.0, 0.0, 4.0)]] * 5)
+
+
+def test_a_step_is_the_middle_of_a_visit_and_the_last_row_of_the_one_before():
+    steps = steps_between_cells(PLAIN, drive([1, 5, 9, 12, 15, 18, 25]))
+    np.testing.assert_array_equal(steps.before, [2, 5])
+    np.testing.assert_array_equal(steps.row, [4, 6])
+
+
+def test_vehicles_pauses_and_places_without_a_cell_make_no_step():
+    two = Tracks.concatenate([drive([1, 5], track_id=0), drive([15, 25], track_id=1)])
+    steps = steps_between_cells(PLAIN, two)
+    assert two.position[steps.before, 0].tolist() == [15.0]
+    assert steps_between_cells(PLAIN, drive([1, 15], time_s=np.array([0.0, 2.5e9]))).row.size == 0
+    assert steps_between_cells(PLAIN, drive([1, -50, 15])).row.size == 0
+    assert steps_between_cells(PLAIN, drive([1])).row.size == 0
+
+
+def test_the_most_probable_direction_is_where_a_fine_grid_finds_it():
+    rng = np.random.default_rng(1)
+    mixture = VonMisesMixture(
+        weight=rng.dirichlet(np.ones(4), 50),
+        mean_direction=rng.uniform(-np.pi, np.pi, (50, 4)),
+        concentration=rng.gamma(2.0, 10.0, (50, 4)),
+    )
+    theta = np.linspace(-np.pi, np.pi, 4001)
+    density = mixture[:, None].log_density(theta[None, :])
+    found = most_probable_direction(mixture)
+    np.testing.assert_allclose(mixture.log_density(found), density.max(axis=1), atol=2e-4)
+
+
+def test_the_most_probable_direction_of_no_preference_is_some_direction():
+    uniform = VonMisesMixture(weight=np.ones((1, 1)), mean_direction=np.ones((1, 1)), concentration=np.zeros((1, 1)))
+    assert np.isfinite(most_probable_direction(uniform)).all()
+
+
+def test_no_other_concentration_fits_the_observation_better():
+    truth = np.random.default_rng(2).vonmises(0.3, 6.0, 500)
+    found = observation_concentration(np.zeros(500), truth)
+    likelihood = [stats.vonmises.logpdf(truth, found * factor).sum() for factor in (0.9, 1.0, 1.1)]
+    assert np.argmax(likelihood) == 1
+    assert observation_concentration(np.full(500, np.pi), truth) == 0.0  # worse than nothing is told by nothing
+
+
+def test_the_prior_adds_to_the_cell_before_on_a_bend_and_less_to_the_own_course(ring):
+    table = evaluate_cues(ring, n_folds=2, rng=np.random.default_rng(3))
+    assert table.split_by == "vehicle"
+    assert table.n_vehicles == 40
+    assert table.cell_before.gain > table.own_course.gain > 0.3
+    assert table.cell_before.log_gain > 0.2
+    assert table.cell_before.posterior > max(table.prior, table.cell_before.observation)
+
+
+def test_a_prior_that_knows_nothing_adds_nothing():  # the negative control of the test above
+    rng = np.random.default_rng(4)
+    course = np.repeat(rng.uniform(-np.pi, np.pi, 60), 40)
+    distance = np.tile(np.arange(40) * 2.0 - 40.0, 60)
+    tracks = Tracks(
+        track_id=np.repeat(np.arange(60), 40), time_ns=np.tile(np.arange(40) * 250_000_000, 60),
+        position=distance[:, None] * np.column_stack([np.cos(course), np.sin(course)])
+        + np.repeat(rng.uniform(-30, 30, (60, 2)), 40, axis=0),
+        direction=course + rng.normal(0, 0.05, 2400), speed=np.full(2400, 8.0) + rng.random(2400),
+    )  # fmt: skip
+    table = evaluate_cues(tracks, n_folds=2, rng=np.random.default_rng(5))
+    assert table.own_course.log_gain < 0.05
+
+
+def test_steps_need_whole_vehicles(ring):
+    with pytest.raises(ValueError, match="'vehicle' or 'group', got 'random'"):
+        evaluate_cues(ring, split_by="random", rng=np.random.default_rng(0))
+    with pytest.raises(ValueError, match="from one cell to another, got none"):
+        evaluate_cues(ring[ring.time_ns == 0], n_folds=2, rng=np.random.default_rng(0))
+
+
+def test_the_signal_draws_samples_from_straight_on_to_the_turn():
+    either = [(0.5, 0.0, 20.0), (0.5, -np.pi / 2, 20.0)]
+    only_on = [(0.5, 0.0, 20.0), (0.5, 0.1, 20.0)]
+    learned = street(3, [only_on, either, only_on, only_on])
+    example = turn_signal_example(learned, n_samples=20_000, rng=np.random.default_rng(6))
+    np.testing.assert_array_equal(example.position, [15.0, 5.0])
+    assert example.heading == 0.0
+    assert np.rad2deg(example.target) == pytest.approx(-90.0)
+    spread = stats.vonmises.rvs(20.0, size=200_000, random_state=7)
+    expected = np.sqrt(0.5 * (spread**2).mean() + 0.5 * ((spread + np.pi / 2) ** 2).mean())
+    assert example.rmse_before == pytest.approx(expected, rel=0.02)
+    assert np.rad2deg(example.rmse_before) > 60
+    assert np.rad2deg(example.rmse_after) < 40
+
+
+def test_a_signal_that_says_nothing_draws_nothing_and_many_directions_are_no_signal():
+    either = [(0.5, 0.0, 20.0), (0.5, np.pi / 2, 20.0)]
+    learned = street(1, [either, either])
+    mute = Cue(turn=np.pi / 2, concentration=0.0)
+    example = turn_signal_example(learned, cue=mute, n_samples=20_000, rng=np.random.default_rng(8))
+    assert example.rmse_after == pytest.approx(example.rmse_before, rel=0.03)
+    signalled = turn_signal_example(learned, cue=TURN_LEFT, n_samples=20_000, rng=np.random.default_rng(8))
+    assert signalled.rmse_after < 0.6 * example.rmse_after
+    with pytest.raises(ValueError, match="one direction"):
+        turn_signal_example(learned, cue=Cue.lane([0.0, 1.0]), rng=np.random.default_rng(8))

@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from dirprim_filter.distributions import VonMisesMixture
+from dirprim_filter.distributions.product import multiply_mixtures
+from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT, Cue
+
+STRAIGHT_OR_RIGHT = VonMisesMixture(
+    weight=np.array([0.5, 0.5]), mean_direction=np.array([0.0, -np.pi / 2]), concentration=np.array([20.0, 20.0])
+)
+
+
+def test_the_papers_signal_is_a_von_mises_a_right_angle_from_the_heading():
+    theta = np.linspace(-3, 3, 50)
+    belief = TURN_RIGHT.belief(0.4)
+    np.testing.assert_allclose(
+        belief.log_density(theta), stats.vonmises.logpdf(theta, 2.5, loc=0.4 - np.pi / 2), atol=1e-12
+    )
+    left = TURN_LEFT.belief(0.4).log_density(0.8 - theta)
+    np.testing.assert_allclose(left, belief.log_density(theta), atol=1e-12)
+
+
+def test_headings_broadcast_and_wrap():
+    belief = TURN_LEFT.belief(np.array([0.0, 3.0]))
+    assert belief.weight.shape == (2, 1)
+    np.testing.assert_allclose(belief.mean_direction[:, 0], [np.pi / 2, 3.0 - 1.5 * np.pi])
+
+
+def test_a_signal_moves_the_prior_as_hand_computed():
+    posterior = multiply_mixtures(STRAIGHT_OR_RIGHT, TURN_RIGHT.belief(0.0)).mixture
+    # kappa e^{i mu} add: straight 20 - 2.5 i, turning -22.5 i; the weights are as I0 of the lengths.
+    ratio = stats.vonmises.pdf(0, np.hypot(20, 2.5)) / stats.vonmises.pdf(0, 22.5) * np.exp(22.5 - np.hypot(20, 2.5))
+    np.testing.assert_allclose(posterior.weight[1] / posterior.weight[0], ratio, rtol=1e-9)
+    np.testing.assert_allclose(posterior.mean_direction, [np.arctan2(-2.5, 20), -np.pi / 2])
+    np.testing.assert_allclose(posterior.concentration, [np.hypot(20, 2.5), 22.5])
+
+
+def test_the_wrong_signal_does_not():
+    right, left = (multiply_mixtures(STRAIGHT_OR_RIGHT, cue.belief(0.0)).mixture for cue in (TURN_RIGHT, TURN_LEFT))
+    assert right.weight[1] > 0.9
+    assert left.weight[1] < 0.1
+    nothing = multiply_mixtures(STRAIGHT_OR_RIGHT, Cue(turn=1.0, concentration=0.0).belief(0.0)).mixture
+    np.testing.assert_allclose(nothing.weight, [0.5, 0.5])
+
+
+def test_a_lane_that_leads_on_two_ways_leaves_out_the_third():
+    crossing = VonMisesMixture(
+        weight=np.full(3, 1 / 3), mean_direction=np.array([-np.pi / 2, 0.0, np.pi / 2]), concentration=np.full(3, 20.0)
+    )
+    lane = Cue.lane([0.0, -np.pi / 2])
+    theta = np.linspace(-3, 3, 20)
+    np.testing.assert_allclose(
+        lane.belief(0.0).log_density(theta),
+        np.log(0.5 * (stats.vonmises.pdf(theta, 2.5) + stats.vonmises.pdf(theta, 2.5, loc=-np.pi / 2))),
+        atol=1e-12,
+    )
+    posterior = multiply_mixtures(crossing, lane.belief(0.0)).mixture
+    to_the_left = posterior.weight[np.cos(posterior.mean_direction - np.pi / 2) > 0.7].sum()
+    assert to_the_left < 0.1
+
+
+def test_a_detectors_heading_spreads_as_it_says():
+    belief = Cue.detector(std=0.1).belief(1.0)
+    sampled, _ = belief[None][np.zeros(20_000, np.int64)].sample(rng=np.random.default_rng(1))
+    assert sampled.mean() == pytest.approx(1.0, abs=5 * 0.1 / np.sqrt(20_000))
+    assert sampled.std() == pytest.approx(0.1, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"turn": 0.0, "concentration": -1.0}, "no negative concentration"),
+        ({"turn": np.nan, "concentration": 1.0}, "finite"),
+        ({"turn": [], "concentration": 1.0}, "at least one direction"),
+    ],
+)
+def test_what_is_no_cue_is_refused(wrong, match):
+    with pytest.raises(ValueError, match=match):
+        Cue(**wrong)
+    with pytest.raises(ValueError, match="positive angle"):
+        Cue.detector(std=0.0)
