@@ -11,6 +11,9 @@ from dirprim_filter.tracks import Tracks
 from tessellation import Tessellation
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
+MIN_GROUPS = 6
+"""Of fewer groups, holding one out leaves out too much."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackRows:
@@ -22,7 +25,7 @@ class TrackRows:
         position: (n, 2) metres.
         direction: (n,) radians.
         speed: (n,) m/s.
-        group: (n,) int64, what to split by: the log's groups or, where it has but one, the vehicles.
+        group: (n,) int64, what to split by: the log's groups or, where they are few, the vehicles.
     """
 
     vehicle: IntArray
@@ -38,7 +41,7 @@ class TrackRows:
         _, vehicle = np.unique(tracks.track_id, return_inverse=True)
         order = np.lexsort((tracks.time_ns, vehicle))
         kept = order[_kernels.thin(vehicle[order], tracks.time_ns[order], int(interval_s * 1e9))]
-        grouped = np.unique(tracks.group).size > 1
+        grouped = np.unique(tracks.group).size >= MIN_GROUPS
         return cls(
             vehicle=vehicle[kept],
             time_ns=tracks.time_ns[kept],
