@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -55,6 +57,9 @@ def demo(
             raise OutputExistsError(path)
     folder.mkdir(parents=True, exist_ok=True)
 
+    # The first run compiles kernels: those of the filter on the second core, while the first reads and learns.
+    compiling = subprocess.Popen([sys.executable, "-m", "dirprim_filter.filtering.warm_up"])
+
     import numpy as np
 
     from dirprim_filter.cli.provenance import provenance
@@ -64,6 +69,7 @@ def demo(
     typer.echo(f"learning from {learning.name}: {tracks.n_tracks} vehicles, {len(tracks)} rows ...", err=True)
     learned = learn_primitives(tracks, rng=np.random.default_rng(seed))
     save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
+    compiling.wait()
     typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
     scores = _track_three_ways(learned, tracks, truth, tracking, outputs, seed=seed, force=force)
     _tell(learned, scores, outputs, folder)

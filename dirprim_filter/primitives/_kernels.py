@@ -99,17 +99,18 @@ def mode_row(modes: Modes, c: int) -> Modes:
 
 @njit(cache=True)
 def empty_modes(n: int) -> Modes:
-    return Modes(
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.ones(n),
-        np.ones(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-    )
+    """Room for n modes, of weight 0."""
+    zeros, ones = np.zeros((7, n)), np.ones((2, n))
+    return Modes(zeros[0], zeros[1], zeros[2], ones[0], ones[1], zeros[3], zeros[4], zeros[5], zeros[6])
+
+
+@njit(cache=True)
+def total_of(values: FloatArray) -> float:
+    """The sum; a loop compiles ten times as fast as numpy's."""
+    total = 0.0
+    for value in values:
+        total += value
+    return total
 
 
 @njit(cache=True)
@@ -136,7 +137,7 @@ def fit_at_once(rows: Rows, n_vehicles: float, bounds: Bounds, out: Modes) -> No
 @njit(cache=True)
 def bayesian_information(log_likelihood: float, rows: Rows, n_vehicles: float, n_parameters: int) -> float:
     """BIC; rows of one vehicle repeat each other, so it counts vehicles: the likelihood is scaled from rows to them."""
-    return -2.0 * log_likelihood / rows.weight.sum() * n_vehicles + n_parameters * math.log(max(n_vehicles, 2.0))
+    return -2.0 * log_likelihood / total_of(rows.weight) * n_vehicles + n_parameters * math.log(max(n_vehicles, 2.0))
 
 
 @njit(cache=True)
@@ -165,7 +166,10 @@ def start_evenly(rows: Rows, modes: Modes, bounds: Bounds) -> None:
     for i in range(1, n):
         if theta[i] - theta[i - 1] > widest:
             cut, widest = i, theta[i] - theta[i - 1]
-    mean_speed = (rows.weight * rows.speed).sum() / rows.weight.sum()
+    speed = 0.0
+    for i in range(n):
+        speed += rows.weight[i] * rows.speed[i]
+    mean_speed = speed / total_of(rows.weight)
     shape = density.gamma_shape(bounds.speed_spread, 1.0, bounds.max_shape)
     for m in range(k):
         modes.weight[m] = 1.0 / k
@@ -181,7 +185,7 @@ def expectation_maximisation(
 ) -> float:
     """EM in log space from the modes given, in place; returns the log likelihood of the last E-step."""
     k = modes.weight.size
-    total = rows.weight.sum()
+    total = total_of(rows.weight)
     previous = -np.inf
     for _ in range(MAX_ITERATIONS):
         sums = np.zeros((k, N_CURVED_SUMS if curved else N_SUMS))
@@ -203,9 +207,9 @@ def expectation(rows: Rows, with_speed: bool, curved: bool, modes: Modes, sums: 
     summed: so what follows is the same for flat modes and for curved ones.
     """
     k = modes.weight.size
-    constant = np.empty(k)
-    cosine, sine = np.cos(modes.mean), np.sin(modes.mean)
+    constant, cosine, sine = np.empty(k), np.empty(k), np.empty(k)
     for m in range(k):
+        cosine[m], sine[m] = math.cos(modes.mean[m]), math.sin(modes.mean[m])
         constant[m] = -np.inf
         if modes.weight[m] > 0.0:
             constant[m] = math.log(modes.weight[m]) - density.log_normaliser(modes.concentration[m])
@@ -335,7 +339,7 @@ def maximisation(sums: FloatArray, total: float, n_vehicles: float, bounds: Boun
         spread = (n * spread + bounds.prior_strength * bounds.speed_spread) / (n + bounds.prior_strength)
         modes.shape[m] = density.gamma_shape(spread, 1.0, bounds.max_shape)
         modes.rate[m] = modes.shape[m] / mean_speed
-    norm = modes.weight.sum()
+    norm = total_of(modes.weight)
     for m in range(modes.weight.size):
         modes.weight[m] /= norm
 

@@ -1,0 +1,43 @@
+"""Compiling the filter's kernels before they are needed: `python -m dirprim_filter.filtering.warm_up`.
+
+The first run after an installation compiles for some fifteen seconds and caches what it has compiled. A command that
+has other work to do first can let a second core do that meanwhile.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.filtering.tracker import Tracker
+from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.relaxation import FALLBACK
+from tessellation import GridTessellation
+
+
+def warm_up() -> None:
+    """Track one vehicle for two frames on a map of one cell: every kernel of the filter is compiled, and cached."""
+    two_rows = np.ones((2, 1))
+    anywhere = PrimitiveMap(
+        tessellation=GridTessellation.covering(np.zeros((1, 2)), cell_size=1.0),
+        direction=VonMisesMixture(weight=two_rows, mean_direction=0.0 * two_rows, concentration=two_rows),
+        speed=Gamma(shape=two_rows, rate=two_rows),
+        n_rows=np.ones(2, np.int64),
+        n_place_free_modes=0,
+        relaxation=FALLBACK,
+    )
+    tracker = Tracker(anywhere, config=FilterConfig(n_particles=2), rng=np.random.default_rng(0))
+    reported = Detections(
+        track_id=np.array(["a", "a"]), time_ns=np.array([0, 10**8], np.int64), position=np.zeros((2, 2))
+    )
+    for frame in reported.frames():
+        tracker.predict(frame)
+        tracker.weigh()
+        tracker.estimate()
+        tracker.resample()
+
+
+if __name__ == "__main__":
+    warm_up()
