@@ -57,8 +57,8 @@ def demo(
             raise OutputExistsError(path)
     folder.mkdir(parents=True, exist_ok=True)
 
-    # The first run compiles kernels: those of the filter on the second core, while the first reads and learns.
-    compiling = subprocess.Popen([sys.executable, "-m", "dirprim_filter.filtering.warm_up"])
+    # The first run compiles kernels: some of them on the second core, while the first reads and learns.
+    compiling = subprocess.Popen([sys.executable, "-m", "dirprim_filter.cli.warm_up"])
 
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""Compiling the filter's kernels before they are needed: `python -m dirprim_filter.filtering.warm_up`.
+"""Compiling the kernels of filter and forecast before they are needed: `python -m dirprim_filter.cli.warm_up`.
 
 The first run after an installation compiles for some fifteen seconds and caches what it has compiled. A command that
 has other work to do first can let a second core do that meanwhile.
@@ -11,14 +11,15 @@ import numpy as np
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.filtering.tracker import Tracker
+from dirprim_filter.filtering import Tracker
+from dirprim_filter.forecasting import forecast
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.relaxation import FALLBACK
 from tessellation import GridTessellation
 
 
 def warm_up() -> None:
-    """Track one vehicle for two frames on a map of one cell: every kernel of the filter is compiled, and cached."""
+    """Track and forecast one vehicle on a map of one cell: every kernel on the way is compiled, and cached."""
     two_rows = np.ones((2, 1))
     anywhere = PrimitiveMap(
         tessellation=GridTessellation.covering(np.zeros((1, 2)), cell_size=1.0),
@@ -37,6 +38,7 @@ def warm_up() -> None:
         tracker.weigh()
         tracker.estimate()
         tracker.resample()
+    forecast(anywhere, position=(0.0, 0.0), direction=0.0, speed=1.0, n_samples=2, rng=np.random.default_rng(0))
 
 
 if __name__ == "__main__":
