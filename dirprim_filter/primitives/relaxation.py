@@ -1,7 +1,8 @@
 """How fast vehicles settle on the primitives, learned from the same vehicle's rows near in time.
 
 The deviation of an Ornstein-Uhlenbeck process is correlated over t as e^{-k t}. Deviations are from the mode of the
-place where the vehicle is then, so a vehicle that follows a bend has none.
+place where the vehicle is then: a vehicle that follows a bend has none from a curved mode, but from a flat one it has
+the turn of the cell, which passes for a fast rate.
 """
 
 from __future__ import annotations
