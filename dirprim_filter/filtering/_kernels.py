@@ -14,7 +14,8 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
-from dirprim_filter.distributions._kernels import UIntArray
+from dirprim_filter.distributions import _random as random
+from dirprim_filter.distributions._random import UIntArray
 from tessellation._kernels import Locator, locate
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
@@ -74,7 +75,7 @@ def draw_mode(
 
     A share of the particles follow no primitive of the place, so that a vehicle that does not either is not lost.
     """
-    if density.uniform(state) < table.place_free_share:
+    if random.uniform(state) < table.place_free_share:
         cell = -1  # the place-free modes stand in the same columns of every row
     n = table.weight.shape[1]
     log_p = np.empty(n)
@@ -96,7 +97,7 @@ def draw_mode(
     for m in range(n):
         log_p[m] = math.exp(log_p[m] - top)
         total += log_p[m]
-    left = density.uniform(state) * total
+    left = random.uniform(state) * total
     for m in range(n):
         left -= log_p[m]
         if left < 0.0:
@@ -112,14 +113,14 @@ def turn(direction: float, mean: float, concentration: float, kept: float, state
     away = mean - direction
     along = own + usual * math.cos(away)
     across = usual * math.sin(away)
-    return density.draw_von_mises(direction + math.atan2(across, along), math.hypot(along, across), state)
+    return random.draw_von_mises(direction + math.atan2(across, along), math.hypot(along, across), state)
 
 
 @njit(cache=True)
 def accelerate(speed: float, shape: float, rate: float, kept: float, state: UIntArray) -> float:
     """The speed a step later: the exact step of the Cox-Ingersoll-Ross process; `kept` is e^{-k dt}."""
-    count = density.draw_poisson(rate * speed * kept / (1.0 - kept), state)
-    return density.draw_gamma(shape + count, state) * (1.0 - kept) / rate
+    count = random.draw_poisson(rate * speed * kept / (1.0 - kept), state)
+    return random.draw_gamma(shape + count, state) * (1.0 - kept) / rate
 
 
 @njit(cache=True)
@@ -145,7 +146,7 @@ def advance(table: MotionTable, cloud: Cloud, v: int, dt_s: float) -> None:
             if here != cell:
                 cell = here
                 mode = draw_mode(table, cell, x, y, direction, speed, True, state)
-            elif density.uniform(state) < takes_up:
+            elif random.uniform(state) < takes_up:
                 mode = draw_mode(table, cell, x, y, direction, speed, False, state)
             rate = table.rate[cell, mode]
             if table.draws[cell, mode]:
@@ -160,12 +161,12 @@ def advance(table: MotionTable, cloud: Cloud, v: int, dt_s: float) -> None:
                 )
                 kept = speed_kept
             else:
-                turned = density.draw_von_mises(direction, free_concentration, state)
+                turned = random.draw_von_mises(direction, free_concentration, state)
                 kept = free_speed_kept
             faster = accelerate(speed, table.shape[cell, mode], rate, kept, state)
             middle, distance = 0.5 * (direction + turned), 0.5 * (speed + faster) * h
-            x += distance * math.cos(middle) + slip * density.draw_normal(state)
-            y += distance * math.sin(middle) + slip * density.draw_normal(state)
+            x += distance * math.cos(middle) + slip * random.draw_normal(state)
+            y += distance * math.sin(middle) + slip * random.draw_normal(state)
             direction, speed = density.wrap(turned), faster
         cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
         cloud.direction[v, p], cloud.speed[v, p] = direction, speed
@@ -210,13 +211,13 @@ def be_born(
     for i in range(vehicle.size):
         v = vehicle[i]
         state = cloud.state[v]
-        density.seed_state(key[i], state)
+        random.seed_state(key[i], state)
         n = cloud.position.shape[1]
         for p in range(n):
-            x = measured[i, 0] + noise * density.draw_normal(state)
-            y = measured[i, 1] + noise * density.draw_normal(state)
+            x = measured[i, 0] + noise * random.draw_normal(state)
+            y = measured[i, 1] + noise * random.draw_normal(state)
             cell = locate(table.locator, x, y)
-            left, mode = density.uniform(state), 0
+            left, mode = random.uniform(state), 0
             for m in range(table.weight.shape[1]):
                 mode = m
                 left -= table.weight[cell, m]
@@ -227,8 +228,8 @@ def be_born(
             mean = table.mean[cell, mode] + bend[0] * east + bend[1] * north
             rate = table.rate[cell, mode] * math.exp(-gain[0] * east - gain[1] * north)
             cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
-            cloud.direction[v, p] = density.wrap(density.draw_von_mises(mean, table.concentration[cell, mode], state))
-            cloud.speed[v, p] = density.draw_gamma(table.shape[cell, mode], state) / rate
+            cloud.direction[v, p] = density.wrap(random.draw_von_mises(mean, table.concentration[cell, mode], state))
+            cloud.speed[v, p] = random.draw_gamma(table.shape[cell, mode], state) / rate
             cloud.cell[v, p], cloud.mode[v, p] = cell, mode
             cloud.log_weight[v, p] = -math.log(n)
 
@@ -305,7 +306,7 @@ def resample(cloud: Cloud, vehicle: IntArray) -> None:
     numbers = np.empty((n, 4))
     labels = np.empty((n, 2), np.int64)
     for v in vehicle:
-        systematic(cloud.log_weight[v], density.uniform(cloud.state[v]), ancestor)
+        systematic(cloud.log_weight[v], random.uniform(cloud.state[v]), ancestor)
         for p in range(n):
             a = ancestor[p]
             numbers[p, 0], numbers[p, 1] = cloud.position[v, a, 0], cloud.position[v, a, 1]
