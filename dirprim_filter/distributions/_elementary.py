@@ -1,4 +1,4 @@
-"""Exponential and sine as plain arithmetic, so that loops over an array of them are compiled to vector instructions.
+"""Exponential, logarithm and sine as plain arithmetic, so that loops over an array of them are compiled to vector instructions.
 
 A call into the mathematical library keeps the compiler from doing several rows at once, and a density costs little
 else. Reduction as Cody and Waite (1980), then Taylor's series to the last bit: errors are a few units in the last place.
@@ -17,6 +17,11 @@ _E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12, _E13 = (1.0 / math.fac
 _S3, _S5, _S7, _S9, _S11, _S13, _S15, _S17, _S19, _S21 = (
     (-1.0) ** (n // 2) / math.factorial(n) for n in range(3, 22, 2)
 )
+_L3, _L5, _L7, _L9, _L11, _L13, _L15, _L17, _L19, _L21 = (2.0 / n for n in range(3, 22, 2))
+_MANTISSA, _SHIFT = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(52)
+_SQRT_HALF = np.uint64(0x3FE6A09E667F3BCD)  # the bits of sqrt(1/2)
+_ONE_ABOVE = np.uint64(0x3FF0000000000000 - 0x3FE6A09E667F3BCD)  # from there to the bits of 1
+_EXPONENT_ONLY, _EXPONENT_OF_ONE = np.uint64(0x4330000000000000), 2.0**52 + 1023.0
 
 
 @njit(fastmath={"contract"}, inline="always")
@@ -42,3 +47,18 @@ def squared_sine(x: float) -> float:
     p = (((p * t + _S9) * t + _S7) * t + _S5) * t + _S3
     s = y + y * t * p
     return s * s
+
+
+@njit(fastmath={"contract"}, inline="always", error_model="numpy")
+def log(x: float) -> float:
+    """The natural logarithm of a normal positive number: x = 2^n m, m from sqrt(1/2) to sqrt(2); anything of others."""
+    bits = np.uint64(np.float64(x).view(np.uint64) + _ONE_ABOVE)
+    exponent = np.uint64((bits >> _SHIFT) | _EXPONENT_ONLY)
+    n = exponent.view(np.float64) - _EXPONENT_OF_ONE
+    mantissa = np.uint64((bits & _MANTISSA) + _SQRT_HALF)
+    f = mantissa.view(np.float64) - 1.0
+    s = f / (2.0 + f)
+    t = s * s
+    p = ((((_L21 * t + _L19) * t + _L17) * t + _L15) * t + _L13) * t + _L11
+    p = (((p * t + _L9) * t + _L7) * t + _L5) * t + _L3
+    return n * _LN2_HIGH + (2.0 * s + (s * t * p + n * _LN2_LOW))

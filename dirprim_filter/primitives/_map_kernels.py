@@ -13,7 +13,7 @@ from numba import njit
 
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._blocks import ROWS
-from dirprim_filter.distributions._elementary import exp, squared_sine
+from dirprim_filter.distributions._elementary import exp, log, squared_sine
 from dirprim_filter.distributions._kernels import log_normaliser, wrap
 from dirprim_filter.distributions._random import UIntArray
 from tessellation._kernels import Locator, locate
@@ -22,6 +22,7 @@ from tessellation.arrays import FloatArray, IntArray
 PAIRS = 1024  # (row, mode) pairs at a time: the buffers stay in the cache
 LOG_OF_ZERO = -1e300  # times a shape less one: nothing for shape 1, without end for any other
 BEYOND = 1e280  # what only a multiple of LOG_OF_ZERO exceeds
+SMALLEST_NORMAL = 2.2250738585072014e-308
 TOO_SMALL = 1e-280  # a sum of exponentials below it has lost digits to the smallest double
 
 TOO_LARGE = 1e280  # likewise above it, where `exp` stops
@@ -88,6 +89,8 @@ class Pairs(NamedTuple):
     decay: FloatArray  # rate times speed
     density: FloatArray
     end: IntArray  # of each row's pairs
+    log_speed: FloatArray  # of each row
+    total: FloatArray  # of each row's densities
 
 
 class Rows(NamedTuple):
@@ -104,57 +107,68 @@ class Rows(NamedTuple):
 def log_densities(table: MapTable, rows: Rows, out: FloatArray) -> bool:
     """Fill `out` (n,) with log p(direction, speed | position), or of one alone; False where a row is not finite."""
     size = max(PAIRS, table.most_modes)
+    n_rows = size // table.most_modes
     pairs = Pairs(
         np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
-        np.empty(size, np.int64),
+        np.empty(n_rows, np.int64), np.empty(n_rows), np.empty(n_rows),
     )  # fmt: skip
-    i, finite = 0, True
-    while i < out.size:
-        stop, seen = _gather(table, rows, i, pairs)
-        _evaluate(pairs, pairs.end[stop - i - 1], rows.of_direction, rows.of_speed, table.curved)
-        _sum(rows, pairs, i, stop, out)
-        i, finite = stop, finite and seen
+    finite = True
+    for begin in range(0, out.size, n_rows):
+        stop = min(begin + n_rows, out.size)
+        if rows.of_speed:
+            _take_logarithms(rows.speed[begin:stop], pairs.log_speed)
+        finite = _gather(table, rows, begin, stop, pairs) and finite
+        _evaluate(pairs, pairs.end[stop - begin - 1], rows.of_direction, rows.of_speed, table.curved)
+        _sum(pairs, out[begin:stop])
+        if rows.of_speed:
+            for i in range(begin, stop):
+                if rows.speed[i] < 0.0:
+                    out[i] = -np.inf
     return finite
 
 
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+def _take_logarithms(value: FloatArray, out: FloatArray) -> None:
+    for i in range(value.size):
+        out[i] = log(value[i])
+    for i in range(value.size):
+        if not value[i] >= SMALLEST_NORMAL:
+            out[i] = math.log(value[i]) if value[i] > 0.0 else LOG_OF_ZERO
+
+
 @njit(cache=True, fastmath={"contract"})
-def _gather(table: MapTable, rows: Rows, i: int, pairs: Pairs) -> tuple[int, bool]:
-    """Write the pairs of as many rows from `i` on as there is room for; returns the row after them."""
-    begin, n, finite = i, 0, True
-    while i < rows.position.shape[0]:
+def _gather(table: MapTable, rows: Rows, begin: int, stop: int, pairs: Pairs) -> bool:
+    """Write the pairs of rows `begin` to `stop`; False where a row is not finite."""
+    n, finite = 0, True
+    of_direction, of_speed, curved, column = rows.of_direction, rows.of_speed, table.curved, table.mode
+    for i in range(begin, stop):
         x, y = rows.position[i, 0], rows.position[i, 1]
         cell = locate(table.locator, x, y)
-        first, last = table.first[cell], table.last[cell]
-        if n + last - first > pairs.log_p.size or i - begin == pairs.end.size:
-            break
         d, v, log_v = 0.0, 0.0, 0.0
-        if rows.of_direction:
+        if of_direction:
             d = wrap(rows.direction[i])
-        if rows.of_speed:
-            v = rows.speed[i]
-            log_v = math.log(v) if v > 0.0 else LOG_OF_ZERO
+        if of_speed:
+            v, log_v = rows.speed[i], pairs.log_speed[i - begin]
         finite = finite and (x - x) + (y - y) + (d - d) + (v - v) == 0.0  # infinity less itself is NaN
         east, north = 0.0, 0.0
-        if table.curved:
+        if curved:
             east, north = x - table.center[cell, 0], y - table.center[cell, 1]
-        for j in range(first, last):
-            log_p = table.mode[j, LOG_WEIGHT]
-            if rows.of_direction:
-                turned = table.mode[j, BEND_EAST] * east + table.mode[j, BEND_NORTH] * north
-                log_p += table.mode[j, LOG_DIRECTION]
-                pairs.half_turn[n] = 0.5 * (d - table.mode[j, MEAN] - turned)
-                pairs.width[n] = table.mode[j, TWICE_CONCENTRATION]
-            if rows.of_speed:
-                grown = table.mode[j, GAIN_EAST] * east + table.mode[j, GAIN_NORTH] * north
-                shape = table.mode[j, SHAPE]
-                log_p += table.mode[j, LOG_SPEED] + (shape - 1.0) * log_v - shape * grown
+        for j in range(table.first[cell], table.last[cell]):
+            log_p = column[j, LOG_WEIGHT]
+            if of_direction:
+                turned = column[j, BEND_EAST] * east + column[j, BEND_NORTH] * north
+                log_p += column[j, LOG_DIRECTION]
+                pairs.half_turn[n] = 0.5 * (d - column[j, MEAN] - turned)
+                pairs.width[n] = column[j, TWICE_CONCENTRATION]
+            if of_speed:
+                grown = column[j, GAIN_EAST] * east + column[j, GAIN_NORTH] * north
+                log_p += column[j, LOG_SPEED] + (column[j, SHAPE] - 1.0) * log_v - column[j, SHAPE] * grown
                 pairs.growth[n] = grown
-                pairs.decay[n] = table.mode[j, RATE] * v
+                pairs.decay[n] = column[j, RATE] * v
             pairs.log_p[n] = log_p
             n += 1
         pairs.end[i - begin] = n
-        i += 1
-    return i, finite
+    return finite
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -177,26 +191,27 @@ def _evaluate(pairs: Pairs, n: int, of_direction: bool, of_speed: bool, curved: 
         density[p] = exp(log_p[p])
 
 
-@njit(cache=True)
-def _sum(rows: Rows, pairs: Pairs, begin: int, stop: int, out: FloatArray) -> None:
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+def _sum(pairs: Pairs, out: FloatArray) -> None:
     """The logarithm of the sum over each row's pairs."""
-    p = 0
-    for i in range(begin, stop):
-        first, last, total = p, pairs.end[i - begin], 0.0
-        for p in range(first, last):  # noqa: B007
-            total += pairs.density[p]
-        p = last
-        if rows.of_speed and rows.speed[i] < 0.0:
-            out[i] = -np.inf
-        elif TOO_SMALL < total < TOO_LARGE:
-            out[i] = math.log(total)
-        else:
-            out[i] = _log_sum(pairs.log_p, first, last)
+    total, first = pairs.total, 0
+    for i in range(out.size):
+        last = pairs.end[i]
+        row_total = 0.0
+        for p in range(first, last):
+            row_total += pairs.density[p]
+        total[i] = row_total
+        first = last
+    for i in range(out.size):
+        out[i] = log(total[i])
+    for i in range(out.size):
+        if not TOO_SMALL < total[i] < TOO_LARGE:
+            out[i] = _log_sum(pairs.log_p, pairs.end[i - 1] if i > 0 else 0, pairs.end[i])
 
 
 @njit(cache=True)
 def _log_sum(log_p: FloatArray, first: int, last: int) -> float:
-    """log(sum(exp(log_p[first:last]))), where the exponentials leave the range of a double."""
+    """log(sum(exp(log_p[first:last]))), where the exponentials leave the range of a double; NaN where one is."""
     top = -np.inf
     for p in range(first, last):
         top = max(top, log_p[p])
