@@ -40,6 +40,43 @@ _I0_FAR = _interpolant(_far, _i0e, _DEGREE_FAR)
 _I1_FAR = _interpolant(_far, _i1e, _DEGREE_FAR)
 
 
+def _variance_series(n_terms: int) -> FloatArray:
+    """c of 1 - I1(k) / I0(k) ~ sum_n c_n k^-n, n from 1: of V' = V^2 - 2 V + (1 - V) / k, term by term."""
+    c = [0.0, 0.5]
+    for n in range(2, n_terms + 1):
+        c.append(0.5 * ((n - 2) * c[n - 1] + sum(c[i] * c[n - i] for i in range(1, n))))
+    return np.array(c[1:])
+
+
+_VARIANCE_SERIES = _variance_series(22)
+
+
+def _inverse(resultant: FloatArray) -> FloatArray:
+    """The concentration of these mean resultant lengths, from 0 to 0.9995, by Newton from Best and Fisher's start."""
+    r = resultant
+    k = np.where(r < 0.53, 2 * r + r**3 + 5 * r**5 / 6, 0.5 / (1 - r) + 0.25)
+    for _ in range(8):
+        a = _i1e(k) / _i0e(k)
+        k = k - (a - r) / (1 - a * a - a / k)
+    return np.asarray(k, dtype=np.float64)
+
+
+def _dispersed(t: FloatArray) -> FloatArray:
+    """k / r of r^2 = (t + 1) / 8: an analytic function."""
+    r = np.sqrt((t + 1.0) / 8.0)
+    return _inverse(r) / r
+
+
+def _concentrated(t: FloatArray) -> FloatArray:
+    """2 k v of the circular variance v = (t + 1) / 4."""
+    v = 0.25 * (t + 1.0)
+    return 2.0 * v * _inverse(1.0 - v)
+
+
+_DISPERSED = chebyshev.chebfit(chebyshev.chebpts1(15), _dispersed(chebyshev.chebpts1(15)), 14)
+_CONCENTRATED = chebyshev.chebfit(chebyshev.chebpts1(25), _concentrated(chebyshev.chebpts1(25)), 24)
+
+
 @njit(cache=True)
 def _series(coefficient: FloatArray, t: float) -> float:
     """Clenshaw's sum of a Chebyshev series at t in [-1, 1]."""
@@ -72,28 +109,44 @@ def log_normaliser(k: float) -> float:
 
 
 @njit(cache=True)
-def concentration_of(resultant: float) -> float:
-    """The concentration whose mean resultant length is `resultant`; see `von_mises.concentration_of`."""
-    r = min(max(resultant, 0.0), 1.0 - 1e-15)
-    if r < 1e-12:
-        return 0.0
-    if r < 0.53:
-        k = 2 * r + r**3 + 5 * r**5 / 6
-    elif r < 0.85:
-        k = -0.4 + 1.39 * r + 0.43 / (1 - r)
-    else:
-        k = 1 / (r**3 - 4 * r**2 + 3 * r)
-    for _ in range(8):
-        a = i1e(k) / i0e(k)
-        slope = 1 - a * a - a / k
-        if slope < 1e-15:
-            break
-        step = (a - r) / slope
-        step = min(max(step, -k), 0.5 * k)
-        k = min(k - step, 2 * MAX_CONCENTRATION)
-        if abs(step) < 1e-12 * k:
-            break
+def circular_variance(k: float) -> float:
+    """1 - I1(k) / I0(k), without the cancellation: from 20 on by its asymptotic series, exact to the last bits."""
+    if k < 20.0:
+        return 1.0 - i1e(k) / i0e(k)
+    total = 0.0
+    for i in range(_VARIANCE_SERIES.size - 1, -1, -1):
+        total = (total + _VARIANCE_SERIES[i]) / k
+    return total
+
+
+@njit(cache=True)
+def concentration_from(resultant: float, variance: float) -> float:
+    """The concentration whose mean resultant length is `resultant` and whose circular variance `variance`.
+
+    They add to one; where one is small it alone has the digits, so both are asked for. A Chebyshev series; where the
+    angles are concentrated it is right to 1e-6, and a step of Newton, log k over log variance, does the rest.
+    """
+    if variance > 0.5:
+        return resultant * _series(_DISPERSED, 8.0 * resultant * resultant - 1.0) if resultant > 0.0 else 0.0
+    if variance <= 0.5 / MAX_CONCENTRATION:
+        return MAX_CONCENTRATION
+    k = _series(_CONCENTRATED, 4.0 * variance - 1.0) / (2.0 * variance)
+    v = circular_variance(k)
+    k *= math.exp(math.log(v / variance) * v / (k * v * (2.0 - v) - (1.0 - v)))
     return min(k, MAX_CONCENTRATION)
+
+
+@njit(cache=True)
+def concentration_of(resultant: float) -> float:
+    """The concentration whose mean resultant length is `resultant`, bounded by `MAX_CONCENTRATION`."""
+    return concentration_from(min(resultant, 1.0), max(1.0 - resultant, 0.0))
+
+
+@njit(cache=True)
+def concentrations_from(resultant: FloatArray, variance: FloatArray, out: FloatArray) -> None:
+    """`concentration_from` of each element."""
+    for i in range(out.size):
+        out[i] = concentration_from(resultant[i], variance[i])
 
 
 @njit(cache=True)
