@@ -120,6 +120,13 @@ def circular_variance(k: float) -> float:
 
 
 @njit(cache=True)
+def circular_variances(k: FloatArray, out: FloatArray) -> None:
+    """`circular_variance` of each element."""
+    for i in range(out.size):
+        out[i] = circular_variance(k[i])
+
+
+@njit(cache=True)
 def concentration_from(resultant: float, variance: float) -> float:
     """The concentration whose mean resultant length is `resultant` and whose circular variance `variance`.
 
@@ -162,6 +169,20 @@ def digamma(x: float) -> float:
 
 
 @njit(cache=True)
+def log_less_digamma(x: float) -> float:
+    """log(x) - psi(x), x > 0, which is near 1 / (2 x), without the cancellation."""
+    result, y = 0.0, x
+    while y < 8.0:
+        result += 1.0 / y
+        y += 1.0
+    if y > x:
+        result += math.log(x / y)
+    f = 1.0 / (y * y)
+    tail = f * (1 / 12 - f * (1 / 120 - f * (1 / 252 - f * (1 / 240 - f * (1 / 132 - f * (691 / 32760 - f / 12))))))
+    return result + 0.5 / y + tail
+
+
+@njit(cache=True)
 def trigamma(x: float) -> float:
     """psi'(x), x > 0: recurrence up to 8, then the asymptotic series."""
     result = 0.0
@@ -174,6 +195,13 @@ def trigamma(x: float) -> float:
 
 
 @njit(cache=True)
+def gamma_shapes(spread: FloatArray, low: float, high: float, out: FloatArray) -> None:
+    """`gamma_shape` of each element."""
+    for i in range(out.size):
+        out[i] = gamma_shape(spread[i], low, high)
+
+
+@njit(cache=True)
 def gamma_shape(spread: float, low: float, high: float) -> float:
     """Maximum likelihood shape of a gamma from `spread` = log(mean) - mean(log), bounded to [low, high].
 
@@ -183,7 +211,7 @@ def gamma_shape(spread: float, low: float, high: float) -> float:
         return high
     a = (3 - spread + math.sqrt((spread - 3) ** 2 + 24 * spread)) / (12 * spread)
     for _ in range(6):
-        error = math.log(a) - digamma(a) - spread
+        error = log_less_digamma(a) - spread
         slope = 1 / a - trigamma(a)
         inverse = 1 / a + error / (a * a * slope)
         if inverse <= 0:

@@ -111,7 +111,7 @@ def sample_by_rejection(
     found, proposed = 0, 0
     while found < n_samples:
         n = max(2 * (n_samples - found), 1000)
-        theta, _ = proposal[None][np.zeros(n, np.int64)].sample(rng=rng)
+        theta, _ = proposal.sample(n_samples=n, rng=rng)
         log_ratio = log_target(theta) - log_envelope - proposal.log_density(theta)
         if (log_ratio > 1e-9).any():
             worst = int(np.argmax(log_ratio))
@@ -131,7 +131,7 @@ def sample_by_importance(
     log_target: LogDensity, proposal: VonMisesMixture, *, n_samples: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Directions from the proposal, and weights that make them samples of the target. -> (n,), (n,) summing to one."""
-    theta, _ = proposal[None][np.zeros(n_samples, np.int64)].sample(rng=rng)
+    theta, _ = proposal.sample(n_samples=n_samples, rng=rng)
     log_weight = log_target(theta) - proposal.log_density(theta)
     return theta, np.exp(log_weight - logsumexp(log_weight))
 

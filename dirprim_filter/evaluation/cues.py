@@ -236,7 +236,7 @@ def turn_signal_example(
 
 
 def _rmse(belief: VonMisesMixture, target: float, n_samples: int, rng: np.random.Generator) -> float:
-    sampled, _ = belief[None][np.zeros(n_samples, np.int64)].sample(rng=rng)
+    sampled, _ = belief.sample(n_samples=n_samples, rng=rng)
     return float(np.sqrt((difference(sampled, np.asarray(target)) ** 2).mean()))
 
 

@@ -199,9 +199,7 @@ class PrimitiveMap:
         """The log density of what is given. The kernel checks on its way that all is finite."""
         position = _places(position)
         given = {"direction": direction, "speed": speed}
-        columns = {
-            name: np.asarray(column, dtype=np.float64) for name, column in given.items() if column is not None
-        }
+        columns = {name: np.asarray(column, dtype=np.float64) for name, column in given.items() if column is not None}
         shape = np.broadcast_shapes(position.shape[:-1], *(column.shape for column in columns.values()))
         place = np.ascontiguousarray(np.broadcast_to(position, (*shape, 2))).reshape(-1, 2)
         flat = {name: np.ascontiguousarray(np.broadcast_to(c, shape)).reshape(-1) for name, c in columns.items()}

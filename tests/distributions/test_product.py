@@ -90,7 +90,7 @@ def test_the_papers_rejection_sampler_agrees_with_the_closed_form_and_with_nothi
     accepted = papers_sampler(JUNCTION, TURN_RIGHT, log_envelope=np.log(6.0))
     assert stats.kstest(accepted.direction, cumulative(product.log_density)).pvalue > FALSE_ALARM
     assert stats.kstest(accepted.direction, cumulative(JUNCTION.log_density)).pvalue < FALSE_ALARM
-    exact, _ = product[None][np.zeros(20_000, np.int64)].sample(rng=np.random.default_rng(3))
+    exact, _ = product.sample(n_samples=20_000, rng=np.random.default_rng(3))
     assert stats.kstest(exact, cumulative(product.log_density)).pvalue > FALSE_ALARM
     assert 0 < accepted.acceptance < 1
 
@@ -116,7 +116,7 @@ def test_importance_weights_make_the_proposal_the_target():
 
 def test_the_kernel_density_estimate_runs_through_its_samples():
     product = multiply_mixtures(JUNCTION, TURN_RIGHT).mixture
-    sample, _ = product[None][np.zeros(3000, np.int64)].sample(rng=np.random.default_rng(5))
+    sample, _ = product.sample(n_samples=3000, rng=np.random.default_rng(5))
     estimate = np.exp(kernel_density(sample, concentration=80.0).log_density(CIRCLE))
     assert estimate.sum() * STEP == pytest.approx(1.0)
     assert np.abs(estimate - np.exp(product.log_density(CIRCLE))).sum() * STEP < 0.2
