@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy import stats
+from scipy.special import logsumexp
 
 
 def circular_distance(a, b):
@@ -12,6 +13,16 @@ def circular_distance(a, b):
 def von_mises_mixture_density(direction, weight, mean, concentration):
     """Eq. 1 term by term, by scipy."""
     return sum(w * stats.vonmises.pdf(direction, k, loc=m) for w, m, k in zip(weight, mean, concentration, strict=True))
+
+
+def map_log_densities(learned, position, direction, speed):
+    """Log densities of direction, of speed and of both: every mode of `primitive_at`, by numpy and scipy."""
+    own = learned.primitive_at(position)
+    with np.errstate(divide="ignore"):
+        log_weight = np.log(own.direction.weight)
+    of_direction = own.direction.mode_log_density(direction) - log_weight.clip(min=-1e300)
+    of_speed = own.speed.log_density(np.asarray(speed, dtype=float)[..., None])
+    return tuple(logsumexp(log_weight + part, axis=-1) for part in (of_direction, of_speed, of_direction + of_speed))
 
 
 def central_velocity(track_id, time_ns, position, *, half_window_s, max_gap_s):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numba import njit
@@ -29,19 +30,20 @@ def _far(function: np.ufunc, t: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(k) * function(k), dtype=np.float64)
 
 
-def _interpolant(part: Callable[[np.ufunc, FloatArray], FloatArray], function: np.ufunc, degree: int) -> FloatArray:
+def _interpolant(function: Callable[[FloatArray], FloatArray], degree: int) -> FloatArray:
+    """The coefficients of the Chebyshev series that meets the function of t in [-1, 1] at its nodes."""
     nodes = chebyshev.chebpts1(degree + 1)
-    return np.asarray(chebyshev.chebfit(nodes, part(function, nodes), degree), dtype=np.float64)
+    return np.asarray(chebyshev.chebfit(nodes, function(nodes), degree), dtype=np.float64)
 
 
-_I0_NEAR = _interpolant(_near, _i0e, _DEGREE_NEAR)
-_I1_NEAR = _interpolant(_near, _i1e, _DEGREE_NEAR)
-_I0_FAR = _interpolant(_far, _i0e, _DEGREE_FAR)
-_I1_FAR = _interpolant(_far, _i1e, _DEGREE_FAR)
+_I0_NEAR = _interpolant(partial(_near, _i0e), _DEGREE_NEAR)
+_I1_NEAR = _interpolant(partial(_near, _i1e), _DEGREE_NEAR)
+_I0_FAR = _interpolant(partial(_far, _i0e), _DEGREE_FAR)
+_I1_FAR = _interpolant(partial(_far, _i1e), _DEGREE_FAR)
 
 
 def _variance_series(n_terms: int) -> FloatArray:
-    """c of 1 - I1(k) / I0(k) ~ sum_n c_n k^-n, n from 1: of V' = V^2 - 2 V + (1 - V) / k, term by term."""
+    """C of 1 - I1(k) / I0(k) ~ sum_n c_n k^-n, n from 1: of V' = V^2 - 2 V + (1 - V) / k, term by term."""
     c = [0.0, 0.5]
     for n in range(2, n_terms + 1):
         c.append(0.5 * ((n - 2) * c[n - 1] + sum(c[i] * c[n - i] for i in range(1, n))))
@@ -62,7 +64,7 @@ def _inverse(resultant: FloatArray) -> FloatArray:
 
 
 def _dispersed(t: FloatArray) -> FloatArray:
-    """k / r of r^2 = (t + 1) / 8: an analytic function."""
+    """K / r of r^2 = (t + 1) / 8: an analytic function."""
     r = np.sqrt((t + 1.0) / 8.0)
     return _inverse(r) / r
 
@@ -73,8 +75,8 @@ def _concentrated(t: FloatArray) -> FloatArray:
     return 2.0 * v * _inverse(1.0 - v)
 
 
-_DISPERSED = chebyshev.chebfit(chebyshev.chebpts1(15), _dispersed(chebyshev.chebpts1(15)), 14)
-_CONCENTRATED = chebyshev.chebfit(chebyshev.chebpts1(25), _concentrated(chebyshev.chebpts1(25)), 24)
+_DISPERSED = _interpolant(_dispersed, 14)
+_CONCENTRATED = _interpolant(_concentrated, 24)
 
 
 @njit(cache=True)

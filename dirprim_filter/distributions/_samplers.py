@@ -30,7 +30,7 @@ def draw_mixtures(
     direction: FloatArray,
     mode: IntArray,
 ) -> None:
-    """Fill `direction` and `mode` (n,): row i is drawn from mixture (start + i) modulo the number of mixtures (K, M)."""
+    """Fill `direction` and `mode` (n,); the mixtures (K, M) take turns, from number `start` modulo K on."""
     state = np.empty(4, np.uint64)
     n_mixtures, n_modes = weight.shape
     q, b = np.empty((n_mixtures, n_modes)), np.empty((n_mixtures, n_modes))

@@ -76,9 +76,9 @@ def fit(
 ) -> Gamma:
     """Maximum likelihood over the last axis, the shape's bias reduced as Anderson and Ray do. (..., n) -> (...).
 
-    The likelihood's shape a, by Newton on log(a) - psi(a) = log(mean) - mean(log), becomes a (n - 3) / n + 2 / (3 n) for
-    n values; the mean stays. Up to three values tell no spread: they give `min_shape`, with their mean. Equal values,
-    four or more, give `max_shape` times (n - 3) / n.
+    The likelihood's shape a, by Newton on log(a) - psi(a) = log(mean) - mean(log), becomes a (n - 3) / n + 2 / (3 n)
+    for n values; the mean stays. Up to three values tell no spread: they give `min_shape`, with their mean. Equal
+    values, four or more, give `max_shape` times (n - 3) / n.
 
     Args:
         value: (..., n) positive where the weight is.

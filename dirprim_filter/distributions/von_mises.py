@@ -8,11 +8,12 @@ from scipy.special import i0e, i1e
 
 from dirprim_filter.distributions import _kernels
 from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
-from dirprim_filter.distributions._kernels import MAX_CONCENTRATION as MAX_CONCENTRATION
 from dirprim_filter.distributions._samplers import draw_von_mises
 from dirprim_filter.distributions.angles import TWO_PI, mean_direction, wrap
 from dirprim_filter.distributions.weights import counted
 from tessellation.arrays import FloatArray, as_floats
+
+MAX_CONCENTRATION: float = _kernels.MAX_CONCENTRATION
 
 
 def log_normaliser(concentration: FloatArray) -> FloatArray:

@@ -85,13 +85,15 @@ class VonMisesMixture:
             raise ValueError(f"n_samples: expected no negative number, got {n_samples}")
         leading = self.weight.shape[:-1]
         shape = leading if n_samples is None else (n_samples, *leading)
-        columns = [c.reshape(-1, c.shape[-1]) for c in (self.weight, self.mean_direction, self.concentration)]
+        weight, mean, concentration = (
+            column.reshape(-1, column.shape[-1]) for column in (self.weight, self.mean_direction, self.concentration)
+        )
         direction, mode = np.empty(shape).ravel(), np.empty(shape, np.int64).ravel()
         key = block_keys(direction.size, rng)
-        over_blocks(
-            lambda first, last: draw_mixtures(
-                *columns, first, key[first // ROWS :], direction[first:last], mode[first:last]
-            ),
-            direction.size,
-        )
+
+        def work(first: int, last: int) -> None:
+            part, keys = slice(first, last), key[first // ROWS :]
+            draw_mixtures(weight, mean, concentration, first, keys, direction[part], mode[part])
+
+        over_blocks(work, direction.size)
         return direction.reshape(shape), mode.reshape(shape)
