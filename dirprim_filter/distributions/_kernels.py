@@ -228,7 +228,7 @@ def wrap(angle: float) -> float:
     if -math.pi < angle <= math.pi:
         return angle
     turned = math.pi - (math.pi - angle) % TWO_PI
-    return turned if turned > -math.pi else math.pi
+    return math.pi if turned <= -math.pi else turned  # so that NaN stays NaN
 
 
 # Modes ---------------------------------------------------------------------------------------------------------------

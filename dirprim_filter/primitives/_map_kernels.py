@@ -23,7 +23,7 @@ PAIRS = 1024  # (row, mode) pairs at a time: the buffers stay in the cache
 LOG_OF_ZERO = -1e300  # times a shape less one: nothing for shape 1, without end for any other
 BEYOND = 1e280  # what only a multiple of LOG_OF_ZERO exceeds
 SMALLEST_NORMAL = 2.2250738585072014e-308
-TOO_SMALL = 1e-280  # a sum of exponentials below it has lost digits to the smallest double
+TOO_SMALL = 1e-260  # in a sum of exponentials below it the least that `exp` gives is felt
 
 TOO_LARGE = 1e280  # likewise above it, where `exp` stops
 
