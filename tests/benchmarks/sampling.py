@@ -1,9 +1,9 @@
 """Drawing from a map and evaluating its log densities, beside PyRecEst and beside what the arithmetic alone costs.
 
 The decision it defends: compiled kernels of our own for `PrimitiveMap`, instead of numpy over gathered modes.
-PyRecEst's `CircularMixture` has no places and no speeds: it gets its best case, one mixture of the modes of the map's busiest cell
-for all rows, and directions alone. The limit is a compiled loop of one exponential, one logarithm and one sine for
-each row, on as many threads; the numpy row is `primitive_at(...).direction.log_density`.
+PyRecEst's `CircularMixture` has no places and no speeds: it gets its best case, one mixture of the modes of the map's
+busiest cell for all rows, and directions alone. The limit is a compiled loop of one exponential, one logarithm and one
+sine for each row, on as many threads; the numpy row is `primitive_at(...).direction.log_density`.
 
     pip install pyrecest; python tests/benchmarks/sampling.py [rows]
 """
