@@ -127,9 +127,9 @@ def test_von_mises_is_scipys_at_every_edge(direction, mean, concentration):
 
 
 @settings(max_examples=300)
-@given(st.floats(0.0, 1e3), st.floats(1e-3, 1e6), st.floats(1e-3, 1e6))
+@given(st.just(0.0) | st.floats(1e-290, 1e3), st.floats(1e-3, 1e6), st.floats(1e-3, 1e6))
 def test_gamma_is_scipys_at_every_edge(value, shape, rate):
-    """Within 1e-10, absolute or relative to the largest of the terms that cancel."""
+    """Within 1e-10, absolute or relative, and 1e-14 of the terms that cancel; scipy errs below 1e-300."""
     theirs = stats.gamma.logpdf(value, shape, scale=1 / rate)
     ours = Gamma(shape=np.array(shape), rate=np.array(rate)).log_density(np.array(value))
     terms = (
