@@ -1,20 +1,64 @@
-"""Compiled point location: which cell covers a point."""
+"""Compiled point location: which cell covers a point, in a time that does not grow with the number of cells."""
 
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from tessellation.arrays import FloatArray, IntArray
 
+PixelArray = npt.NDArray[np.int32]
+
+LONGEST_LIST = 8
+"""Candidates in a pixel; one with more is divided further. Three bits of a pixel's value hold their number."""
+BATCH = 256
+"""Points located together, so that the memory they need is fetched at the same time."""
+
 
 class Locator(NamedTuple):
-    """A raster over the plane that names the cell of every pixel; -1 where there is none."""
+    """A raster over the plane that names the cell of every pixel, or the few cells that share it.
+
+    A pixel's value is its cell; -1 where there is none; and -2 - (8 i + n - 1) where the nearest of n generators
+    decides: entry[i:] holds (x, y, cell) of each, cells ascending. With n = 1 entry[i:] holds instead
+    (x, y, pixels per metre, m) of m x m smaller pixels, and then their values; or, if m = 0, (k, 0, 0, 0) and k
+    generators. Smaller pixels know where they lie, so the value of a pixel may be given to its neighbours.
+    """
 
     origin_x: float
     origin_y: float
     pixels_per_metre: float
-    cell: IntArray  # (n_y, n_x)
+    pixel: PixelArray  # (n_y, n_x)
+    entry: FloatArray  # (n,)
+
+
+@njit(cache=True, inline="always")
+def nearest(entry: FloatArray, value: int, x: float, y: float) -> int:
+    """The cell at (x, y) in a pixel that several share: of the nearest generator, of the first if several are."""
+    at = (-2 - value) >> 3
+    n = ((-2 - value) & 7) + 1
+    while n == 1:
+        side = int(entry[at + 3])
+        if side == 0:
+            n = int(entry[at])
+            at += 4
+            break
+        column = min(max((x - entry[at]) * entry[at + 2], 0.0), side - 1.0)
+        row = min(max((y - entry[at + 1]) * entry[at + 2], 0.0), side - 1.0)
+        value = int(entry[at + 4 + int(row) * side + int(column)])
+        at = (-2 - value) >> 3
+        n = ((-2 - value) & 7) + 1 if value < 0 else 0
+    cell = value
+    if n > 0:
+        closest = np.inf
+        found = -1.0
+        for i in range(at, at + 3 * n, 3):
+            east, north = x - entry[i], y - entry[i + 1]
+            squared = east * east + north * north
+            found = entry[i + 2] if squared < closest else found
+            closest = min(squared, closest)
+        cell = int(found)
+    return cell
 
 
 @njit(cache=True, inline="always")
@@ -22,16 +66,40 @@ def locate(locator: Locator, x: float, y: float) -> int:
     """The cell that covers (x, y); -1 where none does. Written so that NaN falls outside."""
     column = (x - locator.origin_x) * locator.pixels_per_metre
     row = (y - locator.origin_y) * locator.pixels_per_metre
-    n_y, n_x = locator.cell.shape
+    n_y, n_x = locator.pixel.shape
     if not (0.0 <= column < n_x and 0.0 <= row < n_y):
         return -1
-    return locator.cell[int(row), int(column)]
+    value = locator.pixel[int(row), int(column)]
+    if value >= -1:
+        return value
+    return nearest(locator.entry, value, x, y)
 
 
 @njit(cache=True, nogil=True)
-def locate_all(locator: Locator, position: FloatArray) -> IntArray:
-    """(n, 2) positions -> (n,) cells."""
-    cell = np.empty(position.shape[0], np.int64)
-    for i in range(position.shape[0]):
-        cell[i] = locate(locator, position[i, 0], position[i, 1])
-    return cell
+def locate_all(locator: Locator, position: FloatArray, cell: IntArray) -> float:
+    """(n, 2) positions -> (n,) cells, as `locate` finds them one by one.
+
+    A point waits for its pixel, and then for its candidates, to come from memory. In batches the processor asks for
+    many of them before it needs the first.
+    """
+    n_y, n_x = locator.pixel.shape
+    pixel, entry = locator.pixel.ravel(), locator.entry
+    value = np.empty(BATCH, np.int64)
+    touched = 0.0
+    for start in range(0, position.shape[0], BATCH):
+        n = min(BATCH, position.shape[0] - start)
+        for i in range(n):
+            column = (position[start + i, 0] - locator.origin_x) * locator.pixels_per_metre
+            row = (position[start + i, 1] - locator.origin_y) * locator.pixels_per_metre
+            inside = 0.0 <= column < n_x and 0.0 <= row < n_y
+            value[i] = int(row) * n_x + int(column) if inside else -1
+        for i in range(n):
+            value[i] = pixel[value[i]] if value[i] >= 0 else -1
+        for i in range(n):
+            touched += entry[(-2 - value[i]) >> 3] if value[i] < -1 else 0.0
+        for i in range(n):
+            if value[i] >= -1:
+                cell[start + i] = value[i]
+            else:
+                cell[start + i] = nearest(entry, value[i], position[start + i, 0], position[start + i, 1])
+    return touched  # so that the compiler does not take the fetching for idle
