@@ -104,12 +104,12 @@ def fill(
     frame: Frame,
     generators: FloatArray,
     candidate: IntArray,
-    covered: IntArray,
+    covered: PixelArray,
     refinement: int,
     deepest: bool,
     entry: FloatArray,
     top: int,
-) -> tuple[IntArray, FloatArray, int, IntArray, IntArray, int]:
+) -> tuple[PixelArray, FloatArray, int, IntArray, IntArray]:
     """Values for all pixels of a frame.
 
     Args:
@@ -124,9 +124,9 @@ def fill(
 
     Returns:
         (n_y n_x,) values; entry; its end; (crowded, 3) pixels that need smaller ones, each with the start and the
-        end of its candidates in the next; those; their end.
+        end of its candidates in the next; those.
     """
-    value = np.full(frame.n_x * frame.n_y, -1, np.int64)
+    value = np.full(frame.n_x * frame.n_y, -1, np.int32)
     crowded = np.empty((16, 3), np.int64)
     n_crowded = 0
     waiting = np.empty(1024, np.int64)
@@ -193,4 +193,4 @@ def fill(
             crowded[n_crowded] = south * frame.n_x + west, n_waiting, n_waiting + end - start
             n_crowded += 1
             n_waiting += end - start
-    return value, entry, top, crowded[:n_crowded], waiting, n_waiting
+    return value, entry, top, crowded[:n_crowded], waiting

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 
-from tessellation._kernels import Locator, locate_all
+from tessellation._kernels import Locator, PixelArray, locate_all
 from tessellation._raster import DEEPEST, LARGEST_SIDE, Frame, fill
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -61,32 +62,32 @@ def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
     rounding = 4.0 * float(np.spacing(largest))
     per_metre = region.pixels_per_metre * refinement
     frame = Frame(region.origin_x, region.origin_y, per_metre, n_x * refinement, n_y * refinement, rounding)
-    covered = np.zeros((n_y + 1, n_x + 1), np.int64)
-    covered[1:, 1:] = covers.cumsum(axis=0).cumsum(axis=1)
+    covered = np.zeros((n_y + 1, n_x + 1), np.int32)
+    covered[1:, 1:] = covers.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
     everyone = np.arange(len(generators))
     entry = np.zeros(max(1024, 12 * len(generators)))
-    value, entry, top, *crowded = fill(frame, generators, everyone, covered, refinement, False, entry, 4)
+    value, entry, top, crowded, waiting = fill(frame, generators, everyone, covered, refinement, False, entry, 4)
     # Address 0 names no list, so the first four numbers are spare: `locate_all` may touch them.
-    entry, top = _divided(frame, generators, value, crowded, entry, top, depth=1)
+    entry, top = _divided(frame, generators, value, crowded, waiting, entry=entry, top=top, depth=1)
     if top > LARGEST_ENTRY:
         raise ValueError(f"generators: {len(generators)} of them need {top} candidates, more than {LARGEST_ENTRY}")
-    pixel = value.astype(np.int32).reshape(frame.n_y, frame.n_x)
+    pixel = value.reshape(frame.n_y, frame.n_x)
     return Locator(frame.x, frame.y, per_metre, pixel, entry[:top].copy())
 
 
 def _divided(
     frame: Frame,
     generators: FloatArray,
-    value: AnyArray,
-    crowded: list[IntArray],
+    value: PixelArray,
+    crowded: IntArray,
+    waiting: IntArray,
+    *,
     entry: FloatArray,
     top: int,
-    *,
     depth: int,
 ) -> tuple[FloatArray, int]:
     """Give smaller pixels to every crowded pixel of a frame, and to those of theirs that still are."""
-    places, waiting, _ = crowded
-    for place, start, end in places:
+    for place, start, end in crowded:
         side = 2
         while side < LARGEST_SIDE and side * side < 2 * (end - start):
             side *= 2
@@ -97,11 +98,11 @@ def _divided(
         top += 4 + side * side
         if top > entry.size:
             entry = np.concatenate([entry, np.zeros(max(top - entry.size, entry.size))])
-        whole = np.array([[0, 0], [0, 1]])
-        inner, entry, top, *still = fill(
+        whole = np.array([[0, 0], [0, 1]], np.int32)
+        inner, entry, top, still, theirs = fill(
             smaller, generators, waiting[start:end], whole, side, depth == DEEPEST, entry, top
         )
-        entry, top = _divided(smaller, generators, inner, still, entry, top, depth=depth + 1)
+        entry, top = _divided(smaller, generators, inner, still, theirs, entry=entry, top=top, depth=depth + 1)
         entry[here : here + 4] = x, y, smaller.pixels_per_metre, side
         entry[here + 4 : here + 4 + side * side] = inner
         value[place] = -2 - 8 * here
@@ -118,10 +119,7 @@ def cells_of(locator: Locator, position: FloatArray) -> IntArray:
         return cell
     border = np.linspace(0, n, n_threads + 1).astype(int)
     with ThreadPoolExecutor(n_threads) as threads:
-        parts = [
-            threads.submit(locate_all, locator, position[a:b], cell[a:b])
-            for a, b in zip(border[:-1], border[1:], strict=True)
-        ]
+        parts = [threads.submit(locate_all, locator, position[a:b], cell[a:b]) for a, b in pairwise(border)]
     for part in parts:
         part.result()
     return cell

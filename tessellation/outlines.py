@@ -40,14 +40,14 @@ def outlines(generators: FloatArray, region: Locator, locator: Locator) -> Outli
     owns = np.flatnonzero(owned[:, 0] <= owned[:, 2])
     corner = (owned + np.array([0, 0, 1, 1])) / region.pixels_per_metre
     box = (np.array([region.origin_x, region.origin_y]) - generators)[:, [0, 1, 0, 1]] + corner
-    tree = cKDTree(generators) if owns.size else None
+    tree = cKDTree(generators)
     parts: list[tuple[IntArray, IntArray, FloatArray, IntArray]] = []  # cells, numbers of vertices, vertices, labels
     n_near = FIRST_NEIGHBORS
     while owns.size:
         n_near = min(n_near, n_cells)
         undone = []
         for batch in np.array_split(owns, -(-owns.size * (n_near + 8) * 2 // BATCH_NUMBERS)):
-            near = tree.query(generators[batch], k=np.arange(1, n_near + 1), workers=-1)[1]
+            near = np.asarray(tree.query(generators[batch], k=np.arange(1, n_near + 1))[1], np.int64)
             vertex, label = np.empty((batch.size, n_near + 8, 2)), np.empty((batch.size, n_near + 8), np.int64)
             n, done = cut_boxes(generators, batch, box[batch], near, vertex, label)
             used = np.arange(n_near + 8) < np.where(done, n, 0)[:, None]
@@ -79,4 +79,4 @@ def _joined(generators: FloatArray, parts: list[tuple[IntArray, IntArray, FloatA
     key = pair @ np.array([n_cells, 1])
     pair = pair[np.isin(pair @ np.array([1, n_cells]), key, assume_unique=True)]
     border = np.searchsorted(pair[:, 0], np.arange(n_cells + 1))
-    return Outlines(offset + generators[cell], start, area, pair[:, 1].copy(), border)
+    return Outlines(offset + generators[cell], start, area.astype(np.float64), pair[:, 1].copy(), border)
