@@ -33,6 +33,19 @@ class Locator(NamedTuple):
 
 
 @njit(cache=True, inline="always")
+def nearest_listed(entry: FloatArray, at: int, n: int, x: float, y: float) -> int:
+    """The cell of the nearest of n generators listed at entry[at:]; of the first if several are."""
+    closest, found = np.inf, -1.0
+    for i in range(at, at + 3 * n, 3):
+        east, north = x - entry[i], y - entry[i + 1]
+        squared, cell = east * east + north * north, entry[i + 2]  # read anyhow: a branch would be guessed wrong
+        nearer = squared < closest
+        found = cell if nearer else found
+        closest = squared if nearer else closest
+    return int(found)
+
+
+@njit(cache=True, inline="always")
 def nearest(entry: FloatArray, value: int, x: float, y: float) -> int:
     """The cell at (x, y) in a pixel that several share: of the nearest generator, of the first if several are."""
     at = (-2 - value) >> 3
@@ -48,17 +61,9 @@ def nearest(entry: FloatArray, value: int, x: float, y: float) -> int:
         value = int(entry[at + 4 + int(row) * side + int(column)])
         at = (-2 - value) >> 3
         n = ((-2 - value) & 7) + 1 if value < 0 else 0
-    cell = value
     if n > 0:
-        closest = np.inf
-        found = -1.0
-        for i in range(at, at + 3 * n, 3):
-            east, north = x - entry[i], y - entry[i + 1]
-            squared = east * east + north * north
-            found = entry[i + 2] if squared < closest else found
-            closest = min(squared, closest)
-        cell = int(found)
-    return cell
+        value = nearest_listed(entry, at, n, x, y)
+    return value
 
 
 @njit(cache=True, inline="always")
@@ -79,12 +84,13 @@ def locate(locator: Locator, x: float, y: float) -> int:
 def locate_all(locator: Locator, position: FloatArray, cell: IntArray) -> float:
     """(n, 2) positions -> (n,) cells, as `locate` finds them one by one.
 
-    A point waits for its pixel, and then for its candidates, to come from memory. In batches the processor asks for
-    many of them before it needs the first.
+    A point waits for its pixel, and then for its candidates, to come from memory; and it makes the processor guess how
+    many they are. In batches the memory is asked for before it is needed, and points of as many candidates go together.
     """
     n_y, n_x = locator.pixel.shape
     pixel, entry = locator.pixel.ravel(), locator.entry
     value = np.empty(BATCH, np.int64)
+    member, n_members = np.empty((LONGEST_LIST + 1, BATCH), np.int64), np.empty(LONGEST_LIST + 1, np.int64)
     touched = 0.0
     for start in range(0, position.shape[0], BATCH):
         n = min(BATCH, position.shape[0] - start)
@@ -94,12 +100,23 @@ def locate_all(locator: Locator, position: FloatArray, cell: IntArray) -> float:
             inside = 0.0 <= column < n_x and 0.0 <= row < n_y
             value[i] = int(row) * n_x + int(column) if inside else -1
         for i in range(n):
-            value[i] = pixel[value[i]] if value[i] >= 0 else -1
+            value[i] = pixel[max(value[i], 0)] if value[i] >= 0 else -1
+        n_members[:] = 0
         for i in range(n):
-            touched += entry[(-2 - value[i]) >> 3] if value[i] < -1 else 0.0
-        for i in range(n):
-            if value[i] >= -1:
-                cell[start + i] = value[i]
-            else:
-                cell[start + i] = nearest(entry, value[i], position[start + i, 0], position[start + i, 1])
+            code = max(-2 - value[i], -1)
+            n_candidates = (code & 7) + 1 if code >= 0 else 0
+            member[n_candidates, n_members[n_candidates]] = i
+            n_members[n_candidates] += 1
+            at = max(code, 0) >> 3
+            touched += entry[at] + entry[at + max(3 * n_candidates - 1, 0)]
+            cell[start + i] = value[i]
+        for n_candidates in range(1, LONGEST_LIST + 1):
+            for k in range(n_members[n_candidates]):
+                i = member[n_candidates, k]
+                x, y = position[start + i, 0], position[start + i, 1]
+                if n_candidates == 1:
+                    cell[start + i] = nearest(entry, value[i], x, y)
+                    continue
+                at = (-2 - value[i]) >> 3
+                cell[start + i] = nearest_listed(entry, at, n_candidates, x, y)
     return touched  # so that the compiler does not take the fetching for idle

@@ -47,44 +47,40 @@ def grown(array, n):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def keep_candidates(
-    generators: FloatArray, pool: IntArray, start: int, end: int, x: float, y: float, half: float
+    generators: FloatArray, pool: IntArray, squared: FloatArray, start: int, end: int, x: float, y: float, half: float
 ) -> int:
-    """Copy to pool[end:] those of pool[start:end] that may be nearest within `half` of (x, y). -> their end."""
-    closest, first = np.inf, -1
+    """Copy to pool[end:] those of pool[start:end] that may be nearest within `half` of (x, y). -> their end.
+
+    `squared` goes with `pool`, to work in.
+    """
+    closest, h = np.inf, -1
     for i in range(start, end):
-        g = pool[i]
-        squared = (generators[g, 0] - x) ** 2 + (generators[g, 1] - y) ** 2
-        if squared < closest:
-            closest, first = squared, g
+        east, north = generators[pool[i], 0] - x, generators[pool[i], 1] - y
+        squared[i] = east * east + north * north
+        if squared[i] < closest:
+            closest, h = squared[i], pool[i]
     top = end
-    h_x, h_y = generators[first, 0], generators[first, 1]
+    h_x, h_y = generators[h, 0], generators[h, 1]
+    least = half * half * ROUNDING
     for i in range(start, end):
         g = pool[i]
-        g_x, g_y = generators[g, 0], generators[g, 1]
-        squared = (g_x - x) ** 2 + (g_y - y) ** 2
-        bound = 2.0 * half * (abs(h_x - g_x) + abs(h_y - g_y))
-        if squared - closest <= bound + ROUNDING * (squared + closest + half * half):
-            pool[top] = g
+        bound = 2.0 * half * (abs(h_x - generators[g, 0]) + abs(h_y - generators[g, 1]))
+        if squared[i] - closest <= bound + ROUNDING * (squared[i] + closest) + least:
+            pool[top], squared[top] = g, squared[i]
             top += 1
-    n = top - end
-    if n <= 2 or n > 4 * LONGEST_LIST:
+    if top - end <= 2 or top - end > 2 * LONGEST_LIST:
         return top
     kept = end
     for i in range(end, top):  # the others may rule out one that the nearest does not
         g = pool[i]
-        g_x, g_y = generators[g, 0], generators[g, 1]
-        squared = (g_x - x) ** 2 + (g_y - y) ** 2
+        g_x, g_y, away = generators[g, 0], generators[g, 1], squared[i]
         ruled_out = False
-        for j in range(start, end):
-            h = pool[j]
-            if h != g:
-                other = (generators[h, 0] - x) ** 2 + (generators[h, 1] - y) ** 2
-                bound = 2.0 * half * (abs(generators[h, 0] - g_x) + abs(generators[h, 1] - g_y))
-                if squared - other > bound + ROUNDING * (squared + other + half * half):
-                    ruled_out = True
-                    break
+        for j in range(end, top):
+            h_x, h_y, other = generators[pool[j], 0], generators[pool[j], 1], squared[j]
+            bound = 2.0 * half * (abs(h_x - g_x) + abs(h_y - g_y))
+            ruled_out |= away - other > bound + ROUNDING * (away + other) + least
         if not ruled_out:
-            pool[kept] = g
+            pool[kept], squared[kept] = g, away
             kept += 1
     return kept
 
@@ -133,6 +129,7 @@ def fill(
     n_waiting = 0
     pool = np.empty(4 * candidate.size + 1024, np.int64)
     pool[: candidate.size] = candidate
+    squared = np.empty(pool.size)
     whole = 1
     while whole < max(frame.n_x, frame.n_y):
         whole *= 2
@@ -149,11 +146,12 @@ def fill(
         e, n = (east - 1) // refinement + 1, (north - 1) // refinement + 1
         if covered[n, e] - covered[n, w] - covered[s, e] + covered[s, w] == 0:
             continue
-        pool = grown(pool, 2 * end - start)
+        pool, squared = grown(pool, 2 * end - start), grown(squared, 2 * end - start)
         half = 0.5 * side / frame.pixels_per_metre
         top_kept = keep_candidates(
             generators,
             pool,
+            squared,
             start,
             end,
             frame.x + (west + 0.5 * side) / frame.pixels_per_metre,
