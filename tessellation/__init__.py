@@ -3,3 +3,4 @@
 from tessellation.grid import GridTessellation as GridTessellation
 from tessellation.protocols import OUTSIDE as OUTSIDE
 from tessellation.protocols import Tessellation as Tessellation
+from tessellation.voronoi import VoronoiTessellation as VoronoiTessellation

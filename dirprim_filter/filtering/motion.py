@@ -83,17 +83,19 @@ def reaching(locator: Locator, reach_m: float) -> Locator:
     """The locator whose cells also cover what lies within `reach_m` of them, to the nearest.
 
     A vehicle beside the cells, where nobody happened to be seen, still follows the road beside it. The raster is made
-    as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`.
+    as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`. Where several generators share the
+    nearest pixel, the nearest of them has the vehicle.
     """
     finer = int(np.clip(np.ceil(1.0 / (locator.pixels_per_metre * FINE_PIXEL_M)), 1, MAX_REFINEMENT))
-    while finer > 1 and locator.cell.size * finer**2 > MAX_PIXELS:
+    while finer > 1 and locator.pixel.size * finer**2 > MAX_PIXELS:
         finer -= 1
     per_metre = locator.pixels_per_metre * finer
     margin = int(np.ceil(reach_m * per_metre))
-    cell = np.pad(np.kron(locator.cell, np.ones((finer, finer), np.int64)), margin, constant_values=-1)
-    if (cell < 0).all():
+    pixel = np.pad(np.kron(locator.pixel, np.ones((finer, finer), np.int32)), margin, constant_values=-1)
+    beyond = pixel == -1
+    if beyond.all():
         return locator
-    distance, nearest = distance_transform_edt(cell < 0, return_indices=True)
-    reached = np.where(distance <= reach_m * per_metre, cell[tuple(nearest)], -1)
+    distance, nearest = distance_transform_edt(beyond, return_indices=True)
+    reached = np.where(distance <= reach_m * per_metre, pixel[tuple(nearest)], np.int32(-1))
     origin_x, origin_y = locator.origin_x - margin / per_metre, locator.origin_y - margin / per_metre
-    return Locator(origin_x, origin_y, per_metre, np.ascontiguousarray(reached))
+    return Locator(origin_x, origin_y, per_metre, np.ascontiguousarray(reached), locator.entry)

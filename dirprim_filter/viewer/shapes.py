@@ -97,8 +97,8 @@ def fan_triangles(polygon: FloatArray) -> IntArray:
 
 
 def cell_outlines(tessellation: Tessellation) -> list[FloatArray]:
-    """The border of each cell as a closed line: (k + 1, 2) metres, the last point the first."""
-    return [np.concatenate([polygon, polygon[:1]]) for polygon in tessellation.polygons()]
+    """The border of each cell that has one as a closed line: (k + 1, 2) metres, the last point the first."""
+    return [np.concatenate([polygon, polygon[:1]]) for polygon in tessellation.polygons() if len(polygon)]
 
 
 def extent(points: FloatArray) -> FloatArray:

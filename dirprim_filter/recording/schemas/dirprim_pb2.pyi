@@ -74,6 +74,16 @@ class Grid(_message.Message):
     square: _containers.RepeatedScalarFieldContainer[int]
     def __init__(self, origin_x: _Optional[float] = ..., origin_y: _Optional[float] = ..., cell_size: _Optional[float] = ..., n_x: _Optional[int] = ..., n_y: _Optional[int] = ..., square: _Optional[_Iterable[int]] = ...) -> None: ...
 
+class Voronoi(_message.Message):
+    __slots__ = ("x", "y", "region")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    REGION_FIELD_NUMBER: _ClassVar[int]
+    x: _containers.RepeatedScalarFieldContainer[float]
+    y: _containers.RepeatedScalarFieldContainer[float]
+    region: Grid
+    def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., region: _Optional[_Union[Grid, _Mapping]] = ...) -> None: ...
+
 class Primitives(_message.Message):
     __slots__ = ("weight", "mean_direction", "concentration", "shape", "rate", "bend_east", "bend_north", "gain_east", "gain_north", "n_rows")
     WEIGHT_FIELD_NUMBER: _ClassVar[int]
@@ -115,12 +125,13 @@ class Relaxation(_message.Message):
     def __init__(self, direction_rate: _Optional[float] = ..., speed_rate: _Optional[float] = ..., mode_rate: _Optional[float] = ..., place_free_turning: _Optional[float] = ..., place_free_speed_rate: _Optional[float] = ..., drift: _Optional[float] = ...) -> None: ...
 
 class PrimitiveMap(_message.Message):
-    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "cells", "place_free", "relaxation")
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cells", "place_free", "relaxation")
     TILE_FIELD_NUMBER: _ClassVar[int]
     N_TILES_FIELD_NUMBER: _ClassVar[int]
     N_MODES_FIELD_NUMBER: _ClassVar[int]
     N_PLACE_FREE_MODES_FIELD_NUMBER: _ClassVar[int]
     GRID_FIELD_NUMBER: _ClassVar[int]
+    VORONOI_FIELD_NUMBER: _ClassVar[int]
     CELLS_FIELD_NUMBER: _ClassVar[int]
     PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
     RELAXATION_FIELD_NUMBER: _ClassVar[int]
@@ -129,7 +140,8 @@ class PrimitiveMap(_message.Message):
     n_modes: int
     n_place_free_modes: int
     grid: Grid
+    voronoi: Voronoi
     cells: Primitives
     place_free: Primitives
     relaxation: Relaxation
-    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., relaxation: _Optional[_Union[Relaxation, _Mapping]] = ...) -> None: ...
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., relaxation: _Optional[_Union[Relaxation, _Mapping]] = ...) -> None: ...
