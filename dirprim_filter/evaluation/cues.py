@@ -200,13 +200,34 @@ def most_probable_direction(mixture: VonMisesMixture) -> FloatArray:
     return theta[..., 0]
 
 
+def clearest_choice(direction: VonMisesMixture, turn: float) -> tuple[int, float]:
+    """Where, and on which heading, going on and turning are both usual.
+
+    The heading is a mode's mean direction, for which a mixture gives most weight to the lesser of two: directions
+    within 30 degrees of the heading, and within 30 degrees of the heading turned by `turn`.
+
+    Args:
+        direction: (n, M) mixtures.
+        turn: radians, counter-clockwise.
+
+    Returns:
+        Which of the mixtures, and the heading in radians.
+    """
+    mean = direction.mean_direction
+    turned = difference(mean[:, None, :], mean[:, :, None])
+    weight = direction.weight[:, None, :] * (direction.concentration[:, None, :] > 1)
+    ahead = (weight * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
+    aside = (weight * (np.abs(difference(turned, np.array(turn))) < np.pi / 6)).sum(axis=-1)
+    place, mode = np.unravel_index(np.argmax(np.minimum(ahead, aside)), ahead.shape)
+    return int(place), float(mean[place, mode])
+
+
 def turn_signal_example(
     learned: PrimitiveMap, *, cue: Cue = TURN_RIGHT, n_samples: int = 100, rng: np.random.Generator
 ) -> SignalExample:
     """The paper's example, where the map has the clearest choice between going on and turning.
 
-    The place is the cell, and the heading the direction of a mode in it, for which the map gives most weight to the
-    lesser of two: directions within 30 degrees of the heading, and within 30 degrees of the heading turned by the cue.
+    The place is the centre of a cell, and the heading the direction of a mode in it: the `clearest_choice`.
 
     Raises:
         ValueError: the cue has more than one direction, or the map no cells.
@@ -216,13 +237,8 @@ def turn_signal_example(
         raise ValueError(f"cue, learned: expected one direction and some cells, got {turn.size} directions")
     centers = learned.tessellation.centers
     direction = learned.primitive_at(centers).direction
-    turned = difference(direction.mean_direction[:, None, :], direction.mean_direction[:, :, None])
-    weight = direction.weight[:, None, :] * (direction.concentration[:, None, :] > 1)
-    ahead = (weight * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
-    aside = (weight * (np.abs(difference(turned, turn[0])) < np.pi / 6)).sum(axis=-1)
-    cell, mode = np.unravel_index(np.argmax(np.minimum(ahead, aside)), ahead.shape)
-    heading = float(direction.mean_direction[cell, mode])
-    prior = direction[int(cell)]
+    cell, heading = clearest_choice(direction, float(turn[0]))
+    prior = direction[cell]
     posterior = multiply_mixtures(prior, cue.belief(heading)).mixture
     target = float(wrap(heading + turn[0]))
     return SignalExample(
