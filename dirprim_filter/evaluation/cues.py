@@ -200,26 +200,25 @@ def most_probable_direction(mixture: VonMisesMixture) -> FloatArray:
     return theta[..., 0]
 
 
-def clearest_choice(direction: VonMisesMixture, turn: float) -> tuple[int, float]:
+def clearest_choice(mean_direction: FloatArray, weight: FloatArray, turn: float) -> tuple[int, float]:
     """Where, and on which heading, going on and turning are both usual.
 
-    The heading is a mode's mean direction, for which a mixture gives most weight to the lesser of two: directions
+    The heading is a mode's mean direction, for which a place gives most weight to the lesser of two: directions
     within 30 degrees of the heading, and within 30 degrees of the heading turned by `turn`.
 
     Args:
-        direction: (n, M) mixtures.
+        mean_direction: (n, M) radians, of the modes of n places.
+        weight: (n, M) how much each counts.
         turn: radians, counter-clockwise.
 
     Returns:
-        Which of the mixtures, and the heading in radians.
+        Which of the places, and the heading in radians.
     """
-    mean = direction.mean_direction
-    turned = difference(mean[:, None, :], mean[:, :, None])
-    weight = direction.weight[:, None, :] * (direction.concentration[:, None, :] > 1)
-    ahead = (weight * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
-    aside = (weight * (np.abs(difference(turned, np.array(turn))) < np.pi / 6)).sum(axis=-1)
+    turned = difference(mean_direction[:, None, :], mean_direction[:, :, None])
+    ahead = (weight[:, None, :] * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
+    aside = (weight[:, None, :] * (np.abs(difference(turned, np.array(turn))) < np.pi / 6)).sum(axis=-1)
     place, mode = np.unravel_index(np.argmax(np.minimum(ahead, aside)), ahead.shape)
-    return int(place), float(mean[place, mode])
+    return int(place), float(mean_direction[place, mode])
 
 
 def turn_signal_example(
@@ -237,7 +236,8 @@ def turn_signal_example(
         raise ValueError(f"cue, learned: expected one direction and some cells, got {turn.size} directions")
     centers = learned.tessellation.centers
     direction = learned.primitive_at(centers).direction
-    cell, heading = clearest_choice(direction, float(turn[0]))
+    is_sharp = direction.concentration > 1
+    cell, heading = clearest_choice(direction.mean_direction, direction.weight * is_sharp, float(turn[0]))
     prior = direction[cell]
     posterior = multiply_mixtures(prior, cue.belief(heading)).mixture
     target = float(wrap(heading + turn[0]))
