@@ -54,9 +54,9 @@ def plot(
         Picture,
         typer.Option(
             help=(
-                "map: cells, and petals coloured by mean speed. roses: from blue to red by probability. cells: over the "
-                "rows of --log, coloured by direction. direction, speed: of a place, by mode. rejection, product: a "
-                "turn signal times what is usual at a place."
+                "map: cells, and petals coloured by mean speed. roses: from blue to red by probability. cells: over "
+                "the rows of --log, coloured by direction. direction, speed: of a place, by mode. rejection, product: "
+                "a turn signal times what is usual at a place."
             )
         ),
     ] = Picture.MAP,

@@ -200,7 +200,15 @@ def most_probable_direction(mixture: VonMisesMixture) -> FloatArray:
     return theta[..., 0]
 
 
-def clearest_choice(mean_direction: FloatArray, weight: FloatArray, turn: float) -> tuple[int, float]:
+class Choice(NamedTuple):
+    """A place, by its number, a heading in radians, and the weight of the lesser of going on and turning."""
+
+    place: int
+    heading: float
+    weight: float
+
+
+def clearest_choice(mean_direction: FloatArray, weight: FloatArray, turn: float) -> Choice:
     """Where, and on which heading, going on and turning are both usual.
 
     The heading is a mode's mean direction, for which a place gives most weight to the lesser of two: directions
@@ -210,15 +218,13 @@ def clearest_choice(mean_direction: FloatArray, weight: FloatArray, turn: float)
         mean_direction: (n, M) radians, of the modes of n places.
         weight: (n, M) how much each counts.
         turn: radians, counter-clockwise.
-
-    Returns:
-        Which of the places, and the heading in radians.
     """
     turned = difference(mean_direction[:, None, :], mean_direction[:, :, None])
     ahead = (weight[:, None, :] * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
     aside = (weight[:, None, :] * (np.abs(difference(turned, np.array(turn))) < np.pi / 6)).sum(axis=-1)
-    place, mode = np.unravel_index(np.argmax(np.minimum(ahead, aside)), ahead.shape)
-    return int(place), float(mean_direction[place, mode])
+    lesser = np.minimum(ahead, aside)
+    place, mode = np.unravel_index(np.argmax(lesser), lesser.shape)
+    return Choice(int(place), float(mean_direction[place, mode]), float(lesser[place, mode]))
 
 
 def turn_signal_example(
@@ -237,7 +243,7 @@ def turn_signal_example(
     centers = learned.tessellation.centers
     direction = learned.primitive_at(centers).direction
     is_sharp = direction.concentration > 1
-    cell, heading = clearest_choice(direction.mean_direction, direction.weight * is_sharp, float(turn[0]))
+    cell, heading, _ = clearest_choice(direction.mean_direction, direction.weight * is_sharp, float(turn[0]))
     prior = direction[cell]
     posterior = multiply_mixtures(prior, cue.belief(heading)).mixture
     target = float(wrap(heading + turn[0]))

@@ -65,9 +65,11 @@ def direction_figure(
     figure, bottom = panels_above_key(width=11.6, height=2.6, key=key, n_columns=3)
     line = add_axes(figure, (0.65, bottom, 4.5, 2.6))
     polar = add_polar_axes(figure, (5.75, bottom, 2.45, 2.45))
-    _draw_directions(line, polar, place, modes, circle)
+    densest = _draw_directions(line, polar, place, modes, circle)
     if moving is not None and len(moving):
-        _draw_row_directions(line, polar, moving, circle)
+        densest = max(densest, _draw_row_directions(line, polar, moving, circle))
+    line.set_ylim(0.0, 1.06 * densest)
+    dress_polar(polar, densest=densest, free=circle.start)
     line.set_title(f"(a)  Directions at {place.title}", loc="left", fontsize=LARGE)
     polar.set_title("(b)  Around the circle", loc="left", fontsize=LARGE, x=-0.15, y=1.1)
     _add_surroundings(figure, place, tracks, box=(9.15, bottom, 2.3, 2.45), letter="c")
@@ -113,7 +115,8 @@ def speed_figure(
 # --- Directions ----------------------------------------------------------------------------------------
 
 
-def _draw_directions(line: Axes, polar: PolarAxes, place: Place, modes: list[Mode], circle: Circle) -> None:
+def _draw_directions(line: Axes, polar: PolarAxes, place: Place, modes: list[Mode], circle: Circle) -> float:
+    """-> the greatest density."""
     total = np.exp(place.direction.log_density(circle.theta))
     parts = [_direction_density(mode, circle.theta) for mode in modes]
     rest = np.maximum(total - sum(parts, np.zeros_like(total)), 0.0)
@@ -125,19 +128,19 @@ def _draw_directions(line: Axes, polar: PolarAxes, place: Place, modes: list[Mod
         line.plot(circle.degrees, part, color=mode.color, linestyle=mode.dashes, linewidth=1.0)
     line.plot(circle.degrees, total, color=INK, linewidth=1.2)
     polar.plot(circle.theta, np.sqrt(total), color=INK, linewidth=1.0)
-    line.set(ylabel="density [1/rad]", ylim=(0.0, 1.06 * total.max()))
+    line.set(ylabel="density [1/rad]")
     dress_directions(line, start=circle.start)
-    dress_polar(polar, densest=float(total.max()), free=circle.start)
+    return float(total.max())
 
 
-def _draw_row_directions(line: Axes, polar: PolarAxes, rows: Tracks, circle: Circle) -> None:
+def _draw_row_directions(line: Axes, polar: PolarAxes, rows: Tracks, circle: Circle) -> float:
+    """-> the greatest density."""
     edges = np.deg2rad(np.arange(0, 361, BIN_DEG)) + circle.start
     density, _ = np.histogram(np.deg2rad(circle.degrees_of(rows.direction)), edges, density=True)
     line.stairs(density, np.rad2deg(edges), fill=True, color=ROWS_COLOR, zorder=0)
     width = np.deg2rad(BIN_DEG)
     polar.bar(edges[:-1], np.sqrt(density), width=width, align="edge", color=ROWS_COLOR, linewidth=0, zorder=0)
-    line.set_ylim(top=max(line.get_ylim()[1], 1.06 * density.max()))
-    polar.set_rmax(max(polar.get_rmax(), 1.03 * np.sqrt(density.max())))
+    return float(density.max())
 
 
 def _direction_density(mode: Mode, theta: FloatArray) -> FloatArray:

@@ -61,18 +61,21 @@ class Signal(NamedTuple):
     def given(cls, primitives: PrimitiveMap, cue: Cue, position: npt.ArrayLike | None, heading: float | None) -> Self:
         """A cue at a position (2,) on a heading; what is left out is taken where going on and turning are usual.
 
+        Where nobody turns, it is the place where vehicles go most different ways, and the heading of most.
+
         Raises:
             ValueError: no cell covers the position, or the map has none.
         """
         turn = float(np.asarray(cue.turn)[0])
-        centers = primitives.tessellation.centers
-        if position is None and heading is None and len(centers):
-            cell, _ = clearest_choice(primitives.direction.mean_direction[:-1], moving_rows(primitives), turn)
-            position = centers[cell]
+        rows = moving_rows(primitives)
+        if position is None and rows.any():
+            choice = clearest_choice(primitives.direction.mean_direction[:-1], rows, turn)
+            position = primitives.tessellation.centers[choice.place] if choice.weight > 0 else None
         place = Place.at(primitives, position)
         if heading is None:
-            rows = moving_rows(primitives)[place.cell]
-            _, heading = clearest_choice(place.direction.mean_direction[None], rows[None], turn)
+            mean, here = place.direction.mean_direction, rows[place.cell]
+            choice = clearest_choice(mean[None], here[None], turn)
+            heading = choice.heading if choice.weight > 0 else float(mean[np.argmax(here)])
         belief = cue.belief(heading)
         return cls(place, heading, belief, multiply_mixtures(place.direction, belief).mixture)
 
@@ -234,6 +237,4 @@ def _add_vehicle(figure: Figure, signal: Signal, *, box: tuple[float, float, flo
     for start, end, color in ((here - ahead, here, INK), (here, here + aside, CUE_COLOR)):
         arrow = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 3}
         axes.annotate("", tuple(end), tuple(start), arrowprops=arrow, zorder=10)
-    axes.set_title(
-        f"({letter})  Heading {np.rad2deg(signal.heading):+.0f}°, and its signal", loc="left", fontsize=LARGE
-    )
+    axes.set_title(f"({letter})  Heading {np.rad2deg(signal.heading):+.0f}°, signal", loc="left", fontsize=LARGE)
