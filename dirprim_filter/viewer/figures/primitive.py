@@ -35,6 +35,9 @@ BIN_DEG = 5
 BINS_OF_SPEED = 30
 ROWS_COLOR = "0.85"
 REST: Mapping[str, Any] = {"facecolor": "none", "edgecolor": "0.6", "hatch": "//////", "linewidth": 0.4}
+MEAN: Mapping[str, Any] = {"color": "0.35", "linewidth": 1.0, "linestyle": (0, (1, 1))}
+MEAN_OVER = 200
+"""Positions, about."""
 OPACITY = 0.45
 """Of a mode's area: where modes overlap, both are seen."""
 
@@ -62,12 +65,19 @@ def direction_figure(
     key.append(_rest_mark(f"standing, and the place-free primitive: {rest:.1%}"))
     if moving is not None:
         key.append(Patch(color=ROWS_COLOR, label=f"the cell's {len(moving):,} rows of moving vehicles"))
+    mean_drawn = moving is not None and len(moving) > 0 and bool(primitives.bend[place.cell].any())
+    if mean_drawn:
+        key.append(Line2D([], [], **MEAN, label="p(direction), mean over where these rows are"))
     figure, bottom = panels_above_key(width=11.6, height=2.6, key=key, n_columns=3)
     line = add_axes(figure, (0.65, bottom, 4.5, 2.6))
     polar = add_polar_axes(figure, (5.75, bottom, 2.45, 2.45))
     densest = _draw_directions(line, polar, place, modes, circle)
     if moving is not None and len(moving):
         densest = max(densest, _draw_row_directions(line, polar, moving, circle))
+        if mean_drawn:
+            density = _mean_density(primitives, moving, circle.theta)
+            line.plot(circle.degrees, density, **MEAN)
+            polar.plot(circle.theta, np.sqrt(density), **MEAN)
     line.set_ylim(0.0, 1.06 * densest)
     dress_polar(polar, densest=densest, free=circle.start)
     line.set_title(f"(a)  Directions at {place.title}", loc="left", fontsize=LARGE)
@@ -141,6 +151,13 @@ def _draw_row_directions(line: Axes, polar: PolarAxes, rows: Tracks, circle: Cir
     width = np.deg2rad(BIN_DEG)
     polar.bar(edges[:-1], np.sqrt(density), width=width, align="edge", color=ROWS_COLOR, linewidth=0, zorder=0)
     return float(density.max())
+
+
+def _mean_density(primitives: PrimitiveMap, rows: Tracks, theta: FloatArray) -> FloatArray:
+    """p(direction) where the rows are, averaged: what their histogram is to be compared with, if primitives bend."""
+    some = rows.position[:: max(1, len(rows) // MEAN_OVER)]
+    density = [np.exp(primitives.primitive_at(place).direction.log_density(theta)) for place in some]
+    return np.asarray(np.mean(density, axis=0))
 
 
 def _direction_density(mode: Mode, theta: FloatArray) -> FloatArray:

@@ -14,6 +14,8 @@ from dirprim_filter.viewer.layers import FOCUS_COLOR, OTHER_COLOR
 OURS = "primitive"
 """The names of our methods begin so."""
 BASELINE_COLOR = "0.55"
+WORST_SHOWN = 5.0
+"""Nat below the best method: what is worse is an arrow with its number, or it would flatten all others."""
 ROW_HEIGHT = 0.3
 """Inches for each method."""
 
@@ -21,7 +23,7 @@ ROW_HEIGHT = 0.3
 def density_table_figure(table: DensityTable) -> Figure:
     """Table I: for each method the mean density and the mean log density of what held-out vehicles did.
 
-    Whiskers are one standard deviation of the folds' means.
+    Whiskers are one standard deviation of the folds' means. Our methods are coloured, the baselines grey.
     """
     blocks: list[tuple[str, str, list[DensityScore | None]]] = [
         ("Direction", "1/rad", [row.direction for row in table.methods]),
@@ -32,18 +34,23 @@ def density_table_figure(table: DensityTable) -> Figure:
     figure = Figure(figsize=(11.0, 2.0 * depth + 1.9), dpi=DOTS_PER_INCH, layout="constrained")
     panels = figure.subplots(2, len(blocks), sharey=True)
     for column, (title, unit, scores) in enumerate(blocks):
-        _draw_scores(panels[0, column], table, [None if s is None else (s.mean, s.fold_std) for s in scores])
-        _draw_scores(panels[1, column], table, [None if s is None else (s.mean_log, s.fold_log_std) for s in scores])
-        panels[0, column].set(xlabel=f"mean density [{unit}]")
-        panels[0, column].set_xlim(left=0.0)
-        panels[1, column].set(xlabel=f"mean log density [nat, of {unit}]")
-        panels[0, column].set_title(title, loc="left", fontsize=LARGE)
+        of_mean = [None if score is None else (score.mean, score.fold_std) for score in scores]
+        of_log = [None if score is None else (score.mean_log, score.fold_log_std) for score in scores]
+        best = max((score.mean_log for score in scores if score is not None), default=0.0)
+        upper, lower = panels[:, column]
+        _draw_scores(upper, table, of_mean, least=0.0)
+        _draw_scores(lower, table, of_log, least=best - WORST_SHOWN)
+        upper.set(xlabel=f"mean density [{unit}]", xlim=(-0.05 * upper.get_xlim()[1], None))
+        lower.set(xlabel=f"mean log density [nat], density in {unit}")
+        lower.set_xlim(left=max(lower.get_xlim()[0], best - 1.05 * WORST_SHOWN))
+        upper.set_title(title, loc="left", fontsize=LARGE)
     for axes in panels[:, 0]:
         axes.set_yticks(range(len(table.methods)), [row.name for row in table.methods], fontsize=NORMAL)
         axes.set_ylim(len(table.methods) - 0.5, -0.5)
+    folds = f"{table.n_folds} {'fold' if table.n_folds == 1 else 'folds'}"
     figure.suptitle(
         f"{table.n_held_out:,} rows held out by {table.split_by} of {table.n_rows:,} rows and {table.n_vehicles:,} "
-        f"vehicles, in {table.n_folds} {'fold' if table.n_folds == 1 else 'folds'}; further right is better",
+        f"vehicles, in {folds}; right is better, whiskers: deviation of folds",
         fontsize=NORMAL,
     )
     return figure
@@ -73,15 +80,20 @@ def cue_table_figure(table: CueTable) -> Figure:
     return figure
 
 
-def _draw_scores(axes: Axes, table: DensityTable, scores: list[tuple[float, float] | None]) -> None:
-    """A dot for each method that has such a score, with its whisker."""
+def _draw_scores(axes: Axes, table: DensityTable, scores: list[tuple[float, float] | None], *, least: float) -> None:
+    """A dot for each method that has such a score, with its whisker; an arrow for one that is below `least`."""
     for row, (method, score) in enumerate(zip(table.methods, scores, strict=True)):
         if score is None:
             continue
         color = FOCUS_COLOR if method.name.startswith(OURS) else BASELINE_COLOR
         mean, spread = score
-        axes.errorbar(mean, row, xerr=np.nan_to_num(spread), fmt="o", color=color, markersize=5, linewidth=1.2)
-        axes.annotate(f"{mean:.2f}", (mean, row), (0, 5), textcoords="offset points", ha="center", fontsize=SMALL - 1)
+        shown = max(mean, least)
+        if mean >= least:
+            axes.errorbar(mean, row, xerr=np.nan_to_num(spread), fmt="o", color=color, markersize=5, linewidth=1.2)
+        else:
+            axes.plot(least, row, "<", color=color, markersize=6)
+        told = f"{mean:.3g}" if abs(mean) < 1 else f"{mean:.2f}"
+        axes.annotate(told, (shown, row), (0, 5), textcoords="offset points", ha="center", fontsize=SMALL - 1)
     axes.grid(axis="x", color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     dress(axes)
