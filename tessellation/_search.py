@@ -14,19 +14,19 @@ from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from tessellation.gates import LEAST_SHARE, members_of, nearest_generators, part_of_members
 from tessellation.protocols import CellModel, Cells, Data_contra, Members
 
-FIRST_CELLS = 8
-ROWS_PER_FIRST_CELL = 50
 LEAST_ROWS = 4
 """A cell of fewer rows is not split."""
 CHILD_DISTANCE = 0.8
 """Halves of a normal distribution have their means so many standard deviations from its own."""
-TRIES = 4
+MARGIN = 1.0
+"""Standard errors by which a split must gain."""
+TRIES = 3
 """Steps that raise the objective are halved so often before they are given up."""
 MOVE_WIDTH = 0.25
 ANNEALING_WIDTHS = (0.25, 0.12, 0.06, 0.03)
 ANNEALING_STEPS = 3
 MAX_MOVES = 2
-LEAST_GAIN = 1e-4
+LEAST_GAIN = 1e-3
 """Of the objective per datum: a round that gains less is the last."""
 
 
@@ -83,12 +83,6 @@ class Search(Generic[Data_contra, Cells]):
     def least_gain(self) -> float:
         """A round that lowers the objective by less is the last."""
         return LEAST_GAIN
-
-    def n_first_cells(self, n_cells: int | None) -> int:
-        """How many cells to begin with."""
-        if self.n_folds < 2:  # nothing can be held out, so nothing tells how many
-            return n_cells or 1
-        return min(n_cells or FIRST_CELLS, FIRST_CELLS, 1 + self.row.size // ROWS_PER_FIRST_CELL)
 
     # States -----------------------------------------------------------------------------------------------------------
 
@@ -150,10 +144,11 @@ class Search(Generic[Data_contra, Cells]):
         axis = gain.argmax(axis=0)
         cells = np.arange(axis.size)
         best = gain[axis, cells]
-        state.settled[:] |= ~(best > error[axis, cells])
+        needed = MARGIN * error[axis, cells]
+        state.settled[:] |= ~(best > needed)
         order = np.argsort(-best, kind="stable")
         if room is None:
-            order = order[(best > error[axis, cells])[order] & (best[order] > 0)]
+            order = order[(best > needed)[order] & (best[order] > 0)]
         else:
             order = order[np.isfinite(best[order])][:room]
         for _ in range(TRIES):

@@ -65,6 +65,18 @@ def members_of(position: FloatArray, generators: FloatArray, *, softness: float)
     return Members(start, row, weight, generators), np.ascontiguousarray(cell[:, 0])
 
 
+def residents(cell: IntArray, center: FloatArray) -> Members:
+    """Members that lie in their cell, each with weight 1: gates without softness, of cells of any kind.
+
+    Args:
+        cell: (n,) of each datum; a negative one has none.
+        center: (n_cells, 2) metres.
+    """
+    column, share = cell[:, None], (cell[:, None] >= 0).astype(np.float64)
+    start = count_members(column, share, len(center))
+    return Members(start, *fill_members(column, share, start), np.array(center, dtype=np.float64))
+
+
 def part_of_members(members: Members, cells: IntArray) -> Members:
     """The members of some cells alone, which are then numbered from 0."""
     length = np.diff(members.start)[cells]

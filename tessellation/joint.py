@@ -38,6 +38,8 @@ logger = logging.getLogger(__name__)
 
 MAX_ROUNDS = 60
 N_FOLDS = 3
+FIRST_CELLS = 8
+"""A search begins with few, which it splits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,9 +108,12 @@ def fit_jointly(
         group=np.unique(group[used], return_inverse=True)[1],
         salt=rng.random(len(position)),
     )
-    first = VoronoiTessellation.lloyd(
-        (position - origin)[used], n_cells=search.n_first_cells(n_cells), rng=rng, reach=reach, weight=weight[used]
-    )
+
+    def spread(n: int) -> FloatArray:
+        """Generators spread evenly over the data."""
+        place = (position - origin)[used]
+        return VoronoiTessellation.lloyd(place, n_cells=n, rng=rng, reach=reach, weight=weight[used]).generators
+
     steps: list[tuple[int, float]] = []
 
     def tell(state: State[Cells]) -> None:
@@ -117,10 +122,11 @@ def fit_jointly(
             progress(*steps[-1])
 
     if search.n_folds > 1:
-        state = _descend(search, search.evaluate(first.generators, softness[0]), n_cells, softness, tell)
+        state = search.evaluate(spread(min(n_cells or FIRST_CELLS, FIRST_CELLS)), softness[0])
+        state = _descend(search, state, n_cells, softness, tell)
         generators, chosen = state.generators, state.softness
-    else:
-        generators, chosen = first.generators, softness[0]
+    else:  # nothing can be held out, so nothing tells how many cells there should be
+        generators, chosen = spread(n_cells or 1), softness[0]
     members, _ = members_of(position - origin, generators, softness=chosen)
     members = members._replace(weight=members.weight * weight[members.row])
     logger.info("joint cells: %d, softness %g, after %d steps", len(generators), chosen, len(steps))
