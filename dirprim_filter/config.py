@@ -19,6 +19,8 @@ class LearningConfig:
         prior_strengths: pseudo-vehicles of uniform direction, and of the place-free spread of speed, in each mode. They
             bound the concentration that one vehicle, whose rows all point one way, would make unbounded; held-out
             vehicles choose among them, for no other knob decides more. The first is tried first.
+        parameter_costs: what a parameter of a mode costs, in those of BIC, of which held-out vehicles choose: BIC
+            counts vehicles, and several rows of one may say more than one row would. The first is tried first.
         bend_scale: rad/m, standard deviation of a mode's bend before it is seen: the tightest turns that vehicles drive
             are of about 5 m radius, most are none.
         gain_scale: 1/m, the same of the gain of log speed: hard braking at 10 m/s halves the speed in 15 m.
@@ -34,6 +36,7 @@ class LearningConfig:
     dbscan_eps: float = 0.2
     dbscan_share: float = 0.05
     prior_strengths: tuple[float, ...] = (0.02, 0.2, 0.002, 0.0002)
+    parameter_costs: tuple[float, ...] = (1.0, 0.5)
     bend_scale: float = 0.1
     gain_scale: float = 0.05
     max_concentration: float = 1e4
@@ -41,8 +44,8 @@ class LearningConfig:
     cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
 
     def __post_init__(self) -> None:
-        require_positive(self, skip=("cell_sizes", "prior_strengths"))
-        for name in ("cell_sizes", "prior_strengths"):
+        require_positive(self, skip=("cell_sizes", "prior_strengths", "parameter_costs"))
+        for name in ("cell_sizes", "prior_strengths", "parameter_costs"):
             numbers = getattr(self, name)
             if not numbers or not all(number > 0 for number in numbers):
                 raise ValueError(f"{name}: expected positive numbers, got {numbers}")

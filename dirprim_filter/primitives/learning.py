@@ -15,10 +15,11 @@ import numpy as np
 
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives import _kernels, _two_steps
+from dirprim_filter.primitives import _modes
+from dirprim_filter.primitives.fitting import MIN_SPREAD, MIN_STANDING_MEAN, bounds_of, fit_all
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.relaxation import FALLBACK, learn_relaxation
-from dirprim_filter.primitives.rows import CellRows, TrackRows, columns_of
+from dirprim_filter.primitives.rows import CellRows, TrackRows
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation, Tessellation
 from tessellation.arrays import BoolArray, FloatArray, IntArray
@@ -33,8 +34,6 @@ PLACE_FREE_PRIOR = 0.1
 """Pseudo-vehicles in each place-free mode, which has all vehicles of the log to speak for it."""
 MANY_GROUPS = 200
 """From so many groups or vehicles on, a third of them held out once tells enough; of fewer, each third in turn."""
-MIN_STANDING_MEAN = 0.05
-"""m/s; standing vehicles of a simulator have speed 0, which would make the density at 0 unbounded."""
 
 
 def learn_primitives(
@@ -94,6 +93,7 @@ class Recipe(NamedTuple):
     curved: bool
     prior_strength: float
     config: LearningConfig
+    parameter_cost: float = 1.0
 
 
 def _check_options(
@@ -134,19 +134,9 @@ class PlaceFree(NamedTuple):
 class FittedCells(NamedTuple):
     """What the fit found in each cell, before the place-free primitive enters; the last mode is for standing."""
 
-    modes: _kernels.Modes  # (n_cells, K + 1) each
+    modes: _modes.Modes  # (n_cells, K + 1) each
     n_vehicles: FloatArray
     n_rows: IntArray
-
-
-def bounds_of(recipe: Recipe, *, max_modes: int, speed_spread: float) -> _kernels.Bounds:
-    """The priors and bounds of a fit, as the kernels take them."""
-    config = recipe.config
-    return _kernels.Bounds(
-        max_modes, recipe.prior_strength, speed_spread,
-        config.max_concentration, config.max_shape, config.dbscan_eps, config.dbscan_share,
-        config.bend_scale, config.gain_scale, recipe.curved,
-    )  # fmt: skip
 
 
 def fit_place_free(rows: TrackRows, config: LearningConfig) -> PlaceFree:
@@ -157,15 +147,14 @@ def fit_place_free(rows: TrackRows, config: LearningConfig) -> PlaceFree:
     moving = rows[rows.speed >= config.standing_speed]
     n_standing = len(rows) - len(moving)
     k = config.max_place_free_modes
-    found = _no_modes(k)
+    found = _modes.Modes(*np.empty((len(_modes.Modes._fields), 0)))
     spread, mean_speed = 1.0, 1.0
     if len(moving):
         mean_speed = float(moving.speed.mean())
-        spread = max(float(np.log(mean_speed) - np.log(moving.speed).mean()), 1e-3)
-        bounds = bounds_of(Recipe("bic", False, PLACE_FREE_PRIOR, config), max_modes=k, speed_spread=spread)
-        order = np.argsort(moving.direction)
-        columns = columns_of(moving.direction[order], moving.speed[order], np.zeros((len(moving), 2)))
-        _kernels.fit_at_once(columns, float(moving.n_vehicles), bounds, found)
+        spread = max(float(np.log(mean_speed) - np.log(moving.speed).mean()), MIN_SPREAD)
+        bounds = bounds_of(config, prior_strength=PLACE_FREE_PRIOR, max_modes=k, speed_spread=spread)
+        unplaced = CellRows.one(moving.direction, moving.speed, n_vehicles=moving.n_vehicles)
+        found = _modes.Modes(*(column[0] for column in fit_all(unplaced, bounds, at_once=True)))
     standing = (n_standing + 1) / (len(rows) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
     used = np.flatnonzero(found.weight)
@@ -185,27 +174,26 @@ def _standing_mean(rows: TrackRows, config: LearningConfig) -> float:
     return max(float(standing.mean()) if standing.size else 0.0, MIN_STANDING_MEAN)
 
 
-def _no_modes(*shape: int) -> _kernels.Modes:
-    zeros = [np.zeros(shape) for _ in range(7)]
-    return _kernels.Modes(zeros[0], zeros[1], zeros[2], np.ones(shape), np.ones(shape), *zeros[3:])
-
-
 def fit_cells(rows: TrackRows, cells: Tessellation, recipe: Recipe, free: PlaceFree) -> FittedCells:
     """Fit each cell's modes to its own rows."""
     config = recipe.config
     in_cells = CellRows.of(rows, cells, standing_speed=config.standing_speed)
-    n, k = cells.n_cells, config.max_modes
-    found = _no_modes(n, k)
-    bounds = bounds_of(recipe, max_modes=k, speed_spread=free.speed_spread)
-    fit = _two_steps.fit_cells_in_two_steps if recipe.modes == "dbscan" else _kernels.fit_cells_at_once
-    fit(in_cells.rows, in_cells.start, in_cells.n_vehicles, bounds, found)
+    n = cells.n_cells
+    bounds = bounds_of(
+        config,
+        prior_strength=recipe.prior_strength,
+        speed_spread=free.speed_spread,
+        curved=recipe.curved,
+        parameter_cost=recipe.parameter_cost,
+    )
+    found = fit_all(in_cells, bounds, at_once=recipe.modes == "bic")
     used = max(int((found.weight > 0).sum(axis=1).max(initial=0)), 1)
     order = np.argsort(-found.weight, axis=1, kind="stable")[:, :used]  # heaviest first
     n_rows = in_cells.n_rows
     standing = (in_cells.n_standing / np.maximum(n_rows, 1))[:, None]
-    heaviest = _kernels.Modes(*(np.take_along_axis(column, order, 1) for column in found))
+    heaviest = _modes.Modes(*(np.take_along_axis(column, order, 1) for column in found))
     of_standing = (free.mean[-1], free.concentration[-1], free.shape[-1], free.rate[-1], 0.0, 0.0, 0.0, 0.0)
-    modes = _kernels.Modes(
+    modes = _modes.Modes(
         np.hstack([heaviest.weight * (1 - standing), standing]),
         *(np.hstack([own, np.full((n, 1), last)]) for own, last in zip(heaviest[1:], of_standing, strict=True)),
     )
@@ -278,26 +266,30 @@ def _choose(
         return candidates[-1], recipe, 1.0
     thirds = np.array_split(rng.permutation(groups), min(3, groups.size))
     folds = [np.isin(rows.group, third) for third in thirds][: 1 if groups.size >= MANY_GROUPS else None]
-    scores: dict[tuple[int, float], FloatArray] = {}
+    scores: dict[tuple[int, float, float], FloatArray] = {}
 
-    def score(size: int, prior_strength: float) -> float:
-        if (size, prior_strength) not in scores:
-            trial = recipe._replace(prior_strength=prior_strength)
+    def score(size: int, prior_strength: float, cost: float) -> float:
+        tried = size, prior_strength, cost
+        if tried not in scores:
+            trial = recipe._replace(prior_strength=prior_strength, parameter_cost=cost)
             of_folds = [_held_out_scores(rows, held_out, candidates[size], trial, free) for held_out in folds]
-            scores[size, prior_strength] = np.mean(of_folds, axis=0)
-        return float(scores[size, prior_strength].max())
+            scores[tried] = np.mean(of_folds, axis=0)
+        return float(scores[tried].max())
 
-    # Either decides little about the other, so each in turn rather than all pairs.
-    size, prior_strength = len(candidates) - 1, recipe.prior_strength
+    # Each decides little about the others, so one after the other rather than all together.
+    config = recipe.config
+    size, prior_strength, cost = len(candidates) - 1, recipe.prior_strength, recipe.parameter_cost
+    costs = config.parameter_costs if recipe.modes == "bic" else (cost,)
     for _ in range(2):
-        size = max(range(len(candidates)), key=lambda s: score(s, prior_strength))
-        prior_strength = max(recipe.config.prior_strengths, key=lambda p: score(size, p))
+        size = max(range(len(candidates)), key=lambda s: score(s, prior_strength, cost))
+        prior_strength = max(config.prior_strengths, key=lambda p: score(size, p, cost))
+        cost = max(costs, key=lambda c: score(size, prior_strength, c))
     logger.info(
-        "chosen: %d cells, prior of %g vehicles, held-out log density %.3f",
-        candidates[size].n_cells, prior_strength, score(size, prior_strength),
+        "chosen: %d cells, prior of %g vehicles, %g of BIC's cost of a parameter, held-out log density %.3f",
+        candidates[size].n_cells, prior_strength, cost, score(size, prior_strength, cost),
     )  # fmt: skip
-    share = float(PLACE_FREE_STRENGTHS[np.argmax(scores[size, prior_strength])])
-    return candidates[size], recipe._replace(prior_strength=prior_strength), share
+    share = float(PLACE_FREE_STRENGTHS[np.argmax(scores[size, prior_strength, cost])])
+    return candidates[size], recipe._replace(prior_strength=prior_strength, parameter_cost=cost), share
 
 
 def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:
