@@ -60,10 +60,9 @@ def expectation(columns: FloatArray, at: int, n: int, with_speed: bool, table: F
             shape = math.exp(table[m, LOG_SHAPE])
             factor[m, 0] += shape * (table[m, LOG_SHAPE] - table[m, LOG_MEAN_SPEED]) - math.lgamma(shape)
             factor[m, 3], factor[m, 4] = shape - 1.0, -shape * factor[m, 7]
-    p = np.zeros((k, BLOCK))
-    seen = np.zeros((N_COLUMNS, BLOCK))
-    at_centre = np.zeros((k if curved else 1, N_COLUMNS, BLOCK))
-    rest = np.zeros((2, BLOCK))
+    p = np.empty((k, BLOCK))
+    seen, rest = np.empty((N_COLUMNS, BLOCK)), np.empty((2, BLOCK))
+    at_centre = np.empty((k if curved else 1, N_COLUMNS, BLOCK))
     log_likelihood = 0.0
     for first in range(0, n, BLOCK):
         size = min(BLOCK, n - first)

@@ -83,18 +83,24 @@ def merge(
             begins = f
     record = np.zeros((n_direction * n_speed * n_place * n_place, _RECORD))
     v, log_v, off, bin_of = np.zeros(_BLOCK), np.zeros(_BLOCK), np.zeros(_BLOCK), np.zeros(_BLOCK, np.int64)
+    fine_theta, fine_v = np.zeros(_BLOCK, np.int32), np.zeros(_BLOCK, np.int32)
     for b in range(first, last, _BLOCK):
         n = min(_BLOCK, last - b)
         for j in range(n):
-            v[j] = speed[row[b + j]]
+            i = row[b + j]
+            off[j], v[j] = direction[i], speed[i]
         for j in range(n):
             log_v[j] = log_of(v[j])
+        for j in range(n):  # to 32 bits: there are vector instructions for that
+            fine_theta[j] = np.int32((off[j] + math.pi) * (FINE / density.TWO_PI))
         for j in range(n):
-            fine = min(max(int((log_v[j] - low) * per_log), 0), FINE - 1)
-            theta = direction[row[b + j]]
-            of_theta = of_direction[_fine(theta)]
-            off[j] = theta - middle[of_theta]
-            bin_of[j] = of_theta * n_speed + of_speed[fine]
+            fine = (log_v[j] - low) * per_log
+            fine = fine if fine > 0.0 else 0.0
+            fine_v[j] = np.int32(fine if fine < FINE - 1.0 else FINE - 1.0)
+        for j in range(n):
+            of_theta = of_direction[fine_theta[j] & (FINE - 1)]
+            off[j] -= middle[of_theta]
+            bin_of[j] = of_theta * n_speed + of_speed[fine_v[j]]
         if n_place > 1:
             for j in range(n):
                 east, north = position[row[b + j], 0], position[row[b + j], 1]
