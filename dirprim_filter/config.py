@@ -16,15 +16,18 @@ class LearningConfig:
         row_interval_s: seconds; rows of a vehicle nearer than this to its last kept row tell nothing new.
         dbscan_eps: radians, the reach of a neighbourhood (the paper's way to the number of modes).
         dbscan_share: a core point has this share of the cell's rows within reach, and at least three.
-        prior_strengths: pseudo-vehicles of uniform direction, and of the place-free spread of speed, in each mode. They
-            bound the concentration that one vehicle, whose rows all point one way, would make unbounded; held-out
-            vehicles choose among them, for no other knob decides more. The first is tried first.
+        prior_strengths: pseudo-vehicles of the usual spreads of direction and of speed in each mode. They bound the
+            concentration that one vehicle, whose rows all point one way, would make unbounded; held-out vehicles
+            choose among them. The first is tried first.
+        parameter_costs: what a parameter of a mode costs, in those of BIC, of which held-out vehicles choose: BIC
+            counts vehicles, and several rows of one may say more than one row would. The first is tried first.
         bend_scale: rad/m, standard deviation of a mode's bend before it is seen: the tightest turns that vehicles drive
             are of about 5 m radius, most are none.
         gain_scale: 1/m, the same of the gain of log speed: hard braking at 10 m/s halves the speed in 15 m.
         max_concentration: bound of a mode's concentration: 0.6 degrees of spread.
         max_shape: bound of a mode's gamma shape: 1 % of spread in speed.
         cell_sizes: metres, the grid's candidates when no size is asked for.
+        softness: by how much of its own size a Voronoi cell learns from what is beside it; the first is tried first.
     """
 
     max_modes: int = 6
@@ -33,16 +36,18 @@ class LearningConfig:
     row_interval_s: float = 0.2
     dbscan_eps: float = 0.2
     dbscan_share: float = 0.05
-    prior_strengths: tuple[float, ...] = (0.02, 0.2, 0.002, 0.0002)
+    prior_strengths: tuple[float, ...] = (0.1, 0.4, 0.02, 1.6)
+    parameter_costs: tuple[float, ...] = (1.0, 0.5)
     bend_scale: float = 0.1
     gain_scale: float = 0.05
     max_concentration: float = 1e4
     max_shape: float = 1e4
     cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
+    softness: tuple[float, ...] = (0.25, 0.1, 0.5)
 
     def __post_init__(self) -> None:
-        require_positive(self, skip=("cell_sizes", "prior_strengths"))
-        for name in ("cell_sizes", "prior_strengths"):
+        require_positive(self, skip=("cell_sizes", "prior_strengths", "parameter_costs", "softness"))
+        for name in ("cell_sizes", "prior_strengths", "parameter_costs", "softness"):
             numbers = getattr(self, name)
             if not numbers or not all(number > 0 for number in numbers):
                 raise ValueError(f"{name}: expected positive numbers, got {numbers}")
