@@ -91,9 +91,7 @@ def halve(
 
 
 @njit(cache=True, nogil=True)
-def unite(
-    start: IntArray, row: IntArray, weight: FloatArray, pair: IntArray
-) -> tuple[IntArray, IntArray, FloatArray]:
+def unite(start: IntArray, row: IntArray, weight: FloatArray, pair: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
     """Members of the union of two cells, pair: (n, 2); of a datum that both have, the greater share."""
     begin = np.zeros(len(pair) + 1, np.int64)
     size = 0

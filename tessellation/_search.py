@@ -322,7 +322,9 @@ def _same_cells(generators: FloatArray, signature: FloatArray, before: State[Any
     """The number that each cell had before with the same members; -1 where there was none."""
     if before is None:
         return np.full(len(generators), -1, np.int64)
-    number = {key: i for i, key in enumerate(zip(*before.generators.T.tolist(), before.signature.tolist(), strict=True))}
+    number = {
+        key: i for i, key in enumerate(zip(*before.generators.T.tolist(), before.signature.tolist(), strict=True))
+    }
     keys = zip(*generators.T.tolist(), signature.tolist(), strict=True)
     return np.array([number.get(key, -1) for key in keys], dtype=np.int64)
 
