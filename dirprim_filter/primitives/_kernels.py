@@ -59,7 +59,7 @@ def fit_cells_at_once(
         fit_at_once(columns, start[c], start[c + 1] - start[c], n_vehicles[c], bounds, out[c])
 
 
-@njit(**EXACT)
+@njit(inline="always", **EXACT)
 def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds: Bounds, out: FloatArray) -> None:
     """Joint EM of direction and speed, flat and curved, with the number of modes that BIC prefers, of n columns.
 

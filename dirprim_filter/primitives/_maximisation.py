@@ -30,12 +30,12 @@ from tessellation.arrays import FloatArray
 
 MIN_VEHICLES = 1e-3
 """A mode that fewer drive is given up."""
-_NODES = 2048
+_NODES = 512
 _MAX_SPREAD = 0.6  # where the gamma's shape is below one
 
 
 def _concentration_table() -> FloatArray:
-    """What k (1 - R^2) / R is at even R in [0, 1]: from 2 to 1, smooth, so that four nodes give k to ten digits."""
+    """What k (1 - R^2) / R is at even R in [0, 1]: from 2 to 1, smooth, so that four nodes give k to nine digits."""
     r = np.linspace(0.0, 1.0, _NODES)[1:-1]
     return np.concatenate([[2.0], von_mises.concentration_of(r) * (1.0 - r * r) / r, [1.0]])
 
