@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.tracks import as_times, as_track_ids, check_lengths
-from tessellation.arrays import AnyArray, FloatArray, IntArray, as_floats
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +68,10 @@ class Estimates:
 
     def __len__(self) -> int:
         return int(self.time_ns.size)
+
+    def __getitem__(self, rows: BoolArray | IntArray) -> Estimates:
+        """The chosen rows, by mask or indices."""
+        return Estimates(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     @classmethod
     def concatenate(cls, parts: Iterable[Estimates]) -> Estimates:

@@ -34,10 +34,8 @@ def after_hit(existence: FloatArray, log_density: FloatArray, config: TrackingCo
     """(n, 3), (n,) -> (n, 3) once a detection was taken for the vehicle's, of this log density under its belief."""
     gain = np.exp(np.clip(log_density - np.log(config.clutter_density), -50.0, 50.0))
     visible = existence[:, VISIBLE] * config.detection_probability * gain
-    return (
-        np.column_stack([visible, np.zeros_like(visible), existence[:, GONE]])
-        / (visible + existence[:, GONE] + 1e-300)[:, None]
-    )
+    total = visible + existence[:, GONE] + 1e-300
+    return np.column_stack([visible / total, np.zeros_like(visible), existence[:, GONE] / total])
 
 
 def after_miss(existence: FloatArray, config: TrackingConfig) -> FloatArray:

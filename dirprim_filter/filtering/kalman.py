@@ -248,13 +248,15 @@ class ConstantVelocity(KalmanFilter):  # type: ignore[misc]  # filterpy has no t
     def __init__(self, acceleration_density: float) -> None:
         super().__init__(dim_x=N_STATES, dim_z=2)  # kinematic_kf builds a wrong H in filterpy 2.0
         self._density = acceleration_density
-        self.F = np.eye(N_STATES)
+        self.x = np.zeros(N_STATES)
+        self.F = np.diag([1.0, 1.0, 1.0, 1.0, 0.0])  # whoever drives straight on does not turn
 
     def lend(self, mean: FloatArray, covariance: FloatArray, dt_s: float) -> None:
         """Take a vehicle's belief, to move it by `dt_s`."""
         self.x, self.P = mean.copy(), covariance.copy()
         self.F[0, 2] = self.F[1, 3] = dt_s
         self.Q = _white_acceleration(self._density, dt_s)
+        self.Q[4, 4] = FIRST_TURN_STD**2  # for the turn that may begin next
 
     def measure(self, of_state: FloatArray, noise: FloatArray) -> None:
         """What the next update is of, (2, 5), and its covariance (2, 2)."""

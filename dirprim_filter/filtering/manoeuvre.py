@@ -12,6 +12,8 @@ MAX_INTERVAL_S = 2.0
 MOVING_FROM = 0.5
 """m/s; what is slower has no rate of turn."""
 LEAST = 1e-6
+CHI_SQUARED_MEDIAN = 0.455
+"""Of one degree of freedom."""
 
 
 def acceleration_density(tracks: Tracks) -> float:
@@ -57,7 +59,7 @@ def turn_density(tracks: Tracks) -> float:
     if not both.any():
         return 0.01
     changed, lasted = np.diff(rate)[both], (0.5 * (dt_s[1:] + dt_s[:-1]))[both]
-    return max(float((changed**2).sum() / lasted.sum()), LEAST)
+    return max(float(np.median(changed**2 / lasted)) / CHI_SQUARED_MEDIAN, LEAST)  # a jump of the log's is no manoeuvre
 
 
 def _pairs(tracks: Tracks) -> tuple[IntArray, FloatArray, BoolArray]:

@@ -57,17 +57,17 @@ class Strangers:
         self._frames_ns = [NO_TIME] * FRAMES_REMEMBERED
         self._time_ns = NO_TIME
 
-    def predict(self, detections: Detections, rows: IntArray) -> Measured:
+    def predict(self, detections: Detections, rows: IntArray, *, time_ns: int) -> Measured:
         """Move all tracks to the frame's time, give them its detections, and begin new ones.
 
         Args:
             detections: the frame.
-            rows: (d,) those of its rows that bear no id; at least one, or the frame says nothing of strangers.
+            rows: (d,) those of its rows that bear no id. A frame of named rows alone says nothing of strangers.
+            time_ns: the frame's time.
         """
-        if rows.size == 0:
+        if rows.size == 0 and len(detections):
             return Measured(rows, rows)
         seen = detections[rows]
-        time_ns = int(seen.time_ns[0])
         _, slot = self._roster.members(is_named=False)
         if slot.size:
             dt_s = np.asarray((time_ns - self._roster.time_ns[slot]) * 1e-9, dtype=np.float64)
@@ -91,11 +91,11 @@ class Strangers:
         roster.existence[slot] = existence.after_hit(roster.existence[slot], log_density, config)
         roster.is_confirmed[slot] |= 1.0 - roster.existence[slot, GONE] >= config.confirm_above
 
-    def told_of(self) -> tuple[list[str], IntArray]:
-        """Names and slots (v,) of the tracks that are vehicles, as far as is known."""
+    def told_of(self, time_ns: int) -> tuple[list[str], IntArray]:
+        """Names and slots (v,) of the tracks that are vehicles, as far as is known; none outside frames of strangers."""
         names, slot = self._roster.members(is_named=False)
-        if slot.size == 0:
-            return names, slot
+        if slot.size == 0 or time_ns != self._time_ns:
+            return [], slot[:0]
         told = self._roster.is_confirmed[slot]
         told &= 1.0 - self._roster.existence[slot, GONE] >= self._config.report_above
         return [name for name, is_told in zip(names, told, strict=True) if is_told], slot[told]

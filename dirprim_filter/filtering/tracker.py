@@ -89,25 +89,28 @@ class Tracker:
         self._time_ns = NO_TIME
         self._frame = _Frame()
 
-    def predict(self, detections: Detections) -> None:
+    def predict(self, detections: Detections, *, time_ns: int | None = None) -> None:
         """Move beliefs to the frame's time, find whose its detections are, and begin those that are new.
 
         Args:
-            detections: one instant, each id once.
+            detections: one instant, each id once; none is no frame, unless `time_ns` says when nothing was seen.
+            time_ns: the frame's time; left out, that of its detections.
 
         Raises:
             ValueError: several instants, a repeated id, or time going backwards; the beliefs are as before.
         """
-        self._time_ns = time_ns = detections.instant(after_ns=self._time_ns)
+        time_ns = detections.instant(after_ns=self._time_ns) if time_ns is None or len(detections) else time_ns
+        is_frame = time_ns > self._time_ns
+        self._time_ns = time_ns
         self._frame = frame = _Frame(detections=detections)
-        if len(detections) == 0:
+        if not is_frame:
             return
         self._roster.forget(
             before_ns=time_ns - int(self.config.max_gap_s * 1e9), forget_below=self.tracking.forget_below
         )
         is_named = detections.track_id != NO_ID
         self._predict_named(np.flatnonzero(is_named))
-        found = self._strangers.predict(detections, np.flatnonzero(~is_named))
+        found = self._strangers.predict(detections, np.flatnonzero(~is_named), time_ns=time_ns)
         frame.n_named = frame.slot.size
         frame.slot, frame.row = np.concatenate([frame.slot, found.slot]), np.concatenate([frame.row, found.row])
 
@@ -204,8 +207,7 @@ class Tracker:
             self._filter.copy(slot[between], aside[between])
             self._advance(aside, dt_ns)
         named, frame = self._frame.named_slot, self._frame
-        has_strangers = named.size < len(frame.detections)
-        strangers, strange = self._strangers.told_of() if has_strangers else ([], NOBODY)
+        strangers, strange = self._strangers.told_of(self._time_ns)
         frame.shown_names = [*frame.named, *names, *strangers]
         frame.shown = np.concatenate([named, aside, strange])
         frame.shown_home = np.concatenate([named, slot, strange])
