@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -72,6 +72,38 @@ class TrackingExperiment:
         if not 0 < self.learn < 1:
             raise ValueError(f"learn: expected a share between 0 and 1, got {self.learn}")
         object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m))
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> TrackingExperiment:
+        """The experiment of a configuration file: its names are the attributes', `filter` and `tracking` are tables.
+
+        Raises:
+            ValueError: an unknown name, or a value out of range.
+        """
+        plain = dict(told)
+        for name, kind in (("filter", FilterConfig), ("tracking", TrackingConfig)):
+            if plain.get(name) is not None:
+                plain[name] = _config_of(kind, plain[name], where=name)
+        made: TrackingExperiment = _config_of(cls, plain, where="experiment")
+        return made
+
+
+def _config_of(kind: type[Any], told: object, *, where: str) -> Any:
+    """A configuration from the names and values of a file.
+
+    Raises:
+        ValueError: a name that is none of its knobs, or a value of another type.
+    """
+    if not isinstance(told, Mapping):
+        raise ValueError(f"{where}: expected a table of names and values, got {told!r}")  # noqa: TRY004 - a file's, no caller's
+    known = {f.name: f.type for f in fields(kind)}
+    for name, value in told.items():
+        if name not in known:
+            raise ValueError(f"{where}: {name}: expected one of {', '.join(known)}")
+        plain = {"float": (int, float), "int": (int,), "bool": (bool,)}.get(str(known[name]), (object,))
+        if not isinstance(value, plain) or (isinstance(value, bool) and bool not in plain and object not in plain):
+            raise ValueError(f"{where}: {name}: expected a value of type {known[name]}, got {value!r}")
+    return kind(**told)
 
 
 class Sensor(Protocol):

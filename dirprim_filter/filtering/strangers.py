@@ -92,7 +92,7 @@ class Strangers:
         roster.is_confirmed[slot] |= 1.0 - roster.existence[slot, GONE] >= config.confirm_above
 
     def told_of(self, time_ns: int) -> tuple[list[str], IntArray]:
-        """Names and slots (v,) of the tracks that are vehicles, as far as is known; none outside frames of strangers."""
+        """Names and slots (v,) of the tracks that are vehicles, as far as is known; only in frames of strangers."""
         names, slot = self._roster.members(is_named=False)
         if slot.size == 0 or time_ns != self._time_ns:
             return [], slot[:0]
