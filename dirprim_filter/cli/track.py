@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.forecasting import ForecastSink
 
+PARTICLES_WRITTEN = 100
+"""Of each vehicle: they are for the eye, and all of them take longer to write than to move."""
+
 
 def track(
     log: Log,
@@ -44,7 +47,9 @@ def track(
     connect: Connect = None,
     particles: Particles = 1000,
     noise: Noise = 0.5,
-    particle_stride: Annotated[int, typer.Option(min=1, help="Write one particle in so many.")] = 1,
+    particle_stride: Annotated[
+        int | None, typer.Option(min=1, help="Write one particle in so many; left out, some 100 of each vehicle.")
+    ] = None,
     forecast: Annotated[float, typer.Option(help="Each second forecast so many seconds ahead; 0 for none.")] = 0.0,
     place_free: Annotated[bool, typer.Option("--place-free", help="Ignore the places: the ablation.")] = False,
     no_ids: Annotated[
@@ -78,6 +83,7 @@ def track(
 
     learned = load_map(map_file)
     config = FilterConfig(n_particles=particles, noise_m=noise)
+    stride = particle_stride or max(particles // PARTICLES_WRITTEN, 1)
     source: Literal["log", "publish", "header"] = time_source.value
     stream = stream_detections(
         log, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
@@ -92,9 +98,7 @@ def track(
         tracking=json.dumps(asdict(association), sort_keys=True),
     )  # fmt: skip
     with ExitStack() as open_files:
-        estimates = open_files.enter_context(
-            EstimateLog(output, metadata=said, particle_stride=particle_stride, force=force)
-        )
+        estimates = open_files.enter_context(EstimateLog(output, metadata=said, particle_stride=stride, force=force))
         estimates.write_map_scene(learned)
         sinks: list[EstimateSink] = [estimates]
         forecasts: list[ForecastSink] = [estimates]
@@ -102,7 +106,7 @@ def track(
             from dirprim_filter.viewer.stream import open_stream
 
             viewer = open_files.enter_context(
-                open_stream(save=save, spawn=spawn, connect=connect, force=force, particle_stride=particle_stride)
+                open_stream(save=save, spawn=spawn, connect=connect, force=force, particle_stride=stride)
             )
             viewer.log_map(learned)
             sinks.append(viewer)

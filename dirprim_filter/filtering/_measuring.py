@@ -61,6 +61,9 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
         for p in range(n):
             dx, dy = place[p, 0] - x, place[p, 1] - y
             distance = dx * (xx * dx + 2.0 * xy * dy) + yy * dy * dy
+            if not distance < np.inf:  # it has run off to where there are no numbers
+                weight[p] = -np.inf
+                continue
             fit = scale * math.exp(-0.5 * distance) if distance < 1400.0 else 0.0
             near += math.exp(weight[p]) * (fit + noise.outlier)
             weight[p] += math.log(fit + noise.outlier) if fit > 0.0 else log_outlier
@@ -70,8 +73,8 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
         total = 0.0
         for p in range(n):
             total += math.exp(weight[p] - top)
-        evidence[i, 0] = top + math.log(total)
-        evidence[i, 1] = math.log(near)
+        evidence[i, 0] = top + math.log(total) if top > -np.inf else -np.inf  # no particle has a weight
+        evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
         for p in range(n):
             weight[p] -= evidence[i, 0]
 

@@ -326,8 +326,8 @@ def test_a_vehicle_that_leaves_the_map_is_followed(ring_map):
     times = 0.1 * np.arange(60)
     path = np.column_stack([20.0 + 8.0 * times, 3.0 * times])  # straight on, where nobody went
     found, tracker = track(ring_map, [one("a", t, *place) for t, place in zip(times, path, strict=True)])
-    assert np.linalg.norm(found.position - path, axis=1)[10:].max() < 2.0
-    assert tracker.recoveries == 0
+    assert np.linalg.norm(found.position - path, axis=1)[20:].max() < 1.5
+    assert tracker.recoveries <= 2  # while it leaves the ring, against everyone's habit
 
 
 def test_an_id_reused_elsewhere_is_a_new_belief_after_two_measurements(ring_map):
