@@ -52,6 +52,9 @@ def track(
     ] = None,
     forecast: Annotated[float, typer.Option(help="Each second forecast so many seconds ahead; 0 for none.")] = 0.0,
     place_free: Annotated[bool, typer.Option("--place-free", help="Ignore the places: the ablation.")] = False,
+    motion: Annotated[
+        bool, typer.Option("--motion", help="The log's directions and speeds were measured: use them too.")
+    ] = False,
     no_ids: Annotated[
         bool, typer.Option("--no-ids", help="Ignore the log's ids; detections without one need no such word.")
     ] = False,
@@ -86,7 +89,13 @@ def track(
     stride = particle_stride or max(particles // PARTICLES_WRITTEN, 1)
     source: Literal["log", "publish", "header"] = time_source.value
     stream = stream_detections(
-        log, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
+        log,
+        topics=topics,
+        time_source=source,
+        start_ns=time_ns(start),
+        end_ns=time_ns(end),
+        strict=strict,
+        motion=motion,
     )
     association = TrackingConfig(detection_probability=detection_probability, clutter_density=clutter_density)
     tracker = Tracker(
@@ -95,6 +104,7 @@ def track(
     )  # fmt: skip
     said = provenance(
         "track", inputs=[log, map_file], config=config, seed=seed, topics=topics, place_free=place_free, no_ids=no_ids,
+        motion=motion,
         tracking=json.dumps(asdict(association), sort_keys=True),
     )  # fmt: skip
     with ExitStack() as open_files:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from typing import Literal, get_args
 
 import numpy as np
@@ -18,7 +19,7 @@ from dirprim_filter.filtering import (
     ParticleFilter,
     Tracker,
 )
-from dirprim_filter.filtering.manoeuvre import acceleration_density, pace_density, turn_density
+from dirprim_filter.filtering.manoeuvre import acceleration_density, pace_density
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
@@ -26,8 +27,10 @@ Method = Literal["prior", "place-free", "constant velocity", "constant turn", "i
 METHODS: tuple[Method, ...] = get_args(Method)
 MakeFilter = Callable[[], BayesFilter]
 
-SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
+SCALES = (0.1, 0.3, 1.0, 3.0)
 """Of the noise that the training vehicles' motion tells: the one that foresees their measurements best is taken."""
+TURNS = (0.003, 0.03, 0.3)
+"""rad^2/s^3, noise of the rate of turn to choose among likewise."""
 MAX_FITTED = 10
 """Vehicles to choose it by."""
 
@@ -48,21 +51,24 @@ def filters(
     Raises:
         ValueError: no training vehicle has two rows near in time.
     """
-    pace, turning, any_way = pace_density(train), turn_density(train), acceleration_density(train)
-    kalman: dict[Method, Callable[[float], BayesFilter]] = {
-        "constant velocity": lambda scale: ConstantVelocityKalman(acceleration_density=scale * any_way, config=config),
-        "constant turn": lambda scale: ConstantTurnUKF(
-            acceleration_density=scale * pace, turn_density=scale * turning, config=config
+    pace, any_way = pace_density(train), acceleration_density(train)
+    kalman: dict[Method, Callable[[float, float], BayesFilter]] = {
+        "constant velocity": lambda scale, _: ConstantVelocityKalman(
+            acceleration_density=scale * any_way, config=config
         ),
-        "interacting models": lambda scale: InteractingModels(
-            straight=scale * pace, acceleration_density=scale * pace, turn_density=scale * turning, config=config
+        "constant turn": lambda scale, turn: ConstantTurnUKF(
+            acceleration_density=scale * pace, turn_density=turn, config=config
+        ),
+        "interacting models": lambda scale, turn: InteractingModels(
+            straight=scale * pace, acceleration_density=scale * pace, turn_density=turn, config=config
         ),
     }
     seen = _reported(train, config, rng=rng)
     made: dict[Method, MakeFilter] = {}
     for method in methods:
         if method in kalman:
-            made[method] = _best(kalman[method], seen, config)
+            turns = TURNS if method != "constant velocity" else TURNS[:1]
+            made[method] = _best(kalman[method], turns, seen, config)
         else:
             of = primitive_map if method == "prior" else primitive_map.without_places()
             made[method] = _particles(of, config)
@@ -73,10 +79,15 @@ def _particles(primitive_map: PrimitiveMap, config: FilterConfig) -> MakeFilter:
     return lambda: ParticleFilter(primitive_map, config)
 
 
-def _best(of_scale: Callable[[float], BayesFilter], seen: list[Detections], config: FilterConfig) -> MakeFilter:
+def _best(
+    of_noise: Callable[[float, float], BayesFilter],
+    turns: tuple[float, ...],
+    seen: list[Detections],
+    config: FilterConfig,
+) -> MakeFilter:
     """The filter under which the training vehicles' measurements are most likely."""
-    scale = max(SCALES, key=lambda scale: _log_evidence(of_scale(scale), seen, config))
-    return lambda: of_scale(scale)
+    best = max(product(SCALES, turns), key=lambda noise: _log_evidence(of_noise(*noise), seen, config))
+    return lambda: of_noise(*best)
 
 
 def _log_evidence(bayes_filter: BayesFilter, seen: list[Detections], config: FilterConfig) -> float:

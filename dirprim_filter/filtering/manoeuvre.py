@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.distributions.angles import difference
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 MAX_INTERVAL_S = 2.0
-MOVING_FROM = 0.5
-"""m/s; what is slower has no rate of turn."""
 LEAST = 1e-6
-CHI_SQUARED_MEDIAN = 0.455
-"""Of one degree of freedom."""
 
 
 def acceleration_density(tracks: Tracks) -> float:
@@ -40,26 +35,6 @@ def pace_density(tracks: Tracks) -> float:
     order, dt_s, pair = _pairs(tracks)
     gained = np.diff(tracks.speed[order])[pair]
     return max(float((gained**2).sum() / dt_s[pair].sum()), LEAST)
-
-
-def turn_density(tracks: Tracks) -> float:
-    """The spectral density of the white noise that explains changes of the rate of turn, rad^2/s^3.
-
-    Args:
-        tracks: training vehicles; three consecutive rows in motion, at most 2 s apart, are used; none gives 0.01.
-
-    Raises:
-        ValueError: no vehicle has two rows near in time.
-    """
-    order, dt_s, pair = _pairs(tracks)
-    moving = tracks.speed[order] >= MOVING_FROM
-    usable = pair & moving[:-1] & moving[1:]
-    rate = difference(tracks.direction[order][1:], tracks.direction[order][:-1]) / np.where(usable, dt_s, 1.0)
-    both = usable[1:] & usable[:-1]
-    if not both.any():
-        return 0.01
-    changed, lasted = np.diff(rate)[both], (0.5 * (dt_s[1:] + dt_s[:-1]))[both]
-    return max(float(np.median(changed**2 / lasted)) / CHI_SQUARED_MEDIAN, LEAST)  # a jump of the log's is no manoeuvre
 
 
 def _pairs(tracks: Tracks) -> tuple[IntArray, FloatArray, BoolArray]:

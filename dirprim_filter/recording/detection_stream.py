@@ -31,12 +31,13 @@ class DetectionStream:
         start_ns: int | None,
         end_ns: int | None,
         strict: bool,
+        motion: bool,
     ) -> None:
         self._log = log
         self.topics = topics
         self._time_source: TimeSource = time_source
         self._start_ns, self._end_ns = start_ns, end_ns
-        self._strict = strict
+        self._strict, self._motion = strict, motion
         self.dropped = Drops()
 
     @property
@@ -66,7 +67,7 @@ class DetectionStream:
                 yield instant.detections(instant_ns)
                 instant = _Instant()
             instant_ns = time_ns
-            drops.repeated += instant.add(frame)
+            drops.repeated += instant.add(frame if self._motion else frame.without_motion())
         if instant.parts:
             yield instant.detections(instant_ns)
         log_losses(self._log.path, self.damage, drops)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -48,6 +48,11 @@ class ObservedFrame:
             group=self.group[rows],
             covariance=self.covariance[rows],
         )
+
+    def without_motion(self) -> ObservedFrame:
+        """The same rows, direction and speed unknown."""
+        unknown = np.full(len(self.track_id), np.nan)
+        return replace(self, direction=unknown, speed=unknown)
 
     @classmethod
     def of_positions(cls, track_id: Sequence[str], stamp_ns: int | None, position: FloatArray) -> ObservedFrame:
