@@ -62,6 +62,10 @@ class FilterConfig:
         noise_m: metres, standard deviation of a measured position in each axis.
         outlier_probability: share of measurements that say nothing of the vehicle; keeps every weight positive.
         outlier_extent_m: metres, the side of the square over which such a measurement may lie.
+        direction_noise: radians, standard deviation of a measured direction: detectors tell it to some degrees.
+        speed_noise: m/s, standard deviation of a measured speed.
+        motion_outlier_probability: share of measured directions and speeds that say nothing: detectors turn vehicles
+            round, and give standing ones any course.
         resample_below: resample when the effective sample size falls below this share of the particles.
         place_free_share: of the particles that take up a mode, those that follow no primitive of the place: the
             vehicle that does what none has done there is not lost.
@@ -78,6 +82,9 @@ class FilterConfig:
     noise_m: float = 0.5
     outlier_probability: float = 1e-3
     outlier_extent_m: float = 100.0
+    direction_noise: float = 0.1
+    speed_noise: float = 0.5
+    motion_outlier_probability: float = 0.05
     resample_below: float = 0.5
     place_free_share: float = 0.2
     forecast_place_free_share: float = 0.01
@@ -91,9 +98,56 @@ class FilterConfig:
         require_positive(self)
         if self.outlier_probability >= 1 or self.resample_below > 1 or self.place_free_share > 1:
             raise ValueError("outlier_probability, resample_below, place_free_share: expected shares below one")
+        if self.motion_outlier_probability >= 1:
+            raise ValueError(f"motion_outlier_probability: expected below 1, got {self.motion_outlier_probability}")
 
 
-def require_positive(config: LearningConfig | FilterConfig, *, skip: tuple[str, ...] = ()) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackingConfig:
+    """How a tracker tells vehicles from false detections, and one vehicle from another.
+
+    Attributes:
+        detection_probability: of a vehicle in sight, in each frame.
+        clutter_density: false detections per square metre in each frame: one in a square of 100 m.
+        birth_density: vehicles first seen, likewise: one in a hundred frames.
+        occlusion_rate: 1/s, how often a vehicle goes out of sight: behind a lorry or a tree.
+        reappearance_rate: 1/s, how fast it comes back: after three seconds.
+        departure_rate: 1/s, how often a vehicle leaves for good.
+        gate: squared Mahalanobis distance beyond which a detection is nobody's: one in 3,000 of the vehicle's own.
+        max_speed: m/s; two detections further apart than this are not of one new vehicle.
+        confirm_above: existence probability from which on a vehicle without an id is told of.
+        report_above: existence probability below which a vehicle that was told of no longer is.
+        forget_below: existence probability at which a belief ends.
+        lost_after: measurements in a row that a belief does not explain, after which it begins anew at the last: one
+            may be an outlier.
+    """
+
+    detection_probability: float = 0.9
+    clutter_density: float = 1e-4
+    birth_density: float = 1e-6
+    occlusion_rate: float = 0.05
+    reappearance_rate: float = 0.33
+    departure_rate: float = 0.01
+    gate: float = 16.0
+    max_speed: float = 40.0
+    confirm_above: float = 0.9
+    report_above: float = 0.5
+    forget_below: float = 0.02
+    lost_after: int = 2
+
+    def __post_init__(self) -> None:
+        require_positive(self)
+        for name in ("detection_probability", "confirm_above", "report_above", "forget_below"):
+            if getattr(self, name) >= 1:
+                raise ValueError(f"{name}: expected a probability below 1, got {getattr(self, name)}")
+        if not self.forget_below <= self.report_above <= self.confirm_above:
+            raise ValueError(
+                "forget_below, report_above, confirm_above: expected in ascending order, "
+                f"got {self.forget_below}, {self.report_above} and {self.confirm_above}"
+            )
+
+
+def require_positive(config: LearningConfig | FilterConfig | TrackingConfig, *, skip: tuple[str, ...] = ()) -> None:
     """Every number of a configuration is positive.
 
     Raises:
