@@ -5,7 +5,7 @@ that were fitted, that sum falls until each datum has a cell of its own. Here it
 judged by its cell as fitted to the groups of the other folds. This **held-out objective** is the one criterion: it
 places the generators, decides how many there are and how soft the gates between them.
 
-From a few large cells on, as long as the objective falls:
+From a few large, even cells on, as long as the objective falls:
 
 1. *split* cells in two, across their longest or their shortest axis, where the gain is greater than its own standard
    error over groups;
@@ -30,7 +30,7 @@ import numpy as np
 
 from tessellation._search import Search, State
 from tessellation.arrays import FloatArray, IntArray, as_floats
-from tessellation.gates import members_of
+from tessellation.gates import members_of, nearest_generators
 from tessellation.protocols import CellModel, Cells, Data_contra
 from tessellation.voronoi import VoronoiTessellation
 
@@ -38,8 +38,9 @@ logger = logging.getLogger(__name__)
 
 MAX_ROUNDS = 60
 N_FOLDS = 3
-FIRST_CELLS = 8
-"""A search begins with few, which it splits."""
+START_SHARE = 0.25
+"""A search begins with so many of the even cells that do best, and splits them: where even ones are too few it gets
+stuck, where they are too many they never find their shape."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +95,7 @@ def fit_jointly(
     Raises:
         ValueError: no datum of positive weight, a number that is not finite, or arguments out of range.
     """
-    position, weight, group = _checked(position, weight, group, n_cells, softness)
+    position, weight, group = _checked(position, weight, group, n_cells, softness, max_rows)
     origin = np.round(position[weight > 0].mean(axis=0))  # so that no digit is lost far from it
     used = _sample(weight, group, max_rows, rng)
     fold = _folds(group[used], rng)
@@ -106,7 +107,7 @@ def fit_jointly(
         row=used,
         fold=fold,
         group=np.unique(group[used], return_inverse=True)[1],
-        salt=rng.random(len(position)),
+        salt=np.random.default_rng(0).random(len(position)),
     )
 
     def spread(n: int) -> FloatArray:
@@ -122,11 +123,13 @@ def fit_jointly(
             progress(*steps[-1])
 
     if search.n_folds > 1:
-        state = search.evaluate(spread(min(n_cells or FIRST_CELLS, FIRST_CELLS)), softness[0])
+        state = _first(search, spread, n_cells, softness[0])
         state = _descend(search, state, n_cells, softness, tell)
         generators, chosen = state.generators, state.softness
     else:  # nothing can be held out, so nothing tells how many cells there should be
         generators, chosen = spread(n_cells or 1), softness[0]
+    nearest = nearest_generators((position - origin)[weight > 0], generators, k=1)[1]
+    generators = generators[np.bincount(nearest[:, 0], minlength=len(generators)) > 0]  # none that is empty
     members, _ = members_of(position - origin, generators, softness=chosen)
     members = members._replace(weight=members.weight * weight[members.row])
     logger.info("joint cells: %d, softness %g, after %d steps", len(generators), chosen, len(steps))
@@ -137,6 +140,20 @@ def fit_jointly(
         trace=np.array([objective for _, objective in steps]),
         n_cells=np.array([n for n, _ in steps], dtype=np.int64),
     )
+
+
+def _first(
+    search: Search[Data_contra, Cells], spread: Callable[[int], FloatArray], n_cells: int | None, softness: float
+) -> State[Cells]:
+    """Even cells to begin with."""
+    best = search.evaluate(spread(1), softness)
+    n, misses = 2, 0
+    while misses < 2 and n <= (n_cells or n):
+        tried = search.evaluate(spread(n), softness)
+        misses = misses + 1 if tried.objective >= best.objective else 0
+        best = tried if misses == 0 else best
+        n *= 2
+    return search.evaluate(spread(max(1, int(START_SHARE * len(best.generators)))), softness)
 
 
 def _descend(
@@ -169,6 +186,7 @@ def _checked(
     group: IntArray | None,
     n_cells: int | None,
     softness: tuple[float, ...],
+    max_rows: int,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     position = as_floats("position", position, "n 2")
     n = len(position)
@@ -181,6 +199,8 @@ def _checked(
         raise ValueError(f"weight: expected no negative number, got {weight.min()} at {int(weight.argmin())}")
     if not weight.any():
         raise ValueError("weight: expected at least one datum of positive weight, got none")
+    if max_rows < 1:
+        raise ValueError(f"max_rows: expected at least 1, got {max_rows}")
     if n_cells is not None and n_cells < 1:
         raise ValueError(f"n_cells: expected at least 1, got {n_cells}")
     if not softness or not all(s >= 0 for s in softness):

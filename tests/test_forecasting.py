@@ -42,7 +42,7 @@ def test_on_a_straight_road_of_one_speed_positions_stand_at_dt_2_dt_and_so_on():
 
 def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
     test = ring_traffic(np.random.default_rng(77), n_vehicles=20, n_rows=1)  # of other vehicles
-    learned = learn_primitives(ring, cell_size=6.0, rng=np.random.default_rng(0))
+    learned = learn_primitives(ring, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(0))
 
     def off_the_ring(primitive_map, **knobs):
         rng = np.random.default_rng(0)

@@ -31,7 +31,9 @@ def off_the_ring(primitive_map, *, horizon_s=3.0):
 @pytest.mark.parametrize("cell_size", [6.0, 9.0])
 def test_on_a_ring_futures_of_a_curved_map_keep_the_lane_better_than_those_of_a_flat_one(ring, cell_size):
     curved, flat = (
-        learn_primitives(ring, cell_size=cell_size, primitive=primitive, rng=np.random.default_rng(0))
+        learn_primitives(
+            ring, tessellation="grid", cell_size=cell_size, primitive=primitive, rng=np.random.default_rng(0)
+        )
         for primitive in ("curved", "flat")
     )
     of_curved, of_flat, of_free = (off_the_ring(m) for m in (curved, flat, curved.without_places()))
