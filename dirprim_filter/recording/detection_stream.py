@@ -8,7 +8,8 @@ import numpy as np
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.observations import Drops, TimeSource, log_losses, observed_frames
+from dirprim_filter.recording.drops import ClockFaults, Drops
+from dirprim_filter.recording.observations import Observations, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
 
 
@@ -18,6 +19,7 @@ class DetectionStream:
     Attributes:
         topics: what is read.
         dropped: what of the readable messages was left out so far.
+        clock: what is odd about the times of the messages so far.
     """
 
     def __init__(
@@ -36,6 +38,7 @@ class DetectionStream:
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict = strict
         self.dropped = Drops()
+        self.clock = ClockFaults()
 
     @property
     def damage(self) -> list[Damage]:
@@ -49,27 +52,29 @@ class DetectionStream:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
         """
-        self.dropped = drops = Drops()
-        frames = observed_frames(
-            self._log, drops=drops, time_source=self._time_source,
-            start_ns=self._start_ns, end_ns=self._end_ns, strict=self._strict,
-        )  # fmt: skip
+        observations = Observations(
+            self._log, time_source=self._time_source, start_ns=self._start_ns, end_ns=self._end_ns, strict=self._strict
+        )
+        self.dropped, self.clock = observations.drops, observations.clock
+        drops = self.dropped
         instant_ns = -(1 << 63)
         rows: dict[str, tuple[float, float]] = {}
-        for time_ns, frame in frames:
-            if time_ns < instant_ns:
-                drops.backward += len(frame.track_id)
-                continue
-            if time_ns > instant_ns and rows:
-                yield _instant(instant_ns, rows)
-                rows = {}
-            instant_ns = time_ns
-            for name, place in zip(frame.track_id, frame.position.tolist(), strict=True):
+        for batch in observations:
+            for time_ns, name, (x, y) in zip(
+                batch.time_ns.tolist(), batch.rows.track_id.tolist(), batch.rows.position.tolist(), strict=True
+            ):
+                if time_ns < instant_ns:
+                    drops.backward += 1
+                    continue
+                if time_ns > instant_ns and rows:
+                    yield _instant(instant_ns, rows)
+                    rows = {}
+                instant_ns = time_ns
                 drops.repeated += name in rows
-                rows.setdefault(name, place)
+                rows.setdefault(name, (x, y))
         if rows:
             yield _instant(instant_ns, rows)
-        log_losses(self._log.path, self.damage, drops)
+        log_losses(self._log.path, self.damage, drops, self.clock)
 
 
 def _instant(time_ns: int, rows: dict[str, tuple[float, float]]) -> Detections:

@@ -11,8 +11,9 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.detection_stream import DetectionStream
+from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
-from dirprim_filter.recording.observations import Drops, TimeSource, log_losses, observed_frames
+from dirprim_filter.recording.observations import Observations, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -81,21 +82,19 @@ def read_track_logs(
     paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
     if not paths:
         raise ValueError("source: expected at least one log, got none")
-    dropped = Drops()
+    dropped, clock = Drops(), ClockFaults()
     damage: list[tuple[Path, Damage]] = []
     columns: list[Columns] = []
     for path in paths:
-        drops = Drops()
         with Scan(path, choose_topics(path, topics, strict=strict).__contains__) as log:
-            frames = observed_frames(
-                log, drops=drops, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict
-            )
-            columns.append(Columns.of_frames(frames).without_repeats(drops))
+            observations = Observations(log, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict)
+            columns.append(Columns.of_rows(observations).without_repeats(observations.drops))
             damage += [(path, broken) for broken in log.damage]
-            log_losses(path, log.damage, drops)
-        dropped += drops
+            log_losses(path, log.damage, observations.drops, observations.clock)
+        dropped += observations.drops
+        clock += observations.clock
     tracks = Columns.of_logs(columns, [path.stem for path in paths]).as_tracks(dropped)
-    return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped)
+    return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
 
 
 def stream_detections(

@@ -11,7 +11,7 @@ from typing import Any
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.observations import Decoders, is_decodable
+from dirprim_filter.recording.decoding import Decoders, is_decodable
 from dirprim_filter.recording.records import Channel, Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA

@@ -7,17 +7,18 @@ import re
 from collections import Counter, deque
 from pathlib import Path
 
-from google.protobuf.message import DecodeError
-
 from dirprim_filter.recording.damage import Damage
+from dirprim_filter.recording.decoding import Decoders, is_decodable, schema_name
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
-from dirprim_filter.recording.observations import Decoders, is_decodable
+from dirprim_filter.recording.observations import batches
+from dirprim_filter.recording.records import Channel
 from dirprim_filter.recording.scan import Scan
-from dirprim_filter.recording.schemas import DECODERS, KINDS
+from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
 from dirprim_filter.recording.writer import DETECTIONS_TOPIC
 
 logger = logging.getLogger(__name__)
 
+_LOOKED_FOR = f"{', '.join(FAMILIES)}, as {', '.join(ENCODINGS)}"
 OUTPUT_PREFIX = "/dirprim/"
 """Topics that this package writes as results; never taken for input unless named."""
 
@@ -28,7 +29,7 @@ def choose_topics(
     """The topics to read objects from.
 
     With `topics` those of that name, or else those that match it in full as a regular expression, if their
-    schema is one of `DECODERS`. Without it, one topic: of the first of `KINDS` of which some topic's messages
+    schema is one of `FAMILIES`. Without it, one topic: of the first of `KINDS` of which some topic's messages
     hold objects the one that has most messages. Topics named `/detections...` stand back there behind others
     of their kind, but with `prefer_detections` the topic `/detections` goes before all. Topics under
     `/dirprim/` are not considered.
@@ -40,14 +41,14 @@ def choose_topics(
     """
     with Scan(path) as log:
         channels = log.channels()
-    schema_of = {c.topic: c.schema.name for c in channels if is_decodable(c)}
+    schema_of = {c.topic: schema_name(c) for c in channels if is_decodable(c)}
     if topics is not None:
         chosen = frozenset(_named(topics, schema_of))
-        wanted = f"topic {topics!r} with objects ({', '.join(DECODERS)}, as protobuf)"
+        wanted = f"topic {topics!r} with objects ({_LOOKED_FOR})"
     else:
         inputs = {t: s for t, s in schema_of.items() if not t.startswith(OUTPUT_PREFIX)}
         chosen = _default(path, inputs, prefer_detections=prefer_detections)
-        wanted = f"a topic with moving objects ({', '.join(DECODERS)}, as protobuf)"
+        wanted = f"a topic with moving objects ({_LOOKED_FOR})"
     if not chosen:
         damage = _damage(path)
         if strict and damage:
@@ -71,7 +72,8 @@ def _default(path: Path, schema_of: dict[str, str], *, prefer_detections: bool) 
     if prefer_detections and DETECTIONS_TOPIC in schema_of:
         return frozenset({DETECTIONS_TOPIC})
     for kind in KINDS:
-        carrying = _carrying_objects(path, {topic for topic, schema in schema_of.items() if schema in kind})
+        names = {name for family in kind for name in family.schemas}
+        carrying = _carrying_objects(path, {topic for topic, schema in schema_of.items() if schema in names})
         true = {topic for topic in carrying if not topic.startswith(DETECTIONS_TOPIC)} or carrying
         if len(true) > 1:
             return frozenset({_longest(path, true)})
@@ -86,16 +88,15 @@ def _carrying_objects(path: Path, topics: set[str]) -> set[str]:
     if topics:
         decoders = Decoders()
         with Scan(path, topics.__contains__) as log:
-            for message in log:
-                if message.topic not in carrying and is_decodable(message.channel):
-                    try:
-                        holds = bool(decoders.decode(message).track_id)
-                    except DecodeError:
-                        continue  # counted when the topic is read
-                    if holds:
-                        carrying.add(message.topic)
-                        if carrying == topics:
-                            break
+            for batch in batches(log):
+                payloads: dict[Channel, list[bytes]] = {}
+                for message in batch:
+                    payloads.setdefault(message.channel, []).append(message.data)
+                for channel, data in payloads.items():
+                    if channel.topic not in carrying and len(decoders.rows(channel, data)[0]):
+                        carrying.add(channel.topic)
+                if carrying == topics:
+                    break
     return carrying
 
 

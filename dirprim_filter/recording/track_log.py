@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.observations import Drops
-from dirprim_filter.recording.schemas.observed import ObservedFrame
+from dirprim_filter.recording.drops import ClockFaults, Drops
+from dirprim_filter.recording.observations import TimedRows
+from dirprim_filter.recording.schemas.observed import NO_ROWS
 from dirprim_filter.tracks import Tracks, repeated_rows
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -23,11 +24,21 @@ class TrackLog:
         tracks: what was read.
         damage: path and damage, for each place that could not be read.
         dropped: what of the readable messages was left out.
+        clock: what is odd about the times of the messages.
     """
 
     tracks: Tracks
     damage: tuple[tuple[Path, Damage], ...]
     dropped: Drops
+    clock: ClockFaults
+
+
+class _Numbers(dict[str, int]):
+    """Names, numbered as they first come."""
+
+    def __missing__(self, name: str) -> int:
+        self[name] = len(self)
+        return len(self) - 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,22 +62,23 @@ class Columns:
     group: IntArray
 
     @classmethod
-    def of_frames(cls, frames: Iterable[tuple[int, ObservedFrame]]) -> Columns:
-        """The rows of all frames, one after the other."""
-        names: list[str] = []
-        times: list[IntArray] = [np.empty(0, np.int64)]
-        parts: list[ObservedFrame] = [ObservedFrame.of_positions([], None, np.empty((0, 2)))]
-        for time_ns, frame in frames:
-            names += frame.track_id
-            times.append(np.full(len(frame.track_id), time_ns, np.int64))
-            parts.append(frame)
+    def of_rows(cls, parts: Iterable[TimedRows]) -> Columns:
+        """The rows of all batches, one after the other."""
+        numbers = _Numbers()
+        of: list[IntArray] = [np.empty(0, np.int64)]
+        kept = [TimedRows(np.empty(0, np.int64), NO_ROWS)]
+        for part in parts:
+            names = part.rows.track_id.tolist()  # as numbers at once: a column of text is as wide as its longest
+            of.append(np.fromiter(map(numbers.__getitem__, names), np.int64, len(names)))
+            kept.append(part)
+        vehicles = np.array(list(numbers), dtype=np.str_)
         return cls(
-            track_id=np.array(names, dtype=np.str_),
-            time_ns=np.concatenate(times),
-            position=np.concatenate([part.position for part in parts]),
-            direction=np.concatenate([part.direction for part in parts]),
-            speed=np.concatenate([part.speed for part in parts]),
-            group=np.concatenate([part.group for part in parts]),
+            track_id=vehicles[np.concatenate(of)] if vehicles.size else np.empty(0, np.str_),
+            time_ns=np.concatenate([part.time_ns for part in kept]),
+            position=np.concatenate([part.rows.position for part in kept]),
+            direction=np.concatenate([part.rows.direction for part in kept]),
+            speed=np.concatenate([part.rows.speed for part in kept]),
+            group=np.concatenate([part.rows.group for part in kept]),
         )
 
     @classmethod

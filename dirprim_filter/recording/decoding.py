@@ -1,0 +1,87 @@
+"""The objects of a log's messages, channel by channel, each by the definition that the log carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dirprim_filter.recording.records import Channel, Message
+from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES
+from dirprim_filter.recording.schemas.cdr_plan import cdr_plan, full_name
+from dirprim_filter.recording.schemas.column_plan import Plan
+from dirprim_filter.recording.schemas.fields import SchemaError
+from dirprim_filter.recording.schemas.json_plan import JsonPlan
+from dirprim_filter.recording.schemas.observed import NO_ROWS, Family, ObservedRows
+from dirprim_filter.recording.schemas.protobuf_plan import protobuf_plan
+
+
+class PayloadError(SchemaError):
+    """A message is not what its schema says."""
+
+
+def family_of(channel: Channel) -> Family | None:
+    """What reads the objects of a channel; None where its messages tell of none that is known."""
+    if channel.message_encoding not in ENCODINGS:
+        return None
+    return FAMILIES.get(schema_name(channel))
+
+
+def schema_name(channel: Channel) -> str:
+    """The name of a channel's schema; that of a ROS 2 message in full."""
+    name = channel.schema.name
+    return full_name(name) if channel.message_encoding == "cdr" else name
+
+
+def is_decodable(channel: Channel) -> bool:
+    """Whether the channel's messages can be read as objects."""
+    return family_of(channel) is not None
+
+
+def plan_of(channel: Channel, family: Family) -> Plan:
+    """A plan for the messages of a channel.
+
+    Raises:
+        SchemaError: the definition cannot be read, or lacks a field.
+    """
+    schema = channel.schema
+    if channel.message_encoding == "json":
+        return JsonPlan(family.fields)
+    if channel.message_encoding == "protobuf":
+        return protobuf_plan(schema.name, schema.data, family.fields)
+    return cdr_plan(schema.name, schema.encoding, schema.data, family.fields)
+
+
+class Decoders:
+    """The plans of one log, made when first needed, one for each channel."""
+
+    def __init__(self) -> None:
+        self._plans: dict[Channel, Plan | SchemaError] = {}
+
+    def rows(self, channel: Channel, payloads: Sequence[bytes]) -> tuple[ObservedRows, dict[int, str]]:
+        """The objects of messages of one channel that `is_decodable`, and by number why a message cannot be read."""
+        family = FAMILIES[schema_name(channel)]
+        if channel not in self._plans:
+            try:
+                self._plans[channel] = plan_of(channel, family)
+            except SchemaError as error:
+                self._plans[channel] = error
+        plan = self._plans[channel]
+        if isinstance(plan, SchemaError):
+            return NO_ROWS, dict.fromkeys(range(len(payloads)), str(plan))
+        shredded = plan.run(payloads)
+        rows = family.objects(shredded, channel.topic)
+        if shredded.failures:
+            rows = rows[~np.isin(rows.message, list(shredded.failures))]
+        return rows, shredded.failures
+
+    def decode(self, message: Message) -> ObservedRows:
+        """The objects of one message whose channel `is_decodable`.
+
+        Raises:
+            PayloadError: the message or its schema is not what it should be.
+        """
+        rows, failures = self.rows(message.channel, [message.data])
+        if failures:
+            raise PayloadError(f"{message.schema_name}: {failures[0]}")
+        return rows
