@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -16,6 +17,7 @@ from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.records import Channel, Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.observed import ObservedRows, concatenated
+from dirprim_filter.recording.schemas.poses import place_in_message
 from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NO_TIME
 from tessellation.arrays import BoolArray, IntArray
 
@@ -54,6 +56,18 @@ def batches(messages: Iterable[Message]) -> Iterator[list[Message]]:
                 batch, size = [], 0
     if batch:
         yield batch
+
+
+def named(rows: ObservedRows, time_ns: IntArray) -> ObservedRows:
+    """The rows with a name of its own, "time/place in the message", for each object that has none.
+
+    So nothing is taken for the same vehicle at two times; what such a row tells of its motion is kept.
+    """
+    nameless = rows.track_id == ""
+    if not nameless.any():
+        return rows
+    made = np.strings.add(np.strings.add(time_ns.astype(np.str_), "/"), place_in_message(rows.message).astype(np.str_))
+    return replace(rows, track_id=np.where(nameless, made, rows.track_id))
 
 
 class Observations:
@@ -112,7 +126,7 @@ class Observations:
                 self._undecodable(batch[here[i]], reason)
             time_ns = self._times([batch[i] for i in here], rows)
             self._watch(channel, time_ns, rows)
-            parts.append((np.array(here, np.int64), time_ns, rows))
+            parts.append((np.array(here, np.int64), time_ns, named(rows, time_ns)))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
         order = np.argsort(number, kind="stable")
         time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])[order]

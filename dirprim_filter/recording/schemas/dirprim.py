@@ -155,7 +155,6 @@ OBSERVATIONS = Family(
         **{label: Field(path=f".{label}[]", optional=label in _OPTIONAL) for label in _COLUMNS},
     },
     objects=_observed,
-    is_named=True,
 )
 
 

@@ -64,13 +64,11 @@ class Family:
         schemas: names, of whatever encoding.
         fields: what is wanted of a message, by label.
         objects: from the fields' columns and the topic to the objects; may mark messages as failed.
-        is_named: an empty id is a name like any other, not one that is missing.
     """
 
     schemas: tuple[str, ...]
     fields: Mapping[str, Field]
     objects: Callable[[Shredded, str], ObservedRows]
-    is_named: bool = False
 
 
 def numbers(shredded: Shredded, *labels: str) -> FloatArray:

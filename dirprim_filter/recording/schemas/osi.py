@@ -52,7 +52,6 @@ def _family(schema: str, truth: str) -> Family:
             **xyz("v", f"{movers}.base.velocity"),
         },
         objects=objects,
-        is_named=True,
     )
 
 

@@ -88,5 +88,4 @@ SCENE_UPDATE = Family(
         "value": Field(path=f"{_NOTES}.value", kind="name"),
     },
     objects=_objects,
-    is_named=True,
 )
