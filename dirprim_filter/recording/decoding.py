@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from operator import attrgetter
 
 import numpy as np
 
-from dirprim_filter.recording.records import Channel, Message
+from dirprim_filter.recording.records import Channel, Message, Schema
 from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES
 from dirprim_filter.recording.schemas.cdr_plan import cdr_plan, full_name
 from dirprim_filter.recording.schemas.column_plan import Plan
@@ -14,6 +15,7 @@ from dirprim_filter.recording.schemas.fields import SchemaError
 from dirprim_filter.recording.schemas.json_plan import JsonPlan
 from dirprim_filter.recording.schemas.observed import NO_ROWS, Family, ObservedRows
 from dirprim_filter.recording.schemas.protobuf_plan import protobuf_plan
+from tessellation.arrays import IntArray
 
 
 class PayloadError(SchemaError):
@@ -53,24 +55,30 @@ def plan_of(channel: Channel, family: Family) -> Plan:
 
 
 class Decoders:
-    """The plans of one log, made when first needed, one for each channel."""
+    """The plans of one log, made when first needed, one for each schema."""
 
     def __init__(self) -> None:
-        self._plans: dict[Channel, Plan | SchemaError] = {}
+        self._plans: dict[tuple[str, Schema], Plan | SchemaError] = {}
 
-    def rows(self, channel: Channel, payloads: Sequence[bytes]) -> tuple[ObservedRows, dict[int, str]]:
-        """The objects of messages of one channel that `is_decodable`, and by number why a message cannot be read."""
+    def rows(self, messages: Sequence[Message]) -> tuple[ObservedRows, dict[int, str]]:
+        """The objects of messages, and by number why a message cannot be read.
+
+        Args:
+            messages: of one schema and encoding, that `is_decodable`; of one channel or of several.
+        """
+        channel = messages[0].channel
         family = FAMILIES[schema_name(channel)]
-        if channel not in self._plans:
+        key = (channel.message_encoding, channel.schema)
+        if key not in self._plans:
             try:
-                self._plans[channel] = plan_of(channel, family)
+                self._plans[key] = plan_of(channel, family)
             except SchemaError as error:
-                self._plans[channel] = error
-        plan = self._plans[channel]
+                self._plans[key] = error
+        plan = self._plans[key]
         if isinstance(plan, SchemaError):
-            return NO_ROWS, dict.fromkeys(range(len(payloads)), str(plan))
-        shredded = plan.run(payloads)
-        rows = family.objects(shredded, channel.topic)
+            return NO_ROWS, dict.fromkeys(range(len(messages)), str(plan))
+        shredded = plan.run([message.data for message in messages])
+        rows = family.objects(shredded, np.array([message.channel.topic for message in messages], dtype=np.str_))
         if shredded.failures:
             rows = rows[~np.isin(rows.message, list(shredded.failures))]
         return rows, shredded.failures
@@ -81,7 +89,21 @@ class Decoders:
         Raises:
             PayloadError: the message or its schema is not what it should be.
         """
-        rows, failures = self.rows(message.channel, [message.data])
+        rows, failures = self.rows([message])
         if failures:
             raise PayloadError(f"{message.schema_name}: {failures[0]}")
         return rows
+
+
+def by_schema(batch: Sequence[Message]) -> Iterator[tuple[IntArray, list[Message]]]:
+    """The messages of each schema and encoding together, with where they stand in the batch."""
+    channels = list(map(attrgetter("channel"), batch))
+    number = np.fromiter(map(id, channels), np.int64, len(batch))  # hashing the channels themselves is slow
+    _, first, of = np.unique(number, return_index=True, return_inverse=True)
+    keys: dict[tuple[str, Schema], int] = {}
+    group = np.array(
+        [keys.setdefault((channels[i].message_encoding, channels[i].schema), len(keys)) for i in first], np.int64
+    )[of]
+    for k in range(len(keys)):
+        places = np.flatnonzero(group == k)
+        yield places, [batch[i] for i in places.tolist()] if len(keys) > 1 else list(batch)

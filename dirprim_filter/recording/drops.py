@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -23,6 +23,14 @@ _WORDS = {
     "alone": "rows too far from others in time to derive a velocity",
     "unplaced": "rows of a time for which no transform of their frame is known",
 }
+
+
+class Numbers(dict[str, int]):
+    """Names, numbered as they first come."""
+
+    def __missing__(self, name: str) -> int:
+        self[name] = len(self)
+        return len(self) - 1
 
 
 @dataclass(slots=True, kw_only=True)
@@ -81,10 +89,11 @@ class ClockFaults:
     backward: int = 0
     duplicate: int = 0
     jumps: int = 0
+    _last_ns: IntArray = field(default_factory=lambda: np.empty(0, np.int64), repr=False, compare=False)
 
     def __iadd__(self, other: Self) -> Self:
-        for f in fields(self):
-            setattr(self, f.name, getattr(self, f.name) + getattr(other, f.name))
+        for name in ("zero", "backward", "duplicate", "jumps"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
         return self
 
     @property
@@ -99,20 +108,26 @@ class ClockFaults:
             f"{self.jumps} more than {seconds} s after it"
         )
 
-    def watch(self, time_ns: IntArray, last_ns: int) -> int:
-        """Count what is odd in the next times of a channel; the last of them.
+    def watch(self, topic: IntArray, time_ns: IntArray) -> None:
+        """Count what is odd in the next times of topics.
 
         Args:
+            topic: (n,) number of the topic of each message, from 0.
             time_ns: (n,) nanoseconds, `NO_TIME` where there is none.
-            last_ns: the time before them, `NO_TIME` at first.
         """
-        known = time_ns[time_ns != NO_TIME]
-        if known.size == 0:
-            return last_ns
-        times = known if last_ns == NO_TIME else np.concatenate([[last_ns], known])
-        before, after = times[:-1], times[1:]
-        self.zero += int((known == 0).sum())
+        known = time_ns != NO_TIME
+        n = int(topic.max(initial=-1)) + 1
+        if n > self._last_ns.size:
+            self._last_ns = np.concatenate([self._last_ns, np.full(n - self._last_ns.size, NO_TIME)])
+        seen = np.flatnonzero(self._last_ns != NO_TIME)
+        topics = np.concatenate([seen, topic[known]])
+        times = np.concatenate([self._last_ns[seen], time_ns[known]])
+        order = np.argsort(topics, kind="stable")
+        topics, times = topics[order], times[order]
+        same = topics[1:] == topics[:-1]
+        before, after = times[:-1][same], times[1:][same]
+        self.zero += int((time_ns == 0).sum())
         self.backward += int((after < before).sum())
         self.duplicate += int((after == before).sum())
         self.jumps += int((after.astype(np.float64) - before.astype(np.float64) > LONG_STEP_NS).sum())
-        return int(times[-1])
+        self._last_ns[topics] = times  # the last of a topic is written last

@@ -11,8 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.decoding import Decoders, is_decodable
-from dirprim_filter.recording.drops import ClockFaults, Drops
+from dirprim_filter.recording.decoding import Decoders, by_schema, is_decodable
+from dirprim_filter.recording.drops import ClockFaults, Drops, Numbers
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.records import Channel, Message
 from dirprim_filter.recording.scan import Scan
@@ -26,8 +26,8 @@ logger = logging.getLogger(__name__)
 TimeSource = Literal["log", "publish", "header"]
 """Which of a message's times counts: of logging, of publishing, or the one its contents carry."""
 
-BATCH_MESSAGES = 4096
-BATCH_BYTES = 1 << 20
+BATCH_MESSAGES = 1 << 14
+BATCH_BYTES = 1 << 21
 """Messages are decoded together up to so many: memory is bounded by a batch."""
 TIME_END_NS = 1 << 63
 
@@ -43,12 +43,12 @@ def batches(messages: Iterable[Message]) -> Iterator[list[Message]]:
     """The messages that can be decoded, some together."""
     batch: list[Message] = []
     size = 0
-    readable: dict[Channel, bool] = {}
+    readable: dict[int, tuple[Channel, bool]] = {}  # by identity: hashing the channels themselves is slow
     for message in messages:
         channel = message.channel
-        if channel not in readable:
-            readable[channel] = is_decodable(channel)
-        if readable[channel]:
+        if id(channel) not in readable:
+            readable[id(channel)] = (channel, is_decodable(channel))
+        if readable[id(channel)][1]:
             batch.append(message)
             size += len(message.data)
             if size >= BATCH_BYTES or len(batch) >= BATCH_MESSAGES:
@@ -94,7 +94,7 @@ class Observations:
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict = strict
         self._decoders = Decoders()
-        self._last_ns: dict[Channel, int] = {}
+        self._topics = Numbers()
 
     def __iter__(self) -> Iterator[TimedRows]:
         """Objects in order of log time; messages of other schemas are passed over.
@@ -116,17 +116,14 @@ class Observations:
 
     def _timed(self, batch: Sequence[Message]) -> TimedRows:
         """The valid objects of a batch within the wanted time."""
-        places: dict[Channel, list[int]] = {}
-        for i, message in enumerate(batch):
-            places.setdefault(message.channel, []).append(i)
         parts = []
-        for channel, here in places.items():
-            rows, failures = self._decoders.rows(channel, [batch[i].data for i in here])
+        for places, messages in by_schema(batch):
+            rows, failures = self._decoders.rows(messages)
             for i, reason in failures.items():
-                self._undecodable(batch[here[i]], reason)
-            time_ns = self._times([batch[i] for i in here], rows)
-            self._watch(channel, time_ns, rows)
-            parts.append((np.array(here, np.int64), time_ns, named(rows, time_ns)))
+                self._undecodable(messages[i], reason)
+            time_ns = self._times(messages, rows)
+            self._watch(messages, time_ns, rows)
+            parts.append((places, time_ns, named(rows, time_ns)))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
         order = np.argsort(number, kind="stable")
         time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])[order]
@@ -153,9 +150,10 @@ class Observations:
         time_ns = np.array([time if time < TIME_END_NS else NO_TIME for time in times], np.int64)
         return time_ns[rows.message]
 
-    def _watch(self, channel: Channel, time_ns: IntArray, rows: ObservedRows) -> None:
-        first = np.searchsorted(rows.message, np.unique(rows.message))
-        self._last_ns[channel] = self.clock.watch(time_ns[first], self._last_ns.get(channel, NO_TIME))
+    def _watch(self, messages: Sequence[Message], time_ns: IntArray, rows: ObservedRows) -> None:
+        of, first = np.unique(rows.message, return_index=True)
+        topics = [messages[i].channel.topic for i in of.tolist()]
+        self.clock.watch(np.fromiter(map(self._topics.__getitem__, topics), np.int64, len(topics)), time_ns[first])
 
     def _wanted(self, message: IntArray, time_ns: IntArray) -> BoolArray:
         timed = time_ns != NO_TIME

@@ -7,11 +7,12 @@ import re
 from collections import Counter, deque
 from pathlib import Path
 
+import numpy as np
+
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.decoding import Decoders, is_decodable, schema_name
+from dirprim_filter.recording.decoding import Decoders, by_schema, is_decodable, schema_name
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.observations import batches
-from dirprim_filter.recording.records import Channel
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
 from dirprim_filter.recording.writer import DETECTIONS_TOPIC
@@ -89,12 +90,9 @@ def _carrying_objects(path: Path, topics: set[str]) -> set[str]:
         decoders = Decoders()
         with Scan(path, topics.__contains__) as log:
             for batch in batches(log):
-                payloads: dict[Channel, list[bytes]] = {}
-                for message in batch:
-                    payloads.setdefault(message.channel, []).append(message.data)
-                for channel, data in payloads.items():
-                    if channel.topic not in carrying and len(decoders.rows(channel, data)[0]):
-                        carrying.add(channel.topic)
+                for _, messages in by_schema(batch):
+                    rows, _ = decoders.rows(messages)
+                    carrying |= {messages[i].topic for i in np.unique(rows.message).tolist()}
                 if carrying == topics:
                     break
     return carrying

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.drops import ClockFaults, Drops
+from dirprim_filter.recording.drops import ClockFaults, Drops, Numbers
 from dirprim_filter.recording.observations import TimedRows
 from dirprim_filter.recording.schemas.observed import NO_ROWS
 from dirprim_filter.tracks import Tracks, repeated_rows
@@ -31,14 +31,6 @@ class TrackLog:
     damage: tuple[tuple[Path, Damage], ...]
     dropped: Drops
     clock: ClockFaults
-
-
-class _Numbers(dict[str, int]):
-    """Names, numbered as they first come."""
-
-    def __missing__(self, name: str) -> int:
-        self[name] = len(self)
-        return len(self) - 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +56,7 @@ class Columns:
     @classmethod
     def of_rows(cls, parts: Iterable[TimedRows]) -> Columns:
         """The rows of all batches, one after the other."""
-        numbers = _Numbers()
+        numbers = Numbers()
         of: list[IntArray] = [np.empty(0, np.int64)]
         kept = [TimedRows(np.empty(0, np.int64), NO_ROWS)]
         for part in parts:

@@ -32,7 +32,7 @@ except ImportError as error:
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from ros_messages import full_definition, header, write_ros2_log
 
-from dirprim_filter.recording.decoding import Decoders
+from dirprim_filter.recording.decoding import Decoders, by_schema
 from dirprim_filter.recording.observations import Observations, batches
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.track_log import Columns
@@ -121,7 +121,16 @@ def rosbags_tracked(path: Path) -> int:
 def _row(time_ns: int, one: Any) -> tuple[Any, ...]:
     pose, twist = one.kinematics.pose_with_covariance.pose, one.kinematics.twist_with_covariance.twist
     q = pose.orientation
-    return time_ns, bytes(one.object_id.uuid), pose.position.x, pose.position.y, q.z, q.w, twist.linear.x, twist.linear.y
+    return (
+        time_ns,
+        bytes(one.object_id.uuid),
+        pose.position.x,
+        pose.position.y,
+        q.z,
+        q.w,
+        twist.linear.x,
+        twist.linear.y,
+    )
 
 
 def ours(path: Path) -> int:
@@ -133,14 +142,9 @@ def ours(path: Path) -> int:
 def plans_alone(path: Path) -> Callable[[], int]:
     """Our decoding without the scan: what the plans and the families cost."""
     with Scan(path) as log:
-        groups = []
-        for batch in batches(log):
-            payloads: dict[Any, list[bytes]] = {}
-            for message in batch:
-                payloads.setdefault(message.channel, []).append(message.data)
-            groups += list(payloads.items())
+        groups = [messages for batch in batches(log) for _, messages in by_schema(batch)]
     decoders = Decoders()
-    return lambda: sum(len(decoders.rows(channel, data)[0]) for channel, data in groups)
+    return lambda: sum(len(decoders.rows(messages)[0]) for messages in groups)
 
 
 def best(run: Callable[[], int]) -> float:

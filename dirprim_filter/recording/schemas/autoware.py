@@ -26,6 +26,7 @@ from dirprim_filter.recording.schemas.attitude import (
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
 
 _PACKAGES = ("autoware_perception_msgs", "autoware_auto_perception_msgs")
 UNAVAILABLE = 0
@@ -44,7 +45,7 @@ def _fields(pose_name: str, twist_name: str) -> dict[str, Field]:
     }
 
 
-def _objects(shredded: Shredded, _topic: str) -> ObservedRows:
+def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(".objects[]")
     orientation = numbers(shredded, *ORIENTATION)
     standing = np.where(shredded.integers("known", default=2) == UNAVAILABLE, np.nan, heading(orientation))

@@ -153,13 +153,14 @@ class ColumnPlan:
                 break
             self._capacity[count >= self._capacity] *= 2
         written = [
-            cells[b : b + c * w].reshape(c, w) for b, c, w in zip(base, count, self._width.tolist(), strict=True)
+            np.ascontiguousarray(cells[b : b + c * w].reshape(c, w).T)
+            for b, c, w in zip(base, count, self._width.tolist(), strict=True)
         ]
         failed = np.flatnonzero(status)
         shredded = Shredded(
             fields=self._layout.fields,
             n_messages=n,
-            rows={path: (written[i][:, 0].copy(), written[i][:, 1].copy()) for path, i in self._layout.tables.items()},
+            rows={path: (written[i][0], written[i][1]) for path, i in self._layout.tables.items()},
             columns={label: self._column(written, *place) for label, place in self._layout.columns.items()},
             data=data,
             failures={int(i): REASONS[int(status[i])] for i in failed},
@@ -171,12 +172,12 @@ class ColumnPlan:
         return shredded
 
     def _column(self, tables: Sequence[AnyArray], table: int, column: int, form: Form) -> Column:
-        cells = tables[table][:, column].copy()
+        cells = tables[table][column]
         marks = self._layout.marks.get((table, column))
-        missing = (tables[table][:, marks] == 0).any(axis=1) if marks else None
+        missing = (tables[table][marks] == 0).any(axis=0) if marks else None
         if (table, column) in self._layout.enough:
             seen, wanted = self._layout.enough[table, column]
-            too_few = tables[table][:, seen] <= wanted
+            too_few = tables[table][seen] <= wanted
             missing = too_few if missing is None else missing | too_few
         values: Any = cells
         if form == "double":

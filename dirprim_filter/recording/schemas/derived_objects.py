@@ -12,9 +12,10 @@ from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, VEL
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
 
 
-def _objects(shredded: Shredded, _topic: str) -> ObservedRows:
+def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(".objects[]")
     direction, speed = course(numbers(shredded, *VELOCITY), heading(numbers(shredded, *ORIENTATION)))
     return rows_of(

@@ -16,7 +16,7 @@ from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
 from dirprim_filter.tracks import Tracks, as_texts
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from google.protobuf.timestamp_pb2 import Timestamp
@@ -109,7 +109,7 @@ def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: 
 _COLUMNS = ("x", "y", "direction", "speed", "group")
 
 
-def _observed(shredded: Shredded, _topic: str) -> ObservedRows:
+def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     """Columns of unlike lengths fail their message; direction, speed and group may be left out."""
     message = shredded.message_of(".track_id[]")
     n = np.bincount(message, minlength=shredded.n_messages)

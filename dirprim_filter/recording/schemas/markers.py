@@ -14,12 +14,13 @@ from dirprim_filter.recording.schemas.attitude import POSITION, xyz
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
 
 BODIES = (1, 2, 3, 10)  # CUBE, SPHERE, CYLINDER, MESH_RESOURCE
 ADD = 0
 
 
-def _objects(shredded: Shredded, _topic: str) -> ObservedRows:
+def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     is_body = np.isin(shredded.integers("type"), BODIES) & (shredded.integers("action") == ADD)
     message = shredded.message_of(".markers[]")
     space, number = shredded.names("space"), shredded.names("id")

@@ -63,12 +63,12 @@ class Family:
     Attributes:
         schemas: names, of whatever encoding.
         fields: what is wanted of a message, by label.
-        objects: from the fields' columns and the topic to the objects; may mark messages as failed.
+        objects: from the fields' columns and (n_messages,) topics to the objects; may mark messages as failed.
     """
 
     schemas: tuple[str, ...]
     fields: Mapping[str, Field]
-    objects: Callable[[Shredded, str], ObservedRows]
+    objects: Callable[[Shredded, AnyArray], ObservedRows]
 
 
 def numbers(shredded: Shredded, *labels: str) -> FloatArray:

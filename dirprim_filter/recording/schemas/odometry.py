@@ -23,9 +23,10 @@ from dirprim_filter.recording.schemas.attitude import (
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
 
 
-def _objects(shredded: Shredded, topic: str) -> ObservedRows:
+def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
     body = shredded.names("id")
     orientation = numbers(shredded, *ORIENTATION)
     velocity = rotated(orientation, numbers(shredded, *VELOCITY))
@@ -33,7 +34,7 @@ def _objects(shredded: Shredded, topic: str) -> ObservedRows:
     direction, speed = course(velocity, heading(orientation))
     return rows_of(
         shredded.message_of(""),
-        track_id=np.where(body == "", topic, body),
+        track_id=np.where(body == "", topics, body),
         stamp_ns=shredded.times("stamp"),
         frame_id=shredded.names("frame"),
         place=numbers(shredded, *POSITION),

@@ -16,12 +16,13 @@ from dirprim_filter.recording.schemas.attitude import POSITION, VELOCITY, course
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
 
 
 def _family(schema: str, truth: str) -> Family:
     movers = f"{truth}.moving_object[]"
 
-    def objects(shredded: Shredded, _topic: str) -> ObservedRows:
+    def objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         message = shredded.message_of(movers)
         velocity = numbers(shredded, *VELOCITY)
         standing = np.where(

@@ -16,7 +16,7 @@ from dirprim_filter.recording.schemas.attitude import POSITION, xyz
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
-from tessellation.arrays import IntArray
+from tessellation.arrays import AnyArray, IntArray
 
 _FOXGLOVE = {
     "stamp": Field(path=".timestamp", kind="time"),
@@ -29,11 +29,11 @@ _ROS = {
 
 
 def _single(*schemas: str, header: Mapping[str, Field], path: str) -> Family:
-    def objects(shredded: Shredded, topic: str) -> ObservedRows:
+    def objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         message = shredded.message_of("")
         return rows_of(
             message,
-            track_id=np.full(message.size, topic),
+            track_id=topics,
             stamp_ns=shredded.times("stamp"),
             frame_id=shredded.names("frame"),
             place=numbers(shredded, *POSITION),
@@ -43,11 +43,11 @@ def _single(*schemas: str, header: Mapping[str, Field], path: str) -> Family:
 
 
 def _several(*schemas: str, header: Mapping[str, Field]) -> Family:
-    def objects(shredded: Shredded, topic: str) -> ObservedRows:
+    def objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         message = shredded.message_of(".poses[]")
         return rows_of(
             message,
-            track_id=np.char.add(f"{topic}/", place_in_message(message).astype(np.str_)),
+            track_id=np.strings.add(np.strings.add(topics[message], "/"), place_in_message(message).astype(np.str_)),
             stamp_ns=shredded.times("stamp")[message],
             frame_id=shredded.names("frame")[message],
             place=numbers(shredded, *POSITION),

@@ -17,14 +17,14 @@ from dirprim_filter.recording.schemas.attitude import POSITION, xyz
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 INT64_TEXT_LENGTH = 20
 _ENTITIES = ".entities[]"
 _NOTES = ".entities[].metadata[]"
 
 
-def _objects(shredded: Shredded, _topic: str) -> ObservedRows:
+def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(_ENTITIES)
     notes = _Notes(shredded, message.size)
     return rows_of(

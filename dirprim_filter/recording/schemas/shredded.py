@@ -81,10 +81,8 @@ class Shredded:
         column = self.columns.get(label)
         if column is None:
             return np.full(self._size(label), np.nan)
-        values = column.values.astype(np.float64)
-        if column.missing is not None:
-            values[column.missing] = np.nan
-        return values
+        values = column.values.astype(np.float64, copy=False)
+        return values if column.missing is None else np.where(column.missing, np.nan, values)
 
     def integers(self, label: str, default: int = 0) -> IntArray:
         """(n,) int64; `default` where missing."""

@@ -12,9 +12,10 @@ from dirprim_filter.recording.schemas.attitude import POSITION, xyz
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
 
 
-def _objects(shredded: Shredded, _topic: str) -> ObservedRows:
+def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(".detections[]")
     return rows_of(
         message,
