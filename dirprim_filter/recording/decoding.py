@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from operator import attrgetter
 
 import numpy as np
@@ -15,7 +15,12 @@ from dirprim_filter.recording.schemas.fields import SchemaError
 from dirprim_filter.recording.schemas.json_plan import JsonPlan
 from dirprim_filter.recording.schemas.observed import NO_ROWS, Family, ObservedRows
 from dirprim_filter.recording.schemas.protobuf_plan import protobuf_plan
+from dirprim_filter.recording.schemas.shredded import Shredded
 from tessellation.arrays import IntArray
+
+BATCH_MESSAGES = 1 << 14
+BATCH_BYTES = 1 << 21
+"""Messages are decoded together up to so many: memory is bounded by a batch."""
 
 
 class PayloadError(SchemaError):
@@ -67,21 +72,33 @@ class Decoders:
             messages: of one schema and encoding, that `is_decodable`; of one channel or of several.
         """
         channel = messages[0].channel
-        family = FAMILIES[schema_name(channel)]
+        try:
+            shredded = self.shredded(messages)
+        except SchemaError as error:
+            return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
+        topics = np.array([message.channel.topic for message in messages], dtype=np.str_)
+        rows = FAMILIES[schema_name(channel)].objects(shredded, topics)
+        if shredded.failures:
+            rows = rows[~np.isin(rows.message, list(shredded.failures))]
+        return rows, shredded.failures
+
+    def shredded(self, messages: Sequence[Message]) -> Shredded:
+        """The wanted fields of messages, of one schema and encoding.
+
+        Raises:
+            SchemaError: the definition cannot be read, or lacks a field.
+        """
+        channel = messages[0].channel
         key = (channel.message_encoding, channel.schema)
         if key not in self._plans:
             try:
-                self._plans[key] = plan_of(channel, family)
+                self._plans[key] = plan_of(channel, FAMILIES[schema_name(channel)])
             except SchemaError as error:
                 self._plans[key] = error
         plan = self._plans[key]
         if isinstance(plan, SchemaError):
-            return NO_ROWS, dict.fromkeys(range(len(messages)), str(plan))
-        shredded = plan.run([message.data for message in messages])
-        rows = family.objects(shredded, np.array([message.channel.topic for message in messages], dtype=np.str_))
-        if shredded.failures:
-            rows = rows[~np.isin(rows.message, list(shredded.failures))]
-        return rows, shredded.failures
+            raise plan
+        return plan.run([message.data for message in messages])
 
     def decode(self, message: Message) -> ObservedRows:
         """The objects of one message whose channel `is_decodable`.
@@ -93,6 +110,25 @@ class Decoders:
         if failures:
             raise PayloadError(f"{message.schema_name}: {failures[0]}")
         return rows
+
+
+def batches(messages: Iterable[Message]) -> Iterator[list[Message]]:
+    """The messages that can be decoded, some together."""
+    batch: list[Message] = []
+    size = 0
+    readable: dict[int, tuple[Channel, bool]] = {}  # by identity: hashing the channels themselves is slow
+    for message in messages:
+        channel = message.channel
+        if id(channel) not in readable:
+            readable[id(channel)] = (channel, is_decodable(channel))
+        if readable[id(channel)][1]:
+            batch.append(message)
+            size += len(message.data)
+            if size >= BATCH_BYTES or len(batch) >= BATCH_MESSAGES:
+                yield batch
+                batch, size = [], 0
+    if batch:
+        yield batch
 
 
 def by_schema(batch: Sequence[Message]) -> Iterator[tuple[IntArray, list[Message]]]:

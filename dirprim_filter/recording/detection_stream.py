@@ -31,12 +31,14 @@ class DetectionStream:
         start_ns: int | None,
         end_ns: int | None,
         strict: bool,
+        frame: str | None,
     ) -> None:
         self._log = log
         self.topics = topics
         self._time_source: TimeSource = time_source
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict = strict
+        self._frame = frame
         self.dropped = Drops()
         self.clock = ClockFaults()
 
@@ -53,8 +55,9 @@ class DetectionStream:
             DecodeError: strict, and a message is not what its schema says.
         """
         observations = Observations(
-            self._log, time_source=self._time_source, start_ns=self._start_ns, end_ns=self._end_ns, strict=self._strict
-        )
+            self._log, time_source=self._time_source, start_ns=self._start_ns, end_ns=self._end_ns, strict=self._strict,
+            frame=self._frame,
+        )  # fmt: skip
         self.dropped, self.clock = observations.drops, observations.clock
         drops = self.dropped
         instant_ns = -(1 << 63)

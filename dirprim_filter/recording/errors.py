@@ -51,6 +51,16 @@ class DecodeError(RecordingError):
         )
 
 
+class MissingTransformError(RecordingError):
+    """An object's frame cannot be told in the frame that is asked for."""
+
+    def __init__(self, path: Path, *, frame: str, target: str, time_ns: int) -> None:
+        super().__init__(
+            f"{fspath(path)}: expected a transform from frame {frame!r} to frame {target!r} at {time_ns} ns, the log "
+            "has none; choose another --frame, other topics, or a log with its transforms"
+        )
+
+
 class TableError(RecordingError):
     """A line of a table is not what the format asks for."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -11,14 +11,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.decoding import Decoders, by_schema, is_decodable
+from dirprim_filter.recording.decoding import Decoders, batches, by_schema
 from dirprim_filter.recording.drops import ClockFaults, Drops, Numbers
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.records import Channel, Message
+from dirprim_filter.recording.records import Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.observed import ObservedRows, concatenated
 from dirprim_filter.recording.schemas.poses import place_in_message
 from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NO_TIME
+from dirprim_filter.recording.transforms import FrameChange
 from tessellation.arrays import BoolArray, IntArray
 
 logger = logging.getLogger(__name__)
@@ -26,9 +27,6 @@ logger = logging.getLogger(__name__)
 TimeSource = Literal["log", "publish", "header"]
 """Which of a message's times counts: of logging, of publishing, or the one its contents carry."""
 
-BATCH_MESSAGES = 1 << 14
-BATCH_BYTES = 1 << 21
-"""Messages are decoded together up to so many: memory is bounded by a batch."""
 TIME_END_NS = 1 << 63
 
 
@@ -37,25 +35,6 @@ class TimedRows(NamedTuple):
 
     time_ns: IntArray
     rows: ObservedRows
-
-
-def batches(messages: Iterable[Message]) -> Iterator[list[Message]]:
-    """The messages that can be decoded, some together."""
-    batch: list[Message] = []
-    size = 0
-    readable: dict[int, tuple[Channel, bool]] = {}  # by identity: hashing the channels themselves is slow
-    for message in messages:
-        channel = message.channel
-        if id(channel) not in readable:
-            readable[id(channel)] = (channel, is_decodable(channel))
-        if readable[id(channel)][1]:
-            batch.append(message)
-            size += len(message.data)
-            if size >= BATCH_BYTES or len(batch) >= BATCH_MESSAGES:
-                yield batch
-                batch, size = [], 0
-    if batch:
-        yield batch
 
 
 def named(rows: ObservedRows, time_ns: IntArray) -> ObservedRows:
@@ -86,6 +65,7 @@ class Observations:
         start_ns: int | None = None,
         end_ns: int | None = None,
         strict: bool = False,
+        frame: str | None = None,
     ) -> None:
         self.drops = Drops()
         self.clock = ClockFaults()
@@ -95,6 +75,7 @@ class Observations:
         self._strict = strict
         self._decoders = Decoders()
         self._topics = Numbers()
+        self._frame = FrameChange(log.path, frame)
 
     def __iter__(self) -> Iterator[TimedRows]:
         """Objects in order of log time; messages of other schemas are passed over.
@@ -102,12 +83,14 @@ class Observations:
         Raises:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
+            MissingTransformError: nothing joins the frame of objects to the one asked for.
         """
         for batch in batches(self._log):
             self._check_intact()
             timed = self._timed(batch)
             if timed.rows.message.size:
                 yield timed
+        self._frame.check()
         self._check_intact()
 
     def _check_intact(self) -> None:
@@ -130,7 +113,9 @@ class Observations:
         rows = concatenated([rows for _, _, rows in parts])[order]
         wanted = self._wanted(number[order], time_ns)
         wanted[wanted] = self._valid(rows[wanted])
-        return TimedRows(time_ns[wanted], rows[wanted])
+        rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
+        self.drops.unplaced += int((~placed).sum())
+        return TimedRows(time_ns[wanted][placed], rows[placed])
 
     def _undecodable(self, message: Message, reason: str) -> None:
         if self._strict:

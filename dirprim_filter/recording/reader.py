@@ -39,6 +39,7 @@ def read_tracks(
     start_ns: int | None = None,
     end_ns: int | None = None,
     strict: bool = False,
+    frame: str | None = None,
 ) -> Tracks:
     """The tracks of a log, or of several; what could not be read is logged, and is told by `read_track_logs`.
 
@@ -56,16 +57,19 @@ def read_tracks(
         start_ns: the first time wanted, nanoseconds.
         end_ns: the first time no longer wanted.
         strict: raise at the first damage instead of going on.
+        frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
+            transforms all objects must be of one frame.
 
     Raises:
         NotMcapError: a file is no MCAP log.
         NoTracksError: a log has no such topic, or none with moving objects.
         DamagedRecordingError: strict, and a log is damaged.
         DecodeError: strict, and a message is not what its schema says.
+        MissingTransformError: no transform leads from an object's frame to the one asked for.
         ValueError: no log is given, or `topics` is neither a name nor a regular expression.
     """
     return read_track_logs(
-        source, topics=topics, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict
+        source, topics=topics, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame
     ).tracks
 
 
@@ -77,6 +81,7 @@ def read_track_logs(
     start_ns: int | None = None,
     end_ns: int | None = None,
     strict: bool = False,
+    frame: str | None = None,
 ) -> TrackLog:
     """As `read_tracks`, with what was lost."""
     paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
@@ -87,7 +92,9 @@ def read_track_logs(
     columns: list[Columns] = []
     for path in paths:
         with Scan(path, choose_topics(path, topics, strict=strict).__contains__) as log:
-            observations = Observations(log, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict)
+            observations = Observations(
+                log, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame
+            )
             columns.append(Columns.of_rows(observations).without_repeats(observations.drops))
             damage += [(path, broken) for broken in log.damage]
             log_losses(path, log.damage, observations.drops, observations.clock)
@@ -105,6 +112,7 @@ def stream_detections(
     start_ns: int | None = None,
     end_ns: int | None = None,
     strict: bool = False,
+    frame: str | None = None,
 ) -> DetectionStream:
     """The detections of a log, an instant at a time, in bounded memory.
 
@@ -115,6 +123,8 @@ def stream_detections(
         start_ns: the first time wanted, nanoseconds.
         end_ns: the first time no longer wanted.
         strict: raise at the first damage instead of going on.
+        frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
+            transforms all objects must be of one frame.
 
     Raises:
         NotMcapError: the file is no MCAP log.
@@ -124,7 +134,7 @@ def stream_detections(
     chosen = choose_topics(Path(path), topics, prefer_detections=True, strict=strict)
     return DetectionStream(
         Scan(Path(path), chosen.__contains__),
-        topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict,
+        topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
     )  # fmt: skip
 
 

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.decoding import Decoders, by_schema, is_decodable, schema_name
+from dirprim_filter.recording.decoding import Decoders, batches, by_schema, is_decodable, schema_name
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
-from dirprim_filter.recording.observations import batches
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
 from dirprim_filter.recording.writer import DETECTIONS_TOPIC

@@ -32,8 +32,8 @@ except ImportError as error:
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from ros_messages import full_definition, header, write_ros2_log
 
-from dirprim_filter.recording.decoding import Decoders, by_schema
-from dirprim_filter.recording.observations import Observations, batches
+from dirprim_filter.recording.decoding import Decoders, batches, by_schema
+from dirprim_filter.recording.observations import Observations
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.track_log import Columns
 

@@ -10,6 +10,7 @@ from dirprim_filter.recording.schemas import (
     osi,
     poses,
     scene_update,
+    transform_messages,
     vision,
 )
 from dirprim_filter.recording.schemas.dirprim import OBSERVATIONS
@@ -27,8 +28,10 @@ KINDS: tuple[tuple[Family, ...], ...] = (
 )
 """Schemas of one kind tell the same; the first kind that a log holds tells the most."""
 
-FAMILIES: dict[str, Family] = {name: family for kind in KINDS for family in kind for name in family.schemas}
-"""By schema name."""
+FAMILIES: dict[str, Family] = {
+    name: family for families in (*KINDS, transform_messages.FAMILIES) for family in families for name in family.schemas
+}
+"""By schema name, those too that are read only where a topic is named."""
 
 ENCODINGS = ("protobuf", "cdr", "json")
 """Of messages, that can be read."""

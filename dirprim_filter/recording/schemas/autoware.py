@@ -49,7 +49,8 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(".objects[]")
     orientation = numbers(shredded, *ORIENTATION)
     standing = np.where(shredded.integers("known", default=2) == UNAVAILABLE, np.nan, heading(orientation))
-    direction, speed = course(rotated(orientation, numbers(shredded, *VELOCITY)), standing)
+    velocity = rotated(orientation, numbers(shredded, *VELOCITY))
+    direction, speed = course(velocity, standing)
     untold = shredded.integers("moves", default=1) == 0
     return rows_of(
         message,
@@ -59,6 +60,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         place=numbers(shredded, *POSITION),
         direction=np.where(untold, np.nan, direction),
         speed=np.where(untold, np.nan, speed),
+        climb=velocity[:, 2],
     )
 
 

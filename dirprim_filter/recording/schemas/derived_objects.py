@@ -17,7 +17,8 @@ from tessellation.arrays import AnyArray
 
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(".objects[]")
-    direction, speed = course(numbers(shredded, *VELOCITY), heading(numbers(shredded, *ORIENTATION)))
+    velocity = numbers(shredded, *VELOCITY)
+    direction, speed = course(velocity, heading(numbers(shredded, *ORIENTATION)))
     return rows_of(
         message,
         track_id=shredded.names("id"),
@@ -26,6 +27,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         place=numbers(shredded, *POSITION),
         direction=direction,
         speed=speed,
+        climb=velocity[:, 2],
     )
 
 

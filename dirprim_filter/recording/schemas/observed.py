@@ -26,6 +26,7 @@ class ObservedRows:
         height: (n,) metres, the third coordinate; 0 where the message tells none.
         direction: (n,) course over ground, radians; NaN where the message does not tell.
         speed: (n,) over ground, m/s; NaN where the message does not tell.
+        climb: (n,) velocity along the third axis, m/s; 0 where the message tells none.
         group: (n,) int64; 0 where the message knows no groups.
     """
 
@@ -37,6 +38,7 @@ class ObservedRows:
     height: FloatArray
     direction: FloatArray
     speed: FloatArray
+    climb: FloatArray
     group: IntArray
 
     def __len__(self) -> int:
@@ -85,6 +87,7 @@ def rows_of(
     place: FloatArray,
     direction: FloatArray | None = None,
     speed: FloatArray | None = None,
+    climb: FloatArray | None = None,
     group: IntArray | None = None,
 ) -> ObservedRows:
     """Rows of which direction, speed and group may be unknown.
@@ -97,6 +100,7 @@ def rows_of(
         place: (n, 3) metres; an unknown height counts as 0.
         direction: (n,) radians.
         speed: (n,) m/s.
+        climb: (n,) m/s.
         group: (n,) int64.
     """
     unknown = np.full(message.size, np.nan)
@@ -109,6 +113,7 @@ def rows_of(
         height=np.where(np.isfinite(place[:, 2]), place[:, 2], 0.0),
         direction=unknown if direction is None else direction,
         speed=unknown if speed is None else speed,
+        climb=np.zeros(message.size) if climb is None else np.where(np.isfinite(climb), climb, 0.0),
         group=np.zeros(message.size, np.int64) if group is None else group,
     )
 

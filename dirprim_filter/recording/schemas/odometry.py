@@ -40,6 +40,7 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         place=numbers(shredded, *POSITION),
         direction=direction,
         speed=speed,
+        climb=velocity[:, 2],
     )
 
 
