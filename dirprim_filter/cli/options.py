@@ -48,6 +48,17 @@ Topics = Annotated[
     typer.Option("--topics", help="Topic name or regular expression; left out, the best there is."),
 ]
 Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message counts.")]
+Frame = Annotated[
+    str | None, typer.Option("--frame", help="Frame of the positions; left out, the root of the log's transforms.")
+]
+Fields = Annotated[
+    str | None,
+    typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
+]
+PlaneOrigin = Annotated[
+    str | None,
+    typer.Option("--origin", help="Latitude,longitude of the plane for satellite fixes; left out, the first."),
+]
 Start = Annotated[str | None, typer.Option("--start", help="First time wanted, ns or RFC 3339.")]
 End = Annotated[str | None, typer.Option("--end", help="First time no longer wanted, ns or RFC 3339.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Damage in a log is an error.")]

@@ -11,12 +11,15 @@ from dirprim_filter.cli import losses
 from dirprim_filter.cli.options import (
     Connect,
     End,
+    Fields,
     Force,
+    Frame,
     Log,
     Map,
     Noise,
     Output,
     Particles,
+    PlaneOrigin,
     Save,
     Seed,
     Spawn,
@@ -48,6 +51,9 @@ def track(
     seed: Seed = 0,
     topics: Topics = None,
     time_source: Time = TimeSource.LOG,
+    frame: Frame = None,
+    fields: Fields = None,
+    origin: PlaneOrigin = None,
     start: Start = None,
     end: End = None,
     strict: Strict = False,
@@ -65,7 +71,7 @@ def track(
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.reader import stream_detections
+    from dirprim_filter.recording.reader import FieldMapping, Origin, stream_detections
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.replay import replay
 
@@ -73,12 +79,17 @@ def track(
     config = FilterConfig(n_particles=particles, noise_m=noise)
     source: Literal["log", "publish", "header"] = time_source.value
     stream = stream_detections(
-        log, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
-    )
+        log, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict,
+        frame=frame, mapping=FieldMapping.parse(fields) if fields else None,
+        origin=Origin.parse(origin) if origin else None,
+    )  # fmt: skip
     tracker = Tracker(
         learned.without_places() if place_free else learned, config=config, rng=np.random.default_rng(seed)
     )
-    said = provenance("track", inputs=[log, map_file], config=config, seed=seed, topics=topics, place_free=place_free)
+    said = provenance(
+        "track", inputs=[log, map_file], config=config, seed=seed, topics=topics, frame=frame, fields=fields,
+        origin=origin, place_free=place_free,
+    )  # fmt: skip
     with ExitStack() as open_files:
         estimates = open_files.enter_context(
             EstimateLog(output, metadata=said, particle_stride=particle_stride, force=force)

@@ -7,6 +7,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.records import Channel, Message, Schema
 from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES
 from dirprim_filter.recording.schemas.cdr_plan import cdr_plan, full_name
@@ -60,10 +61,36 @@ def plan_of(channel: Channel, family: Family) -> Plan:
 
 
 class Decoders:
-    """The plans of one log, made when first needed, one for each schema."""
+    """The plans of one log, made when first needed, one for each schema.
 
-    def __init__(self) -> None:
+    With a mapping every schema is read by that which has its fields, without one the schemas of `FAMILIES`.
+    """
+
+    def __init__(self, mapping: FieldMapping | None = None) -> None:
+        self._mapped = mapping.family() if mapping else None
         self._plans: dict[tuple[str, Schema], Plan | SchemaError] = {}
+
+    def reads(self, channel: Channel) -> bool:
+        """Whether the channel's messages can be read as objects; without a mapping a broken definition counts."""
+        if self._mapped is None:
+            return is_decodable(channel)
+        return channel.message_encoding in ENCODINGS and not isinstance(self._plan(channel), SchemaError)
+
+    def unreadable(self) -> list[str]:
+        """Why schemas that were looked at cannot be read."""
+        return [str(plan) for plan in self._plans.values() if isinstance(plan, SchemaError)]
+
+    def _plan(self, channel: Channel) -> Plan | SchemaError:
+        key = (channel.message_encoding, channel.schema)
+        if key not in self._plans:
+            try:
+                self._plans[key] = plan_of(channel, self._family(channel))
+            except SchemaError as error:
+                self._plans[key] = error
+        return self._plans[key]
+
+    def _family(self, channel: Channel) -> Family:
+        return self._mapped or FAMILIES[schema_name(channel)]
 
     def rows(self, messages: Sequence[Message]) -> tuple[ObservedRows, dict[int, str]]:
         """The objects of messages, and by number why a message cannot be read.
@@ -71,13 +98,12 @@ class Decoders:
         Args:
             messages: of one schema and encoding, that `is_decodable`; of one channel or of several.
         """
-        channel = messages[0].channel
         try:
             shredded = self.shredded(messages)
         except SchemaError as error:
             return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
         topics = np.array([message.channel.topic for message in messages], dtype=np.str_)
-        rows = FAMILIES[schema_name(channel)].objects(shredded, topics)
+        rows = self._family(messages[0].channel).objects(shredded, topics)
         if shredded.failures:
             rows = rows[~np.isin(rows.message, list(shredded.failures))]
         return rows, shredded.failures
@@ -88,14 +114,7 @@ class Decoders:
         Raises:
             SchemaError: the definition cannot be read, or lacks a field.
         """
-        channel = messages[0].channel
-        key = (channel.message_encoding, channel.schema)
-        if key not in self._plans:
-            try:
-                self._plans[key] = plan_of(channel, FAMILIES[schema_name(channel)])
-            except SchemaError as error:
-                self._plans[key] = error
-        plan = self._plans[key]
+        plan = self._plan(messages[0].channel)
         if isinstance(plan, SchemaError):
             raise plan
         return plan.run([message.data for message in messages])
@@ -112,7 +131,7 @@ class Decoders:
         return rows
 
 
-def batches(messages: Iterable[Message]) -> Iterator[list[Message]]:
+def batches(messages: Iterable[Message], decoders: Decoders) -> Iterator[list[Message]]:
     """The messages that can be decoded, some together."""
     batch: list[Message] = []
     size = 0
@@ -120,7 +139,7 @@ def batches(messages: Iterable[Message]) -> Iterator[list[Message]]:
     for message in messages:
         channel = message.channel
         if id(channel) not in readable:
-            readable[id(channel)] = (channel, is_decodable(channel))
+            readable[id(channel)] = (channel, decoders.reads(channel))
         if readable[id(channel)][1]:
             batch.append(message)
             size += len(message.data)

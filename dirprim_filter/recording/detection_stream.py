@@ -9,6 +9,8 @@ import numpy as np
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
+from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.geodesy import Origin
 from dirprim_filter.recording.observations import Observations, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
 
@@ -32,13 +34,15 @@ class DetectionStream:
         end_ns: int | None,
         strict: bool,
         frame: str | None,
+        mapping: FieldMapping | None,
+        origin: Origin | None,
     ) -> None:
         self._log = log
         self.topics = topics
         self._time_source: TimeSource = time_source
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict = strict
-        self._frame = frame
+        self._frame, self._mapping, self._origin = frame, mapping, origin
         self.dropped = Drops()
         self.clock = ClockFaults()
 
@@ -56,7 +60,7 @@ class DetectionStream:
         """
         observations = Observations(
             self._log, time_source=self._time_source, start_ns=self._start_ns, end_ns=self._end_ns, strict=self._strict,
-            frame=self._frame,
+            frame=self._frame, mapping=self._mapping, origin=self._origin,
         )  # fmt: skip
         self.dropped, self.clock = observations.drops, observations.clock
         drops = self.dropped

@@ -61,6 +61,13 @@ class MissingTransformError(RecordingError):
         )
 
 
+class MissingExtraError(RecordingError):
+    """A file needs a library that is not installed."""
+
+    def __init__(self, what: str, *, library: str, extra: str) -> None:
+        super().__init__(f"{what}: expected {library}, which is not installed; pip install 'dirprim-filter[{extra}]'")
+
+
 class TableError(RecordingError):
     """A line of a table is not what the format asks for."""
 

@@ -14,6 +14,8 @@ from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.decoding import Decoders, batches, by_schema
 from dirprim_filter.recording.drops import ClockFaults, Drops, Numbers
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
+from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.geodesy import Origin
 from dirprim_filter.recording.records import Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.observed import ObservedRows, concatenated
@@ -66,6 +68,8 @@ class Observations:
         end_ns: int | None = None,
         strict: bool = False,
         frame: str | None = None,
+        mapping: FieldMapping | None = None,
+        origin: Origin | None = None,
     ) -> None:
         self.drops = Drops()
         self.clock = ClockFaults()
@@ -73,9 +77,14 @@ class Observations:
         self._time_source = time_source
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict = strict
-        self._decoders = Decoders()
+        self._decoders = Decoders(mapping)
         self._topics = Numbers()
-        self._frame = FrameChange(log.path, frame)
+        self._frame = FrameChange(log.path, frame, origin)
+
+    @property
+    def origin(self) -> Origin | None:
+        """Of the plane on which satellite positions were put; None where none was needed or given."""
+        return self._frame.origin
 
     def __iter__(self) -> Iterator[TimedRows]:
         """Objects in order of log time; messages of other schemas are passed over.
@@ -85,7 +94,7 @@ class Observations:
             DecodeError: strict, and a message is not what its schema says.
             MissingTransformError: nothing joins the frame of objects to the one asked for.
         """
-        for batch in batches(self._log):
+        for batch in batches(self._log, self._decoders):
             self._check_intact()
             timed = self._timed(batch)
             if timed.rows.message.size:

@@ -13,6 +13,8 @@ from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.detection_stream import DetectionStream
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
+from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.geodesy import Origin
 from dirprim_filter.recording.observations import Observations, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
@@ -24,8 +26,8 @@ from dirprim_filter.recording.writer import ESTIMATES_TOPIC
 from dirprim_filter.tracks import Tracks
 
 __all__ = [
-    "Damage", "DetectionStream", "Drops", "LogSummary", "TimeSource", "TopicSummary", "TrackLog", "inspect",
-    "read_estimates", "read_track_logs", "read_tracks", "stream_detections",
+    "Damage", "DetectionStream", "Drops", "FieldMapping", "LogSummary", "Origin", "TimeSource", "TopicSummary",
+    "TrackLog", "inspect", "read_estimates", "read_track_logs", "read_tracks", "stream_detections",
 ]  # fmt: skip
 
 PathOrText = str | PathLike[str]
@@ -40,6 +42,8 @@ def read_tracks(
     end_ns: int | None = None,
     strict: bool = False,
     frame: str | None = None,
+    mapping: FieldMapping | None = None,
+    origin: Origin | None = None,
 ) -> Tracks:
     """The tracks of a log, or of several; what could not be read is logged, and is told by `read_track_logs`.
 
@@ -59,6 +63,8 @@ def read_tracks(
         strict: raise at the first damage instead of going on.
         frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
             transforms all objects must be of one frame.
+        mapping: where to find the fields of objects, for schemas that are not known.
+        origin: of the plane for satellite positions; left out: the first position.
 
     Raises:
         NotMcapError: a file is no MCAP log.
@@ -69,8 +75,9 @@ def read_tracks(
         ValueError: no log is given, or `topics` is neither a name nor a regular expression.
     """
     return read_track_logs(
-        source, topics=topics, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame
-    ).tracks
+        source, topics=topics, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
+        mapping=mapping, origin=origin,
+    ).tracks  # fmt: skip
 
 
 def read_track_logs(
@@ -82,6 +89,8 @@ def read_track_logs(
     end_ns: int | None = None,
     strict: bool = False,
     frame: str | None = None,
+    mapping: FieldMapping | None = None,
+    origin: Origin | None = None,
 ) -> TrackLog:
     """As `read_tracks`, with what was lost."""
     paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
@@ -91,15 +100,17 @@ def read_track_logs(
     damage: list[tuple[Path, Damage]] = []
     columns: list[Columns] = []
     for path in paths:
-        with Scan(path, choose_topics(path, topics, strict=strict).__contains__) as log:
+        with Scan(path, choose_topics(path, topics, strict=strict, mapping=mapping).__contains__) as log:
             observations = Observations(
-                log, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame
-            )
+                log, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
+                mapping=mapping, origin=origin,
+            )  # fmt: skip
             columns.append(Columns.of_rows(observations).without_repeats(observations.drops))
             damage += [(path, broken) for broken in log.damage]
             log_losses(path, log.damage, observations.drops, observations.clock)
         dropped += observations.drops
         clock += observations.clock
+        origin = observations.origin  # one plane for all logs
     tracks = Columns.of_logs(columns, [path.stem for path in paths]).as_tracks(dropped)
     return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
 
@@ -113,6 +124,8 @@ def stream_detections(
     end_ns: int | None = None,
     strict: bool = False,
     frame: str | None = None,
+    mapping: FieldMapping | None = None,
+    origin: Origin | None = None,
 ) -> DetectionStream:
     """The detections of a log, an instant at a time, in bounded memory.
 
@@ -125,16 +138,19 @@ def stream_detections(
         strict: raise at the first damage instead of going on.
         frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
             transforms all objects must be of one frame.
+        mapping: where to find the fields of objects, for schemas that are not known.
+        origin: of the plane for satellite positions; left out: the first position.
 
     Raises:
         NotMcapError: the file is no MCAP log.
         NoTracksError: the log has no such topic, or none with moving objects.
         ValueError: `topics` is neither a name nor a regular expression.
     """
-    chosen = choose_topics(Path(path), topics, prefer_detections=True, strict=strict)
+    chosen = choose_topics(Path(path), topics, prefer_detections=True, strict=strict, mapping=mapping)
     return DetectionStream(
         Scan(Path(path), chosen.__contains__),
         topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
+        mapping=mapping, origin=origin,
     )  # fmt: skip
 
 

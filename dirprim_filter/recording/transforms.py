@@ -21,9 +21,11 @@ from scipy.spatial.transform import Rotation
 
 from dirprim_filter.recording.decoding import Decoders, batches, by_schema, family_of
 from dirprim_filter.recording.errors import MissingTransformError
+from dirprim_filter.recording.geodesy import Origin, on_plane
 from dirprim_filter.recording.records import Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.fields import SchemaError
+from dirprim_filter.recording.schemas.location import GEODETIC
 from dirprim_filter.recording.schemas.observed import ObservedRows
 from dirprim_filter.recording.schemas.shredded import NO_TIME
 from dirprim_filter.recording.schemas.transform_messages import FAMILIES, TransformRows, transforms_of
@@ -124,7 +126,8 @@ class TransformTree:
         parts = []
         failed = 0
         with Scan(path, topics.__contains__) as log:
-            for batch in batches(message for message in log if family_of(message.channel) in FAMILIES):
+            told = (message for message in log if family_of(message.channel) in FAMILIES)
+            for batch in batches(told, decoders):
                 for _, messages in by_schema(batch):
                     try:
                         shredded = decoders.shredded(messages)
@@ -176,10 +179,12 @@ class FrameChange:
 
     Attributes:
         target: its name; empty until the first object has told its own.
+        origin: of the plane of satellite positions, which counts as the target; None until one was needed.
     """
 
-    def __init__(self, path: Path, target: str | None) -> None:
+    def __init__(self, path: Path, target: str | None, origin: Origin | None = None) -> None:
         self.target = target or ""
+        self.origin = origin
         self._path = path
         self._tree: TransformTree | None = None
         self._placed = 0
@@ -198,6 +203,9 @@ class FrameChange:
             if frame in ("", self.target):
                 continue
             here = np.flatnonzero(rows.frame_id == frame)
+            if frame == GEODETIC:
+                rows = self._on_plane(rows, here)
+                continue
             when = np.where(rows.stamp_ns[here] > 0, rows.stamp_ns[here], time_ns[here])
             found = self._find(frame, when)
             if found is not None:
@@ -221,6 +229,19 @@ class FrameChange:
             logger.warning(
                 "%s: no transform from %r to %r at %d ns, and at other times", self._path, frame, self.target, time_ns
             )
+
+    def _on_plane(self, rows: ObservedRows, here: IntArray) -> ObservedRows:
+        if self.origin is None:
+            longitude, latitude = rows.position[here[0]].tolist()
+            self.origin = Origin(latitude, longitude)
+            logger.warning(
+                "%s: the plane's origin is the first fix; for the same plane in other logs say --origin %.9f,%.9f",
+                self._path, latitude, longitude,
+            )  # fmt: skip
+        place = on_plane(self.origin, np.column_stack([rows.position[here], rows.height[here]]))
+        position, height = rows.position.copy(), rows.height.copy()
+        position[here], height[here] = place[:, :2], place[:, 2]
+        return replace(rows, position=position, height=height)
 
     def _find(self, frame: str, time_ns: IntArray) -> Placement | None:
         """A frame in the target; None where they are the same."""

@@ -141,9 +141,9 @@ def ours(path: Path) -> int:
 
 def plans_alone(path: Path) -> Callable[[], int]:
     """Our decoding without the scan: what the plans and the families cost."""
-    with Scan(path) as log:
-        groups = [messages for batch in batches(log) for _, messages in by_schema(batch)]
     decoders = Decoders()
+    with Scan(path) as log:
+        groups = [messages for batch in batches(log, decoders) for _, messages in by_schema(batch)]
     return lambda: sum(len(decoders.rows(messages)[0]) for messages in groups)
 
 

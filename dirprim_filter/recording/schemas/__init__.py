@@ -5,6 +5,7 @@ from __future__ import annotations
 from dirprim_filter.recording.schemas import (
     autoware,
     derived_objects,
+    location,
     markers,
     odometry,
     osi,
@@ -25,6 +26,7 @@ KINDS: tuple[tuple[Family, ...], ...] = (
     (autoware.PREDICTED, autoware.DETECTED, vision.DETECTIONS_3D),
     (odometry.ROS, odometry.FOXGLOVE),
     poses.FAMILIES,
+    location.FAMILIES,
 )
 """Schemas of one kind tell the same; the first kind that a log holds tells the most."""
 
