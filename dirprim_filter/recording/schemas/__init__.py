@@ -9,6 +9,7 @@ from dirprim_filter.recording.schemas import (
     markers,
     odometry,
     osi,
+    osi_sensor_data,
     poses,
     scene_update,
     transform_messages,
@@ -20,6 +21,7 @@ from dirprim_filter.recording.schemas.observed import Family
 KINDS: tuple[tuple[Family, ...], ...] = (
     (OBSERVATIONS,),
     (osi.GROUND_TRUTH, osi.SENSOR_VIEW),
+    (osi_sensor_data.SENSOR_DATA,),
     (autoware.TRACKED, *derived_objects.FAMILIES),
     (scene_update.SCENE_UPDATE,),
     (markers.MARKERS,),

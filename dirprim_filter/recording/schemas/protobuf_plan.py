@@ -135,7 +135,8 @@ class _Program:
                 self.layout.columns[label] = (at.table, mark, "mark")
             else:
                 self.layout.clock(label, descriptor.fields_by_name, want.below)
-        below = at.at(f".{found.name}", *([mark] if selector is not None or clocks else []))
+        step = f".{found.name}" if selector is None else f".{found.name}[{selector}]"
+        below = at.at(step, *([mark] if selector is not None or clocks else []))
         child = self.message(descriptor, want, below, depth + 1)
         if selector is None:
             return [found.number, 2, kernels.MESSAGE, 0, at.table, 0, child, mark]
