@@ -94,7 +94,24 @@ def test_learn_and_track_run(tmp_path, name):
     write, options = LOGS[name]
     log, learned, out = (tmp_path / f"{part}.mcap" for part in ("log", "map", "out"))
     write(log)
-    assert run(["learn", str(log), "-o", str(learned), "--cell-size", "10", *options]) == 0
+    assert (
+        run(
+            [
+                "learn",
+                str(log),
+                "-o",
+                str(learned),
+                "--cell-size",
+                "10",
+                "--modes",
+                "dbscan",
+                "--primitive",
+                "flat",
+                *options,
+            ]
+        )
+        == 0
+    )
     assert run(["track", str(log), "--map", str(learned), "-o", str(out), "--particles", "50", *options]) == 0
     estimates = read_estimates(out)
     assert len(estimates) == N
