@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from mmap import mmap
 
 import lz4.frame
+import numpy as np
 import zstandard
 
+from dirprim_filter.recording._kernels import index_run
 from dirprim_filter.recording.damage import Damage, DamageKind
-from dirprim_filter.recording.records import MESSAGE_INDEX, RECORD_HEADER_SIZE, U32, U64
+from dirprim_filter.recording.records import RECORD_HEADER_SIZE, U64
 
 MAX_CHUNK_BYTES = 1 << 30
 """No chunk is decompressed beyond this: writers close chunks after some MiB; a larger claim is damage, or an
@@ -43,6 +45,7 @@ class Chunk:
         size: bytes of its contents.
         crc: CRC-32 of its contents; 0 where the writer gave none.
         compression: "", "zstd" or "lz4".
+        claimed_length: bytes of its data by its own field.
         is_cut: the file ends inside of it.
     """
 
@@ -54,7 +57,13 @@ class Chunk:
     size: int
     crc: int
     compression: str
+    claimed_length: int = 0
     is_cut: bool = False
+
+    @property
+    def claimed_end(self) -> int:
+        """Byte after its record if that were whole."""
+        return self.data_offset + self.claimed_length
 
     @property
     def end(self) -> int:
@@ -85,6 +94,7 @@ def chunk_at(file: mmap, offset: int) -> Chunk | None:
         size=size,
         crc=crc,
         compression=compression,
+        claimed_length=data_length,
         is_cut=data_offset + data_length > len(file),
     )
 
@@ -171,10 +181,6 @@ def _lost(file: mmap, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:
 
 
 def _indexed_messages(file: mmap, at: int) -> int | None:
-    """Messages that the index behind a chunk counts; None where there is no index."""
-    found = None
-    while at + RECORD_HEADER_SIZE + 6 <= len(file) and file[at] == MESSAGE_INDEX:
-        n_bytes = int(U32.unpack_from(file, at + RECORD_HEADER_SIZE + 2)[0])
-        found = (found or 0) + n_bytes // 16
-        at += RECORD_HEADER_SIZE + int(U64.unpack_from(file, at + 1)[0])
-    return found
+    """Messages that the indexes behind a chunk count; None where there is no index."""
+    end, n_messages = index_run(np.frombuffer(file, np.uint8), at)
+    return n_messages if end > at else None
