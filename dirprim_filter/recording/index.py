@@ -13,12 +13,14 @@ from dataclasses import dataclass, field
 from mmap import mmap
 
 from dirprim_filter.recording.records import (
+    ATTACHMENT_INDEX,
     CHANNEL,
     CHUNK,
     CHUNK_INDEX,
     DATA_END,
     FOOTER,
     MAGIC,
+    METADATA_INDEX,
     RECORD_HEADER_SIZE,
     SCHEMA,
     STATISTICS,
@@ -29,6 +31,7 @@ from dirprim_filter.recording.records import (
     Schema,
     parse_channel,
     parse_schema,
+    parse_text,
 )
 
 FOOTER_BODY = struct.Struct("<QQI")
@@ -39,6 +42,8 @@ COUNT = struct.Struct("<HQ")
 CHUNK_INDEX_HEAD = struct.Struct("<QQQQI")
 """First and last log time; offset and length of the chunk's record; bytes of the message indexes' places."""
 PLACE = struct.Struct("<HQ")
+ATTACHMENT_NAME_AT, METADATA_NAME_AT = 40, 16
+"""Bytes before the name in an attachment index and in a metadata index."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +76,8 @@ class Index:
         counts: messages by channel id; None where there is no Statistics record.
         start_ns: first log time, by the Statistics record.
         end_ns: last log time.
+        attachments: their names.
+        metadata: their records' names.
         has_checksum: a checksum vouches for it.
     """
 
@@ -80,6 +87,8 @@ class Index:
     counts: dict[int, int] | None = None
     start_ns: int = 0
     end_ns: int = 0
+    attachments: list[str] = field(default_factory=list)
+    metadata: list[str] = field(default_factory=list)
     has_checksum: bool = False
 
 
@@ -124,6 +133,10 @@ def _take(index: Index, file: mmap, at: int, end: int) -> None:
     elif opcode == CHUNK_INDEX:
         chunk = parse_chunk_index(file, body, end)
         index.chunks[chunk.offset] = chunk
+    elif opcode == ATTACHMENT_INDEX:
+        index.attachments.append(parse_text(file, body + ATTACHMENT_NAME_AT, end)[0])
+    elif opcode == METADATA_INDEX:
+        index.metadata.append(parse_text(file, body + METADATA_NAME_AT, end)[0])
     elif opcode == STATISTICS:
         *_, index.start_ns, index.end_ns, n_bytes = STATISTICS_HEAD.unpack_from(file, body)
         first = body + STATISTICS_HEAD.size

@@ -45,7 +45,15 @@ from dirprim_filter.recording.records import (
     parse_metadata,
     parse_schema,
 )
-from dirprim_filter.recording.resync import PRIVATE, is_record, legal_end, next_chunk, salvageable, starts_record
+from dirprim_filter.recording.resync import (
+    PRIVATE,
+    is_record,
+    is_sound,
+    legal_end,
+    next_chunk,
+    salvageable,
+    starts_record,
+)
 
 RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
@@ -91,7 +99,7 @@ def read_layout(file: mmap) -> Layout:
     walk.check_opening()
     at = len(MAGIC)
     while (after := walk.step(at)) is not None:
-        at = after
+        walk.previous, at = at, after
     walk.check_summary()
     return walk.layout
 
@@ -106,6 +114,7 @@ class _Walk:
         self.has_unchunked = False
         self.data_end: int | None = None  # the byte after the DataEnd record
         self.summary_crc_holds = False
+        self.previous = len(MAGIC)  # where the record before starts
         self.after_index = False  # the record before was a chunk or a message index
 
     def check_opening(self) -> None:
@@ -123,7 +132,8 @@ class _Walk:
         if opcode == CHUNK:
             return self.take_chunk(at, end)
         after = at
-        if opcode == MESSAGE and not (after_index and self.is_message_index(at, end)):
+        may_be_message = self.data_end is None and not (after_index and self.is_message_index(at, end))
+        if opcode == MESSAGE and may_be_message:
             after = self.take_messages(at)
         elif opcode == MESSAGE_INDEX:
             after, _ = index_run(np.frombuffer(self.file, np.uint8), at)
@@ -162,10 +172,10 @@ class _Walk:
         return chunk.end if not chunk.is_cut else None
 
     def take_small(self, opcode: int, at: int, end: int) -> int | None:
-        """A record that is no message, chunk or message index; the byte after it, None behind the footer."""
+        """A record that is no message, chunk or message index; the byte after it, None behind the last footer."""
         if opcode == FOOTER:
             self.take_footer(at, end)
-            return None
+            return next_chunk(self.file, end, self.size)  # of a log that goes on, this was not the end
         try:
             self.learn(opcode, at, end)
         except MalformedRecordError as error:
@@ -250,6 +260,8 @@ class _Walk:
 
     def recover(self, at: int) -> int | None:
         """Go on after a record that makes no sense: with the chunk it may still be, or the next one."""
+        if (swallowed := self.swallowed(at)) is not None:
+            return swallowed
         end = legal_end(self.file, at)
         got = f"opcode {self.file[at]:#04x}, length {end - at - RECORD_HEADER_SIZE}"
         if chunk := salvageable(self.file, at):
@@ -265,6 +277,16 @@ class _Walk:
         kind: DamageKind = "truncated" if is_cut else "record"
         until = self.size if found is None else found
         self.damaged(kind, at, until - at, None, f"{got}; {until - at} bytes from there on cannot be read")
+        return found
+
+    def swallowed(self, at: int) -> int | None:
+        """A chunk within the record before, of which bytes are missing: its length then reaches beyond its end."""
+        start = self.previous
+        found = next_chunk(self.file, start + 1, at) if start < at else None
+        last = self.layout.chunks[-1] if self.layout.chunks else None
+        if found is None or (last and last.offset == start and is_sound(self.file, last)):
+            return None
+        self.damaged("record", start, found - start, None, f"a record of {at - start} bytes holds the chunk behind it")
         return found
 
     def ended_early(self, at: int) -> None:

@@ -5,7 +5,6 @@ Source: the MCAP format specification, https://mcap.dev/spec. The same messages 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from importlib import metadata as installed
 from pathlib import Path
@@ -15,8 +14,8 @@ from typing import Self
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from dirprim_filter.recording.errors import OutputExistsError
 from dirprim_filter.recording.mcap_writer import McapWriter
+from dirprim_filter.recording.partial_file import PartialFile
 from dirprim_filter.recording.records import Channel, Schema
 
 PRODUCER = "dirprim-filter"
@@ -60,11 +59,7 @@ class McapLog:
         force: bool = False,
     ) -> None:
         self.path = Path(path)
-        if self.path.exists() and not force:
-            raise OutputExistsError(self.path)
-        if self.path.is_dir() or not self.path.absolute().parent.is_dir():
-            raise NotADirectoryError(f"{self.path}: expected a file in an existing folder; create the folder first")
-        self._partial = self.path.with_name(f"{self.path.name}.{os.getpid()}.partial")
+        self._partial = PartialFile(path, force=force, keep_when_interrupted=True)
         self._metadata = metadata
         self._channel: dict[str, int] = {}
         self._schema: dict[str, Schema] = {}
@@ -73,8 +68,7 @@ class McapLog:
         self._chunk_start_ns: int | None = None
 
     def __enter__(self) -> Self:
-        self._file = self._partial.open("wb", buffering=0)  # a closed chunk outlives the process
-        self._writer = McapWriter(self._file, library=PRODUCER)
+        self._writer = McapWriter(self._partial.__enter__(), library=PRODUCER)
         said = {"producer": PRODUCER, "version": producer_version(), **self._metadata}
         self._writer.add_metadata(METADATA_NAME, said)
         return self
@@ -85,12 +79,10 @@ class McapLog:
         try:
             if kind is None or issubclass(kind, KeyboardInterrupt):
                 self._writer.finish()
-                os.fsync(self._file.fileno())
-                self._file.close()
-                self._partial.replace(self.path)
-        finally:
-            self._file.close()
-            self._partial.unlink(missing_ok=True)
+        except BaseException as failure:
+            self._partial.__exit__(type(failure), failure, failure.__traceback__)
+            raise
+        self._partial.__exit__(kind, error, trace)
 
     def write(self, topic: str, message: Message, time_ns: int) -> None:
         """Append a message; log time and publish time are `time_ns`.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
-from typing import BinaryIO
+from io import FileIO
 
 import numpy as np
 import zstandard
@@ -51,7 +51,7 @@ class McapWriter:
         chunk_bytes: a chunk is closed when its contents exceed this.
     """
 
-    def __init__(self, file: BinaryIO, *, profile: str = "", library: str, chunk_bytes: int = CHUNK_BYTES) -> None:
+    def __init__(self, file: FileIO, *, profile: str = "", library: str, chunk_bytes: int = CHUNK_BYTES) -> None:
         self._file = file
         self._at = 0
         self._crc = 0
@@ -79,13 +79,14 @@ class McapWriter:
         Raises:
             ValueError: all ids are taken.
         """
-        schema_id = 0 if channel.schema == NO_SCHEMA else self._define_schema(channel.schema, schema_id)
+        schema_id = 0 if channel.schema == NO_SCHEMA else self.define_schema(channel.schema, schema_id)
         channel_id = _free_id(self.channels, channel_id, first=1)
         self._buffer += encoding.channel(channel_id, schema_id, channel)
         self.adopt_channel(channel_id, schema_id, channel)
         return channel_id
 
-    def _define_schema(self, schema: Schema, schema_id: int | None) -> int:
+    def define_schema(self, schema: Schema, schema_id: int | None = None) -> int:
+        """Write a schema into the open chunk, unless it is there under some id. -> its id."""
         for known_id, known in self.schemas.items():
             if known == schema:
                 return known_id

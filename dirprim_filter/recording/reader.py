@@ -12,11 +12,12 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.detection_stream import DetectionStream
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
+from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.observations import Drops, TimeSource, log_losses, observed_frames
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.summary import LogSummary, TopicSummary, inspect
+from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.topics import choose_topics
 from dirprim_filter.recording.track_log import Columns, TrackLog
 from dirprim_filter.recording.writer import ESTIMATES_TOPIC

@@ -13,7 +13,7 @@ import re
 from dataclasses import replace
 from mmap import mmap
 
-from dirprim_filter.recording.chunk import FIXED_SIZE, Chunk, chunk_at
+from dirprim_filter.recording.chunk import FIXED_SIZE, Chunk, chunk_at, read_contents
 from dirprim_filter.recording.records import (
     ATTACHMENT,
     ATTACHMENT_INDEX,
@@ -114,13 +114,19 @@ def next_chunk(file: mmap, at: int, until: int) -> int | None:
 
 
 def salvageable(file: mmap, at: int) -> Chunk | None:
-    """The chunk that a contradictory record may still be; its checksum then decides. None if it cannot be one."""
+    """The chunk that a contradictory record may still be; None if it cannot be one."""
     chunk = chunk_at(file, at)
     if chunk is None or not chunk.size:
         return None
     if not chunk.is_cut and starts_record(file, chunk.end):
-        return chunk
+        return chunk if is_sound(file, chunk) or next_chunk(file, at + 1, chunk.end) is None else None
     end = legal_end(file, at)
     if chunk.crc and chunk.data_offset < end < len(file) and starts_record(file, end):
-        return replace(chunk, data_length=end - chunk.data_offset, is_cut=False)
+        by_record = replace(chunk, data_length=end - chunk.data_offset, is_cut=False)
+        return by_record if is_sound(file, by_record) else None
     return None
+
+
+def is_sound(file: mmap, chunk: Chunk) -> bool:
+    """Whether a checksum vouches for a chunk's contents."""
+    return chunk.crc != 0 and read_contents(file, chunk)[1] is None

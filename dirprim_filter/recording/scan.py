@@ -75,6 +75,10 @@ class Scan:
 
     Attributes:
         path: the file, as it was named.
+        file: its bytes.
+        layout: where everything stands in it.
+        definitions: schemas and channels by their ids, as far as they are known.
+        channel_list: what the channel indices of `parts` mean.
         metadata: name and entries of each metadata record.
         damage: what could not be read so far; complete once the iteration has ended; empty when all was read.
     """
@@ -93,9 +97,9 @@ class Scan:
             NO_TIMES[0] if start_ns is None else max(start_ns, NO_TIMES[0]),
             NO_TIMES[1] if end_ns is None else max(min(end_ns, NO_TIMES[1]), NO_TIMES[0]),
         )
-        self._file = mapped(path)
-        self._layout = read_layout(self._file)
-        self.metadata = self._layout.metadata
+        self.file = mapped(path)
+        self.layout = read_layout(self.file)
+        self.metadata = self.layout.metadata
         self._reset()
 
     def __enter__(self) -> Self:
@@ -108,17 +112,17 @@ class Scan:
 
     def close(self) -> None:
         """Let go of the file; no more messages come."""
-        self._file.close()
+        self.file.close()
 
     def channels(self) -> list[Channel]:
         """All channels of the log, from the summary where it repeats them, else from within the chunks."""
-        return self._definitions.all_channels()
+        return self.definitions.all_channels()
 
     def attachments(self) -> list[tuple[Attachment, bytes]]:
         """The files attached to the log whose checksum holds, and their contents."""
         return [
-            (attachment, self._file[attachment.data_offset : attachment.data_offset + attachment.size])
-            for attachment in self._layout.attachments
+            (attachment, self.file[attachment.data_offset : attachment.data_offset + attachment.size])
+            for attachment in self.layout.attachments
         ]
 
     def __iter__(self) -> Iterator[Message]:
@@ -126,8 +130,8 @@ class Scan:
         return chain.from_iterable(self._blocks())
 
     def _blocks(self) -> Iterator[Iterator[Message]]:
-        chunks = self._layout.chunks
-        with TimeMerge(self._channels) as merge:
+        chunks = self.layout.chunks
+        with TimeMerge(self.channel_list) as merge:
             for position in sorted(range(len(chunks)), key=lambda i: chunks[i].start_ns):
                 chunk = chunks[position]
                 if self._is_beside(chunk):
@@ -136,29 +140,35 @@ class Scan:
                 merge.hold(position, self._messages(chunk))
             yield from merge.release(None)
 
+    def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
+        """Each chunk and its messages, in the order of the file; `damage` grows as they come."""
+        self._reset()
+        for chunk in self.layout.chunks:
+            yield chunk, self._messages(chunk)
+
     def _reset(self) -> None:
-        self.damage: list[Damage] = list(self._layout.damage)
-        self._definitions = Definitions(self._file, self._layout)
-        self._channels: list[Channel] = []
+        self.damage: list[Damage] = list(self.layout.damage)
+        self.definitions = Definitions(self.file, self.layout)
+        self.channel_list: list[Channel] = []
         self._index_of: dict[Channel, int] = {}
         self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
 
     def _is_beside(self, chunk: Chunk) -> bool:
         """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
-        told = self._layout.index.get(chunk.offset)
+        told = self.layout.index.get(chunk.offset)
         if told is None or (told.start_ns, told.end_ns) != (chunk.start_ns, chunk.end_ns):
             return False
         if told.channels and (chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]):
             return True  # a chunk without messages may state any times, and define channels
         if self._topics is None or not told.channels:
             return False
-        channels = [self._layout.summary_channels.get(channel_id) for channel_id in told.channels]
+        channels = [self.layout.summary_channels.get(channel_id) for channel_id in told.channels]
         return all(channel is not None and not self._topics(channel.topic) for channel in channels)
 
     def _messages(self, chunk: Chunk) -> MessageColumns:
         """The wanted messages of a chunk, sorted by log time, stably."""
-        contents, damage = read_contents(self._file, chunk)
-        let_go(self._file, chunk.offset, chunk.end)
+        contents, damage = read_contents(self.file, chunk)
+        let_go(self.file, chunk.offset, chunk.end)
         if damage:
             self.damage.append(damage)
         buffer = np.frombuffer(contents, np.uint8)
@@ -200,7 +210,7 @@ class Scan:
             index[done:upto] = self._indices(channel_id[done:upto])
             done = upto
             try:
-                if self._definitions.take(contents, at, end):
+                if self.definitions.take(contents, at, end):
                     self._lookup[:] = UNSEEN
             except MalformedRecordError as error:
                 self._damaged("definition", chunk, None, str(error))
@@ -222,14 +232,14 @@ class Scan:
 
     def _index(self, channel_id: int) -> int:
         """Where the channel of that id stands in the list."""
-        channel = self._definitions.channel(channel_id)
+        channel = self.definitions.channel(channel_id)
         if channel is None:
             return UNKNOWN
         if self._topics is not None and not self._topics(channel.topic):
             return UNWANTED
         if channel not in self._index_of:
-            self._index_of[channel] = len(self._channels)
-            self._channels.append(channel)
+            self._index_of[channel] = len(self.channel_list)
+            self.channel_list.append(channel)
         return self._index_of[channel]
 
     def _damaged(self, kind: DamageKind, chunk: Chunk, messages: int | None, detail: str) -> None:
