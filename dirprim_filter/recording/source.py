@@ -55,11 +55,6 @@ def local_file(path: str | PathLike[str]) -> Path:
     return file
 
 
-def is_url(path: str | PathLike[str]) -> bool:
-    """Whether the path names no file and looks like a URL."""
-    return URL.fullmatch(fspath(path)) is not None and not Path(path).exists()
-
-
 def mapped(path: str | PathLike[str]) -> mmap.mmap:
     """The bytes of a log.
 
