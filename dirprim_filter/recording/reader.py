@@ -15,11 +15,12 @@ from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.geodesy import Origin
+from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.observations import Observations, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.summary import LogSummary, TopicSummary, inspect
+from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.topics import choose_topics
 from dirprim_filter.recording.track_log import Columns, TrackLog
 from dirprim_filter.recording.writer import ESTIMATES_TOPIC

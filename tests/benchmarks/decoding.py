@@ -176,11 +176,11 @@ def main() -> None:
             ("", "column plan, scan and all", best(lambda: ours(objects))),
             ("", "column plan alone", best(plans_alone(objects))),
         ]
-    print(f"{'messages':32}{'decoder':32}{'objects/s of processor time':>28}{'x stock':>9}")  # noqa: T201
+    print(f"{'messages':32}{'decoder':32}{'objects/s of processor time':>28}{'x stock':>9}")
     stock = 1.0
     for what, how, rate in table:
         stock = rate if what else stock
-        print(f"{what:32}{how:32}{rate:28,.0f}{rate / stock:9.1f}")  # noqa: T201
+        print(f"{what:32}{how:32}{rate:28,.0f}{rate / stock:9.1f}")
 
 
 if __name__ == "__main__":
