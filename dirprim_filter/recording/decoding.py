@@ -9,7 +9,7 @@ import numpy as np
 
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.records import Channel, Message, Schema
-from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES
+from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
 from dirprim_filter.recording.schemas.cdr_plan import cdr_plan, full_name
 from dirprim_filter.recording.schemas.column_plan import Plan
 from dirprim_filter.recording.schemas.fields import SchemaError
@@ -44,6 +44,12 @@ def schema_name(channel: Channel) -> str:
 def is_decodable(channel: Channel) -> bool:
     """Whether the channel's messages can be read as objects."""
     return family_of(channel) is not None
+
+
+def carries_objects(channel: Channel) -> bool:
+    """Whether the channel's messages tell of objects by themselves; transforms do so only where they are named."""
+    family = family_of(channel)
+    return family is not None and any(family in kind for kind in KINDS)
 
 
 def plan_of(channel: Channel, family: Family) -> Plan:

@@ -10,7 +10,7 @@ from os import PathLike
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from dirprim_filter.recording.decoding import Decoders, by_schema, is_decodable
+from dirprim_filter.recording.decoding import Decoders, by_schema, carries_objects
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.message_columns import MessageColumns
 from dirprim_filter.recording.records import Channel, Message
@@ -125,14 +125,14 @@ def _key(channel: Channel) -> tuple[str, str, str, bool]:
 
 
 def _has_tracks(channel: Channel) -> bool:
-    return is_decodable(channel) or channel.schema.name == ESTIMATES_SCHEMA
+    return carries_objects(channel) or channel.schema.name == ESTIMATES_SCHEMA
 
 
 def _count_tracks(
     messages: Sequence[Message], decoders: Decoders, tallies: Mapping[tuple[str, str, str, bool], _Tally]
 ) -> int:
     """Tally the track ids of messages of one schema; -> how many messages could not be read."""
-    if is_decodable(messages[0].channel):
+    if carries_objects(messages[0].channel):
         rows, failures = decoders.rows(messages)
         topics = [tallies[_key(message.channel)].track_ids for message in messages]
         for number, name in zip(rows.message.tolist(), rows.track_id.tolist(), strict=True):
