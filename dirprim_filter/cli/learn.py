@@ -10,9 +10,12 @@ import typer
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.options import (
     End,
+    Fields,
     Force,
+    Frame,
     Logs,
     Output,
+    PlaneOrigin,
     Seed,
     Start,
     Strict,
@@ -54,6 +57,9 @@ def learn(
     seed: Seed = 0,
     topics: Topics = None,
     time_source: Time = TimeSource.LOG,
+    frame: Frame = None,
+    fields: Fields = None,
+    origin: PlaneOrigin = None,
     start: Start = None,
     end: End = None,
     strict: Strict = False,
@@ -70,14 +76,16 @@ def learn(
     from dirprim_filter.primitives import learn_primitives
     from dirprim_filter.recording import save_map
     from dirprim_filter.recording.errors import OutputExistsError
-    from dirprim_filter.recording.reader import read_track_logs
+    from dirprim_filter.recording.reader import FieldMapping, Origin, read_track_logs
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
     source: Literal["log", "publish", "header"] = time_source.value
     log = read_track_logs(
-        logs, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
-    )
+        logs, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict,
+        frame=frame, mapping=FieldMapping.parse(fields) if fields else None,
+        origin=Origin.parse(origin) if origin else None,
+    )  # fmt: skip
     config = LearningConfig()
     learned = learn_primitives(
         log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
@@ -86,6 +94,7 @@ def learn(
     said = provenance(
         "learn", inputs=logs, config=config, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
         modes=modes.value, primitive=primitive.value, seed=seed, topics=topics,
+        frame=frame, fields=fields, origin=origin,
     )  # fmt: skip
     save_map(learned, output, metadata=said, force=force)
     n_modes = float((learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1).mean())

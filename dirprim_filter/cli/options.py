@@ -37,8 +37,16 @@ def time_ns(text: str | None) -> int | None:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
-Log = Annotated[Path, typer.Argument(help="An MCAP log.", exists=True, dir_okay=False)]
-Logs = Annotated[list[Path], typer.Argument(help="MCAP logs.", exists=True, dir_okay=False)]
+def _log(text: str) -> Path:
+    """A file that exists, "-", or what looks like a URL."""
+    path = Path(text)
+    if text != "-" and "://" not in text and (not path.exists() or path.is_dir()):
+        raise typer.BadParameter(f"File '{text}' does not exist." if not path.exists() else f"'{text}' is a folder.")
+    return path
+
+
+Log = Annotated[Path, typer.Argument(help="An MCAP log; - for standard input, or a URL.", parser=_log)]
+Logs = Annotated[list[Path], typer.Argument(help="MCAP logs; - for standard input, or URLs.", parser=_log)]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
@@ -48,6 +56,17 @@ Topics = Annotated[
     typer.Option("--topics", help="Topic name or regular expression; left out, the best there is."),
 ]
 Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message counts.")]
+Frame = Annotated[
+    str | None, typer.Option("--frame", help="Frame of the positions; left out, the root of the log's transforms.")
+]
+Fields = Annotated[
+    str | None,
+    typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
+]
+PlaneOrigin = Annotated[
+    str | None,
+    typer.Option("--origin", help="Latitude,longitude of the plane for satellite fixes; left out, the first."),
+]
 Start = Annotated[str | None, typer.Option("--start", help="First time wanted, ns or RFC 3339.")]
 End = Annotated[str | None, typer.Option("--end", help="First time no longer wanted, ns or RFC 3339.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Damage in a log is an error.")]

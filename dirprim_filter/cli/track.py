@@ -13,12 +13,15 @@ from dirprim_filter.cli import losses
 from dirprim_filter.cli.options import (
     Connect,
     End,
+    Fields,
     Force,
+    Frame,
     Log,
     Map,
     Noise,
     Output,
     Particles,
+    PlaneOrigin,
     Save,
     Seed,
     Spawn,
@@ -63,6 +66,9 @@ def track(
     seed: Seed = 0,
     topics: Topics = None,
     time_source: Time = TimeSource.LOG,
+    frame: Frame = None,
+    fields: Fields = None,
+    origin: PlaneOrigin = None,
     start: Start = None,
     end: End = None,
     strict: Strict = False,
@@ -80,7 +86,7 @@ def track(
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.reader import stream_detections
+    from dirprim_filter.recording.reader import FieldMapping, Origin, stream_detections
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.replay import replay
 
@@ -89,22 +95,18 @@ def track(
     stride = particle_stride or max(particles // PARTICLES_WRITTEN, 1)
     source: Literal["log", "publish", "header"] = time_source.value
     stream = stream_detections(
-        log,
-        topics=topics,
-        time_source=source,
-        start_ns=time_ns(start),
-        end_ns=time_ns(end),
-        strict=strict,
-        motion=motion,
-    )
+        log, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict,
+        frame=frame, mapping=FieldMapping.parse(fields) if fields else None,
+        origin=Origin.parse(origin) if origin else None, motion=motion,
+    )  # fmt: skip
     association = TrackingConfig(detection_probability=detection_probability, clutter_density=clutter_density)
     tracker = Tracker(
         learned.without_places() if place_free else learned,
         config=config, tracking=association, rng=np.random.default_rng(seed),
     )  # fmt: skip
     said = provenance(
-        "track", inputs=[log, map_file], config=config, seed=seed, topics=topics, place_free=place_free, no_ids=no_ids,
-        motion=motion,
+        "track", inputs=[log, map_file], config=config, seed=seed, topics=topics, frame=frame, fields=fields,
+        origin=origin, place_free=place_free, no_ids=no_ids, motion=motion,
         tracking=json.dumps(asdict(association), sort_keys=True),
     )  # fmt: skip
     with ExitStack() as open_files:
@@ -124,7 +126,7 @@ def track(
         if forecast > 0:
             rng = np.random.default_rng([seed, 1])
             sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=config, rng=rng))
-        frames = (frame.without_ids() for frame in stream) if no_ids else stream
+        frames = (seen.without_ids() for seen in stream) if no_ids else stream
         n_frames = replay(with_progress(frames, what=f"tracking {log.name}"), tracker, sinks)
     if tracker.recoveries:
         typer.echo(f"{tracker.recoveries} times a belief did not explain what was measured: begun anew", err=True)
