@@ -134,6 +134,8 @@ class _Walk:
         after = at
         may_be_message = self.data_end is None and not (after_index and self.is_message_index(at, end))
         if opcode == MESSAGE and may_be_message:
+            if after_index and (found := self.swallowed(at)) is not None:
+                return found  # no bare messages: the rest of a chunk that the one before reaches into
             after = self.take_messages(at)
         elif opcode == MESSAGE_INDEX:
             after, _ = index_run(np.frombuffer(self.file, np.uint8), at)

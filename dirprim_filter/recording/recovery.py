@@ -72,7 +72,12 @@ class Recovery:
 
     def as_json(self) -> dict[str, Any]:
         """The same in types that json writes."""
-        return {**asdict(self), "lost": self.lost, "is_lossless": self.is_lossless}
+        return {
+            **asdict(self),
+            "damage": [asdict(damage) for damage in self.damage],
+            "lost": self.lost,
+            "is_lossless": self.is_lossless,
+        }
 
 
 def recover(path: str | PathLike[str], output: str | Path, *, strict: bool = False, force: bool = False) -> Recovery:

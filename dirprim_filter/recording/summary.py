@@ -80,7 +80,7 @@ class LogSummary:
 
     def as_json(self) -> dict[str, Any]:
         """The same in types that json writes."""
-        return asdict(self)
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
 def summarise_by_index(

@@ -82,10 +82,8 @@ def test_damage_is_told(tracked):
 def test_each_frame_comes_when_its_time_has_come(rate):
     now, came = [100.0], []
     busy = {3: 0.31}  # the fourth frame takes the viewer long: the next comes late, those behind it in time again
-    frames = [
-        TrackedFrame(time_ns=i * STEP_NS, detections=Detections.none(), estimates=Estimates.concatenate([]), particles=None)
-        for i in range(10)
-    ]  # fmt: skip
+    none, nobody = Detections.none(), Estimates.concatenate([])
+    frames = [TrackedFrame(time_ns=i * STEP_NS, detections=none, estimates=nobody, particles=None) for i in range(10)]
 
     def sleep(seconds):
         now[0] += seconds

@@ -298,6 +298,10 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "start_ns": stock.message_start_time,
         "end_ns": stock.message_end_time,
         "damage": [],
+        "is_checked": True,
+        "stamps": {"zero": 1, "backward": 0, "duplicate": 0},
+        "attachments": [],
+        "metadata": [],
     }  # fmt: skip
 
 
