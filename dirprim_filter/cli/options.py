@@ -1,21 +1,12 @@
-"""The options that several commands share, and the enumerations behind them."""
+"""The options that several commands share."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
-
-
-class TimeSource(StrEnum):
-    """Which time of a message counts."""
-
-    LOG = "log"
-    PUBLISH = "publish"
-    HEADER = "header"
 
 
 def time_ns(text: str | None) -> int | None:
@@ -54,18 +45,6 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives th
 Topics = Annotated[
     str | None,
     typer.Option("--topics", help="Topic name or regular expression; left out, the best there is."),
-]
-Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message counts.")]
-Frame = Annotated[
-    str | None, typer.Option("--frame", help="Frame of the positions; left out, the root of the log's transforms.")
-]
-Fields = Annotated[
-    str | None,
-    typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
-]
-PlaneOrigin = Annotated[
-    str | None,
-    typer.Option("--origin", help="Latitude,longitude of the plane for satellite fixes; left out, the first."),
 ]
 Start = Annotated[str | None, typer.Option("--start", help="First time wanted, ns or RFC 3339.")]
 End = Annotated[str | None, typer.Option("--end", help="First time no longer wanted, ns or RFC 3339.")]
