@@ -116,3 +116,23 @@ def test_learn_and_track_run(tmp_path, name):
     estimates = read_estimates(out)
     assert len(estimates) == N
     np.testing.assert_allclose(estimates.position, PLACE, atol=2.0)
+
+
+READERS = (["learn"], ["track"], ["evaluate", "density"], ["evaluate", "cues"], ["evaluate", "tracking"])
+
+
+@pytest.mark.parametrize("command", READERS, ids=" ".join)
+def test_whatever_reads_a_log_has_the_options_of_reading(capsys, command):
+    assert run([*command, "--help"]) == 0
+    told = capsys.readouterr().out
+    for option in ("topics", "time-source", "frame", "fields", "origin", "start", "end", "strict"):
+        assert f"--{option} " in told
+
+
+@pytest.mark.parametrize("command", [command for command in READERS if command != ["track"]], ids=" ".join)
+@pytest.mark.parametrize("option", [("--fields", "nonsense"), ("--origin", "north"), ("--start", "soon")])
+def test_the_options_of_reading_reach_the_library(tmp_path, capsys, command, option):
+    private_json(tmp_path / "log.mcap")
+    output = ["-o", str(tmp_path / "out.mcap")] if command == ["learn"] else []
+    assert run([*command, str(tmp_path / "log.mcap"), *output, *option]) == 1
+    assert option[1] in capsys.readouterr().err
