@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import (
-    End,
-    Force,
-    Logs,
-    Output,
-    Seed,
-    Start,
-    Strict,
-    Time,
-    TimeSource,
-    Topics,
-    time_ns,
-)
+from dirprim_filter.cli.options import Force, Logs, Output, Seed
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 
 class Cells(StrEnum):
@@ -43,6 +32,7 @@ class Shape(StrEnum):
     FLAT = "flat"
 
 
+@reads_logs
 def learn(
     logs: Logs,
     output: Output,
@@ -52,11 +42,7 @@ def learn(
     modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,
     primitive: Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")] = Shape.CURVED,
     seed: Seed = 0,
-    topics: Topics = None,
-    time_source: Time = TimeSource.LOG,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    reading: Reading = Reading(),
     force: Force = False,
 ) -> int:
     """Learn from logs how vehicles move at each place.
@@ -70,14 +56,10 @@ def learn(
     from dirprim_filter.primitives import learn_primitives
     from dirprim_filter.recording import save_map
     from dirprim_filter.recording.errors import OutputExistsError
-    from dirprim_filter.recording.reader import read_track_logs
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
-    source: Literal["log", "publish", "header"] = time_source.value
-    log = read_track_logs(
-        logs, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
-    )
+    log = reading.tracks(logs)
     config = LearningConfig()
     learned = learn_primitives(
         log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
@@ -85,7 +67,7 @@ def learn(
     )  # fmt: skip
     said = provenance(
         "learn", inputs=logs, config=config, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
-        modes=modes.value, primitive=primitive.value, seed=seed, topics=topics,
+        modes=modes.value, primitive=primitive.value, seed=seed, **reading.said(),
     )  # fmt: skip
     save_map(learned, output, metadata=said, force=force)
     n_modes = float((learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1).mean())

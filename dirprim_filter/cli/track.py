@@ -5,30 +5,13 @@ from __future__ import annotations
 import json
 from contextlib import ExitStack
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import (
-    Connect,
-    End,
-    Force,
-    Log,
-    Map,
-    Noise,
-    Output,
-    Particles,
-    Save,
-    Seed,
-    Spawn,
-    Start,
-    Strict,
-    Time,
-    TimeSource,
-    Topics,
-    time_ns,
-)  # fmt: skip
+from dirprim_filter.cli.options import Connect, Force, Log, Map, Noise, Output, Particles, Save, Seed, Spawn
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
@@ -38,6 +21,7 @@ PARTICLES_WRITTEN = 100
 """Of each vehicle: they are for the eye, and all of them take longer to write than to move."""
 
 
+@reads_logs
 def track(
     log: Log,
     map_file: Map,
@@ -61,11 +45,7 @@ def track(
     detection_probability: Annotated[float, typer.Option(help="Without ids: of a vehicle in sight, per frame.")] = 0.9,
     clutter_density: Annotated[float, typer.Option(help="Without ids: false detections per m2 and frame.")] = 1e-4,
     seed: Seed = 0,
-    topics: Topics = None,
-    time_source: Time = TimeSource.LOG,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    reading: Reading = Reading(),
     force: Force = False,
 ) -> int:
     """Track the vehicles of a log with a learned map; write the estimates, and stream them to rerun.
@@ -80,32 +60,21 @@ def track(
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.reader import stream_detections
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.replay import replay
 
     learned = load_map(map_file)
     config = FilterConfig(n_particles=particles, noise_m=noise)
     stride = particle_stride or max(particles // PARTICLES_WRITTEN, 1)
-    source: Literal["log", "publish", "header"] = time_source.value
-    stream = stream_detections(
-        log,
-        topics=topics,
-        time_source=source,
-        start_ns=time_ns(start),
-        end_ns=time_ns(end),
-        strict=strict,
-        motion=motion,
-    )
+    stream = reading.detections(log, motion=motion)
     association = TrackingConfig(detection_probability=detection_probability, clutter_density=clutter_density)
     tracker = Tracker(
         learned.without_places() if place_free else learned,
         config=config, tracking=association, rng=np.random.default_rng(seed),
     )  # fmt: skip
     said = provenance(
-        "track", inputs=[log, map_file], config=config, seed=seed, topics=topics, place_free=place_free, no_ids=no_ids,
-        motion=motion,
-        tracking=json.dumps(asdict(association), sort_keys=True),
+        "track", inputs=[log, map_file], config=config, seed=seed, place_free=place_free, no_ids=no_ids,
+        motion=motion, tracking=json.dumps(asdict(association), sort_keys=True), **reading.said(),
     )  # fmt: skip
     with ExitStack() as open_files:
         estimates = open_files.enter_context(EstimateLog(output, metadata=said, particle_stride=stride, force=force))
@@ -124,7 +93,7 @@ def track(
         if forecast > 0:
             rng = np.random.default_rng([seed, 1])
             sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=config, rng=rng))
-        frames = (frame.without_ids() for frame in stream) if no_ids else stream
+        frames = (seen.without_ids() for seen in stream) if no_ids else stream
         n_frames = replay(with_progress(frames, what=f"tracking {log.name}"), tracker, sinks)
     if tracker.recoveries:
         typer.echo(f"{tracker.recoveries} times a belief did not explain what was measured: begun anew", err=True)

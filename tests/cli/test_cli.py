@@ -59,7 +59,8 @@ def test_info_names_the_topics_that_carry_tracks(log, few, capsys):
     assert "tracks in: /objects, /objects/scene" in capsys.readouterr().out
     assert dirprim("info", log, "--json") == DONE
     told = json.loads(capsys.readouterr().out)
-    assert set(told) == {"topics", "messages", "start_ns", "end_ns", "damage"}
+    assert set(told) >= {"topics", "messages", "start_ns", "end_ns", "damage"}
+    assert told["is_checked"]
     topics = {topic["name"]: topic for topic in told["topics"]}
     assert set(topics["/objects"]) == {"name", "schema", "encoding", "messages", "tracks"}
     assert topics["/objects"]["tracks"] == few.n_tracks
@@ -202,10 +203,10 @@ def test_forecast_of_a_state(learned, capsys, tmp_path):
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch, log):
-    def broken(_path):
+    def broken(_path, **_options):
         raise TypeError("a bug")
 
-    monkeypatch.setattr("dirprim_filter.recording.reader.inspect", broken)
+    monkeypatch.setattr("dirprim_filter.recording.inspection.inspect", broken)
     with pytest.raises(TypeError, match="a bug"):
         dirprim("info", log)
 
