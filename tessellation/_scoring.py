@@ -3,8 +3,8 @@
 Between its nearest generator a and a rival b, a datum's gate is logistic in its distance to their border,
 s = (|x - g_b|^2 - |x - g_a|^2) / (2 |g_b - g_a|), over a width. Unlike a softmax of -|x - g|^2 / tau, it does not get
 sharper as generators move apart, which would pull them where no border is. With gates g and responsibilities r the
-score of a generator is sum (r - g) ds / width, its information sum g (1 - g) ds ds^T / width^2, and ds the change of s: half
-the way across the border, and a turn of the border for what is beside.
+score of a generator is sum (r - g) ds / width, its information sum g (1 - g) ds ds^T / width^2, and ds the change of s:
+half the way across the border, and a turn of the border for what is beside.
 """
 
 from __future__ import annotations

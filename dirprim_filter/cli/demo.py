@@ -62,12 +62,14 @@ def demo(
 
     import numpy as np
 
+    from dirprim_filter.cli.progress import learning_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.primitives import learn_primitives
 
     tracks, truth = read_tracks(learning), read_tracks(tracking)
     typer.echo(f"learning from {learning.name}: {tracks.n_tracks} vehicles, {len(tracks)} rows ...", err=True)
-    learned = learn_primitives(tracks, rng=np.random.default_rng(seed))
+    with learning_progress() as told:
+        learned = learn_primitives(tracks, progress=told, rng=np.random.default_rng(seed))
     save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
     compiling.wait()
     typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
@@ -179,7 +181,7 @@ def _tell(
     n_modes = (learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1)
     first = next(iter(scores.values()))
     typer.echo(
-        f"\nlearned: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area[0]) ** 0.5:.3g} m, "
+        f"\nlearned: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area.mean()) ** 0.5:.3g} m, "
         f"{n_modes.mean():.1f} modes each; tracked: {first.n_vehicles} vehicles, {first.n_rows} estimates\n"
     )
     for line in _table(scores):

@@ -15,6 +15,8 @@ from dirprim_filter.cli.reading import Reading, reads_logs
 class Cells(StrEnum):
     """How the plane is divided."""
 
+    JOINT = "joint"
+    VORONOI = "voronoi"
     GRID = "grid"
 
 
@@ -36,7 +38,10 @@ class Shape(StrEnum):
 def learn(
     logs: Logs,
     output: Output,
-    tessellation: Annotated[Cells, typer.Option(help="How the plane is divided.")] = Cells.GRID,
+    tessellation: Annotated[
+        Cells,
+        typer.Option(help="joint: cells learned with the primitives; voronoi: by positions alone; grid: squares."),
+    ] = Cells.JOINT,
     cell_size: Annotated[float | None, typer.Option(help="Metres; chosen by held-out vehicles if left out.")] = None,
     cells: Annotated[int | None, typer.Option(help="About how many cells, instead of their size.")] = None,
     modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,
@@ -51,6 +56,7 @@ def learn(
     """
     import numpy as np
 
+    from dirprim_filter.cli.progress import learning_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.primitives import learn_primitives
@@ -61,10 +67,11 @@ def learn(
         raise OutputExistsError(output)
     log = reading.tracks(logs)
     config = LearningConfig()
-    learned = learn_primitives(
-        log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
-        primitive=primitive.value, config=config, rng=np.random.default_rng(seed),
-    )  # fmt: skip
+    with learning_progress() as told:
+        learned = learn_primitives(
+            log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
+            primitive=primitive.value, config=config, progress=told, rng=np.random.default_rng(seed),
+        )  # fmt: skip
     said = provenance(
         "learn", inputs=logs, config=config, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
         modes=modes.value, primitive=primitive.value, seed=seed, **reading.said(),

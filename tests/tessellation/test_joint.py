@@ -147,7 +147,7 @@ def test_groups_are_held_out_whole():
     assert learned(position, value).tessellation.n_cells > 20
 
 
-def test_a_sample_of_whole_groups_lays_out_the_cells_when_there_are_many():
+def test_a_sample_lays_out_the_cells_when_there_are_many_data():
     position, value, _ = world(6000)
     some = learned(position, value, max_rows=2000)
     unseen = world(20_000, seed=9)[:2]
@@ -209,7 +209,7 @@ def test_bad_options_are_refused(options, message):
 
 @pytest.mark.parametrize("position", [np.zeros((0, 2)), np.full((5, 2), np.nan), np.zeros((5, 3))])
 def test_bad_positions_are_refused(position):
-    with pytest.raises(ValueError, match="position|weight"):
+    with pytest.raises(ValueError, match=r"position|weight"):
         learned(position, np.zeros(len(position)))
 
 
