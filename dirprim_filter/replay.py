@@ -32,6 +32,8 @@ def replay(stream: Iterable[Detections], tracker: Tracker, sinks: Sequence[Estim
             detections=detections,
             estimates=tracker.estimate(),
             particles=tracker.particles(),
+            innovations=tracker.innovations(),
+            begun_anew=tracker.begun_anew(),
         )
         tracker.resample()
         for sink in sinks:
