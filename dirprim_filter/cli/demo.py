@@ -112,7 +112,7 @@ def _track_three_ways(
         shown.log_map(learned)
         shown.log_truth(truth)
         forecaster = Forecaster(learned, [written, shown], config=config, rng=forecaster_rng)
-        tracker = Tracker(learned, config=config, rng=np.random.default_rng(seed))
+        tracker = Tracker(learned, config=config, with_innovations=True, rng=np.random.default_rng(seed))
         _replay(log, tracker, [written, shown, forecaster, believed, moment])
         estimates = believed.all()
         scores = {"with the prior": score(estimates, truth)}

@@ -14,11 +14,11 @@ from scipy.ndimage import gaussian_filter
 
 from tessellation.arrays import FloatArray, IntArray
 
-N_SQUARES = 28
+N_SQUARES = 34
 """Of the grid along the longer side of a fan: finer could not be seen."""
 FINEST_M = 0.75
 """Side of a square at least."""
-KERNEL_SQUARES = 1.5
+KERNEL_SQUARES = 1.2
 """Standard deviation of the kernel: wide enough that regions of one instant and the next touch."""
 KERNEL_REACH = 3.0
 FAINTEST = 1e-3

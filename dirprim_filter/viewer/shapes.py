@@ -214,6 +214,13 @@ def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[Floa
     return half_axes, np.arctan2(axis[..., 1, 0], axis[..., 0, 0])
 
 
+def reach(covariance: FloatArray) -> FloatArray:
+    """Standard deviation along the longest axis of Gaussians. (..., 2, 2) square metres -> (...) metres."""
+    half_trace = 0.5 * (covariance[..., 0, 0] + covariance[..., 1, 1])
+    apart = np.hypot(0.5 * (covariance[..., 0, 0] - covariance[..., 1, 1]), covariance[..., 0, 1])
+    return np.asarray(np.sqrt(half_trace + apart))
+
+
 def covariance_ellipse(
     mean: FloatArray, covariance: FloatArray, *, probability: float, n_vertices: int = 48
 ) -> FloatArray:
