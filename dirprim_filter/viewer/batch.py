@@ -117,7 +117,7 @@ class FrameBatch:
             if strips:
                 yield f"/polar/{name}", times, rr.LineStrips2D.columns(strips=strips).partition(n_shown)
         if shown:
-            names = rr.Points2D.columns(positions=np.tile([-1.35, 1.35], (len(shown), 1)),
+            names = rr.Points2D.columns(positions=np.tile([-1.2, 1.2], (len(shown), 1)),
                                         labels=[look.track_id for look in shown])  # fmt: skip
             yield "/polar/vehicle", times, names.partition(n_shown)
 

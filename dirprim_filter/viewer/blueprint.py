@@ -98,7 +98,7 @@ class Layout:
         )
 
     def _lanes(self) -> rrb.View:
-        return rrb.StateTimelineView(origin="/vehicles", name="Vehicles: tracked (own colour), unseen (grey), begun anew (yellow)")
+        return rrb.StateTimelineView(origin="/vehicles", name="Vehicles: grey out of sight, yellow begun anew")
 
     def _plots(self) -> Sequence[rrb.View | rrb.Container]:
         speed, consistency, innovation, evidence, ess, existence = (self._plot(path) for path in PLOTS)

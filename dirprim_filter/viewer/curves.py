@@ -79,6 +79,33 @@ def _mean(values: FloatArray) -> float:
     return float(known.mean()) if known.size else np.nan
 
 
+class Tally:
+    """The means of the curves over all frames: the table of results."""
+
+    def __init__(self) -> None:
+        self._sum: dict[tuple[str, int], tuple[float, int]] = {}
+
+    def add(self, values: Mapping[str, tuple[float, ...]]) -> None:
+        """Count one frame's values."""
+        for path, row in values.items():
+            for i, value in enumerate(row):
+                if not np.isnan(value):
+                    total, n = self._sum.get((path, i), (0.0, 0))
+                    self._sum[path, i] = (total + value, n + 1)
+
+    def results(self) -> dict[str, str]:
+        """What each is, and its mean."""
+        told = {
+            "mean NEES (2 is right)": ("/metrics/consistency", 0),
+            "mean NIS (2 is right)": ("/metrics/consistency", 1),
+            "mean innovation, m": ("/metrics/innovation", 0),
+            "mean effective sample size": ("/metrics/ess", 0),
+            "vehicles measured in a frame": ("/metrics/existence", 2),
+        }
+        means = {name: self._sum[key] for name, key in told.items() if key in self._sum}
+        return {name: f"{total / n:.4g}" for name, (total, n) in means.items()}
+
+
 class Truth:
     """True tracks, by time, to hold estimates against."""
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 N_SQUARES = 34
 """Of the grid along the longer side of a fan: finer could not be seen."""
@@ -47,16 +47,14 @@ def _grid(paths: FloatArray) -> tuple[FloatArray, float, tuple[int, int]]:
     return low - margin, side, (n_y, n_x)
 
 
-def _densities(
-    paths: FloatArray, corner: FloatArray, side: float, shape: tuple[int, int]
-) -> tuple[FloatArray, FloatArray]:
+def _densities(paths: FloatArray, corner: FloatArray, side: float, shape: tuple[int, int]) -> tuple[AnyArray, AnyArray]:
     """Kernel density at each step, (n_steps, rows, columns), and at its samples, (n_steps, n_samples); to a factor."""
     n_samples, n_steps, _ = paths.shape
     column, row = np.rint((paths - corner) / side).astype(np.int64).transpose(2, 1, 0)  # (n_steps, n_samples) each
     step = np.repeat(np.arange(n_steps), n_samples).reshape(n_steps, n_samples)
     flat = np.ravel_multi_index((step, row, column), (n_steps, *shape))
     count = np.bincount(flat.ravel(), minlength=n_steps * shape[0] * shape[1]).reshape(n_steps, *shape)
-    density = gaussian_filter(
+    density: AnyArray = gaussian_filter(
         count.astype(np.float32), (0.0, KERNEL_SQUARES, KERNEL_SQUARES), mode="constant", truncate=KERNEL_REACH
     )
     return density, density[step, row, column]
@@ -69,14 +67,15 @@ def _above(height: FloatArray) -> FloatArray:
     """
     high = height >= 0.0
     corners = np.stack([high[:-1, :-1], high[:-1, 1:], high[1:, 1:], high[1:, :-1]])
-    whole, cut = corners.all(axis=0), corners.any(axis=0) & ~corners.all(axis=0)
+    whole: BoolArray = np.asarray(corners.all(axis=0))
+    cut = np.asarray(corners.any(axis=0)) & ~whole
     row, column = np.nonzero(cut)
     node = np.stack([[column, row], [column + 1, row], [column + 1, row + 1], [column, row + 1]])  # (4, 2, n)
     halves = np.concatenate([node[[0, 1, 2]], node[[0, 2, 3]]], axis=2).transpose(2, 0, 1)  # (2 n, 3, 2)
     return np.concatenate([_runs(whole), _clipped(halves.astype(np.float64), height[halves[..., 1], halves[..., 0]])])
 
 
-def _runs(whole: FloatArray) -> FloatArray:
+def _runs(whole: BoolArray) -> FloatArray:
     """Two triangles for each run of squares in a row."""
     edge = np.diff(np.pad(whole.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     row, west = np.nonzero(edge == 1)

@@ -32,6 +32,7 @@ TURN_SPREAD = 0.3
 QUANTILES = (0.05, 0.5, 0.95)
 N_SPEEDS = 160
 STANDING_SPEED = LearningConfig().standing_speed
+LEAST_SHARE = 0.01
 LEAST_FIT = -300.0
 """Natural log; where no mode at all fits, the prior says nothing."""
 BIN_DEG = 5
@@ -97,7 +98,7 @@ class Focus:
             speed=(float(believed.speed[row]), float(believed.speed_std[row])),
             direction=float(believed.direction[row]),
             course=self._course(name),
-            belief=np.bincount(bins, weight, 360 // BIN_DEG) if mine.size else np.empty(0),
+            belief=np.asarray(np.bincount(bins, weight, 360 // BIN_DEG), np.float64) if mine.size else np.empty(0),
         )
 
     def _remember(self, time_ns: int, names: list[str], believed: Estimates) -> None:
@@ -153,7 +154,8 @@ def speed_rows(looks: list[Look | None], primitives: PrimitiveMap | None) -> Flo
         fit = np.where(prior.speed.mean < STANDING_SPEED, -np.inf, fit)
         weight = np.exp(fit - np.maximum(fit.max(axis=-1, keepdims=True), LEAST_FIT))
         weight /= np.maximum(weight.sum(axis=-1, keepdims=True), np.exp(LEAST_FIT))
-        fastest = float((prior.speed.mean + 4.0 * np.sqrt(prior.speed.shape) / prior.speed.rate)[weight > 0.01].max(initial=1.0))
+        far = prior.speed.mean + 4.0 * np.sqrt(prior.speed.shape) / prior.speed.rate
+        fastest = float(far[weight > LEAST_SHARE].max(initial=1.0))
         grid = np.linspace(0.0, fastest, N_SPEEDS)
         below = gammainc(prior.speed.shape[:, None], prior.speed.rate[:, None] * grid[:, None])  # (n, speeds, M)
         share = (weight[:, None] * below).sum(axis=-1)
@@ -176,7 +178,7 @@ class PolarCurves:
 def polar_curves(look: Look, primitives: PrimitiveMap | None) -> PolarCurves:
     """Eq. 4 for one vehicle: radii are square roots of densities, the longest is 1."""
     course, concentration = look.course
-    cue = VonMisesMixture(weight=[1.0], mean_direction=[course], concentration=[concentration])
+    cue = VonMisesMixture(weight=np.ones(1), mean_direction=np.array([course]), concentration=np.array([concentration]))
     prior = cue if primitives is None else primitives.primitive_at(look.position).direction
     posterior = multiply_mixtures(prior, cue).mixture
     lines = {}

@@ -102,7 +102,10 @@ class Lifelines:
         self.changes.setdefault(lane, []).append(Change(time_ns, state))
         if state:
             colors = self.states.setdefault(lane, {})
-            own = tuple(int(c) for c in track_color(np.array([name]))[0, :3])
-            colors[state] = (
-                ANEW_COLOR if state.endswith(" anew") else UNSEEN_COLOR if state.endswith(" unseen") else own
-            )  # type: ignore[assignment]
+            if state.endswith(" anew"):
+                colors[state] = ANEW_COLOR
+            elif state.endswith(" unseen"):
+                colors[state] = UNSEEN_COLOR
+            else:
+                red, green, blue, _ = track_color(np.array([name]))[0].tolist()
+                colors[state] = (red, green, blue)

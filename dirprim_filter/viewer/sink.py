@@ -7,7 +7,7 @@ What is true for the whole log is static; all else stands on the log's own time 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,17 +15,19 @@ from typing import Self
 import numpy as np
 import rerun as rr
 
+from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks, as_texts
 from dirprim_filter.viewer import marks, shapes
 from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
 from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
-from dirprim_filter.viewer.curves import Truth, metrics
+from dirprim_filter.viewer.curves import Tally, Truth, metrics
 from dirprim_filter.viewer.focus import Focus
 from dirprim_filter.viewer.legend import Legend
 from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
 from dirprim_filter.viewer.program import WebServer
+from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.scenery import scenery
 from dirprim_filter.viewer.timeline import time_column
 from tessellation.arrays import FloatArray, IntArray
@@ -89,6 +91,10 @@ class RerunSink:
         particle_stride: show one particle in so many.
         particle_color: what the colour of particles tells.
         focus: id of the vehicle to look at closely; None for whichever is understood least.
+
+    Attributes:
+        outlet: as given.
+        stream: its stream.
     """
 
     def __init__(
@@ -100,14 +106,14 @@ class RerunSink:
         focus: str | None = None,
     ) -> None:
         self.outlet = outlet
-        self._stream = outlet.stream
+        self.stream = outlet.stream
         self._particle_stride, self._particle_color = particle_stride, particle_color
         self._box: FloatArray | None = None
         self._laid_out = False
         self._primitives: PrimitiveMap | None = None
         self._truth: Truth | None = None
         self._batch = self._new_batch()
-        self._focus, self._lines = Focus(focus), Lifelines()
+        self._focus, self._lines, self._tally = Focus(focus), Lifelines(), Tally()
         self._last_seen: dict[str, tuple[int, FloatArray]] = {}
         self._unsure: set[str] = set()
         self._forecasts: dict[str, FloatArray] = {}
@@ -127,8 +133,8 @@ class RerunSink:
         self._send_batch()
         self._show_pending_forecasts()
         if not self._laid_out:
-            self._lay_out(tracked=self._truth is not None)
-        self._stream.flush()
+            self._begin(tracked=False)
+        self.stream.flush()
 
     def close(self, *, whole: bool = True) -> None:
         """Send what is left and close; a file gets its name if it is whole, else keeps its temporary one."""
@@ -166,16 +172,31 @@ class RerunSink:
         # One empty instant after the last: otherwise the last vehicles would stand there for ever.
         after = times[-1] + (int(np.median(np.diff(times))) if len(times) > 1 else 1)
         outlines = marks.truth(tracks).partition(np.append(counts, 0))
-        self._stream.send_columns("/truth", [time_column([*times.tolist(), int(after)])], outlines)
+        self.stream.send_columns("/truth", [time_column([*times.tolist(), int(after)])], outlines)
         start, end = _steps_of(tracks)
         when, counts = np.unique(tracks.time_ns[end], return_counts=True)
         if when.size:
             trails = marks.true_trails(np.stack([tracks.position[start], tracks.position[end]], axis=1))
-            self._stream.send_columns("/truth/trails", [time_column(when.tolist())], trails.partition(counts))
+            self.stream.send_columns("/truth/trails", [time_column(when.tolist())], trails.partition(counts))
+
+    def log_detections(self, detections: Detections) -> None:
+        """Where vehicles were reported, of a log that nobody has tracked."""
+        frames = list(detections.frames())
+        if not frames:
+            return
+        if self._box is None:
+            self._box = shapes.extent(detections.position)
+        places = marks.detections(np.concatenate([frame.position for frame in frames]))
+        times = time_column([int(frame.time_ns[0]) for frame in frames])
+        self.stream.send_columns("/detections", [times], places.partition([len(frame) for frame in frames]))
 
     def log_report(self, markdown: str) -> None:
         """A text about the run: configuration, results."""
         self._static("/report", rr.TextDocument(markdown, media_type="text/markdown"))
+
+    def log_run(self, made_with: Mapping[str, str], results: Mapping[str, str]) -> None:
+        """What the run was made with and what came of it, in figures of its own and in those given; may come again."""
+        self.log_report(run_report(made_with, self._tally.results() | dict(results)))
 
     # --- What changes with time -----------------------------------------------------------------------------
 
@@ -185,10 +206,11 @@ class RerunSink:
         if not self._laid_out:
             if self._box is None:
                 self._box = shapes.extent(np.concatenate([believed.position, frame.detections.position]))
-            self._lay_out(tracked=True)
+            self._begin(tracked=True)
         self._forget_forecasts(frame.time_ns)
-        nees = float("nan") if self._truth is None else self._truth.nees(frame)
-        self._batch.add(frame, steps=self._steps(believed), look=self._focus.see(frame), metrics=metrics(frame, nees))
+        values = metrics(frame, float("nan") if self._truth is None else self._truth.nees(frame))
+        self._tally.add(values)
+        self._batch.add(frame, steps=self._steps(believed), look=self._focus.see(frame), metrics=values)
         self._lines.see(frame)
         self._see(frame.time_ns, believed)
         if self.outlet.live or len(self._batch) >= BATCH_FRAMES:
@@ -253,9 +275,9 @@ class RerunSink:
         paths = np.stack(list(self._forecasts.values())) if names else np.empty((0, 1, 1, 2))
         lines = marks.forecasts(names, paths).partition([paths.shape[0] * paths.shape[1]])
         times = time_column([time_ns])
-        self._stream.send_columns("/forecasts/paths", [times], lines)
+        self.stream.send_columns("/forecasts/paths", [times], lines)
         for entity, fan in marks.fans(names, paths):
-            self._stream.send_columns(entity, [times], fan)
+            self.stream.send_columns(entity, [times], fan)
 
     # --- The stream -----------------------------------------------------------------------------------------
 
@@ -266,24 +288,28 @@ class RerunSink:
 
     def _send_batch(self) -> None:
         for entity, times, columns in self._batch.columns():
-            self._stream.send_columns(entity, [times], columns)
+            self.stream.send_columns(entity, [times], columns)
         for entity, times, columns in lane_columns(self._lines):
-            self._stream.send_columns(entity, [times], columns)
+            self.stream.send_columns(entity, [times], columns)
         for entity, style in lane_styles(self._lines):
             self._static(entity, style)
         self._lines.changes, self._lines.entries = {}, []
         self._batch = self._new_batch(self._primitives)
 
     def _static(self, path: str, *what: rr.AsComponents) -> None:
-        self._stream.log(path, *what, static=True)
+        self.stream.log(path, *what, static=True)
 
-    def _lay_out(self, *, tracked: bool) -> None:
+    def lay_out(self, layout: Layout) -> None:
+        """Arrange the viewer's window."""
+        self.stream.send_blueprint(layout.blueprint())
+        self._laid_out = True
+
+    def _begin(self, *, tracked: bool) -> None:
         box = shapes.extent(np.empty((0, 2))) if self._box is None else self._box
         for path, style in scenery():
             self._static(path, style)
         self._static(BOX_PATH, rr.AnyValues(box=box.ravel()))
-        self._stream.send_blueprint(Layout(box=box, live=self.outlet.live, tracked=tracked).blueprint())
-        self._laid_out = True
+        self.lay_out(Layout(box=box, live=self.outlet.live, tracked=tracked))
 
 
 def _steps_of(tracks: Tracks) -> tuple[IntArray, IntArray]:
