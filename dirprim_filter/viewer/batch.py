@@ -30,6 +30,7 @@ class FrameBatch:
         particle_stride: one particle in so many is kept.
         particle_color: what their colour tells.
         primitives: the map, for what the prior says of the vehicle to look at.
+        depth: metres of ground in view: labels and rings keep their size on the screen.
     """
 
     def __init__(
@@ -38,7 +39,9 @@ class FrameBatch:
         particle_stride: int,
         particle_color: marks.ParticleColor = "direction",
         primitives: PrimitiveMap | None = None,
+        depth: float = 100.0,
     ) -> None:
+        self._depth = depth
         self._stride, self._color, self._primitives = particle_stride, particle_color, primitives
         self._time_ns: list[int] = []
         self._believed: list[Estimates] = []
@@ -79,10 +82,10 @@ class FrameBatch:
         n_believed = [len(part) for part in self._believed]
         for entity, draw in (
             ("/tracks/estimates", marks.estimates),
-            ("/tracks/ids", marks.ids),
             ("/tracks/motion", marks.motion),
         ):
             yield entity, times, draw(believed).partition(n_believed)
+        yield "/tracks/ids", times, marks.ids(believed, depth=self._depth).partition(n_believed)
         unseen = believed.unseen_s > UNSEEN_S
         for entity, chosen in (
             ("/tracks/covariance", ~unseen),
@@ -109,7 +112,7 @@ class FrameBatch:
         n_shown = [int(look is not None) for look in looks]
         shown = [look for look in looks if look is not None]
         places = np.array([look.position for look in shown]).reshape(-1, 2)
-        yield "/focus/ring", times, marks.ring(places).partition(n_shown)
+        yield "/focus/ring", times, marks.ring(places, depth=self._depth).partition(n_shown)
         yield "/focus/speed", times, _curves(speed_rows(looks, self._primitives))
         curves = [polar_curves(look, self._primitives) for look in shown]
         for name in POLAR:

@@ -24,8 +24,8 @@ LAYERS = (
 TRAILS = ("/tracks/trails", "/truth/trails")
 EYE_HEIGHT = 1.02
 """Height of the eye as a share of the depth of ground to be seen; the view's opening angle is fixed."""
-VIEW_ASPECT = 1.15
-"""The view's width over its height, when the window is of common shape."""
+VIEW_ASPECT = {1: 1.35, 2: 1.2}
+"""A map view's width over its height, by the number of runs, when the window is of common shape."""
 POLAR_EXTENT = 1.45
 
 
@@ -62,7 +62,8 @@ class Layout:
             right = rrb.Vertical(top, *self._plots(), row_shares=[2.4, 1.5, 1.5, 1.2, 1.2])
             whole = rrb.Horizontal(left, right, column_shares=[6, 4])
         else:
-            whole = rrb.Vertical(above, rrb.Horizontal(*self._plots(), self._texts()), row_shares=[7, 3])
+            below = rrb.Horizontal(*self._plots(), self._texts(), column_shares=[3, 3, 3, 3, 2])
+            whole = rrb.Vertical(above, below, row_shares=[7, 3])
         return rrb.Blueprint(
             whole,
             rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following" if self.live else "playing"),
@@ -84,7 +85,7 @@ class Layout:
             name=title,
             background=rrb.Background(color=BACKGROUND),
             line_grid=False,
-            eye_controls=eye_above(self.box, aspect=VIEW_ASPECT / len(self.roots)),
+            eye_controls=eye_above(self.box, aspect=VIEW_ASPECT[len(self.roots)]),
             overrides={root + path: trail for path in TRAILS},
         )
 
@@ -108,8 +109,9 @@ class Layout:
         return rrb.TimeSeriesView(
             origin=self.roots[0] + path,
             contents=[f"+ {root}{path}" for root in self.roots],
-            name=PLOTS[path].title,
-            plot_legend=rrb.PlotLegend(visible=len(self.roots) > 1, corner=rrb.Corner2D.LeftTop),
+            name=PLOTS[path].title if len(self.roots) == 1 else PLOTS[path].title.split(":")[0],
+            plot_legend=rrb.PlotLegend(visible=False),
+            axis_y=rrb.ScalarAxis(range=PLOTS[path].range) if PLOTS[path].range else None,
         )
 
     def _texts(self) -> rrb.Container:

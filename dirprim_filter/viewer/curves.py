@@ -24,6 +24,7 @@ class Curves(NamedTuple):
     title: str
     names: tuple[str, ...]
     colors: tuple[Color, ...]
+    range: tuple[float, float] | None = None
 
 
 PLOTS: Mapping[str, Curves] = {
@@ -33,9 +34,10 @@ PLOTS: Mapping[str, Curves] = {
         (BLUE, (70, 120, 160), (70, 120, 160), GREY, ORANGE, GREY),
     ),
     "/metrics/consistency": Curves(
-        "NEES orange, NIS blue: 2 is right",
+        "NEES, NIS: orange truth, blue innovation, 2 is right",
         ("NEES (truth)", "NIS (innovation)", "right"),
         (ORANGE, BLUE, GREY),
+        (0.0, 10.0),
     ),
     "/metrics/innovation": Curves("Innovation, m", ("mean", "greatest"), (BLUE, GREY)),
     "/metrics/log_evidence": Curves("Log evidence", ("mean",), (BLUE,)),

@@ -48,15 +48,17 @@ ROSE_THICKNESS = 0.05
 ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 FORECAST_OPACITY = 0.25
-FAN_OPACITY = 0.3
+FAN_OPACITY = 0.24
+PATHS_DRAWN = 10
+"""Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
 """Vehicles out of sight are darker by this factor."""
 WIDEST_UNSEEN = 6.0
 """Metres, standard deviation; of a vehicle out of sight that may be anywhere, no ellipse is drawn."""
-RING_RADIUS = 6.0
-"""Metres, around the vehicle to look at."""
-ID_OFFSET = np.array([0.0, 5.0])
-"""Metres; a label on the vehicle would hide what it names."""
+RING_RADIUS = 0.045
+"""Of the depth of ground in view, around the vehicle to look at."""
+ID_OFFSET = 0.035
+"""Of the depth of ground in view, northwards; a label on the vehicle would hide what it names."""
 
 GREY = (70, 80, 100)
 WHITE = (255, 255, 255)
@@ -139,10 +141,10 @@ def estimates(believed: Estimates) -> rr.ComponentColumnList:
     return rr.Points3D.columns(positions=place, colors=_shade(believed))
 
 
-def ids(believed: Estimates) -> rr.ComponentColumnList:
-    """The vehicles' names, beside them."""
+def ids(believed: Estimates, *, depth: float) -> rr.ComponentColumnList:
+    """The vehicles' names, beside them; `depth` metres of ground are in view."""
     return rr.Points3D.columns(
-        positions=_raised(believed.position + ID_OFFSET, HEIGHT["ids"]),
+        positions=_raised(believed.position + np.array([0.0, ID_OFFSET * depth]), HEIGHT["ids"]),
         colors=_shade(believed),
         labels=[str(name) for name in believed.track_id],
     )
@@ -181,15 +183,16 @@ def true_trails(step: FloatArray) -> rr.ComponentColumnList:
     return rr.LineStrips3D.columns(strips=_raised(step, HEIGHT["truth"]))
 
 
-def ring(position: FloatArray) -> rr.ComponentColumnList:
-    """A circle around the vehicle to look at. (n, 2) metres."""
+def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
+    """A circle around the vehicle to look at, (n, 2) metres; `depth` metres of ground are in view."""
     angle = np.linspace(0.0, 2.0 * np.pi, 37)
-    circle = position[:, None] + RING_RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    circle = position[:, None] + RING_RADIUS * depth * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return rr.LineStrips3D.columns(strips=_raised(circle, HEIGHT["ring"]))
 
 
 def forecasts(track_id: Sequence[str], paths: FloatArray) -> rr.ComponentColumnList:
     """The sampled futures of each vehicle as thin lines. (n, n_samples, n_steps, 2) metres."""
+    paths = paths[:, :PATHS_DRAWN]
     n, n_samples, n_steps, _ = paths.shape
     color = np.repeat(with_alpha(track_color(track_id), FORECAST_OPACITY), n_samples, axis=0)
     lines = _raised(paths.reshape(n * n_samples, n_steps, 2), HEIGHT["forecasts"])

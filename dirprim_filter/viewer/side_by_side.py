@@ -19,6 +19,7 @@ from tessellation.arrays import FloatArray
 
 N_RUNS = 2
 BOX_COLUMN = "box"
+COLOR_NAMES = ("blue", "orange")
 
 
 def show_side_by_side(runs: Sequence[Path], titles: Sequence[str], viewer: RerunSink) -> None:
@@ -42,7 +43,14 @@ def show_side_by_side(runs: Sequence[Path], titles: Sequence[str], viewer: Rerun
         for path, names in curve_names(title, shade=k):
             viewer.stream.log(root + path, names, static=True)
     box = np.stack([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
-    viewer.lay_out(Layout(box=box, roots=roots, titles=tuple(titles)))
+    named = tuple(f"{title} ({color})" for title, color in zip(titles, COLOR_NAMES, strict=True))
+    viewer.lay_out(Layout(box=box, roots=roots, titles=named))
+        Layout(
+            box=box,
+            roots=roots,
+            titles=tuple(f"{title} ({color})" for title, color in zip(titles, COLOR_NAMES, strict=True)),
+        )
+    )
 
 
 def _send(path: Path, root: str, viewer: RerunSink) -> FloatArray:

@@ -150,7 +150,7 @@ class RerunSink:
 
     def log_map(self, primitives: PrimitiveMap) -> None:
         """The cells, their roses coloured by mean speed, and the legend; the view is fitted to them."""
-        self._primitives, self._batch = primitives, self._new_batch(primitives)
+        self._primitives = primitives
         petals = shapes.rose_petals(primitives)
         fastest = shapes.fastest_speed(petals)
         box = shapes.busy_box(primitives, share=BUSY_SHARE)
@@ -207,6 +207,7 @@ class RerunSink:
             if self._box is None:
                 self._box = shapes.extent(np.concatenate([believed.position, frame.detections.position]))
             self._begin(tracked=True)
+            self._batch = self._new_batch()
         self._forget_forecasts(frame.time_ns)
         values = metrics(frame, float("nan") if self._truth is None else self._truth.nees(frame))
         self._tally.add(values)
@@ -273,7 +274,7 @@ class RerunSink:
     def _show_forecasts(self, time_ns: int) -> None:
         names = list(self._forecasts)
         paths = np.stack(list(self._forecasts.values())) if names else np.empty((0, 1, 1, 2))
-        lines = marks.forecasts(names, paths).partition([paths.shape[0] * paths.shape[1]])
+        lines = marks.forecasts(names, paths).partition([len(names) * min(paths.shape[1], marks.PATHS_DRAWN)])
         times = time_column([time_ns])
         self.stream.send_columns("/forecasts/paths", [times], lines)
         for entity, fan in marks.fans(names, paths):
@@ -281,10 +282,12 @@ class RerunSink:
 
     # --- The stream -----------------------------------------------------------------------------------------
 
-    def _new_batch(self, primitives: PrimitiveMap | None = None) -> FrameBatch:
+    def _new_batch(self) -> FrameBatch:
+        depth = 100.0 if self._box is None else float(np.ptp(self._box[:, 1]))
         return FrameBatch(
-            particle_stride=self._particle_stride, particle_color=self._particle_color, primitives=primitives
-        )
+            particle_stride=self._particle_stride, particle_color=self._particle_color, primitives=self._primitives,
+            depth=depth,
+        )  # fmt: skip
 
     def _send_batch(self) -> None:
         for entity, times, columns in self._batch.columns():
@@ -294,7 +297,7 @@ class RerunSink:
         for entity, style in lane_styles(self._lines):
             self._static(entity, style)
         self._lines.changes, self._lines.entries = {}, []
-        self._batch = self._new_batch(self._primitives)
+        self._batch = self._new_batch()
 
     def _static(self, path: str, *what: rr.AsComponents) -> None:
         self.stream.log(path, *what, static=True)
