@@ -21,6 +21,8 @@ FINEST_M = 0.75
 KERNEL_SQUARES = 1.2
 """Standard deviation of the kernel: wide enough that regions of one instant and the next touch."""
 KERNEL_REACH = 3.0
+CORNER = float(np.exp(-0.25 / KERNEL_SQUARES**2))
+"""Of the kernel at the corner of its square to that in the middle: a sample counts as the middle, and may be there."""
 FAINTEST = 1e-3
 """Of the level: so small a density is drawn as none."""
 
@@ -32,7 +34,7 @@ def fan_triangles(paths: FloatArray, probabilities: Sequence[float]) -> list[Flo
     at_sample.sort(axis=1)
     fans = []
     for probability in probabilities:
-        level = at_sample[:, int((1.0 - probability) * at_sample.shape[1])]  # (n_steps,)
+        level = CORNER * at_sample[:, int((1.0 - probability) * at_sample.shape[1])]  # (n_steps,)
         highest = (density * (1.0 / level)[:, None, None]).max(axis=0)
         fans.append(corner + side * _above(np.log(np.maximum(highest, FAINTEST))))
     return fans

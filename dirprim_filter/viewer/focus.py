@@ -75,6 +75,7 @@ class Focus:
         self._chosen = chosen
         self._now: str | None = None
         self._since_ns = 0
+        self._before: set[str] = set()
         self._evidence: dict[str, float] = {}
         self._places: dict[str, list[tuple[int, FloatArray, float]]] = {}
         self._last_ns: int | None = None
@@ -112,14 +113,14 @@ class Focus:
             evidence[name] = kept * self._evidence.get(name, now) + (1.0 - kept) * now
             past = [p for p in self._places.get(name, []) if p[0] >= time_ns - 1.5e9 * COURSE_S]
             places[name] = [*past, (time_ns, believed.position[row], spread[row])]
-        self._evidence, self._places = evidence, places
+        self._before, self._evidence, self._places = set(self._evidence), evidence, places
 
     def _worst(self, time_ns: int, names: list[str], believed: Estimates) -> str | None:
         """The present one for `KEPT_S`; then, of those measured now, the one of the lowest log evidence."""
         if self._now in names and time_ns < self._since_ns + KEPT_S * 1e9:
             return self._now
         here = [name for name, unseen_s in zip(names, believed.unseen_s, strict=True) if unseen_s == 0]
-        followed = [name for name in here if len(self._places[name]) > 1]
+        followed = [name for name in here if name in self._before]
         self._since_ns = time_ns
         self._now = min(followed, key=self._evidence.__getitem__, default=None)
         return self._now

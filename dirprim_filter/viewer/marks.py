@@ -48,7 +48,7 @@ ROSE_THICKNESS = 0.05
 ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 FORECAST_OPACITY = 0.25
-FAN_OPACITY = 0.24
+FAN_OPACITY = 0.2
 PATHS_DRAWN = 10
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5

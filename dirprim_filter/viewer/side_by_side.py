@@ -45,12 +45,6 @@ def show_side_by_side(runs: Sequence[Path], titles: Sequence[str], viewer: Rerun
     box = np.stack([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
     named = tuple(f"{title} ({color})" for title, color in zip(titles, COLOR_NAMES, strict=True))
     viewer.lay_out(Layout(box=box, roots=roots, titles=named))
-        Layout(
-            box=box,
-            roots=roots,
-            titles=tuple(f"{title} ({color})" for title, color in zip(titles, COLOR_NAMES, strict=True)),
-        )
-    )
 
 
 def _send(path: Path, root: str, viewer: RerunSink) -> FloatArray:
