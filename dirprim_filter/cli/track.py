@@ -131,7 +131,7 @@ def track(
         viewer = None
         if watched:
             viewer = open_viewer(
-                save=save, spawn=spawn, connect=connect, serve=bind if serve else None, force=force,
+                map_file.stem, save=save, spawn=spawn, connect=connect, serve=bind if serve else None, force=force,
                 particle_stride=particle_stride or max(particles // PARTICLES_SHOWN, 1),
                 particle_color=color_by.value, focus=focus, truth=truth,
             )  # fmt: skip

@@ -62,6 +62,7 @@ def view(
         show_files(files)
         return
     with open_viewer(
+        " ".join(file.stem for file in files),
         save=save,
         spawn=spawn or not elsewhere,
         connect=connect,

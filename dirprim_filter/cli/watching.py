@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 
 def open_viewer(
+    place: str,
     *,
     save: Path | None = None,
     spawn: bool = False,
@@ -23,12 +24,16 @@ def open_viewer(
     focus: str | None = None,
     truth: Path | None = None,
 ) -> RerunSink:
-    """A stream to all of these places, with the true tracks of a log in it; where it is served is told on stderr."""
+    """A stream to all of these, with the true tracks of a log in it; where it is served is told on stderr.
+
+    What is shown of one `place` shares the layout of a viewer that stays open.
+    """
     from dirprim_filter.recording import read_tracks
     from dirprim_filter.viewer.stream import open_stream
 
     true_tracks = read_tracks(truth) if truth is not None else None
     viewer = open_stream(
+        f"dirprim {place}",
         save=save, spawn=spawn, connect=connect, serve=serve, force=force, particle_stride=particle_stride,
         particle_color=particle_color, focus=focus,
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import uuid
 from contextlib import ExitStack
 from pathlib import Path
@@ -34,7 +35,8 @@ def open_stream(
     """A stream to a file, to a viewer started for it, to a running viewer, to browsers, or to several of them.
 
     Args:
-        application_id: recordings with the same one share the viewer's layout.
+        application_id: recordings with the same one share the layout of a viewer that is open, the place it looks at
+            included: so it names the place. Characters other than ASCII letters, digits, _ and - become spaces.
         save: an .rrd file. It grows under the name `*.part.rrd` and gets its own when it is whole.
         spawn: start a viewer on this machine and leave it open.
         connect: the address of a running viewer, such as `VIEWER_URL`.
@@ -56,7 +58,8 @@ def open_stream(
     if save is not None and save.exists() and not force:
         raise FileExistsError(f"{save}: exists already; overwrite it with --force or choose another name")
     live = spawn or connect is not None or serve is not None
-    stream = rr.RecordingStream(application_id, recording_id=_identity(save, live=live))
+    application = re.sub(r"[^A-Za-z0-9_-]+", " ", application_id).strip()
+    stream = rr.RecordingStream(application, recording_id=_identity(save, live=live))
     stream.set_log_time_enabled(False)
     sinks: list[rr.GrpcSink | rr.FileSink] = []
     server, file = None, None

@@ -29,12 +29,15 @@ DRIVERS = [icd for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") fo
 pytestmark = pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: apt-get install mesa-vulkan-drivers")
 
 
-@pytest.fixture
-def viewer() -> Iterator[ViewerClient]:
+def free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    client = ViewerClient.spawn(headless=True, port=port, executable_path=viewer_program())
+        return int(free.getsockname()[1])
+
+
+@pytest.fixture
+def viewer() -> Iterator[ViewerClient]:
+    client = ViewerClient.spawn(headless=True, port=free_port(), executable_path=viewer_program())
     yield client
     client.quit()
 
@@ -65,9 +68,9 @@ def shown_at(client: ViewerClient, time_ns: int) -> np.ndarray:
     return settled_picture(client)
 
 
-def map_area(client: ViewerClient, picture: np.ndarray) -> np.ndarray:
-    """The left half of the window, where the map is: the legend's bar below and the plots beside have its colours."""
-    return picture[: int(0.7 * len(picture)), : picture.shape[1] // 2]
+def map_area(picture: np.ndarray, *, width: float = 0.5) -> np.ndarray:
+    """The part of the window where the map is: the legend's bar below and the plots beside have its colours."""
+    return picture[: int(0.7 * len(picture)), : int(width * picture.shape[1])]
 
 
 def reports_of(client: ViewerClient) -> list[object]:
@@ -86,7 +89,7 @@ def test_a_vehicle_heading_north_east_goes_up_and_right(
     assert (tmp_path / "run.rrd").exists()
     color = track_color(np.array([7]))[0, :3].astype(float)  # vehicle 8 may share it: it goes the same way
     pictures = [shown_at(viewer, frame.time_ns) for frame in (scene_frames[0], scene_frames[4])]
-    places = [place_of(map_area(viewer, picture), color) for picture in pictures]
+    places = [place_of(map_area(picture), color) for picture in pictures]
     assert "Map, north up" in {view.name for view in viewer.get_state().views}
     assert reports_of(viewer) == []
     right, up = places[1] - places[0]
@@ -100,10 +103,10 @@ def test_petals_lie_where_their_cells_are_in_the_colour_of_their_speed(
     fast_slow = replace(
         scene_map, speed=replace(scene_map.speed, rate=np.array([[4.0, 1, 1], [0.5, 1, 1], [1, 1, 1], [1, 1, 1]]))
     )
-    with open_stream(save=tmp_path / "map.rrd") as sink:
+    with open_stream("dirprim map", save=tmp_path / "map.rrd") as sink:
         sink.log_map(fast_slow)
     viewer.open(str(tmp_path / "map.rrd"))
-    picture = map_area(viewer, settled_picture(viewer, at_least_s=2.0))
+    picture = map_area(settled_picture(viewer, at_least_s=2.0), width=0.75)
     slow, fast = (speed_color(np.array(speed), fastest=8.0)[:3].astype(float) for speed in (1.0, 8.0))
     assert reports_of(viewer) == []
     right, up = place_of(picture, fast, tolerance=25) - place_of(picture, slow, tolerance=12)
@@ -127,10 +130,10 @@ def test_every_kind_of_recording_opens_without_a_complaint(
                     futures = np.cumsum(np.ones((2, 20, 8, 2)), axis=2) + first.estimates.position[:, None, None]
                     sink.write_forecast(first.time_ns, ["7", "8"], futures)
             sink.log_run({"command": "test"}, {"frames": "6"})
-    with open_stream(save=tmp_path / "log.rrd") as sink:
+    with open_stream("dirprim log", save=tmp_path / "log.rrd") as sink:
         sink.log_truth(scene_tracks)
         sink.log_detections(Detections.of(scene_tracks))
-    with open_stream(save=tmp_path / "both.rrd") as sink:
+    with open_stream("dirprim both", save=tmp_path / "both.rrd") as sink:
         show_side_by_side([tmp_path / "run.rrd", tmp_path / "other.rrd"], ["run", "other"], sink)
     views = {
         "log": {"Map, north up"},
@@ -155,8 +158,10 @@ def test_the_rerun_program_takes_a_picture(
         for frame in scene_frames:
             sink.write(frame)
     picture = tmp_path / "run.png"
+    viewer, port = viewer_program() or "rerun", str(free_port())
     subprocess.run(
-        [viewer_program() or "rerun", "--headless", "--port", "auto", "--screenshot-to", picture, tmp_path / "run.rrd"],
+        [viewer, "--headless", "--window-size", "1400x900", "--port", port, "--screenshot-to", picture,
+         tmp_path / "run.rrd"],
         check=True, capture_output=True, timeout=60, env=os.environ | {"XDG_RUNTIME_DIR": str(tmp_path)},
     )  # fmt: skip
     assert (imread(picture)[..., :3].std(axis=-1) > 0.1).sum() > 1000  # coloured, not one grey
