@@ -98,6 +98,7 @@ def _track_three_ways(
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.viewer.figures import demo_figure, save_figure
     from dirprim_filter.viewer.moment import Moment
+    from dirprim_filter.viewer.report import run_report
     from dirprim_filter.viewer.stream import open_stream
 
     config = FilterConfig()
@@ -128,7 +129,7 @@ def _track_three_ways(
             kept = EstimateList()
             _replay(log, rival, [kept])
             scores[name] = score(kept.all(), truth)
-        shown.log_report("\n".join(_table(scores, markdown=True)))
+        shown.log_report("\n".join([*_table(scores, markdown=True), "", run_report(said, {}, title="Made with")]))
     if moment.frame is not None:
         ids = [str(name) for name in moment.frame.estimates.track_id]
         futures = dict(zip(ids, forecaster.paths(moment.frame), strict=True))
