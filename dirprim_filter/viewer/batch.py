@@ -10,7 +10,6 @@ import rerun as rr
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer import marks, shapes
-from dirprim_filter.viewer.colors import ByteArray
 from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
 from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
 from dirprim_filter.viewer.timeline import time_column
@@ -46,7 +45,7 @@ class FrameBatch:
         self._time_ns: list[int] = []
         self._believed: list[Estimates] = []
         self._detected: list[FloatArray] = []
-        self._particles: list[tuple[FloatArray, ByteArray]] = []
+        self._particles: list[marks.Dots] = []
         self._steps: list[tuple[list[str], FloatArray]] = []
         self._looks: list[Look | None] = []
         self._metrics: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
@@ -66,8 +65,7 @@ class FrameBatch:
         self._time_ns.append(frame.time_ns)
         self._believed.append(frame.estimates)
         self._detected.append(frame.detections.position)
-        shown = _thinned(frame.particles, self._stride)
-        self._particles.append((shown.position.astype(np.float32), marks.paint(shown, self._color)))
+        self._particles.append(marks.Dots.of(_thinned(frame.particles, self._stride), self._color))
         self._steps.append(steps)
         self._looks.append(look)
         for entity, row in metrics.items():
@@ -96,9 +94,8 @@ class FrameBatch:
             yield entity, times, marks.covariance(believed[chosen]).partition(counts)
         n_detected = [len(part) for part in self._detected]
         yield "/detections", times, marks.detections(np.concatenate(self._detected)).partition(n_detected)
-        position, color = (np.concatenate(parts) for parts in zip(*self._particles, strict=True))
-        n_particles = [len(part) for part, _ in self._particles]
-        yield "/tracks/particles", times, marks.particles(position, color).partition(n_particles)
+        n_particles = [len(dots.color) for dots in self._particles]
+        yield "/tracks/particles", times, marks.particles(self._particles).partition(n_particles)
         stepped = [name for names, _ in self._steps for name in names]
         steps = marks.trails(stepped, np.concatenate([part for _, part in self._steps]))
         yield "/tracks/trails", times, steps.partition([len(names) for names, _ in self._steps])

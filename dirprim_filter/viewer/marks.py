@@ -7,7 +7,7 @@ kind share is in `STYLES`, said once for the whole log.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -130,9 +130,28 @@ def detections(position: FloatArray) -> rr.ComponentColumnList:
     return rr.Points3D.columns(positions=_raised(position, HEIGHT["detections"]))
 
 
-def particles(position: FloatArray, color: ByteArray) -> rr.ComponentColumnList:
-    """Small dots."""
-    return rr.Points3D.columns(positions=_raised(position, HEIGHT["particles"]), colors=color)
+class Dots(NamedTuple):
+    """Particles as the viewer keeps them: they come by the hundred thousand, and are copied as seldom as can be.
+
+    Attributes:
+        place: (n, 3) float32 metres.
+        color: (n,) uint32, red in the highest byte.
+    """
+
+    place: npt.NDArray[np.float32]
+    color: npt.NDArray[np.uint32]
+
+    @classmethod
+    def of(cls, shown: Particles, by: ParticleColor) -> Dots:
+        """Particles in their colours."""
+        packed = np.ascontiguousarray(paint(shown, by)).view(">u4")[:, 0].astype(np.uint32)
+        return cls(_raised(shown.position, HEIGHT["particles"]), packed)
+
+
+def particles(parts: Sequence[Dots]) -> rr.ComponentColumnList:
+    """Small dots, of one instant after the other."""
+    place, color = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return rr.Points3D.columns(positions=place, colors=color)
 
 
 def estimates(believed: Estimates) -> rr.ComponentColumnList:
