@@ -19,7 +19,18 @@ N_SQUARES = 34
 FINEST_M = 0.75
 """Side of a square at least."""
 KERNEL_SQUARES = 1.2
-"""Standard deviation of the kernel: wide enough that regions of one instant and the next touch."""
+"""Standard deviation of the kernel at least: wide enough that regions of one instant and the next touch."""
+WIDEST_KERNEL = 2.2
+"""The same at most."""
+NEIGHBOUR = 4
+"""The kernel of an instant is as wide as the samples' usual distance to so near a neighbour: where they lie thinly, one
+alone makes no region."""
+SOME_COMPANY = 1.3
+"""Of the density at a lone sample: what is less dense is left out,"""
+SPARED = 0.1
+"""if the fan then lacks no more than this of its share: strays would lie about it like crumbs."""
+NEIGHBOURS_AMONG = 60
+"""Samples at most by which that is judged."""
 KERNEL_REACH = 3.0
 CORNER = float(np.exp(-0.25 / KERNEL_SQUARES**2))
 """Of the kernel at the corner of its square to that in the middle: a sample counts as the middle, and may be there."""
@@ -30,11 +41,16 @@ FAINTEST = 1e-3
 def fan_triangles(paths: FloatArray, probabilities: Sequence[float]) -> list[FloatArray]:
     """The fans of one vehicle. (n_samples, n_steps, 2) metres -> of each (n, 3, 2) triangles that do not overlap."""
     corner, side, shape = _grid(paths)
-    density, at_sample = _densities(paths, corner, side, shape)
+    kernel = np.clip(_kernel_widths(paths) / side, KERNEL_SQUARES, WIDEST_KERNEL)
+    density, at_sample = _densities(paths, corner, side, shape, kernel)
     at_sample.sort(axis=1)
+    of_two = SOME_COMPANY / (2.0 * np.pi * kernel**2)
     fans = []
     for probability in probabilities:
-        level = CORNER * at_sample[:, int((1.0 - probability) * at_sample.shape[1])]  # (n_steps,)
+        level = at_sample[:, int((1.0 - probability) * at_sample.shape[1])]  # (n_steps,)
+        in_company = np.maximum(level, of_two)
+        enough = (at_sample >= in_company[:, None]).mean(axis=1) >= probability - SPARED
+        level = CORNER * np.where(enough, in_company, level)
         highest = (density * (1.0 / level)[:, None, None]).max(axis=0)
         fans.append(corner + side * _above(np.log(np.maximum(highest, FAINTEST))))
     return fans
@@ -49,17 +65,27 @@ def _grid(paths: FloatArray) -> tuple[FloatArray, float, tuple[int, int]]:
     return low - margin, side, (n_y, n_x)
 
 
-def _densities(paths: FloatArray, corner: FloatArray, side: float, shape: tuple[int, int]) -> tuple[AnyArray, AnyArray]:
+def _densities(
+    paths: FloatArray, corner: FloatArray, side: float, shape: tuple[int, int], kernel: FloatArray
+) -> tuple[AnyArray, AnyArray]:
     """Kernel density at each step, (n_steps, rows, columns), and at its samples, (n_steps, n_samples); to a factor."""
     n_samples, n_steps, _ = paths.shape
     column, row = np.rint((paths - corner) / side).astype(np.int64).transpose(2, 1, 0)  # (n_steps, n_samples) each
     step = np.repeat(np.arange(n_steps), n_samples).reshape(n_steps, n_samples)
     flat = np.ravel_multi_index((step, row, column), (n_steps, *shape))
     count = np.bincount(flat.ravel(), minlength=n_steps * shape[0] * shape[1]).reshape(n_steps, *shape)
-    density: AnyArray = gaussian_filter(
-        count.astype(np.float32), (0.0, KERNEL_SQUARES, KERNEL_SQUARES), mode="constant", truncate=KERNEL_REACH
-    )
+    density: AnyArray = np.empty(count.shape, np.float32)
+    for k, width in enumerate(kernel):
+        gaussian_filter(count[k].astype(np.float32), width, output=density[k], mode="constant", truncate=KERNEL_REACH)
     return density, density[step, row, column]
+
+
+def _kernel_widths(paths: FloatArray) -> FloatArray:
+    """(n_steps,) metres: the median distance of the samples of each step to their `NEIGHBOUR`-th nearest."""
+    some = paths[:: max(len(paths) // NEIGHBOURS_AMONG, 1)].transpose(1, 0, 2)
+    squared = ((some[:, :, None] - some[:, None]) ** 2).sum(axis=-1)
+    nth = min(NEIGHBOUR, squared.shape[1] - 1)
+    return np.asarray(np.sqrt(np.median(np.partition(squared, nth, axis=2)[..., nth], axis=1)))
 
 
 def _above(height: FloatArray) -> FloatArray:

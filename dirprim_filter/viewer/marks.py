@@ -49,6 +49,8 @@ ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 FORECAST_OPACITY = 0.25
 FAN_OPACITY = 0.2
+FAN_STRIDE = 2
+"""Every second instant is enough for a fan."""
 PATHS_DRAWN = 10
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
@@ -221,7 +223,7 @@ def forecasts(track_id: Sequence[str], paths: FloatArray) -> rr.ComponentColumnL
 def fans(track_id: Sequence[str], paths: FloatArray) -> Iterator[tuple[str, rr.ComponentColumnList]]:
     """The fans of all vehicles at one instant, by entity. (n, n_samples, n_steps, 2) metres."""
     color = track_color(track_id)
-    of_vehicle = [fan_triangles(futures, tuple(FANS.values())) for futures in paths]
+    of_vehicle = [fan_triangles(futures[:, ::FAN_STRIDE], tuple(FANS.values())) for futures in paths]
     for k, entity in enumerate(FANS):
         parts = [fan[k] for fan in of_vehicle]
         corner = np.concatenate([np.empty((0, 3, 2)), *parts]).reshape(-1, 2)
