@@ -107,7 +107,7 @@ def _track_three_ways(
     forecaster_rng = np.random.default_rng([seed, 1])
     with (
         EstimateLog(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
-        open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, particle_stride=4) as shown,
+        open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, particle_stride=10) as shown,
     ):
         written.write_map_scene(learned)
         shown.log_map(learned)
