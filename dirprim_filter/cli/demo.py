@@ -100,6 +100,7 @@ def _track_three_ways(
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.viewer.figures import demo_figure, save_figure
     from dirprim_filter.viewer.moment import Moment
+    from dirprim_filter.viewer.report import run_report
     from dirprim_filter.viewer.stream import open_stream
 
     config = FilterConfig()
@@ -108,13 +109,13 @@ def _track_three_ways(
     forecaster_rng = np.random.default_rng([seed, 1])
     with (
         EstimateLog(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
-        open_stream(save=outputs["tracks.rrd"], force=force, particle_stride=4) as shown,
+        open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, particle_stride=10) as shown,
     ):
         written.write_map_scene(learned)
         shown.log_map(learned)
         shown.log_truth(truth)
         forecaster = Forecaster(learned, [written, shown], config=config, rng=forecaster_rng)
-        tracker = Tracker(learned, config=config, rng=np.random.default_rng(seed))
+        tracker = Tracker(learned, config=config, with_innovations=True, rng=np.random.default_rng(seed))
         _replay(log, tracker, [written, shown, forecaster, believed, moment])
         estimates = believed.all()
         scores = {"with the prior": score(estimates, truth)}
@@ -130,7 +131,7 @@ def _track_three_ways(
             kept = EstimateList()
             _replay(log, rival, [kept])
             scores[name] = score(kept.all(), truth)
-        shown.log_report("\n".join(_table(scores, markdown=True)))
+        shown.log_report("\n".join([*_table(scores, markdown=True), "", run_report(said, {}, title="Made with")]))
     if moment.frame is not None:
         ids = [str(name) for name in moment.frame.estimates.track_id]
         futures = dict(zip(ids, forecaster.paths(moment.frame), strict=True))

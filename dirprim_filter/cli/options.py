@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+
+class ParticleColor(StrEnum):
+    """What the colour of particles tells."""
+
+    DIRECTION = "direction"
+    MODE = "mode"
+    WEIGHT = "weight"
 
 
 def time_ns(text: str | None) -> int | None:
@@ -53,4 +62,16 @@ Particles = Annotated[int, typer.Option("--particles", min=1, help="Samples for 
 Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of a measured position, metres.")]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer.")]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a rerun viewer and stream to it.")]
+Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]
+Bind = Annotated[
+    str, typer.Option("--bind", help="With --serve: the address to answer at; 0.0.0.0 for all who reach this machine.")
+]
+Focus = Annotated[
+    str | None,
+    typer.Option("--focus", help="Id of the vehicle to look at closely; left out, whichever is understood least."),
+]
+ColorBy = Annotated[ParticleColor, typer.Option("--color-by", help="What the colour of particles tells.")]
+Truth = Annotated[
+    Path | None, typer.Option("--truth", help="Show the true tracks of this log, and the errors.", exists=True)
+]
 Connect = Annotated[str | None, typer.Option("--connect", help="Stream to the rerun viewer at this address.")]

@@ -10,7 +10,24 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Connect, Force, Log, Map, Noise, Output, Particles, Save, Seed, Spawn
+from dirprim_filter.cli.options import (
+    Bind,
+    ColorBy,
+    Connect,
+    Focus,
+    Force,
+    Log,
+    Map,
+    Noise,
+    Output,
+    ParticleColor,
+    Particles,
+    Save,
+    Seed,
+    Serve,
+    Spawn,
+    Truth,
+)
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
@@ -19,6 +36,8 @@ if TYPE_CHECKING:
 
 PARTICLES_WRITTEN = 100
 """Of each vehicle: they are for the eye, and all of them take longer to write than to move."""
+PARTICLES_SHOWN = 50
+"""The same in rerun: 10 minutes of 100 vehicles then stay well below a gigabyte."""
 
 
 @reads_logs
@@ -29,10 +48,16 @@ def track(
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
+    serve: Serve = False,
+    bind: Bind = "127.0.0.1",
+    truth: Truth = None,
+    focus: Focus = None,
+    color_by: ColorBy = ParticleColor.DIRECTION,
     particles: Particles = 1000,
     noise: Noise = 0.5,
     particle_stride: Annotated[
-        int | None, typer.Option(min=1, help="Write one particle in so many; left out, some 100 of each vehicle.")
+        int | None,
+        typer.Option(min=1, help="Write one particle in so many; left out, some 100 of each vehicle, 50 to rerun."),
     ] = None,
     forecast: Annotated[float, typer.Option(help="Each second forecast so many seconds ahead; 0 for none.")] = 0.0,
     place_free: Annotated[bool, typer.Option("--place-free", help="Ignore the places: the ablation.")] = False,
@@ -56,6 +81,7 @@ def track(
 
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.cli.watching import keep_serving, open_viewer
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.forecasting import Forecaster
@@ -68,9 +94,10 @@ def track(
     stride = particle_stride or max(particles // PARTICLES_WRITTEN, 1)
     stream = reading.detections(log, motion=motion)
     association = TrackingConfig(detection_probability=detection_probability, clutter_density=clutter_density)
+    watched = save is not None or spawn or connect is not None or serve
     tracker = Tracker(
         learned.without_places() if place_free else learned,
-        config=config, tracking=association, rng=np.random.default_rng(seed),
+        config=config, tracking=association, with_innovations=watched, rng=np.random.default_rng(seed),
     )  # fmt: skip
     said = provenance(
         "track", inputs=[log, map_file], config=config, seed=seed, place_free=place_free, no_ids=no_ids,
@@ -81,13 +108,16 @@ def track(
         estimates.write_map_scene(learned)
         sinks: list[EstimateSink] = [estimates]
         forecasts: list[ForecastSink] = [estimates]
-        if save is not None or spawn or connect is not None:
-            from dirprim_filter.viewer.stream import open_stream
-
-            viewer = open_files.enter_context(
-                open_stream(save=save, spawn=spawn, connect=connect, force=force, particle_stride=stride)
-            )
+        viewer = None
+        if watched:
+            viewer = open_viewer(
+                map_file.stem, save=save, spawn=spawn, connect=connect, serve=bind if serve else None, force=force,
+                particle_stride=particle_stride or max(particles // PARTICLES_SHOWN, 1),
+                particle_color=color_by.value, focus=focus, truth=truth,
+            )  # fmt: skip
+            open_files.enter_context(viewer)
             viewer.log_map(learned)
+            viewer.log_run(said, {})
             sinks.append(viewer)
             forecasts.append(viewer)
         if forecast > 0:
@@ -95,6 +125,9 @@ def track(
             sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=config, rng=rng))
         frames = (seen.without_ids() for seen in stream) if no_ids else stream
         n_frames = replay(with_progress(frames, what=f"tracking {log.name}"), tracker, sinks)
+        if viewer is not None:
+            viewer.log_run(said, {"frames": str(n_frames), "beliefs begun anew": str(tracker.recoveries)})
+            keep_serving(viewer)
     if tracker.recoveries:
         typer.echo(f"{tracker.recoveries} times a belief did not explain what was measured: begun anew", err=True)
     typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}")
