@@ -80,6 +80,13 @@ class FilterConfig:
     speed_spread: float = 0.05
     reach_m: float = 3.5
     step_s: float = 0.1
+    lane_rate: float = 1.0
+    carry_from: float = 1e-9
+    lat_fit: float = 1e-3
+    leave_scale: float = 1.0
+    own_rates: float = 1.0
+    stand_rate: float = 2.0
+    switch_by_speed: float = 1.0
     max_gap_s: float = 5.0
 
     def __post_init__(self) -> None:

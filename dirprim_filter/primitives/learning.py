@@ -18,6 +18,7 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives import _kernels, _two_steps
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.relaxation import FALLBACK, learn_relaxation
+from dirprim_filter.primitives.transitions import learn_transitions, learn_lanes, learn_slip, learn_speed_rates
 from dirprim_filter.primitives.rows import CellRows, TrackRows, columns_of
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation, Tessellation
@@ -84,7 +85,14 @@ def learn_primitives(
         "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
         cells.n_cells, rows.n_vehicles, strength,
     )  # fmt: skip
-    return replace(learned, relaxation=relaxation)
+    anchor, lane = learn_lanes(learned, rows)
+    from dirprim_filter.primitives.relaxation import pairs_at
+    i, j = pairs_at(rows, 1.0)
+    mv = (rows.speed[i] >= 0.3)
+    i, j = i[mv], j[mv]
+    learned = replace(learned, speed_rate=learn_speed_rates(learned, rows, i, j, 1.0, relaxation.speed_rate))
+    learned = replace(learned, anchor=anchor, lane=lane, slip=learn_slip(learned, rows, relaxation.lead))
+    return replace(learned, relaxation=relaxation, transitions=learn_transitions(learned, rows))
 
 
 class Recipe(NamedTuple):

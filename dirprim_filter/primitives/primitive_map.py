@@ -54,6 +54,8 @@ class Relaxation:
         place_free_speed_rate: 1/s, towards the place-free mean speed where no cell tells.
         drift: m^2/s, diffusion of the position in each axis beyond what direction and speed explain: lane changes,
             side slip, the log's own jitter.
+        lead: metres by which the point that the log reports lies ahead of the point that moves along the vehicle's
+            direction, its rear axle: a bumper swings out when the body turns. 0 where directions are courses.
     """
 
     direction_rate: float
@@ -62,15 +64,16 @@ class Relaxation:
     place_free_turning: float
     place_free_speed_rate: float
     drift: float
+    lead: float = 0.0
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if not (np.isfinite(value) and (value > 0 or name == "lead")):
                 raise ValueError(f"{name}: expected a positive number, got {value}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PrimitiveMap:
     """A primitive for every place: those of the cells, and one that holds wherever no cell does.
 
@@ -101,6 +104,11 @@ class PrimitiveMap:
     relaxation: Relaxation
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
+    transitions: object = None
+    anchor: FloatArray | None = None
+    lane: FloatArray | None = None
+    slip: FloatArray | None = None
+    speed_rate: FloatArray | None = None
 
     def __post_init__(self) -> None:
         n = self.tessellation.n_cells + 1
