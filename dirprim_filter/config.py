@@ -16,15 +16,18 @@ class LearningConfig:
         row_interval_s: seconds; rows of a vehicle nearer than this to its last kept row tell nothing new.
         dbscan_eps: radians, the reach of a neighbourhood (the paper's way to the number of modes).
         dbscan_share: a core point has this share of the cell's rows within reach, and at least three.
-        prior_strengths: pseudo-vehicles of uniform direction, and of the place-free spread of speed, in each mode. They
-            bound the concentration that one vehicle, whose rows all point one way, would make unbounded; held-out
-            vehicles choose among them, for no other knob decides more. The first is tried first.
+        prior_strengths: pseudo-vehicles of the usual spreads of direction and of speed in each mode. They bound the
+            concentration that one vehicle, whose rows all point one way, would make unbounded; held-out vehicles
+            choose among them. The first is tried first.
+        parameter_costs: what a parameter of a mode costs, in those of BIC, of which held-out vehicles choose: BIC
+            counts vehicles, and several rows of one may say more than one row would. The first is tried first.
         bend_scale: rad/m, standard deviation of a mode's bend before it is seen: the tightest turns that vehicles drive
             are of about 5 m radius, most are none.
         gain_scale: 1/m, the same of the gain of log speed: hard braking at 10 m/s halves the speed in 15 m.
         max_concentration: bound of a mode's concentration: 0.6 degrees of spread.
         max_shape: bound of a mode's gamma shape: 1 % of spread in speed.
         cell_sizes: metres, the grid's candidates when no size is asked for.
+        softness: by how much of its own size a Voronoi cell learns from what is beside it; the first is tried first.
     """
 
     max_modes: int = 6
@@ -33,16 +36,18 @@ class LearningConfig:
     row_interval_s: float = 0.2
     dbscan_eps: float = 0.2
     dbscan_share: float = 0.05
-    prior_strengths: tuple[float, ...] = (0.02, 0.2, 0.002, 0.0002)
+    prior_strengths: tuple[float, ...] = (0.1, 0.4, 0.02, 1.6)
+    parameter_costs: tuple[float, ...] = (1.0, 0.5)
     bend_scale: float = 0.1
     gain_scale: float = 0.05
     max_concentration: float = 1e4
     max_shape: float = 1e4
     cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
+    softness: tuple[float, ...] = (0.25, 0.1, 0.5)
 
     def __post_init__(self) -> None:
-        require_positive(self, skip=("cell_sizes", "prior_strengths"))
-        for name in ("cell_sizes", "prior_strengths"):
+        require_positive(self, skip=("cell_sizes", "prior_strengths", "parameter_costs", "softness"))
+        for name in ("cell_sizes", "prior_strengths", "parameter_costs", "softness"):
             numbers = getattr(self, name)
             if not numbers or not all(number > 0 for number in numbers):
                 raise ValueError(f"{name}: expected positive numbers, got {numbers}")
@@ -57,6 +62,10 @@ class FilterConfig:
         noise_m: metres, standard deviation of a measured position in each axis.
         outlier_probability: share of measurements that say nothing of the vehicle; keeps every weight positive.
         outlier_extent_m: metres, the side of the square over which such a measurement may lie.
+        direction_noise: radians, standard deviation of a measured direction: detectors tell it to some degrees.
+        speed_noise: m/s, standard deviation of a measured speed.
+        motion_outlier_probability: share of measured directions and speeds that say nothing: detectors turn vehicles
+            round, and give standing ones any course.
         resample_below: resample when the effective sample size falls below this share of the particles.
         place_free_share: of the particles that take up a mode, those that follow no primitive of the place: the
             vehicle that does what none has done there is not lost.
@@ -73,6 +82,9 @@ class FilterConfig:
     noise_m: float = 0.5
     outlier_probability: float = 1e-3
     outlier_extent_m: float = 100.0
+    direction_noise: float = 0.1
+    speed_noise: float = 0.5
+    motion_outlier_probability: float = 0.05
     resample_below: float = 0.5
     place_free_share: float = 0.2
     forecast_place_free_share: float = 0.01
@@ -80,22 +92,62 @@ class FilterConfig:
     speed_spread: float = 0.05
     reach_m: float = 3.5
     step_s: float = 0.1
-    lane_rate: float = 1.0
-    carry_from: float = 1e-9
-    lat_fit: float = 1e-3
-    leave_scale: float = 1.0
-    own_rates: float = 1.0
-    stand_rate: float = 2.0
-    switch_by_speed: float = 1.0
     max_gap_s: float = 5.0
 
     def __post_init__(self) -> None:
         require_positive(self)
         if self.outlier_probability >= 1 or self.resample_below > 1 or self.place_free_share > 1:
             raise ValueError("outlier_probability, resample_below, place_free_share: expected shares below one")
+        if self.motion_outlier_probability >= 1:
+            raise ValueError(f"motion_outlier_probability: expected below 1, got {self.motion_outlier_probability}")
 
 
-def require_positive(config: LearningConfig | FilterConfig, *, skip: tuple[str, ...] = ()) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackingConfig:
+    """How a tracker tells vehicles from false detections, and one vehicle from another.
+
+    Attributes:
+        detection_probability: of a vehicle in sight, in each frame.
+        clutter_density: false detections per square metre in each frame: one in a square of 100 m.
+        birth_density: vehicles first seen, likewise: one in a hundred frames.
+        occlusion_rate: 1/s, how often a vehicle goes out of sight: behind a lorry or a tree.
+        reappearance_rate: 1/s, how fast it comes back: after three seconds.
+        departure_rate: 1/s, how often a vehicle leaves for good.
+        gate: squared Mahalanobis distance beyond which a detection is nobody's: one in 3,000 of the vehicle's own.
+        max_speed: m/s; two detections further apart than this are not of one new vehicle.
+        confirm_above: existence probability from which on a vehicle without an id is told of.
+        report_above: existence probability below which a vehicle that was told of no longer is.
+        forget_below: existence probability at which a belief ends.
+        lost_after: measurements in a row that a belief does not explain, after which it begins anew at the last: one
+            may be an outlier.
+    """
+
+    detection_probability: float = 0.9
+    clutter_density: float = 1e-4
+    birth_density: float = 1e-6
+    occlusion_rate: float = 0.05
+    reappearance_rate: float = 0.33
+    departure_rate: float = 0.01
+    gate: float = 16.0
+    max_speed: float = 40.0
+    confirm_above: float = 0.9
+    report_above: float = 0.5
+    forget_below: float = 0.02
+    lost_after: int = 2
+
+    def __post_init__(self) -> None:
+        require_positive(self)
+        for name in ("detection_probability", "confirm_above", "report_above", "forget_below"):
+            if getattr(self, name) >= 1:
+                raise ValueError(f"{name}: expected a probability below 1, got {getattr(self, name)}")
+        if not self.forget_below <= self.report_above <= self.confirm_above:
+            raise ValueError(
+                "forget_below, report_above, confirm_above: expected in ascending order, "
+                f"got {self.forget_below}, {self.report_above} and {self.confirm_above}"
+            )
+
+
+def require_positive(config: LearningConfig | FilterConfig | TrackingConfig, *, skip: tuple[str, ...] = ()) -> None:
     """Every number of a configuration is positive.
 
     Raises:

@@ -1,17 +1,19 @@
-"""What a sensor reports: positions of vehicles, as they come, frame by frame."""
+"""What a sensor reports: positions of vehicles and what it may know of their motion, as they come, frame by frame."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from dirprim_filter.tracks import Tracks, as_texts, as_times, check_lengths
-from tessellation.arrays import AnyArray, FloatArray, IntArray, as_floats
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
 NO_TIME = -(1 << 63)
 """Nanoseconds before every frame's: how far a log has come before its first."""
+NO_ID = ""
+"""What a detection is called whose sensor gives it no name: it may be any vehicle's, or none's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,17 +21,25 @@ class Detections:
     """Reported positions, a row for each vehicle and instant, in the order they came.
 
     Attributes:
-        track_id: (n,) str, the sensor's name for the vehicle.
+        track_id: (n,) str, the sensor's name for the vehicle; `NO_ID` where it gives none.
         time_ns: (n,) int64, nanoseconds since the log's epoch.
         position: (n, 2) metres, x east, y north.
+        direction: (n,) measured course, radians; NaN where it is not measured. Left out: nowhere.
+        speed: (n,) measured speed, m/s; NaN where it is not measured. Left out: nowhere.
+        covariance: (n, 2, 2) of the position's error, square metres; NaN where the sensor does not tell, and the
+            filter's own noise holds. Left out: nowhere.
 
     Raises:
-        ValueError: shapes that do not fit, or a position that is not finite.
+        ValueError: shapes that do not fit, a position that is not finite, an infinite direction, a speed below 0, or a
+            covariance that is not positive definite.
     """
 
     track_id: AnyArray
     time_ns: IntArray
     position: FloatArray
+    direction: FloatArray = field(default_factory=lambda: np.empty(0))
+    speed: FloatArray = field(default_factory=lambda: np.empty(0))
+    covariance: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
 
     def __post_init__(self) -> None:
         columns = {
@@ -37,12 +47,31 @@ class Detections:
             "time_ns": as_times("time_ns", self.time_ns),
             "position": as_floats("position", self.position, "n 2"),
         }
+        n = len(columns["position"])
+        for name, rest in (("direction", ()), ("speed", ()), ("covariance", (2, 2))):
+            columns[name] = _where_known(name, getattr(self, name), (n, *rest))
         check_lengths(columns)
+        if (columns["speed"] < 0).any():
+            raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(columns['speed'])}")
+        known = ~np.isnan(columns["covariance"][:, 0, 0])
+        if known.any() and not is_covariance(columns["covariance"][known]).all():
+            raise ValueError("covariance: expected symmetric positive definite matrices, or NaN where unknown")
         for name, column in columns.items():
             object.__setattr__(self, name, column)
 
     def __len__(self) -> int:
         return int(self.time_ns.size)
+
+    def __getitem__(self, rows: BoolArray | IntArray) -> Detections:
+        """The chosen rows, by mask or indices."""
+        return Detections(
+            track_id=self.track_id[rows],
+            time_ns=self.time_ns[rows],
+            position=self.position[rows],
+            direction=self.direction[rows],
+            speed=self.speed[rows],
+            covariance=self.covariance[rows],
+        )
 
     @classmethod
     def of(cls, tracks: Tracks) -> Detections:
@@ -54,6 +83,21 @@ class Detections:
         """No detection."""
         return cls(track_id=np.empty(0, np.str_), time_ns=np.empty(0, np.int64), position=np.empty((0, 2)))
 
+    @classmethod
+    def concatenate(cls, parts: Iterable[Detections]) -> Detections:
+        """All rows of all parts, in their order."""
+        parts = list(parts)
+        if not parts:
+            return cls.none()
+        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
+
+    def without_ids(self) -> Detections:
+        """The same rows of nobody in particular."""
+        return Detections(
+            track_id=np.full(len(self), NO_ID, np.str_), time_ns=self.time_ns, position=self.position,
+            direction=self.direction, speed=self.speed, covariance=self.covariance,
+        )  # fmt: skip
+
     def instant(self, *, after_ns: int) -> int:
         """The time of these rows as the next frame of a log that has come to `after_ns`; `after_ns` if there are none.
 
@@ -63,7 +107,8 @@ class Detections:
         if len(self) == 0:
             return after_ns
         time_ns = int(self.time_ns[0])
-        if (self.time_ns != time_ns).any() or np.unique(self.track_id).size != len(self):
+        named = self.track_id[self.track_id != NO_ID]
+        if (self.time_ns != time_ns).any() or np.unique(named).size != named.size:
             raise ValueError("detections: expected one instant and each track id once; see Detections.frames")
         if time_ns <= after_ns:
             raise ValueError(f"detections: expected times after {after_ns} ns, got {time_ns}")
@@ -75,4 +120,22 @@ class Detections:
         starts = np.flatnonzero(np.diff(self.time_ns[order], prepend=self.time_ns.min(initial=0) - 1))
         for rows in np.split(order, starts[1:]):
             if rows.size:
-                yield Detections(track_id=self.track_id[rows], time_ns=self.time_ns[rows], position=self.position[rows])
+                yield self[rows]
+
+
+def is_covariance(matrix: FloatArray) -> BoolArray:
+    """(n, 2, 2) -> (n,) where a matrix is finite, symmetric and positive definite."""
+    xx, xy, yx, yy = (matrix[:, i, j] for i in (0, 1) for j in (0, 1))
+    return np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (xy == yx) & (xx > 0) & (xx * yy > xy * xy))
+
+
+def _where_known(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """The column, NaN where the sensor does not tell; no row of it is a column that tells nothing."""
+    column = np.asarray(value, dtype=np.float64)
+    if column.shape[:1] == (0,) and shape[0]:
+        return np.full(shape, np.nan)
+    if column.shape != shape:
+        raise ValueError(f"{name}: expected shape {shape}, got {column.shape}")
+    if np.isinf(column).any():
+        raise ValueError(f"{name}: expected finite numbers, or NaN where unknown, got an infinite one")
+    return column

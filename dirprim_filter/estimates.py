@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Protocol
 
 import numpy as np
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.tracks import as_times, as_track_ids, check_lengths
-from tessellation.arrays import AnyArray, FloatArray, IntArray, as_floats
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimates:
-    """The filter's belief about vehicles after each measurement, a row for each vehicle and instant.
+    """The filter's belief about vehicles, seen or out of sight, a row for each vehicle and instant.
 
     Attributes:
         track_id: (n,) int64 or str.
@@ -27,7 +27,10 @@ class Estimates:
         speed: (n,) mean, m/s.
         speed_std: (n,) standard deviation, m/s.
         effective_sample_size: (n,) of the particle weights before resampling.
-        log_evidence: (n,) natural log of the density of this measurement given those before it; 0 at birth.
+        log_evidence: (n,) natural log of the density of this measurement given those before it; 0 at birth and where
+            there is none.
+        existence: (n,) probability that there is such a vehicle. Left out: 1.
+        unseen_s: (n,) seconds since it was last measured: 0 where it is now. Left out: 0.
 
     Raises:
         ValueError: shapes that do not fit.
@@ -43,6 +46,8 @@ class Estimates:
     speed_std: FloatArray
     effective_sample_size: FloatArray
     log_evidence: FloatArray
+    existence: FloatArray = field(default_factory=lambda: np.empty(0))
+    unseen_s: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         columns: dict[str, AnyArray] = {
@@ -51,14 +56,22 @@ class Estimates:
             "position": as_floats("position", self.position, "n 2"),
             "covariance": as_floats("covariance", self.covariance, "n 2 2"),
         }
+        n = columns["time_ns"].size
         for f in fields(self)[len(columns) :]:
             columns[f.name] = as_floats(f.name, getattr(self, f.name), "n")
+        for name, certain in (("existence", 1.0), ("unseen_s", 0.0)):
+            if columns[name].size == 0:
+                columns[name] = np.full(n, certain)
         check_lengths(columns)
         for name, column in columns.items():
             object.__setattr__(self, name, column)
 
     def __len__(self) -> int:
         return int(self.time_ns.size)
+
+    def __getitem__(self, rows: BoolArray | IntArray) -> Estimates:
+        """The chosen rows, by mask or indices."""
+        return Estimates(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     @classmethod
     def concatenate(cls, parts: Iterable[Estimates]) -> Estimates:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -55,76 +54,19 @@ def forecast(
     Raises:
         ValueError: a number that is not finite, a negative speed, or times and counts that are not positive.
     """
-    steps = _Steps.of(horizon_s, dt_s, n_samples)
-    state = _State.of(position, direction, speed)
-    return _sample_paths(forecast_table(primitive_map, config or FilterConfig()), state, steps, rng=rng)[0]
-
-
-def forecast_states(
-    primitive_map: PrimitiveMap,
-    *,
-    position: npt.ArrayLike,
-    direction: npt.ArrayLike,
-    speed: npt.ArrayLike,
-    time_s: npt.ArrayLike,
-    n_samples: int = 100,
-    config: FilterConfig | None = None,
-    rng: np.random.Generator,
-) -> FloatArray:
-    """Sample where many vehicles go, to times of choice.
-
-    Args:
-        primitive_map: how vehicles move at each place.
-        position: (n, 2) metres.
-        direction: (n,) course over ground, radians.
-        speed: (n,) m/s, not negative.
-        time_s: (n_steps,) ascending, seconds from now.
-        n_samples: futures of each vehicle.
-        config: the motion model's knobs.
-        rng: what the futures are drawn from.
-
-    Returns:
-        (n, n_samples, n_steps, 2) positions, metres.
-
-    Raises:
-        ValueError: as `forecast`.
-    """
     table = forecast_table(primitive_map, config or FilterConfig())
-    return _sample_paths(table, _State.of(position, direction, speed), _Steps.at(time_s, n_samples), rng=rng)
+    steps = _Steps.of(horizon_s, dt_s, n_samples)
+    return _sample_paths(table, as_floats("position", position, "2"), direction, speed, steps, rng=rng)
 
 
-@lru_cache(maxsize=4)
 def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
-    """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold.
-
-    Kept for the last few maps: to make a table takes longer than to forecast.
-    """
+    """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold."""
     return motion_table(primitive_map, replace(config, place_free_share=config.forecast_place_free_share))
 
 
-class _State(NamedTuple):
-    """Where vehicles are: (n, 2) metres, (n,) radians, (n,) m/s."""
-
-    position: FloatArray
-    direction: FloatArray
-    speed: FloatArray
-
-    @classmethod
-    def of(cls, position: npt.ArrayLike, direction: npt.ArrayLike, speed: npt.ArrayLike) -> _State:
-        place = as_floats("position", position, "... 2").reshape(-1, 2)
-        heading, pace = as_floats("direction", direction, "...").ravel(), as_floats("speed", speed, "...").ravel()
-        if not len(place) == heading.size == pace.size:
-            raise ValueError(
-                f"position, direction, speed: expected one of each for each vehicle, "
-                f"got {len(place)}, {heading.size} and {pace.size}"
-            )
-        if (pace < 0).any():
-            raise ValueError(f"speed: expected at least 0 m/s, got {pace.min()}")
-        return cls(place, heading, pace)
-
-
 class _Steps(NamedTuple):
-    dt_s: FloatArray
+    dt_s: float
+    n_steps: int
     n_samples: int
 
     @classmethod
@@ -136,30 +78,34 @@ class _Steps(NamedTuple):
                 "horizon_s, dt_s, n_samples: expected at least one step and one sample, "
                 f"got {horizon_s}, {dt_s} and {n_samples}"
             )
-        return cls(np.full(n_steps, dt_s), n_samples)
-
-    @classmethod
-    def at(cls, time_s: npt.ArrayLike, n_samples: int) -> _Steps:
-        dt_s = np.diff(as_floats("time_s", time_s, "n"), prepend=0.0)
-        if dt_s.size < 1 or (dt_s <= 0).any() or n_samples < 1:
-            raise ValueError("time_s, n_samples: expected ascending positive times and at least one sample")
-        return cls(dt_s, n_samples)
+        return cls(dt_s, n_steps, n_samples)
 
 
-def _sample_paths(table: MotionTable, state: _State, steps: _Steps, *, rng: np.random.Generator) -> FloatArray:
-    v, n = state.speed.size, steps.n_samples
+def _sample_paths(
+    table: MotionTable,
+    position: FloatArray,
+    direction: float,
+    speed: float,
+    steps: _Steps,
+    *,
+    rng: np.random.Generator,
+) -> FloatArray:
+    heading, pace = float(as_floats("direction", direction, "")), float(as_floats("speed", speed, ""))
+    if pace < 0:
+        raise ValueError(f"speed: expected at least 0 m/s, got {pace}")
+    n = steps.n_samples
     cloud = _kernels.Cloud(
-        position=np.repeat(state.position[:, None], n, axis=1),
-        direction=np.repeat(state.direction[:, None], n, axis=1),
-        speed=np.repeat(state.speed[:, None], n, axis=1),
-        cell=np.empty((v, n), np.int64),
-        mode=np.empty((v, n), np.int64),
-        log_weight=np.full((v, n), -np.log(n)),
-        state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
+        position=np.tile(position, (1, n, 1)),
+        direction=np.full((1, n), heading),
+        speed=np.full((1, n), pace),
+        cell=np.empty((1, n), np.int64),
+        mode=np.empty((1, n), np.int64),
+        log_weight=np.full((1, n), -np.log(n)),
+        state=rng.integers(2**64, size=(1, 4), dtype=np.uint64),
     )
-    path: FloatArray = np.empty((v, n, steps.dt_s.size, 2))
-    _kernels.settle(table, cloud, np.arange(v))
-    _kernels.predict_paths(table, cloud, steps.dt_s, path)
+    path: FloatArray = np.empty((n, steps.n_steps, 2))
+    _kernels.settle(table, cloud, np.zeros(1, np.int64))
+    _kernels.predict_paths(table, cloud, steps.dt_s, path[None])
     return path
 
 
@@ -223,10 +169,12 @@ class Forecaster:
             [
                 _sample_paths(
                     self._table,
-                    _State(believed.position[row : row + 1], believed.direction[row : row + 1], believed.speed[row : row + 1]),
+                    believed.position[row],
+                    float(believed.direction[row]),
+                    float(believed.speed[row]),
                     self._steps,
                     rng=np.random.default_rng(int(birth_key(self._seed, str(name), frame.time_ns))),
-                )[0]
+                )
                 for row, name in enumerate(believed.track_id)
             ]
         )

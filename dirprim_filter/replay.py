@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink, TrackedFrame
-from dirprim_filter.filtering import BayesFilter
+from dirprim_filter.filtering import Tracker
 
 
-def replay(stream: Iterable[Detections], tracker: BayesFilter, sinks: Sequence[EstimateSink]) -> int:
+def replay(stream: Iterable[Detections], tracker: Tracker, sinks: Sequence[EstimateSink]) -> int:
     """Track the vehicles of a stream; nothing of it is kept.
 
     Args:

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tessellation._kernels import Locator, locate_all
+from tessellation._kernels import Locator
 from tessellation.arrays import FloatArray, IntArray, as_floats
+from tessellation.locate import cells_of, grid_locator
 
 MAX_SQUARES = 50_000_000
-"""The largest raster we allocate: 400 MB of cell numbers."""
+"""The largest raster we allocate: 200 MB of cell numbers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,12 +53,11 @@ class GridTessellation:
             raise ValueError("square: expected shape (n_cells,) with ascending numbers")
         if square.size and not (square[0] >= 0 and square[-1] < n_squares):
             raise ValueError(f"square: expected numbers from 0 to {n_squares - 1}, got {square[0]} to {square[-1]}")
-        cell = np.full(n_squares, -1, np.int64)
+        cell = np.full(n_squares, -1, np.int32)
         cell[square] = np.arange(square.size)
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "square", square)
-        locator = Locator(float(origin[0]), float(origin[1]), 1.0 / self.cell_size, cell.reshape(self.n_y, self.n_x))
-        object.__setattr__(self, "locator", locator)
+        object.__setattr__(self, "locator", grid_locator(origin, self.cell_size, cell.reshape(self.n_y, self.n_x)))
 
     @classmethod
     def covering(cls, position: FloatArray, *, cell_size: float) -> GridTessellation:
@@ -116,7 +116,7 @@ class GridTessellation:
             ValueError: the last axis is not 2, or a coordinate is not finite.
         """
         position = as_floats("position", position, "... 2")
-        return locate_all(self.locator, position.reshape(-1, 2)).reshape(position.shape[:-1])
+        return cells_of(self.locator, position.reshape(-1, 2)).reshape(position.shape[:-1])
 
     def neighbors(self, cell: int) -> IntArray:
         """The cells that share a side with `cell`, ascending.
@@ -128,7 +128,7 @@ class GridTessellation:
             raise IndexError(f"cell: expected 0 to {self.n_cells - 1}, got {cell}")
         row, column = divmod(int(self.square[cell]), self.n_x)
         beside = [(row - 1, column), (row, column - 1), (row, column + 1), (row + 1, column)]
-        found = [self.locator.cell[r, c] for r, c in beside if 0 <= r < self.n_y and 0 <= c < self.n_x]
+        found = [self.locator.pixel[r, c] for r, c in beside if 0 <= r < self.n_y and 0 <= c < self.n_x]
         return np.array([n for n in found if n >= 0], dtype=np.int64)
 
     def polygons(self) -> list[FloatArray]:

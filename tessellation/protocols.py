@@ -1,9 +1,9 @@
-"""What every division of the plane into cells can do."""
+"""What every division of the plane into cells can do, and what a model must do to live in them."""
 
-from typing import Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 from tessellation._kernels import Locator
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 OUTSIDE = -1
 """The cell of a position that no cell covers."""
@@ -42,4 +42,39 @@ class Tessellation(Protocol):
 
     def polygons(self) -> list[FloatArray]:
         """One (k, 2) polygon for each cell, counter-clockwise, not closed."""
+        ...
+
+
+class Members(NamedTuple):
+    """Which data each of several cells has, and how much of each.
+
+    Cell c has the data row[start[c]:start[c + 1]], ascending, each with a weight in (0, 1] times the datum's own: 1 for
+    those that lie in the cell, less for those beside it.
+    """
+
+    start: IntArray  # (n_cells + 1,)
+    row: IntArray  # (p,)
+    weight: FloatArray  # (p,)
+    center: FloatArray  # (n_cells, 2) metres
+
+
+Data_contra = TypeVar("Data_contra", contravariant=True)
+Cells = TypeVar("Cells", bound=tuple[AnyArray, ...])
+
+
+class CellModel(Protocol[Data_contra, Cells]):
+    """A model of what happens in a cell, which knows nothing of where cells end.
+
+    `Cells`, the parameters of any number of cells, is a NamedTuple of arrays whose first axis counts the cells. A cell
+    without members must have parameters too: those that hold where nothing is known.
+    """
+
+    def fit(self, position: FloatArray, data: Data_contra, members: Members) -> Cells:
+        """The parameters of each cell, from its members alone; the same, whichever other cells are asked for."""
+        ...
+
+    def log_density(
+        self, cells: Cells, position: FloatArray, data: Data_contra, row: IntArray, cell: IntArray
+    ) -> FloatArray:
+        """Natural log of the density that cell[i] gives to datum row[i]. (p,), (p,) -> (p,)."""
         ...

@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy import stats
+from scipy.special import logsumexp
 
 
 def circular_distance(a, b):
@@ -12,6 +13,25 @@ def circular_distance(a, b):
 def von_mises_mixture_density(direction, weight, mean, concentration):
     """Eq. 1 term by term, by scipy."""
     return sum(w * stats.vonmises.pdf(direction, k, loc=m) for w, m, k in zip(weight, mean, concentration, strict=True))
+
+
+def kuiper_p_value(uniform):
+    """Kuiper's test (1960) that numbers are even on a circle of length one, wherever it is cut; Stephens (1970)."""
+    u, n = np.sort(np.mod(uniform, 1.0)), len(uniform)
+    statistic = (np.arange(1, n + 1) / n - u).max() + (u - np.arange(n) / n).max()
+    x = (np.sqrt(n) + 0.155 + 0.24 / np.sqrt(n)) * statistic
+    j = np.arange(1, 100)
+    return float(np.clip(2 * ((4 * (j * x) ** 2 - 1) * np.exp(-2 * (j * x) ** 2)).sum(), 0.0, 1.0)) if x > 0.4 else 1.0
+
+
+def map_log_densities(learned, position, direction, speed):
+    """Log densities of direction, of speed and of both: every mode of `primitive_at`, by numpy and scipy."""
+    own = learned.primitive_at(position)
+    with np.errstate(divide="ignore"):
+        log_weight = np.log(own.direction.weight)
+    of_direction = own.direction.mode_log_density(direction) - log_weight.clip(min=-1e300)
+    of_speed = own.speed.log_density(np.asarray(speed, dtype=float)[..., None])
+    return tuple(logsumexp(log_weight + part, axis=-1) for part in (of_direction, of_speed, of_direction + of_speed))
 
 
 def central_velocity(track_id, time_ns, position, *, half_window_s, max_gap_s):

@@ -6,7 +6,7 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
-from dirprim_filter.filtering import ConstantVelocityTracker, Tracker
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.replay import replay
 
 
@@ -74,7 +74,7 @@ def test_time_going_backwards_is_refused_by_every_filter(ring_map, detections, f
     tracker = (
         Tracker(ring_map, rng=np.random.default_rng(0))
         if filter_of == "particles"
-        else ConstantVelocityTracker(noise_m=0.5, acceleration_density=1.0)
+        else Tracker(ConstantVelocityKalman(acceleration_density=1.0), rng=np.random.default_rng(0))
     )
     frames = list(detections.frames())
     with pytest.raises(ValueError, match="expected times after 900000000 ns, got 800000000"):

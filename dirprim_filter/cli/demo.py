@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.evaluation.tracking import TrackingScore
-    from dirprim_filter.filtering import BayesFilter
+    from dirprim_filter.filtering import Tracker
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.tracks import Tracks
     from tessellation.arrays import FloatArray
@@ -92,8 +92,8 @@ def _track_three_ways(
     from dirprim_filter.config import FilterConfig
     from dirprim_filter.estimates import EstimateList
     from dirprim_filter.evaluation.tracking import score
-    from dirprim_filter.filtering import ConstantVelocityTracker, Tracker
-    from dirprim_filter.filtering.kalman import acceleration_density
+    from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+    from dirprim_filter.filtering.manoeuvre import acceleration_density
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.viewer.figures import demo_figure, save_figure
@@ -116,10 +116,12 @@ def _track_three_ways(
         _replay(log, tracker, [written, shown, forecaster, believed, moment])
         estimates = believed.all()
         scores = {"with the prior": score(estimates, truth)}
-        rivals: dict[str, BayesFilter] = {
+        rivals: dict[str, Tracker] = {
             "place-free": Tracker(learned.without_places(), config=config, rng=np.random.default_rng(seed)),
-            "constant velocity": ConstantVelocityTracker(
-                noise_m=config.noise_m, acceleration_density=acceleration_density(tracks)
+            "constant velocity": Tracker(
+                ConstantVelocityKalman(acceleration_density=acceleration_density(tracks), config=config),
+                config=config,
+                rng=np.random.default_rng(seed),
             ),
         }
         for name, rival in rivals.items():
@@ -138,7 +140,7 @@ def _track_three_ways(
     return scores
 
 
-def _replay(log: Path, tracker: BayesFilter, sinks: list[EstimateSink]) -> None:
+def _replay(log: Path, tracker: Tracker, sinks: list[EstimateSink]) -> None:
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.recording.reader import stream_detections
     from dirprim_filter.replay import replay

@@ -7,12 +7,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import End, Logs, Seed, Start, Strict, Time, TimeSource, Topics, time_ns
+from dirprim_filter.cli import evaluate_tracking, losses
+from dirprim_filter.cli.options import End, Force, Logs, Seed, Start, Strict, Time, TimeSource, Topics, time_ns
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.cues import CueTable, SignalExample
@@ -27,6 +28,7 @@ evaluate = typer.Typer(
     ),
     no_args_is_help=True,
 )
+evaluate.command()(evaluate_tracking.tracking)
 
 
 class SplitBy(StrEnum):
@@ -46,6 +48,7 @@ class WholeVehicles(StrEnum):
 
 Folds = Annotated[int, typer.Option(min=1, help="How many times rows are held out.")]
 MinSpeed = Annotated[float, typer.Option(min=0.0, help="m/s; slower rows do not count, as in the paper.")]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg.")]
 Json = Annotated[bool, typer.Option("--json", help="All figures, for machines.")]
 
 
@@ -65,7 +68,9 @@ def density(
     start: Start = None,
     end: End = None,
     strict: Strict = False,
+    plot: Plot = None,
     as_json: Json = False,
+    force: Force = False,
 ) -> int:
     """The density that each method gives to held-out directions and speeds (the paper's Table I).
 
@@ -75,11 +80,16 @@ def density(
 
     from dirprim_filter.evaluation.density import evaluate_density
 
+    _check_plot(plot, force=force)
     log = _read(logs, topics, time_source.value, start, end, strict=strict)
     table = evaluate_density(
         log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
         interval_s=every, rng=np.random.default_rng(seed),
     )  # fmt: skip
+    if plot is not None:
+        from dirprim_filter.viewer.figures import density_table_figure, save_figure
+
+        save_figure(density_table_figure(table), plot, force=force)
     typer.echo(_as_json(asdict(table)) if as_json else density_text(table))
     return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
 
@@ -98,7 +108,9 @@ def cues(
     start: Start = None,
     end: End = None,
     strict: Strict = False,
+    plot: Plot = None,
     as_json: Json = False,
+    force: Force = False,
 ) -> int:
     """What the prior adds to an observation, and a turn signal to the prior (the paper's Table II and Eq. 4).
 
@@ -109,12 +121,17 @@ def cues(
     from dirprim_filter.evaluation.cues import evaluate_cues, turn_signal_example
     from dirprim_filter.primitives import learn_primitives
 
+    _check_plot(plot, force=force)
     log = _read(logs, topics, time_source.value, start, end, strict=strict)
     deal, learn, draw = np.random.default_rng(seed).spawn(3)
     table = evaluate_cues(
         log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed, rng=deal
     )
     example = turn_signal_example(learn_primitives(log.tracks, rng=learn), rng=draw)
+    if plot is not None:
+        from dirprim_filter.viewer.figures import cue_table_figure, save_figure
+
+        save_figure(cue_table_figure(table), plot, force=force)
     if as_json:
         signal = asdict(example) | {"position": example.position.tolist()}
         typer.echo(_as_json({"table": asdict(table), "turn_signal": signal}))
@@ -167,6 +184,14 @@ def cues_text(table: CueTable, example: SignalExample) -> str:
         f"directions from the turn {before:.1f} deg, with the signal {after:.1f} deg",
     ]
     return "\n".join(lines)
+
+
+def _check_plot(plot: Path | None, *, force: bool) -> None:
+    """Whether the picture can be written: before the work, not after it."""
+    if plot is not None:
+        from dirprim_filter.viewer.figures import check_figure_path
+
+        check_figure_path(plot, force=force)
 
 
 def _read(

@@ -1,33 +1,154 @@
-"""`dirprim plot`: a map as a picture."""
+"""`dirprim plot`: a map, or what holds at one of its places, as a picture."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import Force, Output
+from dirprim_filter.cli.options import Force, Output, Seed
+
+if TYPE_CHECKING:
+    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.tracks import Tracks
+    from dirprim_filter.viewer.figures import Figure
+
+
+class Picture(StrEnum):
+    """What is drawn."""
+
+    MAP = "map"
+    ROSES = "roses"
+    CELLS = "cells"
+    DIRECTION = "direction"
+    SPEED = "speed"
+    REJECTION = "rejection"
+    PRODUCT = "product"
+
+
+class Turn(StrEnum):
+    """What a turn signal says."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+
+TAKES = {
+    Picture.MAP: {"--log", "--estimates"},
+    Picture.ROSES: {"--log"},
+    Picture.CELLS: {"--log"},
+    Picture.DIRECTION: {"--log", "--at"},
+    Picture.SPEED: {"--log", "--at"},
+    Picture.REJECTION: {"--at", "--cue", "--heading-deg"},
+    Picture.PRODUCT: {"--at", "--cue", "--heading-deg"},
+}
+"""The options that a picture can be drawn with."""
 
 
 def plot(
     map_file: Annotated[Path, typer.Argument(help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)],
     output: Output,
-    log: Annotated[Path | None, typer.Option(help="Draw this log's tracks underneath.", exists=True)] = None,
-    estimates: Annotated[Path | None, typer.Option(help="Draw what `dirprim track` wrote.", exists=True)] = None,
+    figure: Annotated[
+        Picture,
+        typer.Option(
+            help=(
+                "map: cells, and petals coloured by mean speed. roses: from blue to red by probability. cells: over "
+                "the rows of --log, coloured by direction. direction, speed: of a place, by mode. rejection, product: "
+                "a turn signal times what is usual at a place."
+            )
+        ),
+    ] = Picture.MAP,
+    log: Annotated[Path | None, typer.Option("--log", help="Draw this log's rows as well.", exists=True)] = None,
+    estimates: Annotated[
+        Path | None, typer.Option("--estimates", help="map: draw what `dirprim track` wrote.", exists=True)
+    ] = None,
+    at: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--at", help="The place, metres east and north; left out, where vehicles go most different ways."),
+    ] = None,
+    cue: Annotated[Turn | None, typer.Option("--cue", help="The turn signal; left out, right.")] = None,
+    heading_deg: Annotated[
+        float | None,
+        typer.Option(
+            "--heading-deg",
+            help="Of the vehicle that signals, degrees counter-clockwise from east; left out, one that both goes on "
+            "and turns.",
+        ),
+    ] = None,
+    seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Draw a map: its cells, and roses of direction coloured by speed; .png, .pdf or .svg.
+    """Draw a map, or the primitive of one place, for a paper or a talk: .png, .pdf or .svg.
 
     Example: dirprim plot map.mcap -o map.png --log recordings/roundabout_learn.mcap
-    """
-    from dirprim_filter.recording import load_map, read_estimates, read_tracks
-    from dirprim_filter.viewer.figures import map_figure, save_figure
 
-    figure = map_figure(
-        load_map(map_file),
-        tracks=None if log is None else read_tracks(log),
-        estimates=None if estimates is None else read_estimates(estimates),
-    )
-    save_figure(figure, output, force=force)
+    Example: dirprim plot map.mcap -o place.pdf --figure direction --at 3 -18
+    """
+    options = {"--log": log, "--estimates": estimates, "--at": at, "--cue": cue, "--heading-deg": heading_deg}
+    _check(figure, {name for name, value in options.items() if value is not None})
+
+    from dirprim_filter.recording import load_map, read_estimates, read_tracks
+    from dirprim_filter.viewer.figures import check_figure_path, map_figure, save_figure
+
+    check_figure_path(output, force=force)  # before the work, not after it
+    learned = load_map(map_file)
+    tracks = None if log is None else read_tracks(log)
+    if figure is Picture.MAP:
+        drawn = map_figure(learned, tracks=tracks, estimates=None if estimates is None else read_estimates(estimates))
+    elif figure in (Picture.REJECTION, Picture.PRODUCT):
+        drawn = _of_signal(figure, learned, at, cue or Turn.RIGHT, heading_deg, seed)
+    else:
+        drawn = _of_map(figure, learned, tracks, at)
+    save_figure(drawn, output, force=force)
     typer.echo(f"{output}")
+
+
+def _check(figure: Picture, given: set[str]) -> None:
+    """Nothing that is asked for is left out in silence.
+
+    Raises:
+        typer.BadParameter: an option that the picture has no use for, or none where it needs one.
+    """
+    for name in sorted(given - TAKES[figure]):
+        useful = ", ".join(picture.value for picture, taken in TAKES.items() if name in taken)
+        raise typer.BadParameter(f"has no meaning for --figure {figure.value}; it is for {useful}", param_hint=name)
+    if figure is Picture.CELLS and "--log" not in given:
+        raise typer.BadParameter(
+            "expected with --figure cells: the log whose rows lie under the cells", param_hint="--log"
+        )
+
+
+def _of_map(figure: Picture, learned: PrimitiveMap, tracks: Tracks | None, at: tuple[float, float] | None) -> Figure:
+    from dirprim_filter.viewer.figures import cell_figure, direction_figure, rose_figure, speed_figure
+
+    if figure is Picture.CELLS and tracks is not None:
+        return cell_figure(learned.tessellation, tracks)
+    if figure is Picture.ROSES:
+        return rose_figure(learned, tracks=tracks)
+    draw = direction_figure if figure is Picture.DIRECTION else speed_figure
+    return draw(learned, position=at, tracks=tracks)
+
+
+def _of_signal(
+    figure: Picture,
+    learned: PrimitiveMap,
+    at: tuple[float, float] | None,
+    cue: Turn,
+    heading_deg: float | None,
+    seed: int,
+) -> Figure:
+    import numpy as np
+
+    from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT
+    from dirprim_filter.viewer.figures import product_figure, rejection_figure
+
+    draw = rejection_figure if figure is Picture.REJECTION else product_figure
+    return draw(
+        learned,
+        cue=TURN_LEFT if cue is Turn.LEFT else TURN_RIGHT,
+        position=at,
+        heading=None if heading_deg is None else float(np.deg2rad(heading_deg)),
+        rng=np.random.default_rng(seed),
+    )

@@ -1,25 +1,16 @@
-"""Compiled scalar functions of the distributions and their samplers, for the loops of fitting and filtering.
-
-Random numbers come from xoshiro256++ (Blackman and Vigna, 2019), whose state is a row of four uint64: one row for each
-vehicle, so that its draws depend on nothing but its own seed.
-
-The von Mises sampler is that of Best and Fisher (1979), the gamma sampler that of Marsaglia and Tsang (2000), the
-Poisson sampler PTRS of Hoermann (1993).
-"""
+"""Compiled scalar functions of the distributions, for the loops of fitting and filtering."""
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from numpy.polynomial import chebyshev
 from scipy.special import i0e as _i0e
 from scipy.special import i1e as _i1e
 
 from tessellation.arrays import BoolArray, FloatArray, IntArray
-
-UIntArray = npt.NDArray[np.uint64]
 
 TWO_PI = 2.0 * math.pi
 MAX_CONCENTRATION = 1e6
@@ -39,15 +30,53 @@ def _far(function: np.ufunc, t: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(k) * function(k), dtype=np.float64)
 
 
-def _interpolant(part: Callable[[np.ufunc, FloatArray], FloatArray], function: np.ufunc, degree: int) -> FloatArray:
+def _interpolant(function: Callable[[FloatArray], FloatArray], degree: int) -> FloatArray:
+    """The coefficients of the Chebyshev series that meets the function of t in [-1, 1] at its nodes."""
     nodes = chebyshev.chebpts1(degree + 1)
-    return np.asarray(chebyshev.chebfit(nodes, part(function, nodes), degree), dtype=np.float64)
+    return np.asarray(chebyshev.chebfit(nodes, function(nodes), degree), dtype=np.float64)
 
 
-_I0_NEAR = _interpolant(_near, _i0e, _DEGREE_NEAR)
-_I1_NEAR = _interpolant(_near, _i1e, _DEGREE_NEAR)
-_I0_FAR = _interpolant(_far, _i0e, _DEGREE_FAR)
-_I1_FAR = _interpolant(_far, _i1e, _DEGREE_FAR)
+_I0_NEAR = _interpolant(partial(_near, _i0e), _DEGREE_NEAR)
+_I1_NEAR = _interpolant(partial(_near, _i1e), _DEGREE_NEAR)
+_I0_FAR = _interpolant(partial(_far, _i0e), _DEGREE_FAR)
+_I1_FAR = _interpolant(partial(_far, _i1e), _DEGREE_FAR)
+
+
+def _variance_series(n_terms: int) -> FloatArray:
+    """C of 1 - I1(k) / I0(k) ~ sum_n c_n k^-n, n from 1: of V' = V^2 - 2 V + (1 - V) / k, term by term."""
+    c = [0.0, 0.5]
+    for n in range(2, n_terms + 1):
+        c.append(0.5 * ((n - 2) * c[n - 1] + sum(c[i] * c[n - i] for i in range(1, n))))
+    return np.array(c[1:])
+
+
+_VARIANCE_SERIES = _variance_series(22)
+
+
+def _inverse(resultant: FloatArray) -> FloatArray:
+    """The concentration of these mean resultant lengths, from 0 to 0.9995, by Newton from Best and Fisher's start."""
+    r = resultant
+    k = np.where(r < 0.53, 2 * r + r**3 + 5 * r**5 / 6, 0.5 / (1 - r) + 0.25)
+    for _ in range(8):
+        a = _i1e(k) / _i0e(k)
+        k = k - (a - r) / (1 - a * a - a / k)
+    return np.asarray(k, dtype=np.float64)
+
+
+def _dispersed(t: FloatArray) -> FloatArray:
+    """K / r of r^2 = (t + 1) / 8: an analytic function."""
+    r = np.sqrt((t + 1.0) / 8.0)
+    return _inverse(r) / r
+
+
+def _concentrated(t: FloatArray) -> FloatArray:
+    """2 k v of the circular variance v = (t + 1) / 4."""
+    v = 0.25 * (t + 1.0)
+    return 2.0 * v * _inverse(1.0 - v)
+
+
+_DISPERSED = _interpolant(_dispersed, 14)
+_CONCENTRATED = _interpolant(_concentrated, 24)
 
 
 @njit(cache=True)
@@ -82,28 +111,51 @@ def log_normaliser(k: float) -> float:
 
 
 @njit(cache=True)
-def concentration_of(resultant: float) -> float:
-    """The concentration whose mean resultant length is `resultant`; see `von_mises.concentration_of`."""
-    r = min(max(resultant, 0.0), 1.0 - 1e-15)
-    if r < 1e-12:
-        return 0.0
-    if r < 0.53:
-        k = 2 * r + r**3 + 5 * r**5 / 6
-    elif r < 0.85:
-        k = -0.4 + 1.39 * r + 0.43 / (1 - r)
-    else:
-        k = 1 / (r**3 - 4 * r**2 + 3 * r)
-    for _ in range(8):
-        a = i1e(k) / i0e(k)
-        slope = 1 - a * a - a / k
-        if slope < 1e-15:
-            break
-        step = (a - r) / slope
-        step = min(max(step, -k), 0.5 * k)
-        k = min(k - step, 2 * MAX_CONCENTRATION)
-        if abs(step) < 1e-12 * k:
-            break
+def circular_variance(k: float) -> float:
+    """1 - I1(k) / I0(k), without the cancellation: from 20 on by its asymptotic series, exact to the last bits."""
+    if k < 20.0:
+        return 1.0 - i1e(k) / i0e(k)
+    total = 0.0
+    for i in range(_VARIANCE_SERIES.size - 1, -1, -1):
+        total = (total + _VARIANCE_SERIES[i]) / k
+    return total
+
+
+@njit(cache=True)
+def circular_variances(k: FloatArray, out: FloatArray) -> None:
+    """`circular_variance` of each element."""
+    for i in range(out.size):
+        out[i] = circular_variance(k[i])
+
+
+@njit(cache=True)
+def concentration_from(resultant: float, variance: float) -> float:
+    """The concentration whose mean resultant length is `resultant` and whose circular variance `variance`.
+
+    They add to one; where one is small it alone has the digits, so both are asked for. A Chebyshev series; where the
+    angles are concentrated it is right to 1e-6, and a step of Newton, log k over log variance, does the rest.
+    """
+    if variance > 0.5:
+        return resultant * _series(_DISPERSED, 8.0 * resultant * resultant - 1.0) if resultant > 0.0 else 0.0
+    if variance <= 0.5 / MAX_CONCENTRATION:
+        return MAX_CONCENTRATION
+    k = _series(_CONCENTRATED, 4.0 * variance - 1.0) / (2.0 * variance)
+    v = circular_variance(k)
+    k *= math.exp(math.log(v / variance) * v / (k * v * (2.0 - v) - (1.0 - v)))
     return min(k, MAX_CONCENTRATION)
+
+
+@njit(cache=True)
+def concentration_of(resultant: float) -> float:
+    """The concentration whose mean resultant length is `resultant`, bounded by `MAX_CONCENTRATION`."""
+    return concentration_from(min(resultant, 1.0), max(1.0 - resultant, 0.0))
+
+
+@njit(cache=True)
+def concentrations_from(resultant: FloatArray, variance: FloatArray, out: FloatArray) -> None:
+    """`concentration_from` of each element."""
+    for i in range(out.size):
+        out[i] = concentration_from(resultant[i], variance[i])
 
 
 @njit(cache=True)
@@ -119,6 +171,20 @@ def digamma(x: float) -> float:
 
 
 @njit(cache=True)
+def log_less_digamma(x: float) -> float:
+    """log(x) - psi(x), x > 0, which is near 1 / (2 x), without the cancellation."""
+    result, y = 0.0, x
+    while y < 8.0:
+        result += 1.0 / y
+        y += 1.0
+    if y > x:
+        result += math.log(x / y)
+    f = 1.0 / (y * y)
+    tail = f * (1 / 12 - f * (1 / 120 - f * (1 / 252 - f * (1 / 240 - f * (1 / 132 - f * (691 / 32760 - f / 12))))))
+    return result + 0.5 / y + tail
+
+
+@njit(cache=True)
 def trigamma(x: float) -> float:
     """psi'(x), x > 0: recurrence up to 8, then the asymptotic series."""
     result = 0.0
@@ -131,6 +197,13 @@ def trigamma(x: float) -> float:
 
 
 @njit(cache=True)
+def gamma_shapes(spread: FloatArray, low: float, high: float, out: FloatArray) -> None:
+    """`gamma_shape` of each element."""
+    for i in range(out.size):
+        out[i] = gamma_shape(spread[i], low, high)
+
+
+@njit(cache=True)
 def gamma_shape(spread: float, low: float, high: float) -> float:
     """Maximum likelihood shape of a gamma from `spread` = log(mean) - mean(log), bounded to [low, high].
 
@@ -140,7 +213,7 @@ def gamma_shape(spread: float, low: float, high: float) -> float:
         return high
     a = (3 - spread + math.sqrt((spread - 3) ** 2 + 24 * spread)) / (12 * spread)
     for _ in range(6):
-        error = math.log(a) - digamma(a) - spread
+        error = log_less_digamma(a) - spread
         slope = 1 / a - trigamma(a)
         inverse = 1 / a + error / (a * a * slope)
         if inverse <= 0:
@@ -149,130 +222,13 @@ def gamma_shape(spread: float, low: float, high: float) -> float:
     return min(max(a, low), high)
 
 
-# Random numbers ------------------------------------------------------------------------------------------------------
-
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
-_MIX_2 = np.uint64(0x94D049BB133111EB)
-_R27, _R30, _R31 = np.uint64(27), np.uint64(30), np.uint64(31)
-_R11, _R17, _R19, _R23, _R41, _R45 = (np.uint64(n) for n in (11, 17, 19, 23, 41, 45))
-_TO_UNIT = 2.0**-53
-
-
-@njit(cache=True)
-def seed_state(key: np.uint64, state: UIntArray) -> None:
-    """Fill a state row from a 64-bit key by splitmix64, as the generator's authors advise."""
-    z = key
-    for i in range(4):
-        z = z + _GOLDEN
-        m = (z ^ (z >> _R30)) * _MIX_1
-        m = (m ^ (m >> _R27)) * _MIX_2
-        state[i] = m ^ (m >> _R31)
-
-
-@njit(cache=True, inline="always")
-def uniform(state: UIntArray) -> float:
-    """A draw from the open interval (0, 1)."""
-    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
-    total = s0 + s3
-    result = ((total << _R23) | (total >> _R41)) + s0
-    shifted = s1 << _R17
-    s2 ^= s0
-    s3 ^= s1
-    s1 ^= s2
-    s0 ^= s3
-    s2 ^= shifted
-    state[0], state[1], state[2] = s0, s1, s2
-    state[3] = (s3 << _R45) | (s3 >> _R19)
-    return (float(result >> _R11) + 0.5) * _TO_UNIT
-
-
-@njit(cache=True)
-def draw_normal(state: UIntArray) -> float:
-    """A standard normal draw, by Marsaglia's polar method."""
-    while True:
-        u = 2.0 * uniform(state) - 1.0
-        v = 2.0 * uniform(state) - 1.0
-        q = u * u + v * v
-        if 0.0 < q < 1.0:
-            return u * math.sqrt(-2.0 * math.log(q) / q)
-
-
-@njit(cache=True)
-def draw_gamma(shape: float, state: UIntArray) -> float:
-    """A draw from the gamma distribution of rate one."""
-    boost = 1.0
-    if shape < 1.0:
-        boost = uniform(state) ** (1.0 / shape)
-        shape += 1.0
-    d = shape - 1.0 / 3.0
-    c = 1.0 / math.sqrt(9.0 * d)
-    while True:
-        x = draw_normal(state)
-        v = 1.0 + c * x
-        if v <= 0.0:
-            continue
-        v = v * v * v
-        u = uniform(state)
-        if math.log(u) < 0.5 * x * x + d * (1.0 - v + math.log(v)):
-            return boost * d * v
-
-
-@njit(cache=True)
-def draw_poisson(mean: float, state: UIntArray) -> float:
-    """A Poisson draw, as a float: it only enters sums."""
-    if mean < 10.0:
-        floor, product, count = math.exp(-mean), uniform(state), 0.0
-        while product > floor:
-            product *= uniform(state)
-            count += 1.0
-        return count
-    root = math.sqrt(mean)
-    b = 0.931 + 2.53 * root
-    a = -0.059 + 0.02483 * b
-    inverse_alpha = 1.1239 + 1.1328 / (b - 3.4)
-    v_r = 0.9277 - 3.6224 / (b - 2.0)
-    log_mean = math.log(mean)
-    while True:
-        u = uniform(state) - 0.5
-        v = uniform(state)
-        us = 0.5 - abs(u)
-        k = math.floor((2.0 * a / us + b) * u + mean + 0.43)
-        if us >= 0.07 and v <= v_r:
-            return k
-        if k < 0.0 or (us < 0.013 and v > us):
-            continue
-        if math.log(v * inverse_alpha / (a / (us * us) + b)) <= k * log_mean - mean - math.lgamma(k + 1.0):
-            return k
-
-
-@njit(cache=True)
-def draw_von_mises(mean: float, k: float, state: UIntArray) -> float:
-    """A von Mises draw around `mean`, radians, not wrapped."""
-    if k < NEGLIGIBLE_CONCENTRATION:
-        return mean + math.pi * (2.0 * uniform(state) - 1.0)
-    if k > 1e4:  # the wrapped normal is nearer than the draws can tell, and 1 - f^2 below would cancel
-        return mean + draw_normal(state) / math.sqrt(k)
-    tau = 1.0 + math.sqrt(1.0 + 4.0 * k * k)
-    rho = (tau - math.sqrt(2.0 * tau)) / (2.0 * k)
-    r = (1.0 + rho * rho) / (2.0 * rho)
-    while True:
-        z = math.cos(math.pi * uniform(state))
-        f = (1.0 + r * z) / (r + z)
-        c = k * (r - f)
-        u = uniform(state)
-        if c * (2.0 - c) > u or math.log(c / u) + 1.0 >= c:
-            turn = math.acos(min(max(f, -1.0), 1.0))
-            return mean + (turn if uniform(state) > 0.5 else -turn)
-
-
 @njit(cache=True, inline="always")
 def wrap(angle: float) -> float:
     """The same angle in (-pi, pi]."""
     if -math.pi < angle <= math.pi:
         return angle
     turned = math.pi - (math.pi - angle) % TWO_PI
-    return turned if turned > -math.pi else math.pi
+    return math.pi if turned <= -math.pi else turned  # so that NaN stays NaN
 
 
 # Modes ---------------------------------------------------------------------------------------------------------------

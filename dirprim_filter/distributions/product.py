@@ -19,7 +19,7 @@ from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.distributions.gamma import Gamma
 from dirprim_filter.distributions.von_mises_mixture import VonMisesMixture, log_weights
-from tessellation.arrays import FloatArray
+from tessellation.arrays import BoolArray, FloatArray
 
 
 class MixtureProduct(NamedTuple):
@@ -85,6 +85,48 @@ LogDensity = Callable[[FloatArray], FloatArray]
 """Natural log of a density that need not be normalised. (n,) radians -> (n,)."""
 
 
+class Proposals(NamedTuple):
+    """Points under k times a proposal, evenly spread: those under the target as well are accepted. (n,) each.
+
+    Attributes:
+        direction: radians.
+        log_height: natural log of the height above the axis, in the unit of the target.
+        accepted: whether the point is under the target.
+    """
+
+    direction: FloatArray
+    log_height: FloatArray
+    accepted: BoolArray
+
+
+def propose(
+    log_target: LogDensity, proposal: VonMisesMixture, *, log_envelope: float, n: int, rng: np.random.Generator
+) -> Proposals:
+    """The points of rejection sampling: a direction from the proposal, a uniform height under k times its density.
+
+    Args:
+        log_target: the product, not normalised.
+        proposal: the mixture to propose from, without leading axes.
+        log_envelope: log of a k for which k times the proposal is nowhere below the target.
+        n: how many.
+        rng: what is drawn from.
+
+    Raises:
+        ValueError: the envelope is below the target at a proposed direction.
+    """
+    theta, _ = proposal.sample(n_samples=n, rng=rng)
+    log_top = log_envelope + proposal.log_density(theta)
+    log_ratio = log_target(theta) - log_top
+    if (log_ratio > 1e-9).any():
+        worst = int(np.argmax(log_ratio))
+        raise ValueError(
+            f"log_envelope: expected target <= k proposal everywhere, got {np.exp(log_ratio[worst]):.3g} times "
+            f"k proposal at {theta[worst]:.3f} rad; raise k"
+        )
+    log_share = np.log(rng.random(n))
+    return Proposals(theta, log_top + log_share, log_share < log_ratio)
+
+
 class Accepted(NamedTuple):
     """Samples that passed, and what share of the proposals did."""
 
@@ -111,15 +153,8 @@ def sample_by_rejection(
     found, proposed = 0, 0
     while found < n_samples:
         n = max(2 * (n_samples - found), 1000)
-        theta, _ = proposal[None][np.zeros(n, np.int64)].sample(rng=rng)
-        log_ratio = log_target(theta) - log_envelope - proposal.log_density(theta)
-        if (log_ratio > 1e-9).any():
-            worst = int(np.argmax(log_ratio))
-            raise ValueError(
-                f"log_envelope: expected target <= k proposal everywhere, got {np.exp(log_ratio[worst]):.3g} times "
-                f"k proposal at {theta[worst]:.3f} rad; raise k"
-            )
-        kept = theta[np.log(rng.random(n)) < log_ratio]
+        points = propose(log_target, proposal, log_envelope=log_envelope, n=n, rng=rng)
+        kept = points.direction[points.accepted]
         parts.append(kept)
         found, proposed = found + kept.size, proposed + n
         if found == 0 and proposed > 1_000_000:
@@ -131,7 +166,7 @@ def sample_by_importance(
     log_target: LogDensity, proposal: VonMisesMixture, *, n_samples: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Directions from the proposal, and weights that make them samples of the target. -> (n,), (n,) summing to one."""
-    theta, _ = proposal[None][np.zeros(n_samples, np.int64)].sample(rng=rng)
+    theta, _ = proposal.sample(n_samples=n_samples, rng=rng)
     log_weight = log_target(theta) - proposal.log_density(theta)
     return theta, np.exp(log_weight - logsumexp(log_weight))
 

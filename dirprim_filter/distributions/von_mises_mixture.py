@@ -8,6 +8,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from dirprim_filter.distributions import von_mises
+from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
+from dirprim_filter.distributions._samplers import draw_mixtures
 from dirprim_filter.distributions.angles import wrap
 from tessellation.arrays import AnyArray, FloatArray, IntArray, as_floats
 
@@ -16,13 +18,6 @@ def log_weights(weight: FloatArray) -> FloatArray:
     """Natural log of weights; -inf where a mode is padding."""
     with np.errstate(divide="ignore"):
         return np.log(weight)
-
-
-def draw_mode(weight: FloatArray, *, rng: np.random.Generator) -> IntArray:
-    """One mode for each row of weights. (..., M) -> (...)."""
-    cumulative = np.cumsum(weight, axis=-1)
-    u = rng.random(weight.shape[:-1]) * cumulative[..., -1]
-    return np.asarray((cumulative <= u[..., None]).sum(axis=-1), dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,10 +71,29 @@ class VonMisesMixture:
         """Natural log of the mixture's density, per radian (Eq. 1). (...) -> (...)."""
         return np.asarray(logsumexp(self.mode_log_density(direction), axis=-1))
 
-    def sample(self, *, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
-        """One direction from each mixture and the mode that it came from. -> (...), (...)."""
-        mode = draw_mode(self.weight, rng=rng)
-        pick = mode[..., None]
-        mean = np.take_along_axis(self.mean_direction, pick, axis=-1)[..., 0]
-        concentration = np.take_along_axis(self.concentration, pick, axis=-1)[..., 0]
-        return von_mises.sample(mean, concentration, rng=rng), mode
+    def sample(self, *, n_samples: int | None = None, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+        """Directions from each mixture and the modes that they came from. -> (n_samples, ...), (n_samples, ...).
+
+        Args:
+            n_samples: how many from each mixture; left out, one, and the results have shape (...).
+            rng: what is drawn from; the draws do not depend on the number of threads.
+
+        Raises:
+            ValueError: `n_samples` is negative.
+        """
+        if n_samples is not None and n_samples < 0:
+            raise ValueError(f"n_samples: expected no negative number, got {n_samples}")
+        leading = self.weight.shape[:-1]
+        shape = leading if n_samples is None else (n_samples, *leading)
+        weight, mean, concentration = (
+            column.reshape(-1, column.shape[-1]) for column in (self.weight, self.mean_direction, self.concentration)
+        )
+        direction, mode = np.empty(shape).ravel(), np.empty(shape, np.int64).ravel()
+        key = block_keys(direction.size, rng)
+
+        def work(first: int, last: int) -> None:
+            part, keys = slice(first, last), key[first // ROWS :]
+            draw_mixtures(weight, mean, concentration, first, keys, direction[part], mode[part])
+
+        over_blocks(work, direction.size)
+        return direction.reshape(shape), mode.reshape(shape)

@@ -200,13 +200,39 @@ def most_probable_direction(mixture: VonMisesMixture) -> FloatArray:
     return theta[..., 0]
 
 
+class Choice(NamedTuple):
+    """A place, by its number, a heading in radians, and the weight of the lesser of going on and turning."""
+
+    place: int
+    heading: float
+    weight: float
+
+
+def clearest_choice(mean_direction: FloatArray, weight: FloatArray, turn: float) -> Choice:
+    """Where, and on which heading, going on and turning are both usual.
+
+    The heading is a mode's mean direction, for which a place gives most weight to the lesser of two: directions
+    within 30 degrees of the heading, and within 30 degrees of the heading turned by `turn`.
+
+    Args:
+        mean_direction: (n, M) radians, of the modes of n places.
+        weight: (n, M) how much each counts.
+        turn: radians, counter-clockwise.
+    """
+    turned = difference(mean_direction[:, None, :], mean_direction[:, :, None])
+    ahead = (weight[:, None, :] * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
+    aside = (weight[:, None, :] * (np.abs(difference(turned, np.array(turn))) < np.pi / 6)).sum(axis=-1)
+    lesser = np.minimum(ahead, aside)
+    place, mode = np.unravel_index(np.argmax(lesser), lesser.shape)
+    return Choice(int(place), float(mean_direction[place, mode]), float(lesser[place, mode]))
+
+
 def turn_signal_example(
     learned: PrimitiveMap, *, cue: Cue = TURN_RIGHT, n_samples: int = 100, rng: np.random.Generator
 ) -> SignalExample:
     """The paper's example, where the map has the clearest choice between going on and turning.
 
-    The place is the cell, and the heading the direction of a mode in it, for which the map gives most weight to the
-    lesser of two: directions within 30 degrees of the heading, and within 30 degrees of the heading turned by the cue.
+    The place is the centre of a cell, and the heading the direction of a mode in it: the `clearest_choice`.
 
     Raises:
         ValueError: the cue has more than one direction, or the map no cells.
@@ -216,13 +242,9 @@ def turn_signal_example(
         raise ValueError(f"cue, learned: expected one direction and some cells, got {turn.size} directions")
     centers = learned.tessellation.centers
     direction = learned.primitive_at(centers).direction
-    turned = difference(direction.mean_direction[:, None, :], direction.mean_direction[:, :, None])
-    weight = direction.weight[:, None, :] * (direction.concentration[:, None, :] > 1)
-    ahead = (weight * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
-    aside = (weight * (np.abs(difference(turned, turn[0])) < np.pi / 6)).sum(axis=-1)
-    cell, mode = np.unravel_index(np.argmax(np.minimum(ahead, aside)), ahead.shape)
-    heading = float(direction.mean_direction[cell, mode])
-    prior = direction[int(cell)]
+    is_sharp = direction.concentration > 1
+    cell, heading, _ = clearest_choice(direction.mean_direction, direction.weight * is_sharp, float(turn[0]))
+    prior = direction[cell]
     posterior = multiply_mixtures(prior, cue.belief(heading)).mixture
     target = float(wrap(heading + turn[0]))
     return SignalExample(
@@ -236,7 +258,7 @@ def turn_signal_example(
 
 
 def _rmse(belief: VonMisesMixture, target: float, n_samples: int, rng: np.random.Generator) -> float:
-    sampled, _ = belief[None][np.zeros(n_samples, np.int64)].sample(rng=rng)
+    sampled, _ = belief.sample(n_samples=n_samples, rng=rng)
     return float(np.sqrt((difference(sampled, np.asarray(target)) ** 2).mean()))
 
 

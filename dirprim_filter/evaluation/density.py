@@ -19,10 +19,8 @@ from itertools import product
 from typing import Any, Literal, NamedTuple, Protocol, get_args, get_type_hints, runtime_checkable
 
 import numpy as np
-from scipy.special import logsumexp
 
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.evaluation.baselines.directional_grid_map import DirectionalGridMap
 from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
 from dirprim_filter.evaluation.baselines.uninformative import Uninformative
@@ -75,9 +73,7 @@ class MapModel(NamedTuple):
 
     def speed_log_density(self, position: FloatArray, speed: FloatArray) -> FloatArray:
         """Natural log of the mixture of gammas that holds there, per m/s. (n, 2), (n,) -> (n,)."""
-        primitive = self.learned.primitive_at(position)
-        of_modes = log_weights(primitive.direction.weight) + primitive.speed.log_density(speed[..., None])
-        return np.asarray(logsumexp(of_modes, axis=-1))
+        return self.learned.speed_log_density(position, speed)
 
     def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
         """Natural log of p(direction, speed | position), per radian and m/s. (n, 2), (n,), (n,) -> (n,)."""

@@ -27,6 +27,8 @@ class TrackingScore:
         speed_rmse: m/s.
         nees: mean normalised estimation error squared of the position: 2 where covariances tell the truth, above it
             where they are too small.
+        coverage_50: share of the rows whose true position lies in the ellipse that should hold half of them.
+        coverage_90: likewise, nine tenths.
     """
 
     n_rows: int
@@ -35,6 +37,8 @@ class TrackingScore:
     direction_rmse: float
     speed_rmse: float
     nees: float
+    coverage_50: float
+    coverage_90: float
 
 
 def score(estimates: Estimates, truth: Tracks) -> TrackingScore:
@@ -58,6 +62,8 @@ def score(estimates: Estimates, truth: Tracks) -> TrackingScore:
         direction_rmse=float(np.sqrt((turn**2).mean())) if turn.size else float("nan"),
         speed_rmse=float(np.sqrt((pace**2).mean())),
         nees=float(nees.mean()),
+        coverage_50=float((nees <= -2.0 * np.log(0.5)).mean()),  # chi squared of two degrees of freedom
+        coverage_90=float((nees <= -2.0 * np.log(0.1)).mean()),
     )
 
 

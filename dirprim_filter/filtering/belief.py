@@ -15,50 +15,34 @@ FIRST_CAPACITY = 16
 class ParticleBelief:
     """Particles of many vehicles in one block of memory, a slot for each vehicle.
 
-    Slots are given to vehicles as they come and taken back when they go; the block doubles when it is full.
-
     Attributes:
         cloud: arrays of (slots, particles, ...).
-        time_ns: (slots,) the time each belief holds for.
     """
 
     def __init__(self, *, n_particles: int) -> None:
         if n_particles < 1:
             raise ValueError(f"n_particles: expected at least 1, got {n_particles}")
         self.cloud = _empty_cloud(FIRST_CAPACITY, n_particles)
-        self.time_ns: IntArray = np.zeros(FIRST_CAPACITY, np.int64)
-        self._slot: dict[str, int] = {}
-        self._free = list(range(FIRST_CAPACITY - 1, -1, -1))
 
-    def __len__(self) -> int:
-        return len(self._slot)
+    @property
+    def n_slots(self) -> int:
+        """How many vehicles there is room for."""
+        return int(self.cloud.speed.shape[0])
 
-    def __contains__(self, track_id: str) -> bool:
-        return track_id in self._slot
-
-    def slot_of(self, track_id: str) -> int:
-        """The slot of a vehicle, a free one if it has none yet."""
-        if track_id not in self._slot:
-            if not self._free:
-                self._grow()
-            self._slot[track_id] = self._free.pop()
-        return self._slot[track_id]
-
-    def forget(self, *, before_ns: int) -> list[str]:
-        """End the beliefs that hold for a time before `before_ns`; returns whose they were."""
-        gone = [track_id for track_id, slot in self._slot.items() if self.time_ns[slot] < before_ns]
-        for track_id in gone:
-            self._free.append(self._slot.pop(track_id))
-        return gone
-
-    def _grow(self) -> None:
-        old = self.time_ns.size
-        larger = _empty_cloud(2 * old, self.cloud.speed.shape[1])
+    def reserve(self, n_slots: int) -> None:
+        """Make room for so many vehicles; what the present slots hold stays."""
+        old = self.n_slots
+        if n_slots <= old:
+            return
+        larger = _empty_cloud(n_slots, self.cloud.speed.shape[1])
         for new, column in zip(larger, self.cloud, strict=True):
             new[:old] = column
         self.cloud = larger
-        self.time_ns = np.concatenate([self.time_ns, np.zeros(old, np.int64)])
-        self._free.extend(range(2 * old - 1, old - 1, -1))
+
+    def copy(self, source: IntArray, target: IntArray) -> None:
+        """Make the particles of `target` those of `source`, random numbers to come included."""
+        for column in self.cloud:
+            column[target] = column[source]
 
 
 def _empty_cloud(n_slots: int, n_particles: int) -> Cloud:

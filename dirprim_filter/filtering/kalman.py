@@ -1,142 +1,320 @@
-"""The constant-velocity Kalman filter of filterpy, the baseline that every result is printed beside."""
+"""The Kalman filters of filterpy that every result is printed beside: constant velocity, constant turn, and both.
+
+All share one state, x, y, their rates and the rate of turn, so that the interacting multiple model can mix them.
+filterpy holds one vehicle; here the numbers of all vehicles stand in arrays, and its filters are lent to each in turn.
+
+Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, ch. 6 and 11.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from filterpy.common import Q_continuous_white_noise
-from filterpy.kalman import KalmanFilter
+from filterpy.kalman import IMMEstimator, KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from dirprim_filter.detections import NO_TIME, Detections
-from dirprim_filter.estimates import Estimates, Particles
-from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray, FloatArray
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Particles
+from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
+from dirprim_filter.filtering.protocols import Evidence
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
+N_STATES = 5
+PLACE, VELOCITY = np.eye(2, N_STATES), np.eye(2, N_STATES, 2)
 FIRST_SPEED_STD = 10.0
 """m/s, how little the first position of a vehicle tells of its velocity."""
+FIRST_TURN_STD = 0.2
+"""rad/s, likewise."""
+SMALLEST_TURN = 1e-6
+"""rad/s; slower than this is straight on."""
 
 
-def acceleration_density(tracks: Tracks) -> float:
-    """The spectral density of white acceleration that explains the tracks' changes of velocity, m^2/s^3 per axis.
-
-    Args:
-        tracks: training vehicles; consecutive rows up to 2 s apart are used.
-
-    Raises:
-        ValueError: no vehicle has two rows near in time.
-    """
-    _, vehicle = np.unique(tracks.track_id, return_inverse=True)
-    order = np.lexsort((tracks.time_ns, vehicle))
-    dt_s = np.diff(tracks.time_ns[order]) * 1e-9
-    pair = (np.diff(vehicle[order]) == 0) & (dt_s <= 2.0)
-    if not pair.any():
-        raise ValueError("tracks: expected a vehicle with two rows at most 2 s apart, got none")
-    heading = np.column_stack([np.cos(tracks.direction[order]), np.sin(tracks.direction[order])])
-    gained = np.diff(tracks.speed[order][:, None] * heading, axis=0)[pair]
-    return max(float((gained**2).sum() / 2.0 / dt_s[pair].sum()), 1e-6)
-
-
-class ConstantVelocityTracker:
-    """One constant-velocity Kalman filter for each track id.
+class KalmanBank:
+    """A `BayesFilter` of Gaussians, or of mixtures of one Gaussian for each motion model.
 
     Args:
-        noise_m: metres, standard deviation of a measured position in each axis.
-        acceleration_density: m^2/s^3, see `acceleration_density`.
-        max_gap_s: seconds without a measurement after which a filter begins anew.
+        models: filterpy's filters, one for each motion model; `predict` is called with their `dt_s` set.
+        config: the noise of the measurements, and how many of them are outliers.
     """
 
-    def __init__(self, *, noise_m: float, acceleration_density: float, max_gap_s: float = 5.0) -> None:
-        self._noise_m = noise_m
-        self._density = acceleration_density
-        self._max_gap_ns = int(max_gap_s * 1e9)
-        self._filters: dict[str, tuple[KalmanFilter, int]] = {}
-        self._time_ns = NO_TIME
-        self._frame = Detections.none()
-        self._log_evidence: FloatArray = np.empty(0)
-        self._is_new: BoolArray = np.empty(0, np.bool_)
+    def __init__(self, models: list[ConstantVelocity | ConstantTurn], config: FilterConfig) -> None:
+        self.config = config
+        self._models = models
+        m = len(models)
+        self.mean: FloatArray = np.empty((0, m, N_STATES))
+        self.covariance: FloatArray = np.empty((0, m, N_STATES, N_STATES))
+        self.probability: FloatArray = np.empty((0, m))
+        self._log_outlier = float(np.log(config.outlier_probability / config.outlier_extent_m**2))
+        self._log_kept = float(np.log1p(-config.outlier_probability))
 
-    def predict(self, detections: Detections) -> None:
-        """Move the filter of every vehicle in the frame to the frame's time; begin those that are new.
+    def reserve(self, n_slots: int) -> None:
+        """Make room for so many slots."""
+        more = n_slots - len(self.mean)
+        if more > 0:
+            for name in ("mean", "covariance", "probability"):
+                column = getattr(self, name)
+                setattr(self, name, np.concatenate([column, np.zeros((more, *column.shape[1:]))]))
 
-        Raises:
-            ValueError: several instants, a repeated id, or time going backwards; the filters are as before.
-        """
-        self._time_ns = time_ns = detections.instant(after_ns=self._time_ns)
-        self._frame = detections
-        self._log_evidence = np.zeros(len(detections))
-        self._is_new = np.zeros(len(detections), np.bool_)
-        gone = [name for name, (_, last_ns) in self._filters.items() if time_ns - last_ns > self._max_gap_ns]
-        for name in gone:
-            del self._filters[name]
-        for row, name in enumerate(detections.track_id):
-            kalman, last_ns = self._filters.get(str(name), (None, 0))
-            if kalman is None:
-                kalman = _begin(detections.position[row], self._noise_m)
-                self._is_new[row] = True
-            else:
-                _move(kalman, (time_ns - last_ns) * 1e-9, self._density)
-            self._filters[str(name)] = kalman, time_ns
+    def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
+        """Start beliefs from one measurement each; nothing here is random, so `key` is not looked at."""
+        place = measured_covariance(measured, self.config)
+        direction, speed = measured_motion(measured)
+        for i, s in enumerate(slot):
+            first = np.diag([0.0, 0.0, FIRST_SPEED_STD**2, FIRST_SPEED_STD**2, FIRST_TURN_STD**2])
+            first[:2, :2] = place[i]
+            state = np.array([*measured.position[i], 0.0, 0.0, 0.0])
+            if np.isfinite(direction[i]) and np.isfinite(speed[i]):
+                state[2:4], first[2:4, 2:4] = self._velocity(direction[i], speed[i])
+            self.mean[s], self.covariance[s] = state, first
+            self.probability[s] = 1.0 / len(self._models)
 
-    def weigh(self) -> None:
-        """Update the moved filters by the frame's positions."""
-        for row, name in enumerate(self._frame.track_id):
-            if not self._is_new[row]:
-                kalman, _ = self._filters[str(name)]
-                kalman.update(self._frame.position[row])
-                self._log_evidence[row] = _log_density(kalman.y, kalman.S)
+    def copy(self, source: IntArray, target: IntArray) -> None:
+        """Make the beliefs of `target` those of `source`. (v,), (v,)."""
+        for column in (self.mean, self.covariance, self.probability):
+            column[target] = column[source]
 
-    def estimate(self) -> Estimates:
-        """What is believed of the frame's vehicles; a Gaussian has all of its samples' worth."""
-        filters = [self._filters[str(name)][0] for name in self._frame.track_id]
-        n = len(filters)
-        state = np.array([kalman.x for kalman in filters]).reshape(n, 4)
-        covariance = np.array([kalman.P for kalman in filters]).reshape(n, 4, 4)
-        direction = np.arctan2(state[:, 3], state[:, 2])
+    def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
+        """Move beliefs on. (v,), (v,) seconds."""
+        for s, dt in zip(slot, dt_s, strict=True):
+            model = self._models[0]
+            model.lend(self.mean[s, 0], self.covariance[s, 0], float(dt))
+            model.predict()
+            self.mean[s, 0], self.covariance[s, 0] = model.x, _symmetric(model.P)
+
+    def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
+        """Log density of measured positions under the beliefs, outliers aside. (v,), v rows -> (v,)."""
+        spread = self.covariance[slot, :, :2, :2] + measured_covariance(measured, self.config)[:, None]
+        off = measured.position[:, None] - self.mean[slot, :, :2]
+        log_p = _log_gaussian(off, spread) + np.log(np.maximum(self.probability[slot], 1e-300))
+        return np.asarray(np.logaddexp.reduce(log_p, axis=1)) if slot.size else np.empty(0)
+
+    def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
+        """Correct beliefs by measurements; an outlier corrects nothing."""
+        fit = self._log_kept + self.log_likelihood(slot, measured)
+        evidence = np.logaddexp(fit, self._log_outlier)
+        place = measured_covariance(measured, self.config)
+        direction, speed = measured_motion(measured)
+        for i, s in enumerate(slot):
+            if fit[i] > self._log_outlier:
+                self._update(int(s), measured.position[i], PLACE, place[i])
+            if np.isfinite(direction[i]) and np.isfinite(speed[i]):
+                evidence[i] += self._weigh_velocity(int(s), direction[i], speed[i])
+        return Evidence(evidence, ~(np.logaddexp(fit, self._log_outlier) >= np.log(2.0) + self._log_outlier))
+
+    def moments(self, slot: IntArray) -> FloatArray:
+        """(v,) -> (v, 9), as `Estimates` names them; the course is the mean velocity's, and certain."""
+        share = self.probability[slot][..., None]
+        mean = (share * self.mean[slot]).sum(axis=1)
+        off = self.mean[slot] - mean[:, None]
+        covariance = (share[..., None] * (self.covariance[slot] + off[..., :, None] * off[..., None, :])).sum(axis=1)
+        direction = np.arctan2(mean[:, 3], mean[:, 2])
         along = np.column_stack([np.cos(direction), np.sin(direction)])
-        return Estimates(
-            track_id=self._frame.track_id,
-            time_ns=self._frame.time_ns,
-            position=state[:, :2],
-            covariance=covariance[:, :2, :2],
-            direction=direction,
-            direction_resultant=np.ones(n),
-            speed=np.hypot(state[:, 2], state[:, 3]),
-            speed_std=np.sqrt(np.einsum("ni,nij,nj->n", along, covariance[:, 2:, 2:], along)),
-            effective_sample_size=np.ones(n),
-            log_evidence=self._log_evidence,
-        )
+        speed_std = np.sqrt(np.einsum("ni,nij,nj->n", along, covariance[:, 2:4, 2:4], along))
+        return np.column_stack(
+            [
+                mean[:, :2], covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1],
+                direction, np.ones(slot.size), np.hypot(mean[:, 2], mean[:, 3]), speed_std,
+            ]
+        )  # fmt: skip
 
-    def particles(self) -> Particles:
+    def effective_sample_size(self, slot: IntArray) -> FloatArray:
+        """One each: a Gaussian has no samples."""
+        return np.ones(slot.size)
+
+    def resample(self, slot: IntArray, effective_sample_size: FloatArray) -> None:
+        """Nothing to resample."""
+
+    def particles(self, slot: IntArray) -> Particles:
         """None: a Kalman filter has no samples."""
         none = np.empty(0)
         return Particles(
             position=np.empty((0, 2)), direction=none, speed=none, weight=none, vehicle=np.empty(0, np.int64)
         )
 
-    def resample(self) -> None:
-        """Nothing to resample."""
+    def _update(self, s: int, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
+        model = self._models[0]
+        model.lend(self.mean[s, 0], self.covariance[s, 0], 0.0)
+        model.measure(of_state, noise)
+        model.update(z)
+        self.mean[s, 0], self.covariance[s, 0] = model.x, _symmetric(model.P)
+
+    def _velocity(self, direction: float, speed: float) -> tuple[FloatArray, FloatArray]:
+        """A measured course and speed as a velocity (2,) and its covariance (2, 2)."""
+        along = np.array([np.cos(direction), np.sin(direction)])
+        across = np.array([-along[1], along[0]])
+        sideways = max(speed * self.config.direction_noise, self.config.speed_noise)
+        spread = self.config.speed_noise**2 * np.outer(along, along) + sideways**2 * np.outer(across, across)
+        return speed * along, spread
+
+    def _weigh_velocity(self, s: int, direction: float, speed: float) -> float:
+        """Correct a belief by a measured velocity unless it is an outlier; -> its log density."""
+        z, noise = self._velocity(direction, speed)
+        spread = self.covariance[s, :, 2:4, 2:4] + noise
+        log_p = _log_gaussian(z - self.mean[s, :, 2:4], spread) + np.log(np.maximum(self.probability[s], 1e-300))
+        astray = self.config.motion_outlier_probability
+        fit = float(np.logaddexp.reduce(log_p) + np.log1p(-astray))
+        outlier = float(np.log(astray / (np.pi * FASTEST**2)))
+        if fit > outlier:
+            self._update(s, z, VELOCITY, noise)
+        return float(np.logaddexp(fit, outlier))
 
 
-def _move(kalman: KalmanFilter, dt_s: float, density: float) -> None:
-    kalman.F[0, 2] = kalman.F[1, 3] = dt_s
-    noise = Q_continuous_white_noise(dim=2, dt=dt_s, spectral_density=density)
-    kalman.Q = np.kron(noise, np.eye(2))
-    kalman.predict()
+class ConstantVelocityKalman(KalmanBank):
+    """Straight on at the same speed, but for white acceleration.
+
+    Args:
+        acceleration_density: m^2/s^3 per axis, see `manoeuvre.acceleration_density`.
+        config: the noise of the measurements.
+    """
+
+    def __init__(self, *, acceleration_density: float, config: FilterConfig | None = None) -> None:
+        super().__init__([ConstantVelocity(acceleration_density)], config or FilterConfig())
 
 
-def _log_density(innovation: FloatArray, covariance: FloatArray) -> float:
-    """Natural log of the Gaussian density of an innovation (2,); filterpy asks scipy.stats, at ten times the cost."""
-    (a, b), (_, d) = covariance
+class ConstantTurnUKF(KalmanBank):
+    """Along a circle whose rate of turn drifts: an unscented Kalman filter.
+
+    Args:
+        acceleration_density: m^2/s^3 per axis, what the turn leaves unexplained.
+        turn_density: rad^2/s^3, of the white noise that changes the rate of turn.
+        config: the noise of the measurements.
+    """
+
+    def __init__(self, *, acceleration_density: float, turn_density: float, config: FilterConfig | None = None) -> None:
+        super().__init__([ConstantTurn(acceleration_density, turn_density)], config or FilterConfig())
+
+
+class InteractingModels(KalmanBank):
+    """Now straight on, now along a circle: the interacting multiple model of both.
+
+    Args:
+        straight: m^2/s^3, acceleration density of the constant velocity.
+        acceleration_density: m^2/s^3, of the constant turn.
+        turn_density: rad^2/s^3, of the constant turn.
+        switching_rate: 1/s, how often a vehicle goes over from one to the other.
+        config: the noise of the measurements.
+    """
+
+    def __init__(
+        self,
+        *,
+        straight: float,
+        acceleration_density: float,
+        turn_density: float,
+        switching_rate: float = 0.5,
+        config: FilterConfig | None = None,
+    ) -> None:
+        models: list[ConstantVelocity | ConstantTurn] = [
+            ConstantVelocity(straight),
+            ConstantTurn(acceleration_density, turn_density),
+        ]
+        super().__init__(models, config or FilterConfig())
+        self._rate = switching_rate
+        self._imm = IMMEstimator(models, [0.5, 0.5], np.full((2, 2), 0.5))
+
+    def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
+        """Mix the models, then move each."""
+        for s, dt in zip(slot, dt_s, strict=True):
+            stays = 0.5 + 0.5 * np.exp(-2.0 * self._rate * dt)
+            self._lend(s, float(dt))
+            self._imm.M = np.array([[stays, 1.0 - stays], [1.0 - stays, stays]])
+            self._imm._compute_mixing_probabilities()  # filterpy mixes after updates only; here beliefs also coast
+            self._imm.predict()
+            self._take_back(s)
+            self.probability[s] = self._imm.cbar
+
+    def _update(self, s: int, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
+        self._lend(s, 0.0)
+        for model in self._models:
+            model.measure(of_state, noise)
+        self._imm.cbar = self.probability[s].copy()
+        self._imm.update(z)
+        self._take_back(s)
+        self.probability[s] = self._imm.mu
+
+    def _lend(self, s: int, dt_s: float) -> None:
+        for i, model in enumerate(self._models):
+            model.lend(self.mean[s, i], self.covariance[s, i], dt_s)
+        self._imm.mu = np.maximum(self.probability[s], 1e-12)
+
+    def _take_back(self, s: int) -> None:
+        for i, model in enumerate(self._models):
+            self.mean[s, i], self.covariance[s, i] = model.x, _symmetric(model.P)
+
+
+class ConstantVelocity(KalmanFilter):  # type: ignore[misc]  # filterpy has no types
+    """filterpy's filter, lent to one vehicle after the other."""
+
+    def __init__(self, acceleration_density: float) -> None:
+        super().__init__(dim_x=N_STATES, dim_z=2)  # kinematic_kf builds a wrong H in filterpy 2.0
+        self._density = acceleration_density
+        self.x = np.zeros(N_STATES)
+        self.F = np.diag([1.0, 1.0, 1.0, 1.0, 0.0])  # whoever drives straight on does not turn
+
+    def lend(self, mean: FloatArray, covariance: FloatArray, dt_s: float) -> None:
+        """Take a vehicle's belief, to move it by `dt_s`."""
+        self.x, self.P = mean.copy(), covariance.copy()
+        self.F[0, 2] = self.F[1, 3] = dt_s
+        self.Q = _white_acceleration(self._density, dt_s)
+        self.Q[4, 4] = FIRST_TURN_STD**2  # for the turn that may begin next
+
+    def measure(self, of_state: FloatArray, noise: FloatArray) -> None:
+        """What the next update is of, (2, 5), and its covariance (2, 2)."""
+        self.H, self.R = of_state, noise
+
+
+class ConstantTurn(UnscentedKalmanFilter):  # type: ignore[misc]  # filterpy has no types
+    """filterpy's filter, lent to one vehicle after the other."""
+
+    def __init__(self, acceleration_density: float, turn_density: float) -> None:
+        points = MerweScaledSigmaPoints(N_STATES, alpha=0.3, beta=2.0, kappa=0.0)
+        super().__init__(dim_x=N_STATES, dim_z=2, dt=0.0, hx=self._measured, fx=turned, points=points)
+        self._density, self._turn_density = acceleration_density, turn_density
+        self._of_state = PLACE
+
+    def lend(self, mean: FloatArray, covariance: FloatArray, dt_s: float) -> None:
+        """Take a vehicle's belief, to move it by `dt_s`."""
+        self.x, self.P, self._dt = mean.copy(), covariance.copy(), dt_s
+        self.Q = _white_acceleration(self._density, dt_s)
+        self.Q[4, 4] = self._turn_density * dt_s
+
+    def measure(self, of_state: FloatArray, noise: FloatArray) -> None:
+        """What the next update is of, (2, 5), and its covariance (2, 2)."""
+        self._of_state, self.R = of_state, noise
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+
+    def _measured(self, state: FloatArray) -> FloatArray:
+        return self._of_state @ state
+
+
+def turned(state: FloatArray, dt_s: float) -> FloatArray:
+    """(5,) -> (5,) along a circle for `dt_s`: the coordinated turn of Bar-Shalom et al., Eq. 11.7.1-4."""
+    x, y, east, north, rate = state
+    if abs(rate) < SMALLEST_TURN:
+        return np.array([x + east * dt_s, y + north * dt_s, east, north, rate])
+    c, s = np.cos(rate * dt_s), np.sin(rate * dt_s)
+    return np.array(
+        [
+            x + (s * east - (1.0 - c) * north) / rate, y + ((1.0 - c) * east + s * north) / rate,
+            c * east - s * north, s * east + c * north, rate,
+        ]
+    )  # fmt: skip
+
+
+def _white_acceleration(density: float, dt_s: float) -> FloatArray:
+    noise = np.zeros((N_STATES, N_STATES))
+    noise[:4, :4] = np.kron(Q_continuous_white_noise(dim=2, dt=dt_s, spectral_density=density), np.eye(2))
+    return noise
+
+
+def _log_gaussian(off: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(..., 2), (..., 2, 2) -> (...); filterpy asks scipy.stats, at ten times the cost."""
+    a, b, d = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
     determinant = a * d - b * b
-    x, y = innovation
+    x, y = off[..., 0], off[..., 1]
     distance = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
-    return float(-0.5 * (distance + np.log(determinant)) - np.log(2.0 * np.pi))
+    return np.asarray(-0.5 * (distance + np.log(determinant)) - np.log(2.0 * np.pi))
 
 
-def _begin(position: FloatArray, noise_m: float) -> KalmanFilter:
-    kalman = KalmanFilter(dim_x=4, dim_z=2)  # x, y, and their rates; kinematic_kf builds a wrong H in filterpy 2.0
-    kalman.x = np.array([position[0], position[1], 0.0, 0.0])
-    kalman.P = np.diag([noise_m**2, noise_m**2, FIRST_SPEED_STD**2, FIRST_SPEED_STD**2])
-    kalman.F = np.eye(4)
-    kalman.H = np.eye(2, 4)
-    kalman.R = noise_m**2 * np.eye(2)
-    return kalman
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return 0.5 * (matrix + matrix.T)

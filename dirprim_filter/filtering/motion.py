@@ -42,8 +42,6 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
     anywhere = ~draws & (speed.mean >= STANDING_BELOW)
     shape[anywhere], rate[anywhere] = speeds_of_all_places(primitive_map)
     relaxation = primitive_map.relaxation
-    from dirprim_filter.primitives.transitions import Transitions
-    tr = primitive_map.transitions or Transitions.none(n - 1, m)
     return MotionTable(
         locator=reaching(primitive_map.tessellation.locator, config.reach_m),
         weight=direction.weight,
@@ -59,33 +57,14 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
         center=primitive_map.centers,
         extent=np.append(0.5 * np.sqrt(primitive_map.tessellation.area), 0.0),
         direction_rate=relaxation.direction_rate,
-        speed_rate=speed_rates(primitive_map, draws, config),
-        leave=tr.leave * config.leave_scale,
+        speed_rate=relaxation.speed_rate,
         mode_rate=relaxation.mode_rate,
         turning=relaxation.place_free_turning,
-        lead=relaxation.lead,
         place_free_speed_rate=relaxation.place_free_speed_rate,
         drift=relaxation.drift,
         place_free_share=config.place_free_share,
         step_s=config.step_s,
-        slip=primitive_map.slip if primitive_map.slip is not None else np.zeros((n, m)),
-        carry_from=config.carry_from, lat_fit=config.lat_fit,
-        lane_rate=config.lane_rate,
-        anchor=primitive_map.anchor if primitive_map.anchor is not None else np.zeros((n, m, 2)),
-        hold=np.where(draws & np.isfinite(primitive_map.lane), primitive_map.lane, np.inf) ** -2.0 if primitive_map.lane is not None else np.zeros((n, m)),
-        n_own=m - primitive_map.n_place_free_modes,
-        next_start=tr.start,
-        next_cell=tr.target,
-        goal_p=tr.goal,
-        next_p=tr.probability,
     )
-
-
-def speed_rates(m, draws, config):
-    r = m.relaxation
-    own = m.speed_rate if m.speed_rate is not None and config.own_rates else np.full(draws.shape, r.speed_rate)
-    rate = np.where(draws, own, r.place_free_speed_rate)
-    return np.where(~draws & (m.speed.mean < STANDING_BELOW), config.stand_rate, rate)
 
 
 def speeds_of_all_places(primitive_map: PrimitiveMap) -> tuple[float, float]:
@@ -104,17 +83,19 @@ def reaching(locator: Locator, reach_m: float) -> Locator:
     """The locator whose cells also cover what lies within `reach_m` of them, to the nearest.
 
     A vehicle beside the cells, where nobody happened to be seen, still follows the road beside it. The raster is made
-    as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`.
+    as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`. Where several generators share the
+    nearest pixel, the nearest of them has the vehicle.
     """
     finer = int(np.clip(np.ceil(1.0 / (locator.pixels_per_metre * FINE_PIXEL_M)), 1, MAX_REFINEMENT))
-    while finer > 1 and locator.cell.size * finer**2 > MAX_PIXELS:
+    while finer > 1 and locator.pixel.size * finer**2 > MAX_PIXELS:
         finer -= 1
     per_metre = locator.pixels_per_metre * finer
     margin = int(np.ceil(reach_m * per_metre))
-    cell = np.pad(np.kron(locator.cell, np.ones((finer, finer), np.int64)), margin, constant_values=-1)
-    if (cell < 0).all():
+    pixel = np.pad(np.kron(locator.pixel, np.ones((finer, finer), np.int32)), margin, constant_values=-1)
+    beyond = pixel == -1
+    if beyond.all():
         return locator
-    distance, nearest = distance_transform_edt(cell < 0, return_indices=True)
-    reached = np.where(distance <= reach_m * per_metre, cell[tuple(nearest)], -1)
+    distance, nearest = distance_transform_edt(beyond, return_indices=True)
+    reached = np.where(distance <= reach_m * per_metre, pixel[tuple(nearest)], np.int32(-1))
     origin_x, origin_y = locator.origin_x - margin / per_metre, locator.origin_y - margin / per_metre
-    return Locator(origin_x, origin_y, per_metre, np.ascontiguousarray(reached))
+    return Locator(origin_x, origin_y, per_metre, np.ascontiguousarray(reached), locator.entry)

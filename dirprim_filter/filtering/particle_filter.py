@@ -5,7 +5,6 @@ Source: Gordon, Salmond and Smith 1993 for the filter; Senanayake et al. 2020, E
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,89 +13,159 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.filtering import _kernels
+from dirprim_filter.detections import Detections
+from dirprim_filter.distributions import von_mises
+from dirprim_filter.estimates import Particles
+from dirprim_filter.filtering import _kernels, _measuring
 from dirprim_filter.filtering.belief import ParticleBelief
+from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
 from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.primitives import PrimitiveMap
 from tessellation.arrays import AnyArray, FloatArray, IntArray
-
-logger = logging.getLogger(__name__)
 
 PARALLEL_FROM = 2000
 """Particles below which handing work to a second thread costs more than it saves."""
 
 
 class ParticleFilter:
-    """Steps of the filter on the beliefs of many vehicles at once.
+    """A `BayesFilter` of particles that move by a map.
 
-    Each step takes the slots of the vehicles it concerns. Vehicles are split among threads, and a vehicle's numbers
-    come from its own random state: results depend neither on the threads nor on other vehicles.
+    Vehicles are split among threads, and a vehicle's numbers come from its own random state: results depend neither on
+    the threads nor on other vehicles.
+
+    Args:
+        primitive_map: how vehicles move at each place.
+        config: the filter's knobs.
     """
 
-    def __init__(self, primitive_map: PrimitiveMap, config: FilterConfig) -> None:
-        self.config = config
+    def __init__(self, primitive_map: PrimitiveMap, config: FilterConfig | None = None) -> None:
+        self.config = config = config or FilterConfig()
         self.belief = ParticleBelief(n_particles=config.n_particles)
         self._table = motion_table(primitive_map, config)
-        self._outlier_density = config.outlier_probability / config.outlier_extent_m**2
-        n_threads = os.cpu_count() or 1
-        self._threads = ThreadPoolExecutor(n_threads, thread_name_prefix="dirprim") if n_threads > 1 else None
-        self._n_threads = n_threads
+        self._noise = _noise(config)
+        self._n_threads = os.cpu_count() or 1
+        self._threads = ThreadPoolExecutor(self._n_threads, "dirprim") if self._n_threads > 1 else None
 
-    def be_born(self, slot: IntArray, key: AnyArray, measured: FloatArray) -> None:
+    def reserve(self, n_slots: int) -> None:
+        """Make room for so many slots."""
+        self.belief.reserve(n_slots)
+
+    def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Start beliefs from one measurement each, and from the primitive at its place.
 
         Args:
             slot: (v,) slots of the vehicles.
             key: (v,) uint64, what their random numbers follow from.
-            measured: (v, 2) metres.
+            measured: v rows.
         """
-        self._split(_kernels.be_born, (slot, key, measured), (self.config.noise_m,))
+        of_their_own = ~np.isnan(measured.covariance[:, 0, 0])
+        spread = np.full(slot.size, self.config.noise_m)
+        spread[of_their_own] = np.sqrt(np.linalg.eigvalsh(measured.covariance[of_their_own])[:, -1])
+        cloud = self.belief.cloud
+        for s in np.unique(spread):
+            rows = np.flatnonzero(spread == s)
+            born = (slot[rows], np.asarray(key)[rows], measured.position[rows])
+            self._split(_kernels.be_born, (self._table, cloud), born, (float(s),))
+        more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
+        if more.size:
+            columns = self._columns(measured[more])
+            self._split(_measuring.weigh_at_birth, (cloud,), (slot[more], columns, spread[more]), (self._noise,))
+
+    def copy(self, source: IntArray, target: IntArray) -> None:
+        """Make the beliefs of `target` those of `source`. (v,), (v,)."""
+        self.belief.copy(source, target)
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
-        self._split(_kernels.predict, (slot, dt_s), ())
+        self._split(_kernels.predict, (self._table, self.belief.cloud), (slot, dt_s), ())
 
-    def weigh(self, slot: IntArray, measured: FloatArray) -> FloatArray:
-        """Weigh the particles by measured positions. (v,), (v, 2) metres -> (v,) log evidence."""
-        log_evidence = np.empty(slot.size)
-        config = self.config
-        _kernels.weigh(
-            self.belief.cloud, slot, measured, config.noise_m, config.outlier_probability, config.outlier_extent_m,
-            log_evidence,
-        )  # fmt: skip
-        return log_evidence
+    def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
+        """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
+        result = np.empty(slot.size)
+        columns = self._columns(measured)
+        self._split(_measuring.log_likelihood, (self.belief.cloud,), (slot, columns, result), (self._noise,))
+        return result
 
-    def is_lost(self, log_evidence: FloatArray) -> AnyArray:
-        """(v,) where a measurement was better explained as an outlier than by the belief: no particle is near it."""
-        return np.asarray(log_evidence < np.log(2.0 * self._outlier_density))
+    def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
+        """Weigh the particles by measurements; a belief none of whose particles is near is left as it was."""
+        evidence = np.empty((slot.size, 2))
+        columns = self._columns(measured)
+        self._split(_measuring.weigh, (self.belief.cloud,), (slot, columns, evidence), (self._noise,))
+        unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
+        return Evidence(evidence[:, 0], unexplained | ~np.isfinite(evidence[:, 0]))
 
     def effective_sample_size(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v,) 1 / sum of squared weights."""
         result = np.empty(slot.size)
-        _kernels.effective_sample_size(self.belief.cloud, slot, result)
+        self._split(_kernels.effective_sample_size, (self.belief.cloud,), (slot, result), ())
         return result
 
     def resample(self, slot: IntArray, effective_sample_size: FloatArray) -> None:
         """Systematic resampling of the beliefs whose effective sample size has fallen."""
         poor = effective_sample_size < self.config.resample_below * self.config.n_particles
-        _kernels.resample(self.belief.cloud, slot[poor])
+        self._split(_kernels.resample, (self.belief.cloud,), (slot[poor],), ())
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 9), as `Estimates` names them: x, y, xx, xy, yy, direction, resultant, speed, deviation."""
         result = np.empty((slot.size, 9))
-        _kernels.moments(self.belief.cloud, slot, result)
+        self._split(_kernels.moments, (self.belief.cloud,), (slot, result), ())
         return result
 
-    def _split(self, kernel: Callable[..., None], per_vehicle: tuple[AnyArray, ...], rest: tuple[Any, ...]) -> None:
+    def particles(self, slot: IntArray) -> Particles:
+        """Copies of the beliefs' samples, one vehicle after the other."""
+        cloud = self.belief.cloud
+        return Particles(
+            position=cloud.position[slot].reshape(-1, 2),
+            direction=cloud.direction[slot].ravel(),
+            speed=cloud.speed[slot].ravel(),
+            weight=np.exp(cloud.log_weight[slot]).ravel(),
+            vehicle=np.repeat(np.arange(slot.size), self.config.n_particles),
+        )
+
+    def _columns(self, measured: Detections) -> FloatArray:
+        """(v, 8) measurements as the kernels take them."""
+        covariance = measured_covariance(measured, self.config)
+        xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+        determinant = xx * yy - xy * xy
+        direction, speed = measured_motion(measured)
+        return np.column_stack(
+            [
+                measured.position, yy / determinant, -xy / determinant, xx / determinant,
+                -np.log(2.0 * np.pi) - 0.5 * np.log(determinant), direction, speed,
+            ]
+        )  # fmt: skip
+
+    def _split(
+        self,
+        kernel: Callable[..., None],
+        first: tuple[Any, ...],
+        per_vehicle: tuple[AnyArray, ...],
+        last: tuple[Any, ...],
+    ) -> None:
         """Run a kernel on all vehicles, on several threads where that pays."""
         n = per_vehicle[0].size
         if n == 0:
             return
-        cloud = self.belief.cloud
         if self._threads is None or n < 2 or n * self.config.n_particles < PARALLEL_FROM:
-            kernel(self._table, cloud, *per_vehicle, *rest)
+            kernel(*first, *per_vehicle, *last)
             return
         parts = zip(*(np.array_split(a, min(self._n_threads, n)) for a in per_vehicle), strict=True)
-        running = [self._threads.submit(kernel, self._table, cloud, *part, *rest) for part in parts]
+        running = [self._threads.submit(kernel, *first, *part, *last) for part in parts]
         for part in running:
             part.result()
+
+
+def _noise(config: FilterConfig) -> _measuring.Noise:
+    outlier, astray = config.outlier_probability, config.motion_outlier_probability
+    concentration = np.array(1.0 / config.direction_noise**2)
+    return _measuring.Noise(
+        outlier=outlier / config.outlier_extent_m**2,
+        kept=1.0 - outlier,
+        direction_concentration=float(concentration),
+        direction_scale=(1.0 - astray) * float(np.exp(-von_mises.log_normaliser(concentration))),
+        direction_outlier=astray / (2.0 * np.pi),
+        speed_precision=1.0 / config.speed_noise**2,
+        speed_scale=(1.0 - astray) / (config.speed_noise * float(np.sqrt(2.0 * np.pi))),
+        speed_outlier=astray / FASTEST,
+    )

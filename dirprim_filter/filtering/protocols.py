@@ -1,30 +1,67 @@
-"""The steps of every filter that can be replayed."""
+"""What a tracker asks of a filter: beliefs in numbered slots, moved, measured against and corrected.
 
-from typing import Protocol
+The same tracker holds the particle filter on the map and the Kalman filters it is compared with, so that a comparison
+is one of motion models and of nothing else.
+"""
+
+from typing import NamedTuple, Protocol
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.estimates import Particles
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+
+
+class Evidence(NamedTuple):
+    """What measurements say of the beliefs they were weighed against.
+
+    Attributes:
+        log_density: (v,) natural log of the density of each measurement given those before it.
+        is_unexplained: (v,) where it is better explained as an outlier, or by nothing at all.
+    """
+
+    log_density: FloatArray
+    is_unexplained: BoolArray
 
 
 class BayesFilter(Protocol):
-    """One belief for each track id, moved and corrected frame by frame; the steps are called in this order."""
+    """Beliefs of many vehicles; every step takes the slots (v,) of those it concerns, and no belief sees another."""
 
-    def predict(self, detections: Detections) -> None:
-        """Move the belief of every vehicle in the frame to the frame's time; begin those that are new."""
+    def reserve(self, n_slots: int) -> None:
+        """Make room for so many slots; what the present ones hold stays."""
         ...
 
-    def weigh(self) -> None:
-        """Correct the moved beliefs by the frame's positions."""
+    def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
+        """Start beliefs from one measurement each; `key` (v,) uint64 is what their random numbers follow from."""
         ...
 
-    def estimate(self) -> Estimates:
-        """What is believed of the frame's vehicles."""
+    def copy(self, source: IntArray, target: IntArray) -> None:
+        """Make the beliefs of `target` those of `source`, random numbers to come included."""
         ...
 
-    def particles(self) -> Particles:
-        """The samples behind the estimates, if there are any."""
+    def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
+        """Move beliefs on by times of their own, seconds."""
         ...
 
-    def resample(self) -> None:
-        """Renew samples that have lost their weight."""
+    def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
+        """(v,) natural log of the density of each measurement under the belief, outliers aside; changes nothing."""
+        ...
+
+    def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
+        """Correct beliefs by one measurement each."""
+        ...
+
+    def moments(self, slot: IntArray) -> FloatArray:
+        """(v, 9) as `Estimates` names them: x, y, xx, xy, yy, direction, its resultant, speed, its deviation."""
+        ...
+
+    def effective_sample_size(self, slot: IntArray) -> FloatArray:
+        """(v,) 1 / sum of squared weights; 1 where there are no samples."""
+        ...
+
+    def resample(self, slot: IntArray, effective_sample_size: FloatArray) -> None:
+        """Renew the samples that have lost their weight."""
+        ...
+
+    def particles(self, slot: IntArray) -> Particles:
+        """Copies of the samples behind the beliefs, if there are any; `vehicle` counts the slots given."""
         ...

@@ -1,118 +1,231 @@
-"""One belief for each track id: the filter's steps for the vehicles of a frame."""
+"""Beliefs about many vehicles, frame by frame: those that their sensor names, and those it does not."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from dirprim_filter.config import FilterConfig
-from dirprim_filter.detections import NO_TIME, Detections
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import NO_ID, NO_TIME, Detections
 from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.filtering.belief import birth_key
+from dirprim_filter.filtering.existence import GONE, unseen_for
 from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.protocols import BayesFilter
+from dirprim_filter.filtering.roster import Roster
+from dirprim_filter.filtering.strangers import Strangers
 from dirprim_filter.primitives import PrimitiveMap
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
+NOBODY: IntArray = np.empty(0, np.int64)
+
+
+@dataclass(slots=True, kw_only=True)
+class _Frame:
+    """The frame at hand, and whose its detections are.
+
+    Attributes:
+        detections: as they came.
+        named: the ids of its named rows, in their order.
+        named_slot: their slots.
+        slot: of the beliefs to be weighed, the named ones first.
+        row: the rows of `detections` to weigh them by.
+        n_named: how many of them are named.
+        shown: the slots that hold the numbers of the estimates.
+        shown_home: the slots of the vehicles that they are of.
+        shown_names: their names.
+    """
+
+    detections: Detections = field(default_factory=Detections.none)
+    named: list[str] = field(default_factory=list)
+    named_slot: IntArray = field(default_factory=NOBODY.copy)
+    slot: IntArray = field(default_factory=NOBODY.copy)
+    row: IntArray = field(default_factory=NOBODY.copy)
+    n_named: int = 0
+    shown: IntArray = field(default_factory=NOBODY.copy)
+    shown_home: IntArray = field(default_factory=NOBODY.copy)
+    shown_names: list[str] = field(default_factory=list)
 
 
 class Tracker:
-    """Tracks vehicles whose detections carry ids.
+    """Tracks the vehicles of a log, also while they are out of sight.
 
-    A belief moves from its own measurement to its next, never by the times of others, so a vehicle's estimates are the
-    same whichever other vehicles the log holds.
+    A detection with an id goes to the belief of that id. Such a belief moves from its own measurement to its next, cut
+    in whole steps from its own, never by the times of others: a vehicle's estimates are the same whichever other
+    vehicles the log holds. Detections without an id are given to the beliefs that foresaw them best, or begin new ones.
 
     Args:
-        primitive_map: the map that says how vehicles move.
-        config: the filter's knobs.
+        model: the map that says how vehicles move, for a particle filter on it; or any other filter.
+        config: the knobs of the filter; left out, the defaults.
+        tracking: the knobs of association and existence; left out, the defaults.
         rng: one number drawn from it seeds every vehicle, together with its id.
+
+    Attributes:
+        recoveries: how many beliefs no longer explained their vehicle's positions, and were begun anew.
     """
 
     def __init__(
-        self, primitive_map: PrimitiveMap, *, config: FilterConfig | None = None, rng: np.random.Generator
+        self,
+        model: PrimitiveMap | BayesFilter,
+        *,
+        config: FilterConfig | None = None,
+        tracking: TrackingConfig | None = None,
+        rng: np.random.Generator,
     ) -> None:
         self.config = config or FilterConfig()
+        self.tracking = tracking or TrackingConfig()
         self.recoveries = 0
-        self._filter = ParticleFilter(primitive_map, self.config)
+        self._filter = ParticleFilter(model, self.config) if isinstance(model, PrimitiveMap) else model
+        self._roster = Roster(self._filter)
         self._seed = int(rng.integers(2**63))
+        self._strangers = Strangers(
+            self._filter, self._roster, filter_config=self.config, config=self.tracking, seed=self._seed
+        )
+        self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._time_ns = NO_TIME
-        self._frame = Detections.none()
-        self._slot: IntArray = np.empty(0, np.int64)
-        self._measured: IntArray = np.empty(0, np.int64)
-        self._effective_sample_size: FloatArray = np.empty(0)
-        self._log_evidence: FloatArray = np.empty(0)
+        self._frame = _Frame()
 
-    def predict(self, detections: Detections) -> None:
-        """Move the belief of every vehicle in the frame to the frame's time; begin those that are new.
+    def predict(self, detections: Detections, *, time_ns: int | None = None) -> None:
+        """Move beliefs to the frame's time, find whose its detections are, and begin those that are new.
 
         Args:
-            detections: one instant, each id once.
+            detections: one instant, each id once; none is no frame, unless `time_ns` says when nothing was seen.
+            time_ns: the frame's time; left out, that of its detections.
 
         Raises:
             ValueError: several instants, a repeated id, or time going backwards; the beliefs are as before.
         """
-        belief = self._filter.belief
-        self._time_ns = time_ns = detections.instant(after_ns=self._time_ns)
-        ids = [str(name) for name in detections.track_id]
-        belief.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9))
-        is_new = np.array([name not in belief for name in ids], dtype=np.bool_)
-        slot = np.array([belief.slot_of(name) for name in ids], dtype=np.int64)
-        dt_ns = time_ns - belief.time_ns[slot[~is_new]]
-        self._filter.predict(slot[~is_new], np.asarray(dt_ns * 1e-9, dtype=np.float64))
-        belief.time_ns[slot] = time_ns
-        self._frame, self._slot = detections, slot
-        self._log_evidence = np.zeros(slot.size)
-        self._begin(np.flatnonzero(is_new))
-        self._measured = np.flatnonzero(~is_new)
+        time_ns = detections.instant(after_ns=self._time_ns) if time_ns is None or len(detections) else time_ns
+        is_frame = time_ns > self._time_ns
+        self._time_ns = time_ns
+        self._frame = frame = _Frame(detections=detections)
+        if not is_frame:
+            return
+        self._roster.forget(
+            before_ns=time_ns - int(self.config.max_gap_s * 1e9), forget_below=self.tracking.forget_below
+        )
+        is_named = detections.track_id != NO_ID
+        self._predict_named(np.flatnonzero(is_named))
+        found = self._strangers.predict(detections, np.flatnonzero(~is_named), time_ns=time_ns)
+        frame.n_named = frame.slot.size
+        frame.slot, frame.row = np.concatenate([frame.slot, found.slot]), np.concatenate([frame.row, found.row])
 
     def weigh(self) -> None:
-        """Weigh the moved beliefs by the frame's positions; begin anew those that no particle explains."""
-        rows = self._measured
-        evidence = self._filter.weigh(self._slot[rows], self._frame.position[rows])
-        self._log_evidence[rows] = evidence
-        lost = rows[self._filter.is_lost(evidence)]
-        if lost.size:
-            self.recoveries += int(lost.size)
-            logger.info(
-                "at %d ns no particle explains the positions of %s: begun anew",
-                self._time_ns, ", ".join(str(name) for name in self._frame.track_id[lost]),
-            )  # fmt: skip
-            self._begin(lost)
+        """Weigh the moved beliefs by the frame's measurements; begin anew those that have lost their vehicle."""
+        frame, roster = self._frame, self._roster
+        slot, row = frame.slot, frame.row
+        evidence = self._filter.weigh(slot, frame.detections[row])
+        roster.measured_ns[slot] = self._time_ns
+        roster.log_evidence[slot] = np.where(np.isfinite(evidence.log_density), evidence.log_density, 0.0)
+        roster.n_unexplained[slot] = np.where(evidence.is_unexplained, roster.n_unexplained[slot] + 1, 0)
+        is_lost = roster.n_unexplained[slot] >= self.tracking.lost_after
+        is_lost |= ~np.isfinite(evidence.log_density)  # no particle has a weight
+        if is_lost.any():
+            self._recover(slot[is_lost], row[is_lost])
+        strange = slot[frame.n_named :]
+        self._strangers.judge(strange, roster.log_evidence[strange])
 
     def estimate(self) -> Estimates:
-        """What is believed of the frame's vehicles."""
-        m = self._filter.moments(self._slot)
-        self._effective_sample_size = self._filter.effective_sample_size(self._slot)
+        """What is believed: of the frame's named vehicles in its order, of those out of sight, of the nameless."""
+        self._show()
+        roster, home, shown = self._roster, self._frame.shown_home, self._frame.shown
+        m = self._filter.moments(shown)
+        is_measured = roster.measured_ns[home] == self._time_ns
         return Estimates(
-            track_id=self._frame.track_id,
-            time_ns=self._frame.time_ns,
+            track_id=np.array(self._frame.shown_names, dtype=np.str_),
+            time_ns=np.full(home.size, self._time_ns, np.int64),
             position=m[:, :2],
             covariance=m[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
             direction=m[:, 5],
             direction_resultant=m[:, 6],
             speed=m[:, 7],
             speed_std=m[:, 8],
-            effective_sample_size=self._effective_sample_size,
-            log_evidence=self._log_evidence,
+            effective_sample_size=self._filter.effective_sample_size(shown),
+            log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
+            existence=1.0 - roster.existence[home, GONE],
+            unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
         )
 
     def particles(self) -> Particles:
         """Copies of the samples behind the frame's estimates."""
-        cloud, slot = self._filter.belief.cloud, self._slot
-        n = self.config.n_particles
-        return Particles(
-            position=cloud.position[slot].reshape(-1, 2),
-            direction=cloud.direction[slot].ravel(),
-            speed=cloud.speed[slot].ravel(),
-            weight=np.exp(cloud.log_weight[slot]).ravel(),
-            vehicle=np.repeat(np.arange(slot.size), n),
-        )
+        return self._filter.particles(self._frame.shown)
 
     def resample(self) -> None:
-        """Resample the beliefs whose effective sample size has fallen."""
-        self._filter.resample(self._slot, self._effective_sample_size)
+        """Renew the samples of measured beliefs that have lost their weight."""
+        slot = self._frame.slot
+        self._filter.resample(slot, self._filter.effective_sample_size(slot))
 
-    def _begin(self, rows: IntArray) -> None:
-        key = [birth_key(self._seed, str(name), self._time_ns) for name in self._frame.track_id[rows]]
-        self._filter.be_born(self._slot[rows], np.array(key, dtype=np.uint64), self._frame.position[rows])
+    def _predict_named(self, row: IntArray) -> None:
+        frame, roster, time_ns = self._frame, self._roster, self._time_ns
+        frame.named = [str(name) for name in frame.detections.track_id[row]]
+        is_new = np.array([name not in roster for name in frame.named], dtype=np.bool_)
+        self._advance_in_whole_steps(roster.members(is_named=True)[1])
+        new = _chosen(frame.named, is_new)
+        self._begin(roster.enter(new, is_named=True, time_ns=np.full(len(new), time_ns)), row[is_new])
+        frame.named_slot = roster.slots_of(frame.named)
+        frame.slot, frame.row = frame.named_slot[~is_new], row[~is_new]
+        self._advance(frame.slot, time_ns - roster.time_ns[frame.slot])
+        roster.time_ns[frame.slot] = time_ns
+        roster.existence[frame.named_slot] = [1.0, 0.0, 0.0]
+
+    def _advance_in_whole_steps(self, slot: IntArray) -> None:
+        """Steps of `step_s` from each belief's own last measurement: as many as fit before the frame's time."""
+        roster = self._roster
+        n_steps = (self._time_ns - roster.time_ns[slot]) // self._step_ns
+        for i in range(int(n_steps.max(initial=0))):
+            self._advance(slot[n_steps > i], np.full(int((n_steps > i).sum()), self._step_ns))
+        roster.time_ns[slot] += n_steps * self._step_ns
+
+    def _advance(self, slot: IntArray, dt_ns: IntArray) -> None:
+        late = dt_ns > 0
+        if late.any():
+            self._filter.predict(slot[late], _seconds(dt_ns[late]))
+
+    def _begin(self, slot: IntArray, row: IntArray) -> None:
+        key = [birth_key(self._seed, str(name), self._time_ns) for name in self._frame.detections.track_id[row]]
+        self._filter.begin(slot, np.array(key, dtype=np.uint64), self._frame.detections[row])
+
+    def _recover(self, slot: IntArray, row: IntArray) -> None:
+        self.recoveries += int(slot.size)
+        self._roster.n_unexplained[slot] = 0
+        logger.info("at %d ns %d beliefs did not explain what was measured: begun anew", self._time_ns, slot.size)
+        self._begin(slot, row)
+
+    def _show(self) -> None:
+        """Choose what there are estimates of, and move those out of sight to the frame's time, aside."""
+        roster = self._roster
+        names, slot = self._unseen()
+        dt_ns = self._time_ns - roster.time_ns[slot]
+        aside = slot.copy()
+        between = dt_ns > 0
+        if between.any():
+            aside[between] = roster.spare(int(between.sum()))
+            self._filter.copy(slot[between], aside[between])
+            self._advance(aside, dt_ns)
+        named, frame = self._frame.named_slot, self._frame
+        strangers, strange = self._strangers.told_of(self._time_ns)
+        frame.shown_names = [*frame.named, *names, *strangers]
+        frame.shown = np.concatenate([named, aside, strange])
+        frame.shown_home = np.concatenate([named, slot, strange])
+
+    def _unseen(self) -> tuple[list[str], IntArray]:
+        """Named vehicles that the frame does not hold and that may still be there."""
+        roster = self._roster
+        names, slot = roster.members(is_named=True)
+        unseen_s = _seconds(self._time_ns - roster.measured_ns[slot])
+        exists = unseen_for(unseen_s, self.tracking)
+        roster.existence[slot, GONE] = 1.0 - exists
+        told = (unseen_s > 0) & (exists >= self.tracking.report_above)
+        return _chosen(names, told), slot[told]
+
+
+def _chosen(names: Sequence[str], chosen: BoolArray) -> list[str]:
+    return [name for name, is_one in zip(names, chosen, strict=True) if is_one]
+
+
+def _seconds(time_ns: IntArray) -> FloatArray:
+    return np.asarray(time_ns * 1e-9, dtype=np.float64)

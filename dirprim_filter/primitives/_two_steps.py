@@ -9,68 +9,96 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
-from dirprim_filter.primitives import _kernels
-from dirprim_filter.primitives._kernels import Bounds, Modes, Rows
+from dirprim_filter.primitives._ascent import MAX_ITERATIONS, ascend
+from dirprim_filter.primitives._elementary import EXACT
+from dirprim_filter.primitives._expectation import SUMS
+from dirprim_filter.primitives._kernels import ON_CIRCLE, quantiles, start_evenly
+from dirprim_filter.primitives._maximisation import maximisation
+from dirprim_filter.primitives._modes import (
+    COSINE,
+    LOG_CONCENTRATION,
+    LOG_MEAN_SPEED,
+    LOG_SHAPE,
+    LOG_SPEED,
+    MEAN,
+    SINE,
+    SPEED,
+    WEIGHT,
+    Bounds,
+)
 from tessellation.arrays import FloatArray, IntArray
 
 
-@njit(cache=True, nogil=True)
-def fit_cells_in_two_steps(rows: Rows, start: IntArray, n_vehicles: FloatArray, bounds: Bounds, out: Modes) -> None:
-    """The paper's recipe, modes by DBSCAN and directions before speeds; else as `fit_cells_at_once`."""
-    for c in range(n_vehicles.size):
-        if start[c + 1] > start[c]:
-            fit_in_two_steps(
-                _kernels.slice_rows(rows, start[c], start[c + 1]), n_vehicles[c], bounds, _kernels.mode_row(out, c)
-            )
+@njit(nogil=True, **EXACT)
+def fit_cells_in_two_steps(
+    columns: FloatArray,
+    start: IntArray,
+    n_vehicles: FloatArray,
+    bounds: Bounds,
+    first: int,
+    last: int,
+    out: FloatArray,
+) -> None:
+    """The paper's recipe, modes by DBSCAN and directions before speeds; else as `fit_cells_at_once`.
+
+    Columns stand for one row each, and in each cell in order of their directions.
+    """
+    for c in range(first, last):
+        fit_in_two_steps(columns, start[c], start[c + 1] - start[c], n_vehicles[c], bounds, out[c])
 
 
-@njit(cache=True)
-def fit_in_two_steps(rows: Rows, n_vehicles: float, bounds: Bounds, out: Modes) -> None:
+@njit(**EXACT)
+def fit_in_two_steps(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds: Bounds, out: FloatArray) -> None:
     """The paper's recipe: DBSCAN for the number of modes, EM on directions, then a gamma for each mode."""
-    n = rows.direction.size
-    label = np.empty(n, np.int64)
+    quantile = np.zeros(ON_CIRCLE + 1)
+    mean_speed = quantiles(columns, at, n, quantile)
+    if mean_speed == 0.0:
+        return
+    theta, index, label = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    for i in range(n):
+        theta[i], index[i] = math.atan2(columns[SINE, at + i], columns[COSINE, at + i]), i
     min_samples = max(3, math.ceil(bounds.dbscan_share * n))
-    k = density.dbscan_sorted(rows.direction, np.arange(n), bounds.dbscan_eps, min_samples, label)
+    k = density.dbscan_sorted(theta, index, bounds.dbscan_eps, min_samples, label)
     k = min(max(k, 1), bounds.max_modes)
-    trial = _kernels.empty_modes(k)
-    _kernels.start_evenly(rows, trial, bounds)
-    sums = np.zeros((k, _kernels.N_SUMS))
+    table = out[:k]
+    start_evenly(quantile, mean_speed, bounds, table)
+    sums = np.zeros((k, SUMS))
     for i in range(n):
         if 0 <= label[i] < k:
-            m, w = label[i], rows.weight[i]
+            m, w = label[i], columns[WEIGHT, at + i]
             sums[m, 0] += w
-            sums[m, 1] += w * rows.cosine[i]
-            sums[m, 2] += w * rows.sine[i]
-            sums[m, 3] += w * rows.speed[i]
-            sums[m, 4] += w * rows.log_speed[i]
+            sums[m, 1] += w * columns[COSINE, at + i]
+            sums[m, 2] += w * columns[SINE, at + i]
+            sums[m, 3] += w * columns[SPEED, at + i]
+            sums[m, 4] += w * columns[LOG_SPEED, at + i]
     if sums[:, 0].min() > 0.0:
-        _kernels.maximisation(sums, sums[:, 0].sum(), n_vehicles, bounds, trial)
-    _kernels.expectation_maximisation(rows, n_vehicles, False, False, bounds, trial)
+        maximisation(sums, n_vehicles, bounds, table)
+    ascend(columns, at, n, n_vehicles, False, False, -np.inf, 0.0, MAX_ITERATIONS, bounds, table)
     for m in range(k):
-        _gamma_within_two_deviations(rows, bounds, trial, m)
-    _kernels.copy_modes(trial, out)
+        _gamma_within_two_deviations(columns, at, n, bounds, table[m])
 
 
-@njit(cache=True)
-def _gamma_within_two_deviations(rows: Rows, bounds: Bounds, modes: Modes, m: int) -> None:
+@njit(**EXACT)
+def _gamma_within_two_deviations(columns: FloatArray, at: int, n: int, bounds: Bounds, mode: FloatArray) -> None:
     """Eq. 3: maximum likelihood on rows within two circular standard deviations, sqrt(-2 log R), of the mode.
 
     The shape's bias is reduced as Anderson and Ray (1975) do: a (n - 3) / n + 2 / (3 n).
     """
-    resultant = density.i1e(modes.concentration[m]) / density.i0e(modes.concentration[m])
+    concentration = math.expm1(mode[LOG_CONCENTRATION])
+    resultant = density.i1e(concentration) / density.i0e(concentration)
     reach = 2.0 * math.sqrt(-2.0 * math.log(max(resultant, 1e-12)))
     near = math.cos(min(reach, math.pi))
-    cosine, sine = math.cos(modes.mean[m]), math.sin(modes.mean[m])
+    cosine, sine = math.cos(mode[MEAN]), math.sin(mode[MEAN])
     count, weight, speed, log_speed = 0, 0.0, 0.0, 0.0
-    for i in range(rows.direction.size):
-        if rows.cosine[i] * cosine + rows.sine[i] * sine >= near:
+    for i in range(at, at + n):
+        if columns[COSINE, i] * cosine + columns[SINE, i] * sine >= near:
             count += 1
-            weight += rows.weight[i]
-            speed += rows.weight[i] * rows.speed[i]
-            log_speed += rows.weight[i] * rows.log_speed[i]
+            weight += columns[WEIGHT, i]
+            speed += columns[WEIGHT, i] * columns[SPEED, i]
+            log_speed += columns[WEIGHT, i] * columns[LOG_SPEED, i]
     if count < 4:  # too few to tell a spread: the one that EM's last step left
         return
-    mean_speed = speed / weight
-    shape = density.gamma_shape(math.log(mean_speed) - log_speed / weight, 1.0, bounds.max_shape)
-    modes.shape[m] = min(max(shape * (count - 3) / count + 2.0 / (3.0 * count), 1.0), bounds.max_shape)
-    modes.rate[m] = modes.shape[m] / mean_speed
+    log_mean = math.log(speed / weight)
+    shape = density.gamma_shape(log_mean - log_speed / weight, 1.0, bounds.max_shape)
+    mode[LOG_SHAPE] = math.log(min(max(shape * (count - 3) / count + 2.0 / (3.0 * count), 1.0), bounds.max_shape))
+    mode[LOG_MEAN_SPEED] = log_mean

@@ -7,12 +7,15 @@ Eq. 1-3.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.special import logsumexp
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
+from dirprim_filter.primitives import _map_kernels
+from dirprim_filter.primitives._map_kernels import MapTable
 from tessellation import GridTessellation, Tessellation
 from tessellation.arrays import FloatArray, IntArray, as_floats
 
@@ -42,6 +45,12 @@ class Primitive(NamedTuple):
         return direction, speed.sample(rng=rng)
 
 
+def _places(position: FloatArray) -> FloatArray:
+    """Positions as an array (..., 2) that may hold numbers that are not finite."""
+    places = np.asarray(position, dtype=np.float64)
+    return places if places.ndim and places.shape[-1] == 2 else as_floats("position", places, "... 2")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relaxation:
     """How fast a vehicle's own direction and speed give way to what is usual: per second, learned from the log.
@@ -54,8 +63,6 @@ class Relaxation:
         place_free_speed_rate: 1/s, towards the place-free mean speed where no cell tells.
         drift: m^2/s, diffusion of the position in each axis beyond what direction and speed explain: lane changes,
             side slip, the log's own jitter.
-        lead: metres by which the point that the log reports lies ahead of the point that moves along the vehicle's
-            direction, its rear axle: a bumper swings out when the body turns. 0 where directions are courses.
     """
 
     direction_rate: float
@@ -64,16 +71,15 @@ class Relaxation:
     place_free_turning: float
     place_free_speed_rate: float
     drift: float
-    lead: float = 0.0
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
-            if not (np.isfinite(value) and (value > 0 or name == "lead")):
+            if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name}: expected a positive number, got {value}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PrimitiveMap:
     """A primitive for every place: those of the cells, and one that holds wherever no cell does.
 
@@ -104,11 +110,7 @@ class PrimitiveMap:
     relaxation: Relaxation
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
-    transitions: object = None
-    anchor: FloatArray | None = None
-    lane: FloatArray | None = None
-    slip: FloatArray | None = None
-    speed_rate: FloatArray | None = None
+    _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
         n = self.tessellation.n_cells + 1
@@ -153,18 +155,91 @@ class PrimitiveMap:
         )
 
     def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of p(direction, speed | position), per radian and m/s. (..., 2), (...), (...) -> (...)."""
-        return self.primitive_at(position).log_density(
-            as_floats("direction", direction, "..."), as_floats("speed", speed, "...")
-        )
+        """Natural log of p(direction, speed | position), per radian and m/s. (..., 2), (...), (...) -> (...).
+
+        -inf for a negative speed. Leading axes broadcast.
+
+        Raises:
+            ValueError: the last axis of the positions is not 2, or a number is not finite.
+        """
+        return self._log_densities(position, direction, speed)
 
     def direction_log_density(self, position: FloatArray, direction: FloatArray) -> FloatArray:
-        """Natural log of p(direction | position), per radian (Eq. 1). (..., 2), (...) -> (...)."""
-        return self.primitive_at(position).direction.log_density(as_floats("direction", direction, "..."))
+        """Natural log of p(direction | position), per radian (Eq. 1). (..., 2), (...) -> (...). See `log_density`."""
+        return self._log_densities(position, direction, None)
+
+    def speed_log_density(self, position: FloatArray, speed: FloatArray) -> FloatArray:
+        """Natural log of p(speed | position), per m/s: gammas, mixed. (..., 2), (...) -> (...). See `log_density`."""
+        return self._log_densities(position, None, speed)
 
     def sample(self, position: FloatArray, *, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """A direction and a speed at each position, radians and m/s. (..., 2) -> (...), (...)."""
-        return self.primitive_at(position).sample(rng=rng)
+        """A direction and a speed at each position, radians and m/s. (..., 2) -> (...), (...).
+
+        The draws depend on the generator and on the order of the positions, not on the number of threads.
+
+        Raises:
+            ValueError: the last axis is not 2, or a coordinate is not finite.
+        """
+        position = _places(position)
+        place = position.reshape(-1, 2)
+        table, direction, speed = self._compiled(), np.empty(len(place)), np.empty(len(place))
+        key = block_keys(len(place), rng)
+
+        def work(first: int, last: int) -> None:
+            part, of_part = slice(first, last), slice(first // ROWS, None)
+            if not _map_kernels.draw(table, place[part], key[of_part], direction[part], speed[part]):
+                as_floats("position", position, "... 2")  # says which
+
+        over_blocks(work, len(place))
+        return direction.reshape(position.shape[:-1]), speed.reshape(position.shape[:-1])
+
+    def _log_densities(
+        self, position: FloatArray, direction: FloatArray | None, speed: FloatArray | None
+    ) -> FloatArray:
+        """The log density of what is given. The kernel checks on its way that all is finite."""
+        position = _places(position)
+        given = {"direction": direction, "speed": speed}
+        columns = {name: np.asarray(column, dtype=np.float64) for name, column in given.items() if column is not None}
+        shape = np.broadcast_shapes(position.shape[:-1], *(column.shape for column in columns.values()))
+        place = np.ascontiguousarray(np.broadcast_to(position, (*shape, 2))).reshape(-1, 2)
+        flat = {name: np.ascontiguousarray(np.broadcast_to(c, shape)).reshape(-1) for name, c in columns.items()}
+        theta, v = flat.get("direction", np.empty(0)), flat.get("speed", np.empty(0))
+        table, out = self._compiled(), np.empty(len(place))
+
+        def work(first: int, last: int) -> None:
+            part = slice(first, last)
+            rows = _map_kernels.Rows(place[part], theta[part], v[part], "direction" in flat, "speed" in flat)
+            if not _map_kernels.log_densities(table, rows, out[part]):
+                as_floats("position", position, "... 2")  # says which
+                for name, column in columns.items():
+                    as_floats(name, column, "...")
+
+        over_blocks(work, len(place))
+        return out.reshape(shape)
+
+    def _compiled(self) -> MapTable:
+        """The parameters as the kernels take them, made at the first use."""
+        if self._table is None:
+            object.__setattr__(self, "_table", self._tabulated())
+        return cast(MapTable, self._table)
+
+    def _tabulated(self) -> MapTable:
+        weight, speed = self.direction.weight, self.speed
+        n_modes = np.count_nonzero(weight, axis=1)
+        first, mode = np.empty(len(weight) + 1, np.int64), np.empty((int(n_modes.sum()), _map_kernels.N_COLUMNS))
+        _map_kernels.fill_modes(
+            weight, self.direction.mean_direction, self.direction.concentration, speed.shape, speed.rate,
+            self.bend, self.gain, first, mode,
+        )  # fmt: skip
+        return MapTable(
+            locator=self.tessellation.locator,
+            center=self.centers,
+            first=first[:-1],
+            last=first[1:],
+            mode=mode,
+            most_modes=int(n_modes.max()),
+            curved=bool(self.bend.any() or self.gain.any()),
+        )
 
     def without_places(self) -> PrimitiveMap:
         """The same map with no cell: the ablation that shows what knowing the place is worth."""

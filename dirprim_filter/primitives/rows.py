@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dirprim_filter.primitives import _kernels
+from dirprim_filter.primitives import _sorting
 from dirprim_filter.tracks import Tracks
-from tessellation import Tessellation
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from tessellation.protocols import Members
 
 MIN_GROUPS = 6
 """Of fewer groups, holding one out leaves out too much."""
@@ -38,9 +38,9 @@ class TrackRows:
     @classmethod
     def thinned(cls, tracks: Tracks, *, interval_s: float) -> TrackRows:
         """The rows of each vehicle that are at least `interval_s` apart: 10 Hz rows repeat each other."""
-        _, vehicle = np.unique(tracks.track_id, return_inverse=True)
-        order = np.lexsort((tracks.time_ns, vehicle))
-        kept = order[_kernels.thin(vehicle[order], tracks.time_ns[order], int(interval_s * 1e9))]
+        vehicle, n_vehicles = _numbered(tracks.track_id)
+        order = _sorting.sort_by(vehicle, n_vehicles, np.empty(n_vehicles + 1, np.int64))  # tracks are in order of time
+        kept = order[_sorting.thin(order, vehicle, tracks.time_ns, int(interval_s * 1e9))]
         grouped = np.unique(tracks.group).size >= MIN_GROUPS
         return cls(
             vehicle=vehicle[kept],
@@ -73,63 +73,105 @@ class TrackRows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellRows:
-    """Moving rows sorted by cell and direction, and what each cell holds.
+    """Which rows each cell has; a row may be in several, with a weight of its own in each.
 
     Attributes:
-        rows: the columns of moving rows, as the kernels take them.
-        start: (n_cells + 1,) cell c has rows start[c] to start[c + 1].
-        n_vehicles: (n_cells,) vehicles with a moving row in the cell.
-        n_standing: (n_cells,) rows of standing vehicles.
+        direction: (n,) radians in [-pi, pi].
+        speed: (n,) m/s, positive where a row is a member.
+        position: (n, 2) metres.
+        start: (n_cells + 1,) cell c has the members from start[c] to start[c + 1].
+        row: (n_members,) which row a member is.
+        weight: (n_members,) not negative.
+        center: (n_cells, 2) metres.
+        n_vehicles: (n_cells,) vehicles that the members are of.
+        n_standing: (n_cells,) rows of standing vehicles, by weight, which are no members.
     """
 
-    rows: _kernels.Rows
+    direction: FloatArray
+    speed: FloatArray
+    position: FloatArray
     start: IntArray
+    row: IntArray
+    weight: FloatArray
+    center: FloatArray
     n_vehicles: FloatArray
-    n_standing: IntArray
+    n_standing: FloatArray
 
     @classmethod
-    def of(cls, rows: TrackRows, tessellation: Tessellation, *, standing_speed: float) -> CellRows:
-        """Sort rows into the cells; rows outside of every cell are left to the place-free primitive."""
-        cell = tessellation.cell_of(rows.position)
-        standing = rows.speed < standing_speed
-        n_cells = tessellation.n_cells
-        moving = np.flatnonzero(~standing & (cell >= 0))
-        order = moving[np.lexsort((rows.direction[moving], cell[moving]))]
+    def of(cls, rows: TrackRows, members: Members, position: FloatArray, *, standing_speed: float) -> CellRows:
+        """Tell the moving members of each cell from those that stand.
+
+        Args:
+            rows: observations sorted by vehicle and time.
+            members: which of them each cell has.
+            position: (n, 2) metres, of the rows, from the same origin as the members' centres.
+            standing_speed: m/s; slower rows stand.
+        """
+        moves = rows.speed[members.row] >= standing_speed
+        start = np.concatenate([[0], np.cumsum(moves)])[members.start]
+        row, weight = members.row[moves], members.weight[moves]
+        n_cells = len(members.center)
+        n_vehicles = np.empty(n_cells)
+        _sorting.count_vehicles(start, row, weight, rows.vehicle, n_vehicles)
+        cell = np.repeat(np.arange(n_cells), np.diff(members.start))
         return cls(
-            rows=columns_of(
-                rows.direction[order], rows.speed[order], rows.position[order] - tessellation.centers[cell[order]]
-            ),
-            start=np.searchsorted(cell[order], np.arange(n_cells + 1)).astype(np.int64),
-            n_vehicles=_vehicles_per_cell(cell[order], rows.vehicle[order], n_cells),
-            n_standing=np.bincount(cell[standing & (cell >= 0)], minlength=n_cells).astype(np.int64),
+            direction=rows.direction,
+            speed=rows.speed,
+            position=position,
+            start=start,
+            row=row,
+            weight=weight,
+            center=members.center,
+            n_vehicles=n_vehicles,
+            n_standing=np.bincount(cell[~moves], members.weight[~moves], minlength=n_cells),
+        )
+
+    @classmethod
+    def one(
+        cls, direction: FloatArray, speed: FloatArray, *, weight: FloatArray | None = None, n_vehicles: float
+    ) -> CellRows:
+        """All rows in one cell, wherever they are.
+
+        Args:
+            direction: (n,) radians in [-pi, pi].
+            speed: (n,) m/s, positive.
+            weight: (n,) not negative; 1 each if absent.
+            n_vehicles: how many vehicles they are of.
+        """
+        n = speed.size
+        return cls(
+            direction=direction,
+            speed=speed,
+            position=np.broadcast_to(0.0, (n, 2)),
+            start=np.array([0, n]),
+            row=np.arange(n),
+            weight=np.ones(n) if weight is None else weight,
+            center=np.zeros((1, 2)),
+            n_vehicles=np.array([float(n_vehicles)]),
+            n_standing=np.zeros(1),
         )
 
     @property
-    def n_rows(self) -> IntArray:
-        """(n_cells,) rows of moving and standing vehicles."""
-        return np.asarray(np.diff(self.start) + self.n_standing, dtype=np.int64)
+    def n_moving(self) -> FloatArray:
+        """(n_cells,) members, by weight."""
+        cell = np.repeat(np.arange(self.n_vehicles.size), np.diff(self.start))
+        return np.bincount(cell, self.weight, minlength=self.n_vehicles.size)
+
+    def by_direction(self) -> CellRows:
+        """The same, each cell's members in order of their directions."""
+        cell = np.repeat(np.arange(self.n_vehicles.size), np.diff(self.start))
+        order = np.lexsort((self.direction[self.row], cell))
+        return replace(self, row=self.row[order], weight=self.weight[order])
 
 
-def columns_of(direction: FloatArray, speed: FloatArray, offset: FloatArray) -> _kernels.Rows:
-    """The columns of moving rows, as the kernels take them.
-
-    Args:
-        direction: (n,) radians, ascending inside a cell.
-        speed: (n,) m/s, positive.
-        offset: (n, 2) metres from the centre of the cell.
-    """
-    return _kernels.Rows(
-        direction,
-        np.cos(direction),
-        np.sin(direction),
-        speed,
-        np.log(speed),
-        np.ones_like(speed),
-        np.ascontiguousarray(offset[:, 0]),
-        np.ascontiguousarray(offset[:, 1]),
-    )
-
-
-def _vehicles_per_cell(cell: IntArray, vehicle: AnyArray, n_cells: int) -> FloatArray:
-    pairs = np.unique(np.stack([cell, vehicle]), axis=1)
-    return np.bincount(pairs[0], minlength=n_cells).astype(np.float64)
+def _numbered(track_id: AnyArray) -> tuple[IntArray, int]:
+    """Each row's vehicle as 0, 1, ... in order of the ids, and how many there are."""
+    if track_id.dtype.kind == "i" and track_id.size:
+        low, high = int(track_id.min()), int(track_id.max())
+        if high - low <= 4 * track_id.size:  # a table of all ids between costs less than sorting
+            seen = np.zeros(high - low + 1, np.bool_)
+            seen[track_id - low] = True
+            number = np.cumsum(seen) - 1
+            return number[track_id - low], int(seen.sum())
+    names, vehicle = np.unique(track_id, return_inverse=True)
+    return vehicle, names.size

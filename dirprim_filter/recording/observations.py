@@ -159,11 +159,4 @@ def _valid_rows(frame: ObservedFrame, drops: Drops) -> ObservedFrame:
     if valid.all():
         return frame
     drops.invalid += int((~valid).sum())
-    return ObservedFrame(
-        track_id=[name for name, keep in zip(frame.track_id, valid, strict=True) if keep],
-        stamp_ns=frame.stamp_ns,
-        position=frame.position[valid],
-        direction=frame.direction[valid],
-        speed=frame.speed[valid],
-        group=frame.group[valid],
-    )
+    return frame[valid]

@@ -106,6 +106,7 @@ def stream_detections(
     start_ns: int | None = None,
     end_ns: int | None = None,
     strict: bool = False,
+    motion: bool = False,
 ) -> DetectionStream:
     """The detections of a log, an instant at a time, in bounded memory.
 
@@ -116,6 +117,8 @@ def stream_detections(
         start_ns: the first time wanted, nanoseconds.
         end_ns: the first time no longer wanted.
         strict: raise at the first damage instead of going on.
+        motion: take the log's directions and speeds for measurements. Often they are no sensor's, but were derived from
+            the positions, and would be believed twice.
 
     Raises:
         NotMcapError: the file is no MCAP log.
@@ -125,7 +128,7 @@ def stream_detections(
     chosen = choose_topics(Path(path), topics, prefer_detections=True, strict=strict)
     return DetectionStream(
         Scan(Path(path), chosen.__contains__),
-        topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict,
+        topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, motion=motion,
     )  # fmt: skip
 
 

@@ -27,6 +27,15 @@ VIRIDIS: FloatArray = np.array(
 )  # fmt: skip
 """(17, 3) equidistant colours from dark (slow) to light (fast)."""
 
+BLUE_TO_RED: FloatArray = np.array(
+    [
+        [13, 8, 135], [56, 4, 154], [89, 1, 165], [122, 2, 168], [150, 19, 161], [177, 42, 144], [198, 65, 125],
+        [217, 88, 106], [232, 112, 89],
+    ],
+    dtype=np.float64,
+)  # fmt: skip
+"""(9, 3) the first two thirds of plasma: from blue to red as the paper's Fig. 9, but lighter all the way."""
+
 OKABE_ITO: ByteArray = np.array(
     [[86, 180, 233], [233, 104, 20], [224, 141, 187], [230, 159, 0], [90, 140, 255]],
     dtype=np.uint8,
@@ -37,9 +46,12 @@ and lightened for a dark ground."""
 
 def speed_color(speed: FloatArray, *, fastest: float) -> ByteArray:
     """Viridis from 0 m/s to `fastest` and beyond. (...) m/s -> (..., 4)."""
-    place = np.clip(np.asarray(speed) / fastest, 0.0, 1.0) * (len(VIRIDIS) - 1)
-    rgb = [np.interp(place, np.arange(len(VIRIDIS)), channel) for channel in VIRIDIS.T]
-    return _rgba(np.stack(rgb, axis=-1))
+    return _between(VIRIDIS, np.asarray(speed) / fastest)
+
+
+def probability_color(probability: FloatArray) -> ByteArray:
+    """From blue, 0, to red, 1. (...) -> (..., 4)."""
+    return _between(BLUE_TO_RED, np.asarray(probability))
 
 
 def direction_color(direction: FloatArray) -> ByteArray:
@@ -95,6 +107,13 @@ def with_alpha(rgba: ByteArray, opacity: npt.ArrayLike) -> ByteArray:
     seen = rgba.copy()
     seen[..., 3] = np.rint(255.0 * np.asarray(opacity))
     return seen
+
+
+def _between(colors: FloatArray, share: FloatArray) -> ByteArray:
+    """The colour at a share of the way through equidistant ones. (k, 3), (...) -> (..., 4)."""
+    place = np.clip(share, 0.0, 1.0) * (len(colors) - 1)
+    rgb = [np.interp(place, np.arange(len(colors)), channel) for channel in colors.T]
+    return _rgba(np.stack(rgb, axis=-1))
 
 
 def _rgba(rgb: npt.NDArray[np.floating] | ByteArray) -> ByteArray:

@@ -6,18 +6,22 @@ Sizes that mean something are in metres, so that they hold at every scale; line 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+from matplotlib.collections import EllipseCollection, LineCollection, PatchCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.patches import Wedge
 
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
-from dirprim_filter.viewer.colors import direction_color, speed_color
+from dirprim_filter.viewer.colors import direction_color, probability_color, speed_color
+from tessellation import Tessellation
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 CONFIDENCE = 0.9
@@ -25,6 +29,10 @@ MAX_GAP_S = 2.0
 """A vehicle unseen for longer is drawn as two lines."""
 ROOT_DIAMETER = 0.09
 """Of the dot at a rose's root, as a share of its cell's width: it tells which way the petals point."""
+ROW_SIZE = 1.2
+"""Square points of a row's dot."""
+STANDING_SPEED = LearningConfig().standing_speed
+"""m/s; below it a direction means nothing."""
 
 INK = "0.15"
 CELL_GREY = "0.87"
@@ -52,6 +60,43 @@ def draw_map(axes: Axes, primitives: PrimitiveMap, *, opacity: float = 1.0) -> S
     )  # fmt: skip
     steps = speed_color(np.linspace(0.0, 1.0, 256), fastest=1.0) / 255.0
     return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
+
+
+def draw_roses(axes: Axes, primitives: PrimitiveMap) -> ScalarMappable:
+    """Cells and rose diagrams; -> the colours of probability, for a colour bar."""
+    roses = shapes.rose_sectors(primitives)
+    outlines = shapes.cell_outlines(primitives.tessellation)
+    axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.4, zorder=1))
+    color = probability_color(roses.probability) / 255.0
+    axes.add_collection(PolyCollection(list(roses.polygon), facecolors=color, linewidths=0, zorder=3))
+    return ScalarMappable(Normalize(0.0, 1.0), ListedColormap(probability_color(np.linspace(0.0, 1.0, 256)) / 255.0))
+
+
+def draw_cells(axes: Axes, tessellation: Tessellation) -> None:
+    """The borders of the cells, to be seen over data."""
+    outlines = shapes.cell_outlines(tessellation)
+    axes.add_collection(LineCollection(outlines, colors="0.3", linewidths=0.45, joinstyle="round", zorder=4))
+
+
+def draw_rows(axes: Axes, tracks: Tracks) -> None:
+    """Where vehicles were seen, coloured by direction; grey where they stood. A bitmap also in a vector file."""
+    color = direction_color(tracks.direction) / 255.0
+    color[tracks.speed < STANDING_SPEED, :3] = float(CELL_GREY)
+    x, y = tracks.position.T
+    axes.scatter(x, y, s=ROW_SIZE, c=color, linewidths=0, zorder=2, rasterized=True)
+
+
+def draw_wheel(axes: Axes, title: str) -> None:
+    """A ring with the colours of direction, and what it is below."""
+    edges = np.linspace(-180.0, 180.0, 73)
+    wedges = [Wedge((0, 0), 1.0, start, end + 0.5, width=0.35) for start, end in pairwise(edges)]
+    colors = direction_color(np.radians(0.5 * (edges[1:] + edges[:-1]))) / 255.0
+    axes.add_collection(PatchCollection(wedges, facecolors=colors, linewidths=0))
+    for letter, x, y in (("N", 0.0, 0.36), ("E", 0.36, 0.0), ("S", 0.0, -0.36), ("W", -0.36, 0.0)):
+        axes.text(x, y, letter, ha="center", va="center", fontsize=6, color=INK)
+    axes.set(xlim=(-1.05, 1.05), ylim=(-1.05, 1.05), aspect="equal")
+    axes.text(0.0, -1.2, title, ha="center", va="top", fontsize=8)
+    axes.axis("off")
 
 
 def _roots(primitives: PrimitiveMap, petals: shapes.Petals) -> tuple[FloatArray, FloatArray]:

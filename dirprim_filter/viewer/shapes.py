@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.distributions import von_mises
+from dirprim_filter.distributions import VonMisesMixture, von_mises
+from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import Tessellation
 from tessellation.arrays import FloatArray, IntArray
@@ -29,6 +30,14 @@ PETAL_VERTICES = 24
 REACH = 1.5
 """How far the longest petal goes, as a share of the way from the cell's centre to its border: along a lane it
 ends before the next cell's petal begins."""
+N_SECTORS = 24
+"""Of a rose diagram: 15 degrees each."""
+SMALLEST_SECTOR = 0.003
+"""Sectors that are less probable are not drawn."""
+SECTOR_VERTICES = 4
+POINTS_IN_SECTOR = 64
+"""Directions at which a density is taken to integrate it over a sector; a mode of the greatest concentration has a
+standard deviation of 0.6 degrees."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
 
@@ -80,6 +89,53 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     )
 
 
+class Roses(NamedTuple):
+    """The sectors of a map's rose diagrams.
+
+    Attributes:
+        polygon: (n, k, 2) metres; the first vertex is the cell's centre.
+        probability: (n,) that a vehicle in the cell goes that way.
+        cell: (n,) the sector's cell.
+    """
+
+    polygon: FloatArray
+    probability: FloatArray
+    cell: IntArray
+
+
+def sector_probabilities(mixture: VonMisesMixture, *, n_sectors: int = N_SECTORS) -> FloatArray:
+    """The probability of each of equal sectors, the first around east. (..., M) -> (..., n_sectors) summing to one."""
+    width = TWO_PI / n_sectors
+    middle = np.arange(n_sectors) * width
+    one_each = VonMisesMixture(
+        weight=mixture.weight[..., None, :],
+        mean_direction=mixture.mean_direction[..., None, :],
+        concentration=mixture.concentration[..., None, :],
+    )
+    share = np.zeros((*mixture.weight.shape[:-1], n_sectors))
+    for offset in (np.arange(POINTS_IN_SECTOR) + 0.5) / POINTS_IN_SECTOR - 0.5:
+        share += np.exp(one_each.log_density(middle + offset * width))
+    return np.asarray(share / share.sum(axis=-1, keepdims=True))
+
+
+def rose_sectors(primitives: PrimitiveMap) -> Roses:
+    """A rose diagram for each cell that holds data: p(direction) at its centre, integrated over sectors.
+
+    The radius is R sqrt(probability), with R the cell's radius times `REACH`: the area is proportional to it.
+    """
+    tessellation = primitives.tessellation
+    held = np.flatnonzero(primitives.n_rows[:-1] > 0)
+    probability = sector_probabilities(primitives.primitive_at(tessellation.centers[held]).direction)
+    row, sector = np.nonzero(probability >= SMALLEST_SECTOR)
+    cell, share = held[row], probability[row, sector]
+    width = TWO_PI / N_SECTORS
+    theta = (sector * width)[:, None] + np.linspace(-0.5, 0.5, SECTOR_VERTICES) * width
+    radius = REACH * 0.5 * np.sqrt(tessellation.area[cell] * share)
+    center = tessellation.centers[cell][:, None, :]
+    rim = center + radius[:, None, None] * _heading(theta)
+    return Roses(polygon=np.concatenate([center, rim], axis=1), probability=share, cell=cell)
+
+
 def fastest_speed(petals: Petals) -> float:
     """The speed that gets the last colour: the fastest 2 % of petals share it; whole m/s, at least 1."""
     if petals.mean_speed.size == 0:
@@ -97,8 +153,8 @@ def fan_triangles(polygon: FloatArray) -> IntArray:
 
 
 def cell_outlines(tessellation: Tessellation) -> list[FloatArray]:
-    """The border of each cell as a closed line: (k + 1, 2) metres, the last point the first."""
-    return [np.concatenate([polygon, polygon[:1]]) for polygon in tessellation.polygons()]
+    """The border of each cell that has one as a closed line: (k + 1, 2) metres, the last point the first."""
+    return [np.concatenate([polygon, polygon[:1]]) for polygon in tessellation.polygons() if len(polygon)]
 
 
 def extent(points: FloatArray) -> FloatArray:
@@ -110,27 +166,36 @@ def extent(points: FloatArray) -> FloatArray:
     return np.stack([center - half, center + half])
 
 
-def map_extent(primitives: PrimitiveMap) -> FloatArray:
+def cell_extent(tessellation: Tessellation) -> FloatArray:
     """The box around all cells: its SW and NE corner. -> (2, 2)."""
-    polygons = primitives.tessellation.polygons()
+    polygons = tessellation.polygons()
     return extent(np.concatenate(polygons) if polygons else np.empty((0, 2)))
 
 
+def map_extent(primitives: PrimitiveMap) -> FloatArray:
+    """The box around all cells of a map: its SW and NE corner. -> (2, 2)."""
+    return cell_extent(primitives.tessellation)
+
+
 def busy_box(primitives: PrimitiveMap, *, share: float) -> FloatArray:
+    """The busy square of a map, by the rows that it was learned from. -> (2, 2)."""
+    return busy_square(primitives.tessellation, primitives.n_rows[:-1], share=share)
+
+
+def busy_square(tessellation: Tessellation, n_rows: IntArray, *, share: float) -> FloatArray:
     """The smallest square around the middle of the traffic that holds a share of it: its SW and NE corner. -> (2, 2).
 
-    The traffic is the rows that each cell was learned from. A map reaches far along its roads, where nothing
-    happens: the busy part is what to look at first.
+    The traffic is the rows in each cell, (n_cells,). A map reaches far along its roads, where nothing happens: the
+    busy part is what to look at first.
     """
-    rows = primitives.n_rows[:-1]
-    if rows.sum() == 0:
-        return map_extent(primitives)
-    centers = primitives.tessellation.centers
-    middle = np.average(centers, axis=0, weights=rows)
+    if n_rows.sum() == 0:
+        return cell_extent(tessellation)
+    centers = tessellation.centers
+    middle = np.average(centers, axis=0, weights=n_rows)
     distance = np.abs(centers - middle).max(axis=1)
     outwards = np.argsort(distance)
-    cell = outwards[np.searchsorted(np.cumsum(rows[outwards]), share * rows.sum())]
-    half = distance[cell] + 0.5 * np.sqrt(primitives.tessellation.area[cell])
+    cell = outwards[np.searchsorted(np.cumsum(n_rows[outwards]), share * n_rows.sum())]
+    half = distance[cell] + 0.5 * np.sqrt(tessellation.area[cell])
     return np.stack([middle - half, middle + half])
 
 

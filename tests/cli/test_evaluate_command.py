@@ -68,3 +68,46 @@ def test_what_cannot_be_held_out_is_one_line(log, capsys):
     assert "at least two to split by group, got 1" in error
     assert evaluate("cues", log, "--split", "random") == USAGE
     assert evaluate("density", log, "--folds", 0) == USAGE
+
+
+QUICK = ("--gap", 0.5, "--seeds", 2, "--particles", 50, "--method", "prior", "--method", "constant velocity")
+
+
+def test_tracking_tells_people_and_machines_the_same_and_can_be_had_again(log, capsys, tmp_path):
+    from dirprim_filter import read_estimates
+
+    out, chart = tmp_path / "out.mcap", tmp_path / "chart.png"
+    options = ("tracking", log, "--no-ids", "--misses", 0.1, "--clutter", 0.5, "--cutoff", 4)
+    assert evaluate(*options, *QUICK, "-o", out, "--chart", chart) == DONE
+    text = capsys.readouterr().out
+    assert "10% missed, 0.5 false per frame, no ids; map learned from others, held out by vehicle" in text
+    assert evaluate(*options, *QUICK, "--json") == DONE
+    first = capsys.readouterr().out
+    table = json.loads(first)
+    for row in table["methods"]:
+        line = next(line for line in text.splitlines() if line.startswith(f"{row['name']}  "))
+        mean = sum(report["gospa"] for report in row["reports"]) / 2
+        assert f"{mean:.3f}" in line.split()
+    assert chart.stat().st_size > 1000
+    assert len(read_estimates(out)) > 0
+    (tmp_path / "run.json").write_text(first)
+    for config in (out, tmp_path / "run.json"):
+        assert evaluate("tracking", log, "--config", config, "--json") == DONE
+        assert capsys.readouterr().out == first
+
+
+def test_an_experiment_file_is_followed_and_a_wrong_one_is_one_line(log, capsys, tmp_path):
+    config = tmp_path / "experiment.toml"
+    config.write_text('n_seeds = 1\ngap_s = 0.0\nmethods = ["constant velocity"]\n[filter]\nmax_gap_s = 2.0\n')
+    assert evaluate("tracking", log, "--config", config, "--noise", 0.3, "--json") == DONE
+    told = json.loads(capsys.readouterr().out)["experiment"]
+    assert (told["n_seeds"], told["noise_m"], told["filter"]["max_gap_s"]) == (1, 0.3, 2.0)
+    for text, message in (
+        ("noise = 1", "noise: expected one of noise_m"),
+        ("noise_m = ", "expected an experiment in TOML"),
+    ):
+        config.write_text(text)
+        assert evaluate("tracking", log, "--config", config) == FAILED
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert message in error

@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
-from dirprim_filter.distributions import Gamma, VonMisesMixture, von_mises
+from dirprim_filter.distributions import Gamma, VonMisesMixture, _blocks, von_mises
+from dirprim_filter.distributions.angles import wrap
 from oracles import von_mises_mixture_density
 
 CIRCLE = np.linspace(-np.pi, np.pi, 4097)[:-1]
@@ -106,3 +109,84 @@ def test_samples_of_a_mixture_follow_it_and_not_another():
     assert stats.kstest(drawn, lambda d: np.interp(d, edges, cumulative)).pvalue > 1e-4
     assert stats.kstest(drawn + 0.05, lambda d: np.interp(d, edges, cumulative)).pvalue < 1e-4
     assert stats.binomtest(int((mode == 0).sum()), 20_000, 0.6).pvalue > 1e-4
+
+
+@settings(max_examples=300)
+@given(
+    st.sampled_from([np.pi, -np.pi, 0.0, np.nextafter(np.pi, 0), np.nextafter(-np.pi, 0), 1e-3]) | st.floats(-3.2, 3.2),
+    st.sampled_from([np.pi, -np.pi, 0.0]) | st.floats(-3.2, 3.2),
+    st.sampled_from([0.0, 1e-300, 1e-9, 1e6]) | st.floats(0.0, 1e6),
+)
+def test_von_mises_is_scipys_at_every_edge(direction, mean, concentration):
+    """Within 1e-10, absolute or relative, whichever is more: at 1e6 the log density opposite the mean is -2e6."""
+    theirs = stats.vonmises.logpdf(direction, max(concentration, 1e-200), loc=mean)
+    ours = von_mises.log_density(np.array(direction), mean, concentration)
+    np.testing.assert_allclose(ours, theirs, atol=1e-10, rtol=1e-10)
+    one = VonMisesMixture(weight=np.ones(1), mean_direction=np.array([mean]), concentration=np.array([concentration]))
+    np.testing.assert_allclose(one.log_density(np.array(direction)), theirs, atol=1e-10, rtol=1e-10)
+
+
+@settings(max_examples=300)
+@given(st.just(0.0) | st.floats(1e-290, 1e3), st.floats(1e-3, 1e6), st.floats(1e-3, 1e6))
+def test_gamma_is_scipys_at_every_edge(value, shape, rate):
+    """Within 1e-10, absolute or relative, and 1e-14 of the terms that cancel; scipy errs below 1e-300."""
+    theirs = stats.gamma.logpdf(value, shape, scale=1 / rate)
+    ours = Gamma(shape=np.array(shape), rate=np.array(rate)).log_density(np.array(value))
+    terms = (
+        shape * abs(np.log(rate)) + shape * abs(np.log(value)) + rate * value + shape * np.log1p(shape) if value else 1
+    )
+    np.testing.assert_allclose(ours, theirs, atol=1e-10 + 1e-14 * terms, rtol=1e-10)
+
+
+def test_what_is_not_a_number_stays_none_and_what_is_impossible_has_no_density():
+    one = VonMisesMixture(weight=np.ones(1), mean_direction=np.zeros(1), concentration=np.ones(1))
+    assert np.isnan(one.log_density(np.array(np.nan)))
+    speeds = Gamma(shape=np.array([0.5, 1.0, 2.0]), rate=np.ones(3))
+    assert speeds.log_density(np.array(0.0)).tolist() == [np.inf, 0.0, -np.inf]
+    assert (speeds.log_density(np.array(-1.0)) == -np.inf).all()
+    assert np.isnan(speeds.log_density(np.array(np.nan))).all()
+    assert one.log_density(np.empty(0)).shape == (0,)
+
+
+@pytest.mark.parametrize("concentration", [0.0, 1e-12, 1e-7, 0.5, 20.0, 3e4, 1e6])
+def test_samples_of_von_mises_follow_it_at_any_concentration(concentration):
+    drawn = von_mises.sample(np.full(50_000, 3.0), np.array(concentration), rng=np.random.default_rng(8))
+    assert (drawn > -np.pi).all()
+    assert (drawn <= np.pi).all()
+    law = stats.uniform(-np.pi, 2 * np.pi) if concentration < 1e-6 else stats.vonmises(concentration)
+    if concentration > 1e4:  # scipy's own cumulative gives way to the normal; the next term of its variance is 1 / 2 k
+        law = stats.norm(scale=(1 + 0.25 / concentration) / np.sqrt(concentration))
+    turn = wrap(drawn - 3.0)
+    assert stats.kstest(turn, law.cdf).pvalue > 1e-4
+    assert stats.kstest(turn + 0.05 * law.std(), law.cdf).pvalue < 1e-4
+
+
+def test_samples_do_not_depend_on_the_number_of_threads(monkeypatch):
+    mixture = VonMisesMixture(weight=np.full(2, 0.5), mean_direction=np.zeros(2), concentration=np.array([0.1, 9.0]))
+    found = []
+    for n_threads in (1, 2, 5):
+        monkeypatch.setattr(_blocks.os, "cpu_count", lambda n=n_threads: n)
+        rng = np.random.default_rng(4)
+        found.append((*mixture.sample(n_samples=300_001, rng=rng), von_mises.sample(np.zeros(300_001), 2.0, rng=rng)))
+    for other in found[1:]:
+        for one, another in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(one, another)
+
+
+def test_the_shape_of_samples_and_what_cannot_be_sampled():
+    mixture = VonMisesMixture(
+        weight=np.ones((2, 1)), mean_direction=np.array([[1.0], [-2.0]]), concentration=np.full((2, 1), 1e6)
+    )
+    rng = np.random.default_rng(0)
+    assert mixture.sample(rng=rng)[0].shape == (2,)
+    drawn, mode = mixture.sample(n_samples=5, rng=rng)
+    assert drawn.shape == mode.shape == (5, 2)
+    np.testing.assert_allclose(drawn, np.tile([1.0, -2.0], (5, 1)), atol=0.01)
+    assert mixture.sample(n_samples=0, rng=rng)[0].shape == (0, 2)
+    assert von_mises.sample(np.empty(0), 1.0, rng=rng).shape == (0,)
+    with pytest.raises(ValueError, match="n_samples"):
+        mixture.sample(n_samples=-1, rng=rng)
+    with pytest.raises(ValueError, match="concentration: expected no negative"):
+        von_mises.sample(np.zeros(2), -1.0, rng=rng)
+    with pytest.raises(ValueError, match="mean: expected finite"):
+        von_mises.sample(np.array([np.nan]), 1.0, rng=rng)

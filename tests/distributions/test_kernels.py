@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from scipy import special, stats
 
-from dirprim_filter.distributions import _kernels, von_mises
+from dirprim_filter.distributions import _kernels, _random, von_mises
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 
@@ -15,21 +15,21 @@ def draws(kind, n, a, b, state):
     out = np.empty(n)
     for i in range(n):
         if kind == 0:
-            out[i] = _kernels.uniform(state)
+            out[i] = _random.uniform(state)
         elif kind == 1:
-            out[i] = _kernels.draw_normal(state)
+            out[i] = _random.draw_normal(state)
         elif kind == 2:
-            out[i] = _kernels.draw_gamma(a, state)
+            out[i] = _random.draw_gamma(a, state)
         elif kind == 3:
-            out[i] = _kernels.draw_poisson(a, state)
+            out[i] = _random.draw_poisson(a, state)
         else:
-            out[i] = _kernels.wrap(_kernels.draw_von_mises(a, b, state))
+            out[i] = _kernels.wrap(_random.draw_von_mises(a, b, state))
     return out
 
 
 def drawn(kind, n, a=0.0, b=0.0, key=11):
     state = np.zeros(4, np.uint64)
-    _kernels.seed_state(np.uint64(key), state)
+    _random.seed_state(np.uint64(key), state)
     return draws(kind, n, float(a), float(b), state)
 
 

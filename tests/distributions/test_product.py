@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from scipy import stats
 from scipy.special import logsumexp
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
@@ -11,6 +10,7 @@ from dirprim_filter.distributions.product import (
     sample_by_importance,
     sample_by_rejection,
 )
+from oracles import kuiper_p_value
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 CIRCLE = np.linspace(-np.pi, np.pi, 8193)[:-1]
@@ -88,11 +88,19 @@ def papers_sampler(prior, belief, *, log_envelope, n=20_000):
 def test_the_papers_rejection_sampler_agrees_with_the_closed_form_and_with_nothing_else():
     product = multiply_mixtures(JUNCTION, TURN_RIGHT).mixture
     accepted = papers_sampler(JUNCTION, TURN_RIGHT, log_envelope=np.log(6.0))
-    assert stats.kstest(accepted.direction, cumulative(product.log_density)).pvalue > FALSE_ALARM
-    assert stats.kstest(accepted.direction, cumulative(JUNCTION.log_density)).pvalue < FALSE_ALARM
-    exact, _ = product[None][np.zeros(20_000, np.int64)].sample(rng=np.random.default_rng(3))
-    assert stats.kstest(exact, cumulative(product.log_density)).pvalue > FALSE_ALARM
+    exact, _ = product.sample(n_samples=20_000, rng=np.random.default_rng(3))
+    for drawn in (accepted.direction, exact):
+        assert kuiper_p_value(cumulative(product.log_density)(drawn)) > FALSE_ALARM
+        assert kuiper_p_value(cumulative(JUNCTION.log_density)(drawn)) < FALSE_ALARM
+        assert kuiper_p_value(cumulative(product.log_density)(drawn + 0.02)) < FALSE_ALARM
     assert 0 < accepted.acceptance < 1
+
+
+def test_kuipers_test_alarms_as_often_as_it_says_and_wherever_the_circle_is_cut():
+    u = np.random.default_rng(0).random((2000, 200))
+    p = np.array([kuiper_p_value(row) for row in u])
+    assert 60 < (p < 0.05).sum() < 145  # binomial of 2000 and 0.05: 4.5 deviations around 100
+    assert kuiper_p_value(u[0] + 0.3) == pytest.approx(kuiper_p_value(u[0]))
 
 
 def test_an_envelope_below_the_target_is_refused():
@@ -116,7 +124,7 @@ def test_importance_weights_make_the_proposal_the_target():
 
 def test_the_kernel_density_estimate_runs_through_its_samples():
     product = multiply_mixtures(JUNCTION, TURN_RIGHT).mixture
-    sample, _ = product[None][np.zeros(3000, np.int64)].sample(rng=np.random.default_rng(5))
+    sample, _ = product.sample(n_samples=3000, rng=np.random.default_rng(5))
     estimate = np.exp(kernel_density(sample, concentration=80.0).log_density(CIRCLE))
     assert estimate.sum() * STEP == pytest.approx(1.0)
     assert np.abs(estimate - np.exp(product.log_density(CIRCLE))).sum() * STEP < 0.2

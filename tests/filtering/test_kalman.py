@@ -3,17 +3,21 @@
 import numpy as np
 import pytest
 
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.filtering import ConstantVelocityTracker
-from dirprim_filter.filtering.kalman import FIRST_SPEED_STD, acceleration_density
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
+from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.tracks import Tracks
 from oracles import kalman_positions
 from situations import ring_traffic
 
 
 def run(frames, **knobs):
-    tracker = ConstantVelocityTracker(**{"noise_m": 0.7, "acceleration_density": 2.0} | knobs)
+    config = FilterConfig(noise_m=0.7, outlier_probability=1e-13, **knobs)
+    kalman = ConstantVelocityKalman(acceleration_density=2.0, config=config)
+    tracker = Tracker(kalman, config=config, rng=np.random.default_rng(0))
     found = []
     for frame in frames:
         tracker.predict(frame)

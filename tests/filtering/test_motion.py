@@ -8,6 +8,7 @@ from scipy.special import i0e
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions import _kernels as density
+from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering.motion import motion_table, reaching, speeds_of_all_places
@@ -40,7 +41,7 @@ def turned(n, n_steps, direction, mean, concentration, kept, state):  # noqa: PL
 
 def seeded(key):
     state = np.zeros(4, np.uint64)
-    density.seed_state(np.uint64(key), state)
+    random.seed_state(np.uint64(key), state)
     return state
 
 

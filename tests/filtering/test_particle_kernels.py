@@ -172,20 +172,18 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     np.testing.assert_array_equal(belief.cloud.cell[0], ring_map.tessellation.cell_of(belief.cloud.position[0]))
 
 
-def test_slots_are_given_taken_back_and_kept_when_the_block_grows():
+def test_slots_keep_what_they_hold_when_there_is_room_for_more():
     belief = ParticleBelief(n_particles=3)
-    slot = {f"{i}": belief.slot_of(f"{i}") for i in range(FIRST_CAPACITY)}
-    assert sorted(slot.values()) == list(range(FIRST_CAPACITY))
-    for name, s in slot.items():
-        belief.time_ns[s] = int(name)
-        belief.cloud.speed[s] = int(name)
-    belief.slot_of("one too many")
-    assert belief.time_ns.size == 2 * FIRST_CAPACITY
-    assert all((belief.cloud.speed[belief.slot_of(name)] == int(name)).all() for name in slot)
-    assert set(belief.forget(before_ns=5)) == {"0", "1", "2", "3", "4", "one too many"}
-    assert len(belief) == FIRST_CAPACITY - 5
-    assert "3" not in belief
-    assert "5" in belief
+    belief.cloud.position[:] = np.arange(FIRST_CAPACITY)[:, None, None]
+    before = copied(belief.cloud)
+    belief.reserve(FIRST_CAPACITY + 5)
+    assert belief.n_slots == FIRST_CAPACITY + 5
+    for column, old in zip(belief.cloud, before, strict=True):
+        np.testing.assert_array_equal(column[:FIRST_CAPACITY], old)
+    belief.reserve(2)
+    assert belief.n_slots == FIRST_CAPACITY + 5
+    belief.copy(np.array([3]), np.array([20]))
+    assert (belief.cloud.position[20] == 3.0).all()
 
 
 def test_a_birth_key_differs_by_seed_by_vehicle_and_by_time():

@@ -62,7 +62,7 @@ def test_a_lane_that_leads_on_two_ways_leaves_out_the_third():
 
 def test_a_detectors_heading_spreads_as_it_says():
     belief = Cue.detector(std=0.1).belief(1.0)
-    sampled, _ = belief[None][np.zeros(20_000, np.int64)].sample(rng=np.random.default_rng(1))
+    sampled, _ = belief.sample(n_samples=20_000, rng=np.random.default_rng(1))
     assert sampled.mean() == pytest.approx(1.0, abs=5 * 0.1 / np.sqrt(20_000))
     assert sampled.std() == pytest.approx(0.1, rel=0.03)
 

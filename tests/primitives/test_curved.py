@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.special import gammaln, i0e
 
 from dirprim_filter import learn_primitives
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.von_mises import mean_resultant_length
-from dirprim_filter.primitives import _kernels
-from dirprim_filter.primitives.rows import columns_of
+from dirprim_filter.primitives._modes import Modes
+from dirprim_filter.primitives.fitting import bounds_of, fit_all
+from dirprim_filter.primitives.rows import CellRows
 from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.tracks import Tracks
 from situations import one_cell_map, ring_traffic
@@ -33,22 +34,13 @@ def simulated(truth, rng, *, n, low=-SIDE / 2):
     turned, gained = (truth[mode, 5:7] * offset).sum(axis=1), (truth[mode, 7:] * offset).sum(axis=1)
     direction = wrap(mean + turned + rng.vonmises(0.0, concentration))
     speed = mean_speed * np.exp(gained) * rng.standard_gamma(shape) / shape
-    order = np.argsort(direction)
-    return columns_of(direction[order], speed[order], offset[order])
-
-
-def bounds(*, max_modes=3, prior_strength=0.02, curved=True):
-    return _kernels.Bounds(max_modes, prior_strength, 0.2, 1e4, 1e4, 0.2, 0.05, 0.1, 0.05, curved)
-
-
-def no_modes(k):
-    return _kernels.Modes(*(np.zeros(k) for _ in _kernels.Modes._fields))
+    return replace(CellRows.one(direction, speed, n_vehicles=n), position=offset)
 
 
 def fitted(rows, **knobs):
     """What BIC prefers, as rows of BENT, heaviest first."""
-    out = no_modes(3)
-    _kernels.fit_at_once(rows, float(rows.speed.size), bounds(**knobs), out)
+    given = {"max_modes": 3, "prior_strength": 0.02, "speed_spread": 0.2, "curved": True} | knobs
+    out = Modes(*(column[0] for column in fit_all(rows, bounds_of(LearningConfig(), **given), at_once=True)))
     used = out.weight > 0
     weight, mean, concentration, shape, rate, *slopes = (column[used] for column in out)
     found = np.column_stack([weight, mean, concentration, shape, shape / rate, *slopes])
@@ -99,41 +91,6 @@ def test_where_nothing_bends_flat_modes_are_preferred(n):
 def test_where_curved_modes_are_not_asked_for_none_is_found():
     found = fitted(simulated(BENT, np.random.default_rng(0), n=1000), curved=False)
     assert (found[:, 5:] == 0.0).all()
-
-
-def penalty(modes, bound, *, curved):
-    """Log prior of the modes: pseudo-vehicles of uniform direction and usual spread of speed; normal slopes."""
-    k, a = modes.concentration, modes.shape
-    uniform = -(np.log(i0e(k)) + k)
-    usual = a * np.log(a) - gammaln(a) - a * (1 + bound.speed_spread)
-    log_prior = bound.prior_strength * (uniform + usual)
-    if curved:
-        log_prior -= (modes.bend_east**2 + modes.bend_north**2) / (2 * bound.bend_scale**2)
-        log_prior -= (modes.gain_east**2 + modes.gain_north**2) / (2 * bound.gain_scale**2)
-    return log_prior[modes.weight > 0].sum()
-
-
-@pytest.mark.parametrize("prior_strength", [0.0, 0.02, 2.0])
-@pytest.mark.parametrize(("k", "low"), [(1, -5.0), (2, -5.0), (3, -5.0), (6, -5.0), (2, 1.0)])
-def test_the_penalised_likelihood_never_falls_flat_or_curved(k, low, prior_strength):
-    n = 400
-    rows = simulated(BENT, np.random.default_rng(k), n=n, low=low)
-    bound = bounds(prior_strength=prior_strength)
-    modes = no_modes(k)
-    _kernels.start_evenly(rows, modes, bound)
-    for curved in (False, True):
-        trace, n_modes = [], []
-        for _ in range(80):
-            sums = np.zeros((k, _kernels.N_CURVED_SUMS if curved else _kernels.N_SUMS))
-            log_likelihood = _kernels.expectation(rows, True, curved, modes, sums)
-            trace.append(log_likelihood + penalty(modes, bound, curved=curved))
-            n_modes.append((modes.weight > 0).sum())
-            _kernels.maximisation(sums, float(n), float(n), bound, modes)
-            if curved:
-                _kernels.bend(sums, float(n), float(n), bound, modes)
-        steps = np.diff(trace)[np.diff(n_modes) == 0]  # a mode that nobody drives takes its prior with it
-        assert steps.min() >= -1e-9 * n
-        assert trace[-1] > trace[0] + 3  # it had something to climb
 
 
 def bent_map(bend=(0.05, -0.08), gain=(0.03, 0.02)):

@@ -8,8 +8,7 @@ from dirprim_filter import learn_primitives
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.von_mises import mean_resultant_length
-from dirprim_filter.primitives import _kernels
-from dirprim_filter.primitives.rows import TrackRows, columns_of
+from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic, rows_of
 from tessellation import GridTessellation
@@ -92,25 +91,6 @@ def test_the_papers_recipe_finds_the_same_modes(two_cells, cell, position):
     assert found.shape == TRUTH[cell].shape
     np.testing.assert_allclose(difference(found[:, 1], TRUTH[cell][:, 1]), 0, atol=0.05)
     np.testing.assert_allclose(found[:, [0, 2, 4]], TRUTH[cell][:, [0, 2, 4]], rtol=0.2)
-
-
-@pytest.mark.parametrize("with_speed", [True, False])
-@pytest.mark.parametrize("k", [1, 2, 3, 6])
-def test_the_log_likelihood_of_em_never_falls(k, with_speed):
-    direction, speed = simulated(TRUTH["east"], np.random.default_rng(k), n=400)
-    order = np.argsort(direction)
-    rows = columns_of(direction[order], speed[order], np.zeros((400, 2)))
-    bounds = _kernels.Bounds(k, 0.0, 0.2, 1e4, 1e4, 0.2, 0.05, 0.1, 0.05, False)  # no priors
-    modes = _kernels.Modes(*(np.ones(k) for _ in _kernels.Modes._fields))
-    _kernels.start_evenly(rows, modes, bounds)
-    trace = []
-    for _ in range(60):
-        sums = np.zeros((k, _kernels.N_SUMS))
-        trace.append(_kernels.expectation(rows, with_speed, False, modes, sums))
-        _kernels.maximisation(sums, 400.0, 400.0, bounds, modes)
-    assert (modes.weight > 0).all()
-    assert np.diff(trace).min() >= -1e-8
-    assert trace[-1] > trace[0] + 10  # it had something to climb
 
 
 def parameters(learned):

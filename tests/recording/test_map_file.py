@@ -15,19 +15,21 @@ from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.scene import frame_transform
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, encode_tiles
-from tessellation import GridTessellation
+from tessellation import GridTessellation, VoronoiTessellation
 
 
-def some_map(n_cells, *, n_modes=3, seed=0):
+def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
     rng = np.random.default_rng([seed, n_cells])
     rows = (n_cells + 1, n_modes)
     n_x = 200
     weight = rng.dirichlet(np.ones(n_modes), size=n_cells + 1)
     square = np.sort(rng.choice(2 * n_cells + 1, size=n_cells, replace=False))
+    grid = GridTessellation(
+        origin=rng.normal(size=2), cell_size=1 / 3, n_x=n_x, n_y=(2 * n_cells) // n_x + 1, square=square
+    )
+    generators = 5e6 / 7 + rng.normal(size=(n_cells, 2))
     return PrimitiveMap(
-        tessellation=GridTessellation(
-            origin=rng.normal(size=2), cell_size=1 / 3, n_x=n_x, n_y=(2 * n_cells) // n_x + 1, square=square
-        ),
+        tessellation=VoronoiTessellation(generators=generators, region=grid) if voronoi else grid,
         direction=VonMisesMixture(
             weight=weight,
             mean_direction=rng.uniform(-np.pi, np.pi, rows),
@@ -41,8 +43,13 @@ def some_map(n_cells, *, n_modes=3, seed=0):
 
 
 def assert_equal(a, b):
+    assert type(a.tessellation) is type(b.tessellation)
+    grids = [a.tessellation, b.tessellation]
+    if isinstance(a.tessellation, VoronoiTessellation):
+        np.testing.assert_array_equal(a.tessellation.generators, b.tessellation.generators)
+        grids = [a.tessellation.region, b.tessellation.region]
     for name in ("origin", "cell_size", "n_x", "n_y", "square"):
-        np.testing.assert_array_equal(getattr(a.tessellation, name), getattr(b.tessellation, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(grids[0], name), getattr(grids[1], name), err_msg=name)
     for name in ("weight", "mean_direction", "concentration"):
         np.testing.assert_array_equal(getattr(a.direction, name), getattr(b.direction, name), err_msg=name)
     for name in ("shape", "rate"):
@@ -52,9 +59,10 @@ def assert_equal(a, b):
     assert a.relaxation == b.relaxation
 
 
+@pytest.mark.parametrize("voronoi", [False, True])
 @pytest.mark.parametrize("n_cells", [0, 1, TILE_CELLS, TILE_CELLS + 1, 3 * TILE_CELLS - 5])
-def test_a_map_loads_equal(tmp_path, n_cells):
-    sent = some_map(n_cells)
+def test_a_map_loads_equal(tmp_path, n_cells, voronoi):
+    sent = some_map(n_cells, voronoi=voronoi)
     save_map(sent, tmp_path / "map.mcap", metadata={"seed": "0"})
     assert_equal(load_map(tmp_path / "map.mcap"), sent)
     tiles = list(scan(tmp_path / "map.mcap"))
@@ -98,8 +106,9 @@ def write_tiles(path, tiles):
             log.write(MAP_TOPIC, tile, 0)
 
 
-def test_tiles_may_come_in_any_order(tmp_path):
-    sent = some_map(2 * TILE_CELLS + 9)
+@pytest.mark.parametrize("voronoi", [False, True])
+def test_tiles_may_come_in_any_order(tmp_path, voronoi):
+    sent = some_map(2 * TILE_CELLS + 9, voronoi=voronoi)
     write_tiles(tmp_path / "map.mcap", reversed(list(encode_tiles(sent))))
     assert_equal(load_map(tmp_path / "map.mcap"), sent)
 
@@ -134,6 +143,52 @@ def of_unknown_cells(tile):
 
 def of_no_place_free_row(tile):
     tile.ClearField("place_free")
+
+
+def without_a_coordinate(tile):
+    tile.voronoi.y.pop()
+
+
+def with_a_generator_twice(tile):
+    tile.voronoi.x[3], tile.voronoi.y[3] = tile.voronoi.x[7], tile.voronoi.y[7]
+
+
+def of_an_endless_region(tile):
+    tile.voronoi.region.n_x = tile.voronoi.region.n_y = 2**40
+
+
+def of_no_region(tile):
+    tile.voronoi.ClearField("region")
+
+
+def of_a_generator_nowhere(tile):
+    tile.voronoi.x[0] = np.inf
+
+
+@pytest.mark.parametrize(
+    ("harm", "told"),
+    [
+        (without_a_coordinate, "y: expected 10 numbers, got 9"),
+        (with_a_generator_twice, "generators: expected each once"),
+        (of_an_endless_region, "squares, more than"),
+        (of_no_region, "cell_size: expected a positive"),
+        (of_a_generator_nowhere, "generators: expected finite"),
+    ],
+)
+def test_harmed_generators_are_told_in_one_line(tmp_path, harm, told):
+    (tile,) = encode_tiles(some_map(10, voronoi=True))
+    harm(tile)
+    write_tiles(tmp_path / "map.mcap", [tile])
+    with pytest.raises(RecordingError, match=told) as caught:
+        load_map(tmp_path / "map.mcap")
+    assert "\n" not in str(caught.value)
+
+
+def test_tiles_of_two_kinds_make_no_map(tmp_path):
+    grids, generators = (list(encode_tiles(some_map(TILE_CELLS + 9, voronoi=kind))) for kind in (False, True))
+    write_tiles(tmp_path / "map.mcap", [grids[0], generators[1]])
+    with pytest.raises(RecordingError, match="tiles of several"):
+        load_map(tmp_path / "map.mcap")
 
 
 @pytest.mark.parametrize(

@@ -101,17 +101,40 @@ def test_the_demo_draws_the_way_of_the_last_seconds_alone(
 @pytest.mark.parametrize("name", ["map.png", "map.svg", "map.pdf"])
 def test_a_figure_is_whole_and_is_not_overwritten(tmp_path: Path, scene_map: PrimitiveMap, name: str) -> None:
     figure = map_figure(scene_map)
-    save_figure(figure, tmp_path / "figures" / name)
+    path = tmp_path / "figures" / name
+    save_figure(figure, path)
+    first = path.read_bytes()
+    assert first.startswith({"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[name[-3:]])
     with pytest.raises(FileExistsError, match="overwrite it with --force"):
-        save_figure(figure, tmp_path / "figures" / name)
-    save_figure(figure, tmp_path / "figures" / name, force=True)
-    assert [p.name for p in (tmp_path / "figures").iterdir()] == [name]
+        save_figure(figure, path)
+    save_figure(map_figure(scene_map), path, force=True)
+    assert path.read_bytes() == first  # no date, no random name
+    assert [p.name for p in path.parent.iterdir()] == [name]
 
 
-def test_an_unknown_format_is_refused_and_leaves_nothing(tmp_path: Path, scene_map: PrimitiveMap) -> None:
-    with pytest.raises(ValueError, match="not supported"):
-        save_figure(map_figure(scene_map), tmp_path / "map.xyz")
+@pytest.mark.parametrize("name", ["map.xyz", "map", "map.jpg"])
+def test_an_unknown_format_is_refused_and_leaves_nothing(tmp_path: Path, scene_map: PrimitiveMap, name: str) -> None:
+    with pytest.raises(ValueError, match=r"expected a name that ends in \.png, \.pdf, \.svg"):
+        save_figure(map_figure(scene_map), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_figure_that_cannot_be_drawn_leaves_what_was_there(
+    tmp_path: Path, scene_map: PrimitiveMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figure = map_figure(scene_map)
+    save_figure(figure, tmp_path / "map.png")
+    before = (tmp_path / "map.png").read_bytes()
+
+    def half(part: Path, **_: object) -> None:
+        part.write_bytes(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(figure, "savefig", half)
+    with pytest.raises(OSError, match="disk full"):
+        save_figure(figure, tmp_path / "map.png", force=True)
+    assert (tmp_path / "map.png").read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["map.png"]
 
 
 def test_pyplot_is_never_imported() -> None:

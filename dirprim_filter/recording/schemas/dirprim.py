@@ -29,6 +29,8 @@ NANOSECONDS = 1_000_000_000
 _ESTIMATE_COLUMNS = (
     "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence",
 )  # fmt: skip
+_LATER_COLUMNS = ("existence", "unseen_s")
+"""Logs of before they were written have none of them."""
 
 
 def set_time(stamp: Any, time_ns: int) -> None:
@@ -87,8 +89,14 @@ def _column(message: Message, name: str, n: int) -> Any:
     return column
 
 
+def _covariance_of(message: Message, n: int) -> FloatArray:
+    """(n, 2, 2) out of three columns."""
+    xx, xy, yy = (floats_of(message, f"covariance_{axes}", n) for axes in ("xx", "xy", "yy"))
+    return np.stack([xx, xy, xy, yy], axis=-1).reshape(n, 2, 2)
+
+
 def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: int) -> dirprim_pb2.Observations:
-    """The rows of one instant as a message; detections tell no direction, speed or group."""
+    """The rows of one instant as a message; detections tell no group, and of their motion what was measured."""
     position = observed.position[rows]
     message = dirprim_pb2.Observations(
         frame_id=MAP_FRAME,
@@ -97,10 +105,16 @@ def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: 
         y=position[:, 1].tolist(),
     )
     set_time(message.timestamp, time_ns)
+    direction, speed = observed.direction[rows], observed.speed[rows]
+    if not (np.isnan(direction).all() and np.isnan(speed).all()):
+        message.direction.extend(direction.tolist())
+        message.speed.extend(speed.tolist())
     if isinstance(observed, Tracks):
-        message.direction.extend(observed.direction[rows].tolist())
-        message.speed.extend(observed.speed[rows].tolist())
         message.group.extend(observed.group[rows].tolist())
+    elif not np.isnan(observed.covariance[rows]).all():
+        message.covariance_xx.extend(observed.covariance[rows, 0, 0].tolist())
+        message.covariance_xy.extend(observed.covariance[rows, 0, 1].tolist())
+        message.covariance_yy.extend(observed.covariance[rows, 1, 1].tolist())
     return message
 
 
@@ -121,6 +135,7 @@ def decode_observations(data: bytes) -> ObservedFrame:
         direction=floats_of(message, "direction", n) if message.direction else unknown,
         speed=floats_of(message, "speed", n) if message.speed else unknown.copy(),
         group=ints_of(message, "group", n) if message.group else np.zeros(n, np.int64),
+        covariance=_covariance_of(message, n) if message.covariance_xx else np.full((n, 2, 2), np.nan),
     )
 
 
@@ -140,7 +155,7 @@ def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEst
         covariance_xx=estimates.covariance[:, 0, 0].tolist(),
         covariance_xy=estimates.covariance[:, 0, 1].tolist(),
         covariance_yy=estimates.covariance[:, 1, 1].tolist(),
-        **{name: getattr(estimates, name).tolist() for name in _ESTIMATE_COLUMNS},
+        **{name: getattr(estimates, name).tolist() for name in (*_ESTIMATE_COLUMNS, *_LATER_COLUMNS)},
     )
     set_time(message.timestamp, time_ns)
     return message
@@ -155,14 +170,15 @@ def decode_estimates(data: bytes) -> Estimates:
     message = dirprim_pb2.TrackEstimates()
     parse(message, data)
     n = len(message.track_id)
-    xx, xy, yy = (floats_of(message, f"covariance_{axes}", n) for axes in ("xx", "xy", "yy"))
+    maybe = {name: floats_of(message, name, n) for name in _LATER_COLUMNS if getattr(message, name)}
     try:
         return Estimates(
             track_id=np.array(message.track_id, dtype=np.str_),
             time_ns=np.full(n, time_of(message.timestamp), np.int64),
             position=np.column_stack([floats_of(message, "x", n), floats_of(message, "y", n)]),
-            covariance=np.stack([xx, xy, xy, yy], axis=-1).reshape(n, 2, 2),
+            covariance=_covariance_of(message, n),
             **{name: floats_of(message, name, n) for name in _ESTIMATE_COLUMNS},
+            **maybe,
         )
     except ValueError as error:
         raise DecodeError(f"dirprim.TrackEstimates: {error}") from error

@@ -7,7 +7,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class Observations(_message.Message):
-    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "direction", "speed", "group")
+    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "direction", "speed", "group", "covariance_xx", "covariance_xy", "covariance_yy")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     FRAME_ID_FIELD_NUMBER: _ClassVar[int]
     TRACK_ID_FIELD_NUMBER: _ClassVar[int]
@@ -16,6 +16,9 @@ class Observations(_message.Message):
     DIRECTION_FIELD_NUMBER: _ClassVar[int]
     SPEED_FIELD_NUMBER: _ClassVar[int]
     GROUP_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_XX_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_XY_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_YY_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     frame_id: str
     track_id: _containers.RepeatedScalarFieldContainer[str]
@@ -24,10 +27,13 @@ class Observations(_message.Message):
     direction: _containers.RepeatedScalarFieldContainer[float]
     speed: _containers.RepeatedScalarFieldContainer[float]
     group: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., group: _Optional[_Iterable[int]] = ...) -> None: ...
+    covariance_xx: _containers.RepeatedScalarFieldContainer[float]
+    covariance_xy: _containers.RepeatedScalarFieldContainer[float]
+    covariance_yy: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., group: _Optional[_Iterable[int]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class TrackEstimates(_message.Message):
-    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "covariance_xx", "covariance_xy", "covariance_yy", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence")
+    __slots__ = ("timestamp", "frame_id", "track_id", "x", "y", "covariance_xx", "covariance_xy", "covariance_yy", "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence", "existence", "unseen_s")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     FRAME_ID_FIELD_NUMBER: _ClassVar[int]
     TRACK_ID_FIELD_NUMBER: _ClassVar[int]
@@ -42,6 +48,8 @@ class TrackEstimates(_message.Message):
     SPEED_STD_FIELD_NUMBER: _ClassVar[int]
     EFFECTIVE_SAMPLE_SIZE_FIELD_NUMBER: _ClassVar[int]
     LOG_EVIDENCE_FIELD_NUMBER: _ClassVar[int]
+    EXISTENCE_FIELD_NUMBER: _ClassVar[int]
+    UNSEEN_S_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     frame_id: str
     track_id: _containers.RepeatedScalarFieldContainer[str]
@@ -56,7 +64,9 @@ class TrackEstimates(_message.Message):
     speed_std: _containers.RepeatedScalarFieldContainer[float]
     effective_sample_size: _containers.RepeatedScalarFieldContainer[float]
     log_evidence: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., direction_resultant: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., speed_std: _Optional[_Iterable[float]] = ..., effective_sample_size: _Optional[_Iterable[float]] = ..., log_evidence: _Optional[_Iterable[float]] = ...) -> None: ...
+    existence: _containers.RepeatedScalarFieldContainer[float]
+    unseen_s: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame_id: _Optional[str] = ..., track_id: _Optional[_Iterable[str]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., covariance_xx: _Optional[_Iterable[float]] = ..., covariance_xy: _Optional[_Iterable[float]] = ..., covariance_yy: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., direction_resultant: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., speed_std: _Optional[_Iterable[float]] = ..., effective_sample_size: _Optional[_Iterable[float]] = ..., log_evidence: _Optional[_Iterable[float]] = ..., existence: _Optional[_Iterable[float]] = ..., unseen_s: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Grid(_message.Message):
     __slots__ = ("origin_x", "origin_y", "cell_size", "n_x", "n_y", "square")
@@ -73,6 +83,16 @@ class Grid(_message.Message):
     n_y: int
     square: _containers.RepeatedScalarFieldContainer[int]
     def __init__(self, origin_x: _Optional[float] = ..., origin_y: _Optional[float] = ..., cell_size: _Optional[float] = ..., n_x: _Optional[int] = ..., n_y: _Optional[int] = ..., square: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class Voronoi(_message.Message):
+    __slots__ = ("x", "y", "region")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    REGION_FIELD_NUMBER: _ClassVar[int]
+    x: _containers.RepeatedScalarFieldContainer[float]
+    y: _containers.RepeatedScalarFieldContainer[float]
+    region: Grid
+    def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., region: _Optional[_Union[Grid, _Mapping]] = ...) -> None: ...
 
 class Primitives(_message.Message):
     __slots__ = ("weight", "mean_direction", "concentration", "shape", "rate", "bend_east", "bend_north", "gain_east", "gain_north", "n_rows")
@@ -115,12 +135,13 @@ class Relaxation(_message.Message):
     def __init__(self, direction_rate: _Optional[float] = ..., speed_rate: _Optional[float] = ..., mode_rate: _Optional[float] = ..., place_free_turning: _Optional[float] = ..., place_free_speed_rate: _Optional[float] = ..., drift: _Optional[float] = ...) -> None: ...
 
 class PrimitiveMap(_message.Message):
-    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "cells", "place_free", "relaxation")
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cells", "place_free", "relaxation")
     TILE_FIELD_NUMBER: _ClassVar[int]
     N_TILES_FIELD_NUMBER: _ClassVar[int]
     N_MODES_FIELD_NUMBER: _ClassVar[int]
     N_PLACE_FREE_MODES_FIELD_NUMBER: _ClassVar[int]
     GRID_FIELD_NUMBER: _ClassVar[int]
+    VORONOI_FIELD_NUMBER: _ClassVar[int]
     CELLS_FIELD_NUMBER: _ClassVar[int]
     PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
     RELAXATION_FIELD_NUMBER: _ClassVar[int]
@@ -129,7 +150,8 @@ class PrimitiveMap(_message.Message):
     n_modes: int
     n_place_free_modes: int
     grid: Grid
+    voronoi: Voronoi
     cells: Primitives
     place_free: Primitives
     relaxation: Relaxation
-    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., relaxation: _Optional[_Union[Relaxation, _Mapping]] = ...) -> None: ...
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., relaxation: _Optional[_Union[Relaxation, _Mapping]] = ...) -> None: ...

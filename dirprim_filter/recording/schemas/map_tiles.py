@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -15,7 +16,7 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of, parse
-from tessellation import GridTessellation
+from tessellation import GridTessellation, VoronoiTessellation
 from tessellation.arrays import FloatArray, IntArray
 
 TILE_CELLS = 4096
@@ -33,9 +34,12 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
     Raises:
         TypeError: cells of a kind that the messages do not know.
     """
-    grid = primitive_map.tessellation
-    if not isinstance(grid, GridTessellation):
-        raise TypeError(f"tessellation: expected a GridTessellation, got {type(grid).__name__}")
+    tessellation = primitive_map.tessellation
+    if not isinstance(tessellation, GridTessellation | VoronoiTessellation):
+        raise TypeError(
+            f"tessellation: expected a GridTessellation or VoronoiTessellation, got {type(tessellation).__name__}"
+        )
+    n_cells = tessellation.n_cells
     columns = {
         "weight": primitive_map.direction.weight,
         "mean_direction": primitive_map.direction.mean_direction,
@@ -47,24 +51,17 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
         "gain_east": primitive_map.gain[..., 0],
         "gain_north": primitive_map.gain[..., 1],
     }
-    n_tiles = max(1, -(-grid.n_cells // TILE_CELLS))
+    n_tiles = max(1, -(-n_cells // TILE_CELLS))
     relaxation = {name: getattr(primitive_map.relaxation, name) for name in RELAXATION_FIELDS}
-    place_free = _encode_rows(columns, primitive_map.n_rows, slice(grid.n_cells, None))
+    place_free = _encode_rows(columns, primitive_map.n_rows, slice(n_cells, None))
     for tile in range(n_tiles):
-        cells = slice(tile * TILE_CELLS, min((tile + 1) * TILE_CELLS, grid.n_cells))
+        cells = slice(tile * TILE_CELLS, min((tile + 1) * TILE_CELLS, n_cells))
         yield dirprim_pb2.PrimitiveMap(
             tile=tile,
             n_tiles=n_tiles,
             n_modes=primitive_map.direction.weight.shape[1],
             n_place_free_modes=primitive_map.n_place_free_modes,
-            grid=dirprim_pb2.Grid(
-                origin_x=grid.origin[0],
-                origin_y=grid.origin[1],
-                cell_size=grid.cell_size,
-                n_x=grid.n_x,
-                n_y=grid.n_y,
-                square=grid.square[cells].tolist(),
-            ),
+            **_encode_cells(tessellation, cells, tile, n_tiles),
             cells=_encode_rows(columns, primitive_map.n_rows, cells),
             place_free=place_free,
             relaxation=dirprim_pb2.Relaxation(**relaxation),
@@ -82,8 +79,10 @@ def decode_tiles(messages: Iterable[bytes]) -> PrimitiveMap:
     for data in messages:
         message = dirprim_pb2.PrimitiveMap()
         parse(message, data)
-        if message.WhichOneof("tessellation") != "grid":
-            raise DecodeError(f"tile {message.tile}: expected the cells of a grid, got none that this version knows")
+        if message.WhichOneof("tessellation") is None:
+            raise DecodeError(
+                f"tile {message.tile}: expected the cells of a grid or of generators, got none that this version knows"
+            )
         if message.tile in tiles:
             raise DecodeError(f"tile {message.tile}: expected once, got twice")
         tiles[message.tile] = message
@@ -102,6 +101,29 @@ def decode_tiles(messages: Iterable[bytes]) -> PrimitiveMap:
         raise DecodeError(str(error)) from error
 
 
+def _encode_cells(
+    tessellation: GridTessellation | VoronoiTessellation, cells: slice, tile: int, n_tiles: int
+) -> dict[str, Any]:
+    """A tile's cells. A region has no cell to go with, so each tile takes as many of its squares."""
+    if isinstance(tessellation, GridTessellation):
+        return {"grid": _encode_grid(tessellation, cells)}
+    x, y = tessellation.generators[cells].T
+    first, last = (tessellation.region.n_cells * t // n_tiles for t in (tile, tile + 1))
+    region = _encode_grid(tessellation.region, slice(first, last))
+    return {"voronoi": dirprim_pb2.Voronoi(x=x.tolist(), y=y.tolist(), region=region)}
+
+
+def _encode_grid(grid: GridTessellation, squares: slice) -> dirprim_pb2.Grid:
+    return dirprim_pb2.Grid(
+        origin_x=grid.origin[0],
+        origin_y=grid.origin[1],
+        cell_size=grid.cell_size,
+        n_x=grid.n_x,
+        n_y=grid.n_y,
+        square=grid.square[squares].tolist(),
+    )
+
+
 def _encode_rows(columns: dict[str, FloatArray], n_rows: IntArray, rows: slice) -> dirprim_pb2.Primitives:
     packed = {name: column[rows].ravel().tolist() for name, column in columns.items()}
     return dirprim_pb2.Primitives(**packed, n_rows=n_rows[rows].tolist())
@@ -113,13 +135,19 @@ def _shared_part(tile: dirprim_pb2.PrimitiveMap) -> bytes:
     shared.CopyFrom(tile)
     shared.ClearField("tile")
     shared.ClearField("cells")
-    shared.grid.ClearField("square")
+    if shared.HasField("grid"):
+        shared.grid.ClearField("square")
+    else:
+        shared.voronoi.ClearField("x")
+        shared.voronoi.ClearField("y")
+        shared.voronoi.region.ClearField("square")
     return shared.SerializeToString(deterministic=True)
 
 
 def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
     first = tiles[0]
-    n_cells = [len(tile.grid.square) for tile in tiles]
+    of_grid = first.HasField("grid")
+    n_cells = [len(tile.grid.square if of_grid else tile.voronoi.x) for tile in tiles]
     rows = [*((tile.cells, n) for tile, n in zip(tiles, n_cells, strict=True)), (first.place_free, 1)]
     column = {
         name: np.concatenate([floats_of(part, name, n * first.n_modes) for part, n in rows]).reshape(
@@ -127,15 +155,8 @@ def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
         )
         for name in MODE_COLUMNS
     }
-    grid = first.grid
     return PrimitiveMap(
-        tessellation=GridTessellation(
-            origin=np.array([grid.origin_x, grid.origin_y]),
-            cell_size=grid.cell_size,
-            n_x=grid.n_x,
-            n_y=grid.n_y,
-            square=np.concatenate([ints_of(tile.grid, "square", n) for tile, n in zip(tiles, n_cells, strict=True)]),
-        ),
+        tessellation=_grid_of([tile.grid for tile in tiles]) if of_grid else _voronoi_of(tiles, n_cells),
         direction=VonMisesMixture(
             weight=column["weight"],
             mean_direction=column["mean_direction"],
@@ -147,4 +168,25 @@ def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
         relaxation=Relaxation(**{name: getattr(first.relaxation, name) for name in RELAXATION_FIELDS}),
         bend=np.stack([column["bend_east"], column["bend_north"]], axis=-1),
         gain=np.stack([column["gain_east"], column["gain_north"]], axis=-1),
+    )
+
+
+def _grid_of(parts: list[dirprim_pb2.Grid]) -> GridTessellation:
+    grid = parts[0]
+    return GridTessellation(
+        origin=np.array([grid.origin_x, grid.origin_y]),
+        cell_size=grid.cell_size,
+        n_x=grid.n_x,
+        n_y=grid.n_y,
+        square=np.concatenate([ints_of(part, "square", len(part.square)) for part in parts]),
+    )
+
+
+def _voronoi_of(tiles: list[dirprim_pb2.PrimitiveMap], n_cells: list[int]) -> VoronoiTessellation:
+    x, y = (
+        np.concatenate([floats_of(tile.voronoi, axis, n) for tile, n in zip(tiles, n_cells, strict=True)])
+        for axis in ("x", "y")
+    )
+    return VoronoiTessellation(
+        generators=np.column_stack([x, y]), region=_grid_of([tile.voronoi.region for tile in tiles])
     )

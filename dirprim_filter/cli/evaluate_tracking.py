@@ -1,0 +1,158 @@
+"""`dirprim evaluate tracking`: the same tracker on several motion models, on traffic that a sensor reports badly."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dirprim_filter.cli import losses
+from dirprim_filter.cli.options import End, Force, Logs, Start, Strict, Time, TimeSource, Topics, time_ns
+
+if TYPE_CHECKING:
+    from dirprim_filter.estimates import EstimateSink
+    from dirprim_filter.evaluation.experiment import TrackingTable
+
+FIGURES = {
+    "seen_rmse": "RMSE seen, m", "hidden_rmse": "in gaps, m", "seen_nees": "NEES seen", "hidden_nees": "in gaps",
+    "coverage_50": "in 50 %", "coverage_90": "in 90 %", "hidden_coverage_90": "in gaps", "reported": "reported",
+    "gospa": "GOSPA, m", "localisation": "localis., m2", "missed": "missed, m2", "false": "false, m2",
+    "switches": "id switches",
+}  # fmt: skip
+"""The figures of a report, and what the table calls them."""
+CONFIG_KEY = "experiment"
+"""Of the metadata record and the JSON object that hold an experiment."""
+
+
+def tracking(
+    logs: Logs,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", help="Track with this map; left out, learn one from a part of the log.", exists=True),
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="An experiment: TOML, or the --json or -o of an earlier run, to have it again.", exists=True),
+    ] = None,
+    noise: Annotated[float | None, typer.Option(help="Standard deviation of reported positions, metres.")] = None,
+    gap: Annotated[float | None, typer.Option(help="Seconds each vehicle is out of sight once; 0 for never.")] = None,
+    misses: Annotated[float | None, typer.Option(help="Share of the frames in which a vehicle is missed.")] = None,
+    clutter: Annotated[float | None, typer.Option(help="Mean number of false detections in a frame.")] = None,
+    with_ids: Annotated[bool | None, typer.Option("--ids/--no-ids", help="Does the sensor name vehicles?")] = None,
+    learn: Annotated[float | None, typer.Option(help="Share of the vehicles, or groups, to learn from.")] = None,
+    method: Annotated[list[str] | None, typer.Option(help="Compare only this one; may be given again.")] = None,
+    particles: Annotated[int | None, typer.Option(min=1, help="Samples for each vehicle.")] = None,
+    cutoff: Annotated[float | None, typer.Option(help="GOSPA's cut-off, metres.")] = None,
+    seeds: Annotated[int | None, typer.Option(min=1, help="How many times all is drawn anew.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the first method's run, MCAP.")] = None,
+    chart: Annotated[Path | None, typer.Option(help="Draw the table: .png, .pdf or .svg.")] = None,
+    topics: Topics = None,
+    time_source: Time = TimeSource.LOG,
+    start: Start = None,
+    end: End = None,
+    strict: Strict = False,
+    as_json: Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")] = False,
+    force: Force = False,
+) -> int:
+    """Track known traffic through noise, gaps, misses and false detections, with the prior and without.
+
+    Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
+    """
+    from dirprim_filter.cli.evaluate import _as_json
+    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.evaluation.experiment import TrackingExperiment, evaluate_tracking
+    from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.reader import read_track_logs
+    from dirprim_filter.recording.writer import EstimateLog
+    from dirprim_filter.simulation.sensor import detect
+
+    given: dict[str, Any] = {
+        "noise_m": noise, "gap_s": gap, "miss_rate": misses, "false_per_frame": clutter, "with_ids": with_ids,
+        "learn": learn, "methods": method or None, "cutoff_m": cutoff, "n_seeds": seeds, "seed": seed,
+    }  # fmt: skip
+    told = read_experiment(config) if config else {}
+    told |= {name: value for name, value in given.items() if value is not None}
+    if particles is not None:
+        told["filter"] = told.get("filter", {}) | {"n_particles": particles}
+    experiment = TrackingExperiment.of(told)
+    log = read_track_logs(
+        logs, topics=topics, time_source=time_source.value, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
+    )
+    with ExitStack() as files:
+        sinks: tuple[EstimateSink, ...] = ()
+        if output is not None:
+            inputs = [*logs, map_file] if map_file else logs
+            said = provenance("evaluate tracking", inputs=inputs) | {CONFIG_KEY: json.dumps(asdict(experiment))}
+            sinks = (files.enter_context(EstimateLog(output, metadata=said, force=force)),)
+        table = evaluate_tracking(
+            log.tracks, experiment, sensor=detect, primitive_map=load_map(map_file) if map_file else None, sinks=sinks
+        )
+    if chart is not None:
+        from dirprim_filter.viewer.charts import tracking_chart
+        from dirprim_filter.viewer.figures import save_figure
+
+        save_figure(tracking_chart(table), chart, force=force)
+    typer.echo(_as_json(asdict(table)) if as_json else tracking_text(table))
+    return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
+
+
+def read_experiment(path: Path) -> dict[str, Any]:
+    """The experiment that a TOML file describes, or that an earlier run's JSON or MCAP carries.
+
+    Raises:
+        ValueError: the file describes none.
+    """
+    try:
+        if path.suffix == ".toml":
+            return tomllib.loads(path.read_text())
+        if path.suffix == ".json":
+            told = json.loads(path.read_text())[CONFIG_KEY]
+        else:
+            told = json.loads(_metadata(path)[CONFIG_KEY])
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError) as error:
+        raise ValueError(
+            f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim evaluate tracking`, got {error}"
+        ) from error
+    if not isinstance(told, dict):
+        raise ValueError(f"{path}: expected an object under {CONFIG_KEY!r}, got {type(told).__name__}")  # noqa: TRY004 - the file's error, not a caller's
+    return {name: value for name, value in told.items() if value is not None}
+
+
+def _metadata(path: Path) -> dict[str, str]:
+    from dirprim_filter.recording.scan import Scan
+
+    with Scan(path) as log:
+        return {key: value for _, entries in log.metadata for key, value in entries.items()}
+
+
+def tracking_text(table: TrackingTable) -> str:
+    """The table as text: means over the seeds, and below them the deviation from seed to seed."""
+    experiment = table.experiment
+    ids = "ids" if experiment.with_ids else "no ids"
+    where = f"map learned from others, held out by {table.split_by}" if table.map_learned else "map given"
+    lines = [
+        f"{table.n_vehicles} vehicles tracked in {experiment.n_seeds} runs, {table.n_gaps} gaps of "
+        f"{experiment.gap_s:g} s, noise {experiment.noise_m:g} m, {experiment.miss_rate:.0%} missed, "
+        f"{experiment.false_per_frame:g} false per frame, {ids}; {where}",
+        "",
+        _row("mean over the runs", list(FIGURES.values())),
+    ]
+    for row in table.methods:
+        lines.append(_row(row.name, [_number(row.mean(figure)) for figure in FIGURES]))
+        if experiment.n_seeds > 1:
+            lines.append(_row("", [f"+-{_number(row.std(figure))}" for figure in FIGURES]))
+    return "\n".join(lines)
+
+
+def _row(name: str, cells: list[str]) -> str:
+    return f"{name:<19}" + "".join(f"{cell:>13}" for cell in cells)
+
+
+def _number(value: float) -> str:
+    return f"{value:.3f}" if abs(value) < 100 else f"{value:.0f}"

@@ -1,0 +1,152 @@
+"""Compiled random numbers: the generator and the samplers, for the loops of sampling and filtering.
+
+Random numbers come from xoshiro256++ (Blackman and Vigna, 2019), whose state is a row of four uint64: one row for each
+vehicle or block of rows, so that its draws depend on nothing but its own seed.
+
+The von Mises sampler is that of Best and Fisher (1979), the gamma sampler that of Marsaglia and Tsang (2000), the
+Poisson sampler PTRS of Hoermann (1993).
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+UIntArray = npt.NDArray[np.uint64]
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
+_MIX_2 = np.uint64(0x94D049BB133111EB)
+_R27, _R30, _R31 = np.uint64(27), np.uint64(30), np.uint64(31)
+_R11, _R17, _R19, _R23, _R41, _R45 = (np.uint64(n) for n in (11, 17, 19, 23, 41, 45))
+_TO_UNIT = 2.0**-53
+_SQUEEZE = 0.0331  # of Marsaglia and Tsang: accepts all but a few in a hundred without a logarithm
+
+
+@njit(cache=True)
+def seed_state(key: np.uint64, state: UIntArray) -> None:
+    """Fill a state row from a 64-bit key by splitmix64, as the generator's authors advise."""
+    z = key
+    for i in range(4):
+        z = z + _GOLDEN
+        m = (z ^ (z >> _R30)) * _MIX_1
+        m = (m ^ (m >> _R27)) * _MIX_2
+        state[i] = m ^ (m >> _R31)
+
+
+@njit(cache=True, inline="always")
+def uniform(state: UIntArray) -> float:
+    """A draw from the open interval (0, 1)."""
+    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    total = s0 + s3
+    result = ((total << _R23) | (total >> _R41)) + s0
+    shifted = s1 << _R17
+    s2 ^= s0
+    s3 ^= s1
+    s1 ^= s2
+    s0 ^= s3
+    s2 ^= shifted
+    state[0], state[1], state[2] = s0, s1, s2
+    state[3] = (s3 << _R45) | (s3 >> _R19)
+    return (float(result >> _R11) + 0.5) * _TO_UNIT
+
+
+@njit(cache=True)
+def draw_normal(state: UIntArray) -> float:
+    """A standard normal draw, by Marsaglia's polar method."""
+    while True:
+        u = 2.0 * uniform(state) - 1.0
+        v = 2.0 * uniform(state) - 1.0
+        q = u * u + v * v
+        if 0.0 < q < 1.0:
+            return u * math.sqrt(-2.0 * math.log(q) / q)
+
+
+@njit(cache=True)
+def draw_gamma(shape: float, state: UIntArray) -> float:
+    """A draw from the gamma distribution of rate one."""
+    boost = 1.0
+    if shape < 1.0:
+        boost = uniform(state) ** (1.0 / shape)
+        shape += 1.0
+    d = shape - 1.0 / 3.0
+    c = 1.0 / math.sqrt(9.0 * d)
+    while True:
+        x = draw_normal(state)
+        v = 1.0 + c * x
+        if v <= 0.0:
+            continue
+        v = v * v * v
+        u = uniform(state)
+        if u < 1.0 - _SQUEEZE * x * x * x * x or math.log(u) < 0.5 * x * x + d * (1.0 - v + math.log(v)):
+            return boost * d * v
+
+
+@njit(cache=True)
+def draw_poisson(mean: float, state: UIntArray) -> float:
+    """A Poisson draw, as a float: it only enters sums."""
+    if mean < 10.0:
+        floor, product, count = math.exp(-mean), uniform(state), 0.0
+        while product > floor:
+            product *= uniform(state)
+            count += 1.0
+        return count
+    root = math.sqrt(mean)
+    b = 0.931 + 2.53 * root
+    a = -0.059 + 0.02483 * b
+    inverse_alpha = 1.1239 + 1.1328 / (b - 3.4)
+    v_r = 0.9277 - 3.6224 / (b - 2.0)
+    log_mean = math.log(mean)
+    while True:
+        u = uniform(state) - 0.5
+        v = uniform(state)
+        us = 0.5 - abs(u)
+        k = math.floor((2.0 * a / us + b) * u + mean + 0.43)
+        if us >= 0.07 and v <= v_r:
+            return k
+        if k < 0.0 or (us < 0.013 and v > us):
+            continue
+        if math.log(v * inverse_alpha / (a / (us * us) + b)) <= k * log_mean - mean - math.lgamma(k + 1.0):
+            return k
+
+
+@njit(cache=True, inline="always")
+def wrapped_cauchy(k: float) -> tuple[float, float]:
+    """The envelope of Best and Fisher (1979) for concentration `k`: see `draw_turn`.
+
+    Theirs is rho = (tau - sqrt(2 tau)) / (2 k), tau = 1 + sqrt(1 + 4 k^2), and r = (1 + rho^2) / (2 rho), which cancel
+    where k is small and where it is large. Their proposal is tan(turn / 2) = q tan(phi / 2) with phi even on the circle
+    and q = (1 - rho) / (1 + rho), their test takes c = k (r - cos(turn)) = b + k (1 - cos(turn)): in q and in
+    b = k (1 - rho)^2 / (2 rho), rationalised, nothing cancels, from k = 0 (always accepted) to the largest.
+    """
+    root = math.sqrt(1.0 + 4.0 * k * k)
+    wide = math.sqrt(2.0 + 2.0 * root)
+    near = 1.0 + 1.0 / (root + 2.0 * k) + wide
+    return near / (1.0 + root + wide + 2.0 * k), near * near / (4.0 * (1.0 + root + wide))
+
+
+@njit(cache=True)
+def draw_turn(k: float, q: float, b: float, state: UIntArray) -> float:
+    """A von Mises draw around 0 of concentration `k` and envelope `q, b`, radians in [-pi, pi].
+
+    The tangent of half an even angle is the slope to an even point of the unit disc: no cosine is needed.
+    """
+    while True:
+        x = 2.0 * uniform(state) - 1.0
+        y = 2.0 * uniform(state) - 1.0
+        xx, yy = x * x, y * y
+        if xx + yy > 1.0:
+            continue
+        yy *= q * q
+        c = b + 2.0 * k * yy / (xx + yy)
+        u = uniform(state)
+        if c * (2.0 - c) > u or math.log(c / u) + 1.0 >= c:
+            return 2.0 * math.atan2(q * y, abs(x))
+
+
+@njit(cache=True)
+def draw_von_mises(mean: float, k: float, state: UIntArray) -> float:
+    """A von Mises draw around `mean`, radians, not wrapped."""
+    q, b = wrapped_cauchy(k)
+    return mean + draw_turn(k, q, b, state)

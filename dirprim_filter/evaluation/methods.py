@@ -1,0 +1,108 @@
+"""The trackers that an experiment compares: one tracker on five motion models, fitted to the same vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from typing import Literal, get_args
+
+import numpy as np
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.filtering import (
+    BayesFilter,
+    ConstantTurnUKF,
+    ConstantVelocityKalman,
+    InteractingModels,
+    ParticleFilter,
+    Tracker,
+)
+from dirprim_filter.filtering.manoeuvre import acceleration_density, pace_density
+from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.tracks import Tracks
+
+Method = Literal["prior", "place-free", "constant velocity", "constant turn", "interacting models"]
+METHODS: tuple[Method, ...] = get_args(Method)
+MakeFilter = Callable[[], BayesFilter]
+
+SCALES = (0.1, 0.3, 1.0, 3.0)
+"""Of the noise that the training vehicles' motion tells: the one that foresees their measurements best is taken."""
+TURNS = (0.003, 0.03, 0.3)
+"""rad^2/s^3, noise of the rate of turn to choose among likewise."""
+MAX_FITTED = 10
+"""Vehicles to choose it by."""
+
+
+def filters(
+    methods: tuple[Method, ...], primitive_map: PrimitiveMap, train: Tracks, config: FilterConfig, *,
+    rng: np.random.Generator,
+) -> dict[Method, MakeFilter]:  # fmt: skip
+    """What makes the filter of each method, fitted once.
+
+    Args:
+        methods: which.
+        primitive_map: for the particle filters.
+        train: vehicles that the Kalman filters are fitted to.
+        config: measurements and particles.
+        rng: the noise of the measurements they are fitted by.
+
+    Raises:
+        ValueError: no training vehicle has two rows near in time.
+    """
+    pace, any_way = pace_density(train), acceleration_density(train)
+    kalman: dict[Method, Callable[[float, float], BayesFilter]] = {
+        "constant velocity": lambda scale, _: ConstantVelocityKalman(
+            acceleration_density=scale * any_way, config=config
+        ),
+        "constant turn": lambda scale, turn: ConstantTurnUKF(
+            acceleration_density=scale * pace, turn_density=turn, config=config
+        ),
+        "interacting models": lambda scale, turn: InteractingModels(
+            straight=scale * pace, acceleration_density=scale * pace, turn_density=turn, config=config
+        ),
+    }
+    seen = _reported(train, config, rng=rng)
+    made: dict[Method, MakeFilter] = {}
+    for method in methods:
+        if method in kalman:
+            turns = TURNS if method != "constant velocity" else TURNS[:1]
+            made[method] = _best(kalman[method], turns, seen, config)
+        else:
+            of = primitive_map if method == "prior" else primitive_map.without_places()
+            made[method] = _particles(of, config)
+    return made
+
+
+def _particles(primitive_map: PrimitiveMap, config: FilterConfig) -> MakeFilter:
+    return lambda: ParticleFilter(primitive_map, config)
+
+
+def _best(
+    of_noise: Callable[[float, float], BayesFilter],
+    turns: tuple[float, ...],
+    seen: list[Detections],
+    config: FilterConfig,
+) -> MakeFilter:
+    """The filter under which the training vehicles' measurements are most likely."""
+    best = max(product(SCALES, turns), key=lambda noise: _log_evidence(of_noise(*noise), seen, config))
+    return lambda: of_noise(*best)
+
+
+def _log_evidence(bayes_filter: BayesFilter, seen: list[Detections], config: FilterConfig) -> float:
+    tracker = Tracker(bayes_filter, config=config, tracking=TrackingConfig(), rng=np.random.default_rng(0))
+    total = 0.0
+    for frame in seen:
+        tracker.predict(frame)
+        tracker.weigh()
+        total += float(tracker.estimate().log_evidence.sum())
+    return total
+
+
+def _reported(train: Tracks, config: FilterConfig, *, rng: np.random.Generator) -> list[Detections]:
+    """Noisy positions of some training vehicles, frame by frame."""
+    names = np.unique(train.track_id)
+    some = train[np.isin(train.track_id, rng.permutation(names)[:MAX_FITTED])]
+    noisy = some.position + config.noise_m * rng.standard_normal(some.position.shape)
+    return list(replace(Detections.of(some), position=noisy).frames())

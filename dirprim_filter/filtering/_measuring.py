@@ -1,0 +1,119 @@
+"""Compiled likelihoods: particles against measured positions, directions and speeds, each of which may be an outlier.
+
+Arguments that say the same of every vehicle come as one `Noise`; a vehicle's own come as rows of `measured`:
+x, y, the inverse covariance xx, xy, yy, the log of what normalises it, direction, speed; NaN where not measured.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.filtering._kernels import Cloud
+from tessellation.arrays import FloatArray, IntArray
+
+X, Y, XX, XY, YY, LOG_NORMAL, DIRECTION, SPEED = range(8)
+
+
+class Noise(NamedTuple):
+    """How measurements err, as densities: (1 - e) of a Gaussian or von Mises, e of an outlier."""
+
+    outlier: float  # per square metre
+    kept: float  # 1 less the probability of an outlier
+    direction_concentration: float
+    direction_scale: float  # 1 less the probability of an outlier, over what normalises the von Mises
+    direction_outlier: float  # per radian
+    speed_precision: float  # (s/m)^2
+    speed_scale: float
+    speed_outlier: float  # s/m
+
+
+@njit(cache=True, inline="always")
+def log_motion_fit(noise: Noise, direction: float, speed: float, course: float, pace: float) -> float:
+    """Natural log of the density of a measured course and pace; of what is not measured, none."""
+    fit = 0.0
+    if not math.isnan(course):
+        agreed = noise.direction_concentration * (math.cos(direction - course) - 1.0)
+        fit += math.log(noise.direction_scale * math.exp(agreed) + noise.direction_outlier)
+    if not math.isnan(pace):
+        off = speed - pace
+        fit += math.log(noise.speed_scale * math.exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier)
+    return fit
+
+
+@njit(cache=True, nogil=True)
+def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
+    """Weigh each vehicle's particles by its measurement; normalise.
+
+    Fills (V, 2): the log density of the measurement given those before it, and that of its position alone.
+    """
+    n = cloud.position.shape[1]
+    log_outlier = math.log(noise.outlier)
+    for i in range(vehicle.size):
+        weight, place = cloud.log_weight[vehicle[i]], cloud.position[vehicle[i]]
+        direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
+        x, y, xx, xy, yy = measured[i, X], measured[i, Y], measured[i, XX], measured[i, XY], measured[i, YY]
+        course, pace = measured[i, DIRECTION], measured[i, SPEED]
+        scale = noise.kept * math.exp(measured[i, LOG_NORMAL])
+        is_moving = not (math.isnan(course) and math.isnan(pace))
+        near, top = 0.0, -np.inf
+        for p in range(n):
+            dx, dy = place[p, 0] - x, place[p, 1] - y
+            distance = dx * (xx * dx + 2.0 * xy * dy) + yy * dy * dy
+            if not distance < np.inf:  # it has run off to where there are no numbers
+                weight[p] = -np.inf
+                continue
+            fit = scale * math.exp(-0.5 * distance) if distance < 1400.0 else 0.0
+            near += math.exp(weight[p]) * (fit + noise.outlier)
+            weight[p] += math.log(fit + noise.outlier) if fit > 0.0 else log_outlier
+            if is_moving:
+                weight[p] += log_motion_fit(noise, direction[p], speed[p], course, pace)
+            top = max(top, weight[p])
+        total = 0.0
+        for p in range(n):
+            total += math.exp(weight[p] - top)
+        evidence[i, 0] = top + math.log(total) if top > -np.inf else -np.inf  # no particle has a weight
+        evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
+        for p in range(n):
+            weight[p] -= evidence[i, 0]
+
+
+@njit(cache=True, nogil=True)
+def weigh_at_birth(cloud: Cloud, vehicle: IntArray, measured: FloatArray, spread: FloatArray, noise: Noise) -> None:
+    """Correct particles drawn around a position with an isotropic `spread` (V,) to what was measured; normalise."""
+    for i in range(vehicle.size):
+        weight, place = cloud.log_weight[vehicle[i]], cloud.position[vehicle[i]]
+        direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
+        top = -np.inf
+        for p in range(weight.size):
+            dx, dy = place[p, 0] - measured[i, X], place[p, 1] - measured[i, Y]
+            distance = measured[i, XX] * dx * dx + 2.0 * measured[i, XY] * dx * dy + measured[i, YY] * dy * dy
+            weight[p] -= 0.5 * (distance - (dx * dx + dy * dy) / (spread[i] * spread[i]))
+            weight[p] += log_motion_fit(noise, direction[p], speed[p], measured[i, DIRECTION], measured[i, SPEED])
+            top = max(top, weight[p])
+        total = 0.0
+        for p in range(weight.size):
+            total += math.exp(weight[p] - top)
+        for p in range(weight.size):
+            weight[p] -= top + math.log(total)
+
+
+@njit(cache=True, nogil=True)
+def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, result: FloatArray, noise: Noise) -> None:
+    """Fills (V,) the log density of each measurement under the belief, outlying positions aside."""
+    for i in range(vehicle.size):
+        weight, place = cloud.log_weight[vehicle[i]], cloud.position[vehicle[i]]
+        direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
+        course, pace = measured[i, DIRECTION], measured[i, SPEED]
+        is_moving = not (math.isnan(course) and math.isnan(pace))
+        total = 0.0
+        for p in range(weight.size):
+            dx, dy = place[p, 0] - measured[i, X], place[p, 1] - measured[i, Y]
+            distance = measured[i, XX] * dx * dx + 2.0 * measured[i, XY] * dx * dy + measured[i, YY] * dy * dy
+            if distance < 100.0:
+                fit = weight[p] - 0.5 * distance
+                if is_moving:
+                    fit += log_motion_fit(noise, direction[p], speed[p], course, pace)
+                total += math.exp(fit)
+        result[i] = measured[i, LOG_NORMAL] + math.log(total) if total > 0.0 else -np.inf

@@ -1,0 +1,26 @@
+"""What the rows of a sensor say, and how sure they are of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from tessellation.arrays import FloatArray
+
+MOVING_FROM = 0.5
+"""m/s; a sensor has no course to tell of what stands."""
+FASTEST = 60.0
+"""m/s; a measured speed that says nothing of the vehicle lies anywhere below it."""
+
+
+def measured_covariance(measured: Detections, config: FilterConfig) -> FloatArray:
+    """(n, 2, 2) of the positions' errors, square metres: the sensor's where it tells, else the configured noise."""
+    unknown = np.isnan(measured.covariance[:, 0, 0])
+    return np.where(unknown[:, None, None], config.noise_m**2 * np.eye(2), measured.covariance)
+
+
+def measured_motion(measured: Detections) -> tuple[FloatArray, FloatArray]:
+    """(n,), (n,) course in radians and speed in m/s, NaN where not measured; what stands has no course."""
+    stands = measured.speed < MOVING_FROM  # where the speed is unknown, the course counts
+    return np.where(stands, np.nan, measured.direction), measured.speed

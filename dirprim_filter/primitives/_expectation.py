@@ -1,0 +1,191 @@
+"""The expectation step: every row's responsibilities, summed as the maximisation needs them.
+
+Rows go through in blocks, mode by mode, in loops that compile to vector instructions: no (rows x modes) array exists.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.distributions import _kernels as density
+from dirprim_filter.primitives._elementary import EXACT, SUMMING, cos_of, exp_of, log_of, sin_of
+from dirprim_filter.primitives._modes import (
+    BEND_EAST,
+    BEND_NORTH,
+    COSINE,
+    EAST,
+    GAIN_EAST,
+    GAIN_NORTH,
+    LOG_CONCENTRATION,
+    LOG_MEAN_SPEED,
+    LOG_SHAPE,
+    LOG_SPEED,
+    LOG_WEIGHT,
+    MEAN,
+    N_COLUMNS,
+    NORTH,
+    SINE,
+    SPEED,
+    WEIGHT,
+)
+from tessellation.arrays import FloatArray
+
+SUMS = 5  # responsibility, cosine, sine, speed, log speed
+CURVED_SUMS = 16  # and the moments that bend and gain need
+BLOCK = 256  # rows: what is kept of a block stays in the nearest cache
+
+
+@njit(**EXACT)
+def expectation(columns: FloatArray, at: int, n: int, with_speed: bool, table: FloatArray, sums: FloatArray) -> float:
+    """Fill `sums` (k, SUMS or CURVED_SUMS) with the weighted responsibilities of n columns from `at` on.
+
+    Directions and speeds are taken back to the centre of the cell, along the mode's bend and gain, before they are
+    summed: so what follows is the same for flat modes and for curved ones.
+
+    Returns:
+        The log likelihood.
+    """
+    k, curved = sums.shape[0], sums.shape[1] == CURVED_SUMS
+    factor = np.zeros((k, 8))  # of 1, cosine, sine, log speed and speed in the log density; for the slopes' scores
+    for m in range(k):
+        for q in range(sums.shape[1]):
+            sums[m, q] = 0.0
+        cosine, sine = math.cos(table[m, MEAN]), math.sin(table[m, MEAN])
+        concentration = math.expm1(table[m, LOG_CONCENTRATION])
+        factor[m, 0] = table[m, LOG_WEIGHT] - density.log_normaliser(concentration) - concentration
+        factor[m, 1], factor[m, 2] = concentration * cosine, concentration * sine
+        factor[m, 5], factor[m, 6], factor[m, 7] = cosine, sine, math.exp(-table[m, LOG_MEAN_SPEED])
+        if with_speed:
+            shape = math.exp(table[m, LOG_SHAPE])
+            factor[m, 0] += shape * (table[m, LOG_SHAPE] - table[m, LOG_MEAN_SPEED]) - math.lgamma(shape)
+            factor[m, 3], factor[m, 4] = shape - 1.0, -shape * factor[m, 7]
+    p = np.empty((k, BLOCK))
+    seen, rest = np.empty((N_COLUMNS, BLOCK)), np.empty((2, BLOCK))
+    at_centre = np.empty((k if curved else 1, N_COLUMNS, BLOCK))
+    log_likelihood = 0.0
+    for first in range(0, n, BLOCK):
+        size = min(BLOCK, n - first)
+        for q in range(N_COLUMNS):
+            for i in range(size):
+                seen[q, i] = columns[q, at + first + i]
+        for m in range(k):
+            if curved:
+                _take_back(seen, table[m], size, at_centre[m])
+            _log_density(factor[m], at_centre[m] if curved else seen, seen[LOG_SPEED], size, p[m])
+        log_likelihood += _normalise(p, seen[WEIGHT], size, rest)
+        for m in range(k):
+            _sum(p[m], at_centre[m] if curved else seen, size, sums[m])
+            if curved:
+                _sum_slopes(p[m], at_centre[m], seen, size, factor[m], sums[m])
+    return log_likelihood
+
+
+@njit(**SUMMING)
+def _log_density(factor: FloatArray, rows: FloatArray, log_seen: FloatArray, n: int, out: FloatArray) -> None:
+    """Linear in what a row holds. The density is that of the speed seen, hence the gain since then as Jacobian."""
+    f0, f1, f2, f3, f4 = factor[0], factor[1], factor[2], factor[3], factor[4]
+    c, s, log_v, v = rows[COSINE], rows[SINE], rows[LOG_SPEED], rows[SPEED]
+    for i in range(n):
+        out[i] = f0 + f1 * c[i] + f2 * s[i] + f3 * log_v[i] + f4 * v[i] + (log_v[i] - log_seen[i])
+
+
+@njit(**SUMMING)
+def _take_back(seen: FloatArray, mode: FloatArray, n: int, out: FloatArray) -> None:
+    """Rows as they would be at the centre of the cell, if they followed the mode."""
+    bend_east, bend_north, gain_east, gain_north = mode[BEND_EAST], mode[BEND_NORTH], mode[GAIN_EAST], mode[GAIN_NORTH]
+    c, s, v, log_v, east, north = seen[COSINE], seen[SINE], seen[SPEED], seen[LOG_SPEED], seen[EAST], seen[NORTH]
+    cosine, sine, speed, log_speed = out[COSINE], out[SINE], out[SPEED], out[LOG_SPEED]
+    for i in range(n):
+        cosine[i] = cos_of(bend_east * east[i] + bend_north * north[i])
+    for i in range(n):
+        sine[i] = sin_of(bend_east * east[i] + bend_north * north[i])
+    for i in range(n):
+        cos_turned, sin_turned = cosine[i], sine[i]
+        cosine[i] = c[i] * cos_turned + s[i] * sin_turned
+        sine[i] = s[i] * cos_turned - c[i] * sin_turned
+    for i in range(n):
+        log_speed[i] = log_v[i] - (gain_east * east[i] + gain_north * north[i])
+    for i in range(n):
+        speed[i] = v[i] * exp_of(log_speed[i] - log_v[i])
+
+
+@njit(**SUMMING)
+def _normalise(p: FloatArray, w: FloatArray, n: int, rest: FloatArray) -> float:
+    """Turn log densities (k, n) into weighted responsibilities; returns the weighted log likelihood."""
+    top, norm = rest[0], rest[1]
+    for i in range(n):
+        top[i] = p[0, i]
+        norm[i] = 0.0
+    for m in range(1, p.shape[0]):
+        for i in range(n):
+            top[i] = p[m, i] if p[m, i] > top[i] else top[i]
+    for m in range(p.shape[0]):
+        for i in range(n):
+            p[m, i] = exp_of(p[m, i] - top[i])
+        for i in range(n):
+            norm[i] += p[m, i]
+    log_likelihood = 0.0
+    for i in range(n):
+        log_likelihood += w[i] * (top[i] + log_of(norm[i]))
+    for i in range(n):
+        norm[i] = w[i] / norm[i]
+    for m in range(p.shape[0]):
+        for i in range(n):
+            p[m, i] *= norm[i]
+    return log_likelihood
+
+
+@njit(**SUMMING)
+def _sum(r: FloatArray, rows: FloatArray, n: int, sums: FloatArray) -> None:
+    c, s, v, log_v = rows[COSINE], rows[SINE], rows[SPEED], rows[LOG_SPEED]
+    total, cosine, sine, speed, log_speed = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        total += r[i]
+        cosine += r[i] * c[i]
+        sine += r[i] * s[i]
+        speed += r[i] * v[i]
+        log_speed += r[i] * log_v[i]
+    sums[0] += total
+    sums[1] += cosine
+    sums[2] += sine
+    sums[3] += speed
+    sums[4] += log_speed
+
+
+@njit(**SUMMING)
+def _sum_slopes(
+    r: FloatArray, rows: FloatArray, seen: FloatArray, n: int, factor: FloatArray, sums: FloatArray
+) -> None:
+    """The normal equations of bend and gain: moments of the place, and their products with the two scores."""
+    c, s, v, east, north = rows[COSINE], rows[SINE], rows[SPEED], seen[EAST], seen[NORTH]
+    cos_mean, sin_mean, per_mean_speed = factor[5], factor[6], factor[7]
+    x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
+    turned, turned_x, turned_y = 0.0, 0.0, 0.0
+    gained, gained_x, gained_y = 0.0, 0.0, 0.0
+    for i in range(n):
+        rx, ry = r[i] * east[i], r[i] * north[i]
+        turn = s[i] * cos_mean - c[i] * sin_mean  # sine of the deviation
+        gain = v[i] * per_mean_speed - 1.0
+        x += rx
+        y += ry
+        xx += rx * east[i]
+        xy += rx * north[i]
+        yy += ry * north[i]
+        turned += r[i] * turn
+        turned_x += rx * turn
+        turned_y += ry * turn
+        gained += r[i] * gain
+        gained_x += rx * gain
+        gained_y += ry * gain
+    sums[5] += x
+    sums[6] += y
+    sums[7] += xx
+    sums[8] += xy
+    sums[9] += yy
+    sums[10] += turned
+    sums[11] += turned_x
+    sums[12] += turned_y
+    sums[13] += gained
+    sums[14] += gained_x
+    sums[15] += gained_y

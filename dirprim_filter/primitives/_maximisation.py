@@ -1,0 +1,179 @@
+"""The maximisation step: modes from sums of responsibilities, and the objective that it climbs.
+
+The objective is the log likelihood, scaled from rows to vehicles, plus the log prior of the modes: in each mode
+`prior_strength` pseudo-vehicles of the usual spreads of direction and of speed, and normal slopes around 0.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from scipy import special
+
+from dirprim_filter.distributions import _kernels as density
+from dirprim_filter.distributions import von_mises
+from dirprim_filter.primitives._elementary import EXACT
+from dirprim_filter.primitives._modes import (
+    BEND_EAST,
+    BEND_NORTH,
+    GAIN_EAST,
+    GAIN_NORTH,
+    LOG_CONCENTRATION,
+    LOG_MEAN_SPEED,
+    LOG_SHAPE,
+    LOG_WEIGHT,
+    MEAN,
+    NO_MODE,
+    Bounds,
+)
+from tessellation.arrays import FloatArray
+
+MIN_VEHICLES = 1e-3
+"""A mode that fewer drive is given up."""
+_NODES = 512
+_MAX_SPREAD = 0.6  # where the gamma's shape is below one
+
+
+def _concentration_table() -> FloatArray:
+    """What k (1 - R^2) / R is at even R in [0, 1]: from 2 to 1, smooth, so that four nodes give k to nine digits."""
+    r = np.linspace(0.0, 1.0, _NODES)[1:-1]
+    return np.concatenate([[2.0], von_mises.concentration_of(r) * (1.0 - r * r) / r, [1.0]])
+
+
+def _shape_table() -> FloatArray:
+    """Shape times spread at even spreads in [0, _MAX_SPREAD], likewise; log(shape) - digamma(shape) = spread."""
+    spread = np.linspace(0.0, _MAX_SPREAD, _NODES)[1:]
+    shape = (3 - spread + np.sqrt((spread - 3) ** 2 + 24 * spread)) / (12 * spread)
+    for _ in range(6):  # Minka (2002)
+        error = np.log(shape) - special.digamma(shape) - spread
+        shape = 1 / (1 / shape + error / (shape * (1 - shape * special.polygamma(1, shape))))
+    return np.concatenate([[0.5], shape * spread])
+
+
+_CONCENTRATION, _SHAPE = _concentration_table(), _shape_table()
+
+
+@njit(**EXACT)
+def _between(table: FloatArray, x: float) -> float:
+    """The cubic through the four nodes around x in [0, 1]."""
+    x *= table.size - 1
+    i = min(max(int(x), 1), table.size - 3)
+    t = x - i
+    before, here, next_, beyond = table[i - 1], table[i], table[i + 1], table[i + 2]
+    return (
+        here * (1.0 - t * t) * (2.0 - t) / 2.0
+        + next_ * t * (1.0 + t) * (2.0 - t) / 2.0
+        - before * t * (1.0 - t) * (2.0 - t) / 6.0
+        - beyond * t * (1.0 - t * t) / 6.0
+    )
+
+
+@njit(**EXACT)
+def concentration_from(resultant: float) -> float:
+    """`von_mises.concentration_of` by interpolation: it is asked for in every mode of every iteration."""
+    r = min(max(resultant, 0.0), 1.0 - 1e-15)
+    return r / (1.0 - r * r) * _between(_CONCENTRATION, r)
+
+
+@njit(**EXACT)
+def shape_from(spread: float, high: float) -> float:
+    """Maximum likelihood shape of a gamma from `spread` = log(mean) - mean(log), bounded to [1, high]."""
+    if not spread > 0.5 / high:  # log(a) - psi(a) > 1 / (2 a): no shape below `high` has so little spread
+        return high
+    if spread >= _MAX_SPREAD:
+        return 1.0
+    return min(max(_between(_SHAPE, spread / _MAX_SPREAD) / spread, 1.0), high)
+
+
+@njit(**EXACT)
+def maximisation(sums: FloatArray, n_vehicles: float, bounds: Bounds, table: FloatArray) -> int:
+    """New parameters from the sums, each mode with its pseudo-vehicles of the prior; slopes stay.
+
+    Returns:
+        How many modes are driven.
+    """
+    k, driven = sums.shape[0], 0
+    total, kept = 0.0, 0.0
+    for m in range(k):
+        total += sums[m, 0]
+    for m in range(k):
+        n = sums[m, 0] / total * n_vehicles
+        if n < MIN_VEHICLES:
+            table[m, LOG_WEIGHT] = NO_MODE
+            continue
+        driven += 1
+        kept += sums[m, 0]
+        own = n / (n + bounds.prior_strength)
+        table[m, LOG_WEIGHT] = math.log(sums[m, 0])
+        table[m, MEAN] = math.atan2(sums[m, 2], sums[m, 1])
+        resultant = own * math.hypot(sums[m, 1], sums[m, 2]) / sums[m, 0] + (1.0 - own) * bounds.usual_resultant
+        concentration = concentration_from(resultant)
+        table[m, LOG_CONCENTRATION] = math.log1p(min(concentration, bounds.max_concentration))
+        log_mean = math.log(sums[m, 3] / sums[m, 0])
+        spread = max(log_mean - sums[m, 4] / sums[m, 0], 0.0)
+        spread = own * spread + (1.0 - own) * bounds.speed_spread
+        table[m, LOG_SHAPE] = math.log(shape_from(spread, bounds.max_shape))
+        table[m, LOG_MEAN_SPEED] = log_mean
+    for m in range(k):
+        if table[m, LOG_WEIGHT] != NO_MODE:
+            table[m, LOG_WEIGHT] -= math.log(kept)
+    return driven
+
+
+@njit(**EXACT)
+def log_prior(bounds: Bounds, table: FloatArray) -> float:
+    """Log prior of the modes that are driven, in vehicles; 0 for the usual spreads of direction and of speed."""
+    total = 0.0
+    a, k = shape_from(bounds.speed_spread, bounds.max_shape), concentration_from(bounds.usual_resultant)
+    most = a * math.log(a) - math.lgamma(a) - a * (1.0 + bounds.speed_spread)
+    most += k * (bounds.usual_resultant - 1.0) - math.log(density.i0e(k))
+    for m in range(table.shape[0]):
+        if table[m, LOG_WEIGHT] > NO_MODE / 2:
+            k, a = math.expm1(table[m, LOG_CONCENTRATION]), math.exp(table[m, LOG_SHAPE])
+            usual = k * (bounds.usual_resultant - 1.0) - math.log(density.i0e(k))
+            usual += a * table[m, LOG_SHAPE] - math.lgamma(a) - a * (1.0 + bounds.speed_spread) - most
+            bends = (table[m, BEND_EAST] ** 2 + table[m, BEND_NORTH] ** 2) / bounds.bend_scale**2
+            gains = (table[m, GAIN_EAST] ** 2 + table[m, GAIN_NORTH] ** 2) / bounds.gain_scale**2
+            total += bounds.prior_strength * usual - 0.5 * (bends + gains)
+    return total
+
+
+@njit(**EXACT)
+def bend(sums: FloatArray, scale: float, bounds: Bounds, table: FloatArray) -> None:
+    """A step of Fisher scoring for each mode's bend and gain, with the prior that there is none (Fisher and Lee 1992).
+
+    `maximisation` has found the means without the step; they move with it where the rows are not around the centre.
+    `scale` is vehicles per row: rows of one vehicle repeat each other.
+    """
+    for m in range(table.shape[0]):
+        if table[m, LOG_WEIGHT] < NO_MODE / 2:
+            continue
+        k = math.expm1(table[m, LOG_CONCENTRATION])
+        if k > density.NEGLIGIBLE_CONCENTRATION:
+            information = k * density.i1e(k) / density.i0e(k) * scale
+            table[m, MEAN] -= _slope(sums[m], 10, k * scale, information, bounds.bend_scale, table[m], BEND_EAST)
+        a = math.exp(table[m, LOG_SHAPE]) * scale
+        table[m, LOG_MEAN_SPEED] -= _slope(sums[m], 13, a, a, bounds.gain_scale, table[m], GAIN_EAST)
+
+
+@njit(**EXACT)
+def _slope(
+    sums: FloatArray, at: int, score: float, information: float, prior: float, mode: FloatArray, slope: int
+) -> float:
+    """Step to the slope of weighted least squares on (1, east, north) with a ridge; the mean is profiled out.
+
+    Returns:
+        What the step adds where the rows are.
+    """
+    n, sx, sy = sums[0], sums[5], sums[6]
+    ridge = 1.0 / (prior * prior)
+    xx = information * (sums[7] - sx * sx / n) + ridge
+    xy = information * (sums[8] - sx * sy / n)
+    yy = information * (sums[9] - sy * sy / n) + ridge
+    bx = score * (sums[at + 1] - sx * sums[at] / n) - ridge * mode[slope]
+    by = score * (sums[at + 2] - sy * sums[at] / n) - ridge * mode[slope + 1]
+    determinant = xx * yy - xy * xy
+    east, north = (yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant
+    mode[slope] += east
+    mode[slope + 1] += north
+    return (east * sx + north * sy) / n

@@ -1,0 +1,69 @@
+"""What the compiled fit works on: columns of rows, tables of modes, and the bounds of a fit.
+
+Kernels take each as one array, `columns[SPEED]` and `table[m, MEAN]`: tuples of arrays compile several times as long.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tessellation.arrays import FloatArray
+
+COSINE, SINE, SPEED, LOG_SPEED, WEIGHT, EAST, NORTH = range(7)
+"""Columns of rows of moving vehicles, or of what stands for several: their means. Metres from the cell's centre."""
+N_COLUMNS = 7
+LOG_WEIGHT, MEAN, LOG_CONCENTRATION, LOG_SHAPE, LOG_MEAN_SPEED, BEND_EAST, BEND_NORTH, GAIN_EAST, GAIN_NORTH = range(9)
+"""Columns of a table of modes, such that steps can be added: of a concentration k, log(1 + k)."""
+N_FLAT, N_CURVED = 5, 9
+NO_MODE = -1e3
+"""The logarithm of a weight of nothing."""
+
+
+class Bounds(NamedTuple):
+    """Priors and bounds of a fit; see `config.LearningConfig`."""
+
+    max_modes: int
+    prior_strength: float
+    usual_resultant: float  # mean resultant length of a usual mode's directions; 0: uniform
+    speed_spread: float  # log(mean) - mean(log) of a usual mode's speeds
+    max_concentration: float
+    max_shape: float
+    dbscan_eps: float
+    dbscan_share: float
+    bend_scale: float  # rad/m, standard deviation of a bend before it is seen
+    gain_scale: float  # 1/m, likewise of a gain
+    curved: bool  # whether modes may bend
+    parameter_cost: float  # of a parameter, in those of BIC
+    tolerance: float  # of the objective per vehicle: a step that gains less is the last
+
+
+class Modes(NamedTuple):
+    """Parameters of modes, (n_cells, K) or (K,) each."""
+
+    weight: FloatArray
+    mean: FloatArray
+    concentration: FloatArray
+    shape: FloatArray
+    rate: FloatArray
+    bend_east: FloatArray  # rad/m, how the mean direction turns across the cell
+    bend_north: FloatArray
+    gain_east: FloatArray  # 1/m, how the logarithm of the mean speed grows across the cell
+    gain_north: FloatArray
+
+    @classmethod
+    def of(cls, table: FloatArray, bounds: Bounds) -> Modes:
+        """What a kernel has found within bounds, (..., K, N_CURVED)."""
+        log_weight, mean, log_concentration, log_shape, log_mean_speed, *slopes = np.moveaxis(table, -1, 0)
+        weight = np.where(log_weight > NO_MODE / 2, np.exp(log_weight), 0.0)
+        concentration = np.minimum(np.expm1(log_concentration), bounds.max_concentration)  # but for their rounding
+        shape = np.minimum(np.exp(log_shape), bounds.max_shape)
+        return cls(weight, mean, concentration, shape, shape / np.exp(log_mean_speed), *slopes)
+
+
+def empty_table(*shape: int) -> FloatArray:
+    """Room for modes, none of them there yet. -> (*shape, N_CURVED)."""
+    table = np.zeros((*shape, N_CURVED))
+    table[..., LOG_WEIGHT] = NO_MODE
+    return table

@@ -1,0 +1,56 @@
+"""Compiled sorting of rows by vehicle and by cell: each row is looked at a few times, however many there are."""
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.primitives._elementary import EXACT
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+
+@njit(nogil=True, **EXACT)
+def sort_by(key: IntArray, n_keys: int, start: IntArray) -> IntArray:
+    """Rows in order of their key, else as they stand; rows whose key is negative are left out.
+
+    Fills `start` (n_keys + 1,): key c has the rows from start[c] to start[c + 1].
+    """
+    start[:] = 0
+    for i in range(key.size):
+        if key[i] >= 0:
+            start[key[i] + 1] += 1
+    for c in range(n_keys):
+        start[c + 1] += start[c]
+    row, place = np.empty(start[n_keys], np.int64), start.copy()
+    for i in range(key.size):
+        if key[i] >= 0:
+            row[place[key[i]]] = i
+            place[key[i]] += 1
+    return row
+
+
+@njit(nogil=True, **EXACT)
+def count_vehicles(start: IntArray, row: IntArray, weight: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
+    """How many vehicles each cell's rows are of, where those of a vehicle stand together.
+
+    A vehicle counts as much as the weightiest of its rows: one that only passes by is less than one.
+    """
+    for c in range(out.size):
+        count, last, most = 0.0, -1, 0.0
+        for a in range(start[c], start[c + 1]):
+            if vehicle[row[a]] != last:
+                count += most
+                last, most = vehicle[row[a]], 0.0
+            most = max(most, weight[a])
+        out[c] = count + most
+
+
+@njit(nogil=True, **EXACT)
+def thin(order: IntArray, vehicle: IntArray, time_ns: IntArray, interval_ns: int) -> BoolArray:
+    """Which rows of an order by vehicle and time to keep, so that a vehicle's are at least `interval_ns` apart."""
+    keep = np.zeros(order.size, np.bool_)
+    last = -1
+    for a in range(order.size):
+        i = order[a]
+        if last < 0 or vehicle[i] != vehicle[last] or time_ns[i] - time_ns[last] >= interval_ns:
+            keep[a] = True
+            last = i
+    return keep

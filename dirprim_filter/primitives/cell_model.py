@@ -1,0 +1,120 @@
+"""Primitives as what happens in a cell: the model that `tessellation.fit_jointly` asks for."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammaln
+
+from dirprim_filter.distributions import von_mises
+from dirprim_filter.distributions.von_mises_mixture import log_weights
+from dirprim_filter.primitives import _cell_density
+from dirprim_filter.primitives.fitting import fit_all
+from dirprim_filter.primitives.place_free import PlaceFree
+from dirprim_filter.primitives.recipe import Recipe, Usual
+from dirprim_filter.primitives.rows import CellRows, TrackRows
+from tessellation.arrays import FloatArray, IntArray
+from tessellation.protocols import Members
+
+PLACE_FREE_VEHICLES = 1.0
+"""Pseudo-vehicles with which the place-free primitive enters a cell while the cells are looked for."""
+MIN_MODE_VEHICLES = 3.0
+"""A mode that fewer drive says nothing of what is usual."""
+
+
+class PrimitiveCells(NamedTuple):
+    """What the fit found in each cell, before the place-free primitive enters."""
+
+    weight: FloatArray  # (n_cells, K) of modes in motion, as in `_modes.Modes`; 0 where a cell has fewer
+    mean: FloatArray
+    concentration: FloatArray
+    shape: FloatArray
+    rate: FloatArray
+    bend_east: FloatArray
+    bend_north: FloatArray
+    gain_east: FloatArray
+    gain_north: FloatArray
+    standing: FloatArray  # (n_cells,) share of the rows that stand
+    n_vehicles: FloatArray  # (n_cells,) that move; at least one where there are rows
+    n_rows: FloatArray  # (n_cells,) by weight
+    center: FloatArray  # (n_cells, 2) metres
+
+
+class PrimitiveModel(NamedTuple):
+    """Directional primitives of cells, leaning on the place-free one."""
+
+    recipe: Recipe
+    free: PlaceFree
+    free_log_density: FloatArray  # (n,) log density of each row by the place-free primitive
+
+    @classmethod
+    def of(cls, rows: TrackRows, recipe: Recipe, free: PlaceFree) -> PrimitiveModel:
+        """The model of these rows' cells."""
+        n_modes = free.weight.size
+        log_p = np.empty((len(rows), n_modes))
+        for m, mode in enumerate(zip(*free[:5], strict=True)):
+            weight, mean, concentration, shape, rate = mode
+            speed = np.maximum(rows.speed, _cell_density.LEAST_SPEED)
+            of_speed = shape * np.log(rate) + (shape - 1.0) * np.log(speed) - rate * speed - gammaln(shape)
+            of_direction = von_mises.log_density(rows.direction, mean, concentration)
+            log_p[:, m] = log_weights(weight) + of_direction + of_speed
+        return cls(recipe, free, np.asarray(np.logaddexp.reduce(log_p, axis=1)))
+
+    def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
+        """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
+        cells = CellRows.of(data, members, position, standing_speed=self.recipe.config.standing_speed)
+        modes = fit_all(cells, self.recipe.bounds, at_once=self.recipe.modes == "bic")
+        n_rows = cells.n_moving + cells.n_standing
+        return PrimitiveCells(
+            *modes,
+            standing=cells.n_standing / np.maximum(n_rows, 1e-9),
+            n_vehicles=np.where(n_rows > 0, np.maximum(cells.n_vehicles, np.minimum(n_rows, 1.0)), 0.0),
+            n_rows=n_rows,
+            center=members.center,
+        )
+
+    def log_density(
+        self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
+    ) -> FloatArray:
+        """Of direction and speed of each row in a cell, with the place-free primitive's part."""
+        constant = (
+            log_weights(cells.weight)
+            - von_mises.log_normaliser(cells.concentration)
+            + cells.shape * np.log(cells.rate)
+            - gammaln(cells.shape)
+        )
+        out = np.empty(row.size)
+        _cell_density.log_densities(
+            np.stack([constant, *cells[:9]], axis=-1), cells.standing, float(self.free.rate[-1]), cells.center,
+            PLACE_FREE_VEHICLES / (cells.n_vehicles + PLACE_FREE_VEHICLES), self.free_log_density,
+            position, data.direction, data.speed, row, cell, out,
+        )  # fmt: skip
+        return out
+
+
+def usual_of(cells: PrimitiveCells, recipe: Recipe) -> Usual:
+    """The median spreads of the modes that several vehicles drive: empirical Bayes (Efron and Morris 1973).
+
+    What the fit is bounded by is left out; where too few modes are left, nothing is usual but what `recipe` says.
+    """
+    config = recipe.config
+    vehicles = cells.n_vehicles[:, None] * cells.weight
+    told = (
+        (vehicles >= MIN_MODE_VEHICLES)
+        & (cells.concentration > 0)
+        & (cells.concentration < 0.99 * config.max_concentration)
+        & (cells.shape > 1.0 + 1e-4)
+        & (cells.shape < 0.99 * config.max_shape)
+    )
+    if told.sum() < 5:
+        return recipe.usual
+    variance = _weighted_median(von_mises.circular_variance(cells.concentration[told]), vehicles[told])
+    spread = _weighted_median(0.5 / cells.shape[told], vehicles[told])
+    return Usual(1.0 - variance, spread)
+
+
+def _weighted_median(value: FloatArray, weight: FloatArray) -> float:
+    order = np.argsort(value)
+    below = np.cumsum(weight[order])
+    return float(value[order][np.searchsorted(below, 0.5 * below[-1])])

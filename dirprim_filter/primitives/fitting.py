@@ -1,0 +1,237 @@
+"""All cells fitted at once, on as many cores as there are."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import numpy.typing as npt
+
+from dirprim_filter.config import LearningConfig
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.primitives import _ascent, _kernels, _merging, _two_steps
+from dirprim_filter.primitives._modes import (
+    LOG_SPEED,
+    LOG_WEIGHT,
+    N_COLUMNS,
+    N_FLAT,
+    NO_MODE,
+    SPEED,
+    WEIGHT,
+    Bounds,
+    Modes,
+    empty_table,
+)
+from dirprim_filter.primitives.rows import CellRows
+from tessellation.arrays import BoolArray, FloatArray, IntArray, as_floats
+
+MIN_STANDING_MEAN = 0.05
+"""m/s; standing vehicles of a simulator have speed 0, which would make the density at 0 unbounded."""
+MIN_SPREAD = 1e-3
+"""Of log speeds, log(mean) - mean(log): a log of one speed does not say that all others are as like."""
+
+BINS = (96, 8, 1)
+"""Of direction, log speed, and each axis of the place, when rows are merged."""
+FINE_BINS = (256, 12, 1)
+FINE_FROM = 200_000
+"""So many rows say more than the wider bins leave of them: these bias a concentration by 1 %, these rows by less."""
+CURVED_BINS = (64, 6, 8)
+KEPT_ROWS = 256
+"""So many rows a cell may have before they are merged: more than there are bins in use."""
+CURVED_KEPT_ROWS = 8192
+WORTH_MERGING = 200_000
+"""So many rows of such cells there must be: compiling what merges takes as long as fitting fewer without."""
+FINISHING_ITERATIONS = 10
+CELLS_PER_SHARE = 16
+"""Threads take so many cells at a time: few enough to level out what cells cost."""
+
+
+def fit_motion(
+    direction: npt.ArrayLike,
+    speed: npt.ArrayLike,
+    *,
+    weight: npt.ArrayLike | None = None,
+    prior_strength: float = 0.02,
+    config: LearningConfig | None = None,
+) -> tuple[VonMisesMixture, Gamma]:
+    """How vehicles move that were seen at one place, each once: flat modes, as many as BIC prefers, for any many rows.
+
+    Args:
+        direction: (n,) radians; of rows that stand it means nothing.
+        speed: (n,) m/s, not negative.
+        weight: (n,) how many vehicles each row stands for, not negative; 1 each if absent.
+        prior_strength: pseudo-vehicles in each mode, see `LearningConfig.prior_strengths`.
+        config: every other knob.
+
+    Returns:
+        The modes, (K + 1,), heaviest first; the last is for standing vehicles, of weight 0 where none stands. Where all
+        stand it is the only one.
+
+    Raises:
+        ValueError: shapes that do not fit, a number that is not finite, a negative speed or weight, no weight at all.
+    """
+    config = config or LearningConfig()
+    theta, v = as_floats("direction", direction, "n"), as_floats("speed", speed, "n")
+    w = np.ones(v.size) if weight is None else as_floats("weight", weight, "n")
+    if not theta.size == v.size == w.size:
+        raise ValueError(f"direction, speed, weight: expected one length, got {theta.size}, {v.size} and {w.size}")
+    for name, column in (("speed", v), ("weight", w)):
+        if column.size and column.min() < 0:
+            raise ValueError(f"{name}: expected none below 0, got {column.min()} in row {column.argmin()}")
+    total = float(w.sum())
+    if total == 0.0:
+        raise ValueError("weight: expected at least one row of positive weight, got none")
+    if theta.min() < -np.pi or theta.max() > np.pi:
+        turned = np.abs(theta) > np.pi
+        theta = theta.copy()
+        theta[turned] = wrap(theta[turned])
+    standing, standing_mean = 0.0, MIN_STANDING_MEAN
+    if v.min() < config.standing_speed:
+        slow = v < config.standing_speed
+        standing = float(w[slow].sum())
+        standing_mean = max(float(w[slow] @ v[slow]) / standing, MIN_STANDING_MEAN) if standing else standing_mean
+        theta, v, w = theta[~slow], v[~slow], w[~slow]
+    in_cell = CellRows.one(theta, v, weight=w, n_vehicles=total - standing)
+    bounds = bounds_of(config, prior_strength=prior_strength)
+    columns, start = columns_of(in_cell, bounds, to_merge(in_cell, bounds, worth_merging=0))
+    table = empty_table(1, bounds.max_modes)
+    if columns.size:
+        share = columns[WEIGHT] / columns[WEIGHT].sum()
+        spread = max(float(np.log(share @ columns[SPEED]) - share @ columns[LOG_SPEED]), MIN_SPREAD)
+        bounds = bounds._replace(speed_spread=spread)
+        _kernels.fit_cells_at_once(columns, start, in_cell.n_vehicles, bounds, 0, 1, table)
+    found = Modes.of(table[0], bounds)
+    used = np.argsort(-found.weight, kind="stable")[: int((found.weight > 0).sum())]
+    direction_of_modes = VonMisesMixture(
+        weight=np.append((1.0 - standing / total) * found.weight[used], standing / total),
+        mean_direction=np.append(found.mean[used], 0.0),
+        concentration=np.append(found.concentration[used], 0.0),
+    )
+    shape, rate = np.append(found.shape[used], 1.0), np.append(found.rate[used], 1.0 / standing_mean)
+    return direction_of_modes, Gamma(shape=shape, rate=rate)
+
+
+def bounds_of(
+    config: LearningConfig,
+    *,
+    prior_strength: float,
+    max_modes: int | None = None,
+    usual_resultant: float = 0.0,
+    speed_spread: float = 1.0,
+    curved: bool = False,
+    parameter_cost: float = 1.0,
+    tolerance: float = 1e-7,
+) -> Bounds:
+    """The priors and bounds of a fit, as the kernels take them."""
+    return Bounds(
+        config.max_modes if max_modes is None else max_modes, prior_strength, usual_resultant, speed_spread,
+        config.max_concentration, config.max_shape, config.dbscan_eps, config.dbscan_share,
+        config.bend_scale, config.gain_scale, curved, parameter_cost, tolerance,
+    )  # fmt: skip
+
+
+def fit_all(
+    in_cells: CellRows,
+    bounds: Bounds,
+    *,
+    at_once: bool,
+    worth_merging: int = WORTH_MERGING,
+    n_threads: int | None = None,
+) -> Modes:
+    """Fit every cell's modes to its rows; threads divide the cells, so their number changes nothing.
+
+    Args:
+        in_cells: the rows of each cell.
+        bounds: priors and bounds.
+        at_once: direction and speed together and modes by BIC, or else the paper's two steps.
+        worth_merging: rows that large cells must have together before any are merged.
+        n_threads: as many as there are cores if absent.
+
+    Returns:
+        (n_cells, max_modes) each; of weight 0 where a cell has no rows or fewer modes.
+    """
+    fit: Callable[..., None] = _kernels.fit_cells_at_once if at_once else _two_steps.fit_cells_in_two_steps
+    given = in_cells if at_once else in_cells.by_direction()
+    merged = to_merge(in_cells, bounds, worth_merging) if at_once else np.zeros(in_cells.n_vehicles.size, np.bool_)
+    columns, start = columns_of(given, bounds, merged)
+    n_cells = in_cells.n_vehicles.size
+    table = empty_table(n_cells, bounds.max_modes)
+
+    def fit_share(first: int) -> None:
+        fit(columns, start, in_cells.n_vehicles, bounds, first, min(first + CELLS_PER_SHARE, n_cells), table)
+
+    threads = n_threads or os.cpu_count() or 1
+    if threads == 1 or n_cells <= CELLS_PER_SHARE:
+        fit(columns, start, in_cells.n_vehicles, bounds, 0, n_cells, table)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(fit_share, range(0, n_cells, CELLS_PER_SHARE)))
+    if at_once and bounds.curved:
+        for c in np.flatnonzero(merged):
+            _finish(in_cells, int(c), bounds, table[c])
+    return Modes.of(table, bounds)
+
+
+def _finish(in_cells: CellRows, c: int, bounds: Bounds, table: FloatArray) -> None:
+    """Some iterations on the rows themselves: merged, they blur what bends by some thousandths of a nat."""
+    alone = np.arange(in_cells.n_vehicles.size) == c
+    columns, start = _unmerged(in_cells, alone)
+    k = int((table[:, LOG_WEIGHT] > NO_MODE / 2).sum())
+    order = np.argsort(-table[:, LOG_WEIGHT], kind="stable")
+    table[:] = table[order]
+    _ascent.ascend(
+        columns, int(start[c]), int(start[c + 1] - start[c]), float(in_cells.n_vehicles[c]), True,
+        bool(table[:k, N_FLAT:].any()), -np.inf, 0.0, FINISHING_ITERATIONS, bounds, table[:k],
+    )  # fmt: skip
+
+
+def to_merge(in_cells: CellRows, bounds: Bounds, worth_merging: int = WORTH_MERGING) -> BoolArray:
+    """(n_cells,) which cells have so many rows that they had better be merged."""
+    n_members = np.diff(in_cells.start)
+    large = n_members > (CURVED_KEPT_ROWS if bounds.curved else KEPT_ROWS)
+    return np.asarray(large & (n_members[large].sum() > worth_merging))
+
+
+def columns_of(in_cells: CellRows, bounds: Bounds, merged: BoolArray) -> tuple[FloatArray, IntArray]:
+    """What stands for the rows of each cell: every row for itself, or those merged that lie together.
+
+    Returns:
+        (N_COLUMNS, n) columns sorted by cell, and (n_cells + 1,) where those of each cell begin.
+    """
+    if not merged.any():
+        return _unmerged(in_cells)
+    few, few_start = _unmerged(in_cells, ~merged) if not merged.all() else (np.empty((N_COLUMNS, 0)), in_cells.start)
+    parts: list[FloatArray] = []
+    for c in range(merged.size):
+        if merged[c]:
+            n = in_cells.start[c + 1] - in_cells.start[c]
+            bins = CURVED_BINS if bounds.curved else FINE_BINS if n >= FINE_FROM else BINS
+            room = np.empty((N_COLUMNS, bins[0] * bins[1] * bins[2] ** 2))
+            end = _merging.merge(
+                in_cells.direction, in_cells.speed, in_cells.position, in_cells.weight, in_cells.row,
+                in_cells.start[c], in_cells.start[c + 1], in_cells.center[c], *bins, room, 0,
+            )  # fmt: skip
+            parts.append(room[:, :end].copy() if merged.size > 1 else room[:, :end])
+        else:
+            parts.append(few[:, few_start[c] : few_start[c + 1]])
+    start = np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])])
+    return np.concatenate(parts, axis=1), start
+
+
+def _unmerged(in_cells: CellRows, of_cells: BoolArray | None = None) -> tuple[FloatArray, IntArray]:
+    """A column for each member of positive weight of the cells that are asked for."""
+    n_members = np.diff(in_cells.start)
+    cell = np.repeat(np.arange(n_members.size), n_members)
+    meant = in_cells.weight > 0.0
+    if of_cells is not None:
+        meant &= of_cells[cell]
+    cell, row = cell[meant], in_cells.row[meant]
+    direction, speed = in_cells.direction[row], in_cells.speed[row]
+    offset = in_cells.position[row] - in_cells.center[cell]
+    columns = np.stack([
+        np.cos(direction), np.sin(direction), speed, np.log(speed), in_cells.weight[meant], offset[:, 0], offset[:, 1],
+    ])  # fmt: skip
+    return columns, np.searchsorted(cell, np.arange(n_members.size + 1))

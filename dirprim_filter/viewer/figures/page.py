@@ -1,0 +1,170 @@
+"""The page that figures are drawn on: sizes, axes with units, and the file at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.projections.polar import PolarAxes
+from matplotlib.ticker import MaxNLocator
+
+from tessellation.arrays import FloatArray
+
+DOTS_PER_INCH = 200
+FORMATS = (".png", ".pdf", ".svg")
+SMALL, NORMAL, LARGE = 8, 9, 10
+"""Points: numbers at ticks and keys, labels, titles."""
+KEY_ROW = 0.18
+"""Inches."""
+FAINT = "0.6"
+"""Of frames and ticks."""
+COMPASS = {-90: "S", 0: "E", 90: "N", 180: "W"}
+
+
+def check_figure_path(path: Path, *, force: bool) -> None:
+    """Whether a figure can be written there: to be asked before the work, not after it.
+
+    Raises:
+        FileExistsError: the file exists and `force` is not given.
+        ValueError: the suffix is none of `FORMATS`.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ValueError(f"{path}: expected a name that ends in {', '.join(FORMATS)}, got {path.suffix or 'no suffix'}")
+    if path.exists() and not force:
+        raise FileExistsError(f"{path}: exists already; overwrite it with --force or choose another name")
+
+
+def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
+    """Write a figure in the format of the path's suffix; under a temporary name until it is whole.
+
+    The same figure gives the same bytes: no dates, no random names. Text stays text: TrueType in PDF, as publishers
+    ask for, and fonts by name in SVG.
+
+    Raises:
+        FileExistsError: the file exists and `force` is not given.
+        ValueError: the suffix is none of `FORMATS`.
+    """
+    check_figure_path(path, force=force)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.stem}.part{path.suffix}")
+    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
+    try:
+        with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
+            figure.savefig(part, metadata=undated)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def add_axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
+    """Axes at (left, bottom, width, height) in inches."""
+    return figure.add_axes(_share(figure, box))
+
+
+def add_polar_axes(figure: Figure, box: tuple[float, float, float, float]) -> PolarAxes:
+    """Polar axes at (left, bottom, width, height) in inches; east to the right, counter-clockwise, as on the map."""
+    axes = figure.add_axes(_share(figure, box), projection="polar")
+    if not isinstance(axes, PolarAxes):
+        raise TypeError(f"projection: expected polar axes, got {type(axes).__name__}")
+    return axes
+
+
+def _share(figure: Figure, box: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    width, height = figure.get_size_inches()
+    return box[0] / width, box[1] / height, box[2] / width, box[3] / height
+
+
+def dress_map(axes: Axes, box: FloatArray) -> None:
+    """A map's axes: east and north in metres, of one scale, over a box of (2, 2) corners."""
+    axes.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal", xlabel="east [m]", ylabel="north [m]")
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.yaxis.set_major_locator(MaxNLocator(6))
+    dress(axes)
+
+
+def dress(axes: Axes) -> None:
+    """Frame, ticks and labels of every panel."""
+    axes.tick_params(color=FAINT, labelsize=SMALL)
+    axes.spines[:].set_color(FAINT)
+    axes.xaxis.label.set_fontsize(NORMAL)
+    axes.yaxis.label.set_fontsize(NORMAL)
+
+
+def dress_directions(axes: Axes, *, start: float) -> None:
+    """An x axis once around the circle from `start`, radians: degrees, with the compass under them."""
+    first = round(float(np.rad2deg(start)))
+    degrees = np.arange(first, first + 361, 45)
+    wrapped = 180 - (180 - degrees) % 360
+    axes.set(xlim=(first, first + 360), xlabel="direction, counter-clockwise from east [deg]")
+    axes.set_xticks(degrees, [f"{turn}\n{COMPASS.get(int(turn), '')}" for turn in wrapped])
+    open_frame(axes)
+
+
+def open_frame(axes: Axes) -> None:
+    """Only the lower and the left side of the frame: for curves."""
+    dress(axes)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def dress_polar(axes: PolarAxes, *, densest: float, free: float) -> None:
+    """A polar axis of densities up to `densest`, 1/rad, of which **areas** are to scale: r is the density's root.
+
+    Args:
+        axes: east to the right, counter-clockwise, as on the map.
+        densest: 1/rad, the greatest density drawn.
+        free: radians, a direction with room for the numbers along r.
+    """
+    rings = [tick for tick in MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(0.0, densest) if 0.0 < tick <= densest]
+    axes.set_rgrids(np.sqrt(rings), [f"{ring:g}" for ring in rings], angle=np.rad2deg(free), fontsize=SMALL - 1)
+    axes.set_rmax(1.04 * np.sqrt(densest))
+    axes.set_thetagrids(np.arange(0, 360, 45), ["E", "45°", "N", "135°", "W", "-135°", "S", "-45°"], fontsize=SMALL)
+    axes.tick_params(pad=0)
+    axes.grid(color=FAINT, linewidth=0.4)
+    axes.spines[:].set_color(FAINT)
+    axes.set_xlabel("density [1/rad], areas to scale", fontsize=NORMAL, labelpad=4)
+
+
+def panels_above_key(*, width: float, height: float, key: Sequence[Artist], n_columns: int) -> tuple[Figure, float]:
+    """A figure for panels of one height with a key in a strip below them, outside of all data.
+
+    Args:
+        width: inches, of the figure.
+        height: inches, of the panels.
+        key: what the marks mean, handles with labels.
+        n_columns: of the key.
+
+    Returns:
+        The figure, and where its panels begin: inches from below.
+    """
+    bottom = 0.8 + KEY_ROW * -(-len(key) // n_columns)
+    figure = Figure(figsize=(width, bottom + height + 0.4), dpi=DOTS_PER_INCH)
+    figure.legend(
+        handles=list(key), loc="lower center", ncols=n_columns, frameon=False, fontsize=NORMAL, borderaxespad=0.2,
+        columnspacing=2.0, handlelength=2.4, labelspacing=0.35,
+    )  # fmt: skip
+    return figure, bottom
+
+
+def dress_color_bar(bar: Colorbar, label: str) -> None:
+    """A colour bar with its quantity and unit."""
+    bar.set_label(label, fontsize=NORMAL)
+    bar.ax.tick_params(labelsize=SMALL, color=FAINT)
+    bar.outline.set_visible(False)
+
+
+def mark_close_up(axes: Axes, close_up: Axes, letter: str) -> None:
+    """A frame around what another panel shows closer."""
+    west, east = close_up.get_xlim()
+    south, north = close_up.get_ylim()
+    frame = Rectangle((west, south), east - west, north - south, fill=False, color="0.15", linewidth=0.8, zorder=11)
+    axes.add_patch(frame)
+    axes.annotate(
+        f"({letter})", (east, north), (3, 3), textcoords="offset points", fontsize=SMALL, va="center", zorder=11
+    )

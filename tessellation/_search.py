@@ -1,0 +1,366 @@
+"""The steps of `joint.fit_jointly`: each takes a state and gives one of lower objective, or the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, cast
+
+import numpy as np
+from scipy.spatial import Delaunay, QhullError
+
+from tessellation._gating import count_members, fill_members, halve, leave_out, unite
+from tessellation._scoring import N_RIVALS, Scoring, scoring_step
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from tessellation.gates import LEAST_SHARE, members_of, nearest_generators, part_of_members
+from tessellation.protocols import CellModel, Cells, Data_contra, Members
+
+LEAST_ROWS = 4
+"""A cell of fewer rows is not split."""
+CHILD_DISTANCE = 0.8
+"""Halves of a normal distribution have their means so many standard deviations from its own."""
+MARGIN = 1.0
+"""Standard errors by which a split must gain."""
+TRIES = 3
+"""Steps that raise the objective are halved so often before they are given up."""
+MOVE_WIDTH = 0.25
+ANNEALING_WIDTHS = (0.25, 0.12, 0.06, 0.03)
+ANNEALING_STEPS = 3
+MAX_MOVES = 2
+LEAST_GAIN = 1e-3
+"""Of the objective per datum: a round that gains less is the last."""
+
+
+class State(Generic[Cells]):
+    """Cells, as fitted without each of the folds, and what they give to the rows held out."""
+
+    __slots__ = ("cell", "fits", "generators", "members", "objective", "score", "settled", "signature", "softness")
+
+    def __init__(
+        self, *, generators: FloatArray, softness: float, members: Members, cell: IntArray, signature: FloatArray,
+        fits: Cells, score: FloatArray, objective: float, settled: BoolArray,
+    ) -> None:  # fmt: skip
+        self.generators = generators  # (n_cells, 2)
+        self.softness = softness
+        self.members = members
+        self.cell = cell  # (n,) of each row
+        self.signature = signature  # (n_cells,) the same for the same members
+        self.fits = fits  # cell c without fold f is number c * n_folds + f
+        self.score = score  # (n,) log density of each row as held out
+        self.objective = objective  # minus the weighted mean of the scores
+        self.settled = settled  # (n_cells,) cells that are known not to gain by a split
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search(Generic[Data_contra, Cells]):
+    """What does not change while cells are laid out: the data, and how they are held out.
+
+    Attributes:
+        model: what happens in a cell.
+        position: (n_all, 2) metres.
+        data: of the model, all of it.
+        weight: (n_all,) of each datum.
+        row: (n,) the data that are used, ascending.
+        fold: (n,) of each of them.
+        group: (n,) of each of them, 0 to n_groups - 1.
+        salt: (n_all,) random numbers, by which members are told apart.
+    """
+
+    model: CellModel[Data_contra, Cells]
+    position: FloatArray
+    data: Data_contra
+    weight: FloatArray
+    row: IntArray
+    fold: IntArray
+    group: IntArray
+    salt: FloatArray
+
+    @property
+    def n_folds(self) -> int:
+        """How many folds there are."""
+        return int(self.fold.max()) + 1
+
+    @property
+    def least_gain(self) -> float:
+        """A round that lowers the objective by less is the last."""
+        return LEAST_GAIN
+
+    # States -----------------------------------------------------------------------------------------------------------
+
+    def evaluate(self, generators: FloatArray, softness: float, before: State[Cells] | None = None) -> State[Cells]:
+        """The state of these generators; cells that `before` has with the same members are taken from it."""
+        members, cell = members_of(self.position[self.row], generators, softness=softness)
+        signature = _sums(members.weight * self.salt[self.row[members.row]], members.start)
+        known = _same_cells(generators, signature, before)
+        new = np.flatnonzero(known < 0)
+        fitted = self._fit(part_of_members(members, new))
+        settled = np.zeros(len(generators), np.bool_)
+        score = np.empty(self.row.size)
+        fits = fitted
+        if before is not None and new.size < len(generators):
+            number = np.where(known >= 0, known, len(before.generators))
+            number[new] += np.arange(new.size)
+            both = _joined(before.fits, fitted)
+            fits = _taken(both, (number[:, None] * self.n_folds + np.arange(self.n_folds)).ravel())
+            settled[known >= 0] = before.settled[known[known >= 0]]
+            score[:] = before.score
+        again = np.flatnonzero(known[cell] < 0)
+        if before is not None:  # a row that has gone over to a cell that did not notice
+            moved = (known[cell] >= 0) & (known[cell] != before.cell)
+            again = np.flatnonzero((known[cell] < 0) | moved)
+        score[again] = self._log_density(fits, again, cell[again])
+        used = self.weight[self.row]
+        return State(
+            generators=generators, softness=softness, members=members, cell=cell, signature=signature, fits=fits,
+            score=score, objective=-float(used @ score) / float(used.sum()), settled=settled,
+        )  # fmt: skip
+
+    def _fit(self, members: Members) -> Cells:
+        """Every cell without each of the folds."""
+        start, row, weight = leave_out(members.start, members.row, members.weight, self.fold, self.n_folds)
+        kept = self.row[row]
+        center = np.repeat(members.center, self.n_folds, axis=0)
+        return self.model.fit(self.position, self.data, Members(start, kept, weight * self.weight[kept], center))
+
+    def _log_density(self, fits: Cells, row: IntArray, cell: IntArray) -> FloatArray:
+        """Of rows, numbered among those used, in cells as fitted without the row's fold."""
+        held_out = cell * self.n_folds + self.fold[row]
+        return self.model.log_density(fits, self.position, self.data, self.row[row], held_out)
+
+    def _better(
+        self, state: State[Cells], generators: FloatArray, softness: float | None = None
+    ) -> State[Cells] | None:
+        """The state of these generators, if its objective is lower."""
+        found = self.evaluate(generators, state.softness if softness is None else softness, state)
+        return found if found.objective < state.objective else None
+
+    # Steps ------------------------------------------------------------------------------------------------------------
+
+    def split(self, state: State[Cells], n_cells: int | None) -> State[Cells]:
+        """Split the cells that gain by it more than by chance; with `n_cells` asked for, those that gain most."""
+        room = None if n_cells is None else n_cells - len(state.generators)
+        if room is not None and room <= 0:
+            return state
+        children, gain, error = self._halves(state)
+        axis = gain.argmax(axis=0)
+        cells = np.arange(axis.size)
+        best = gain[axis, cells]
+        needed = MARGIN * error[axis, cells]
+        state.settled[:] |= ~(best > needed)
+        order = np.argsort(-best, kind="stable")
+        if room is None:
+            order = order[(best > needed)[order] & (best[order] > 0)]
+        else:
+            order = order[np.isfinite(best[order])][:room]
+        for _ in range(TRIES):
+            if order.size == 0:
+                return state
+            kept = np.delete(state.generators, order, axis=0)
+            generators = np.vstack([kept, children[axis[order], order].reshape(-1, 2)])
+            if room is not None:
+                return self.evaluate(generators, state.softness, state)
+            found = self._better(state, generators)
+            if found is not None:
+                return found
+            order = order[: order.size // 2]
+        return state
+
+    def _halves(self, state: State[Cells]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Both ways to split each cell: generators (2, n_cells, 2, 2), gain of log density and its standard error."""
+        n = len(state.generators)
+        weight = self.weight[self.row]
+        place = self.position[self.row]
+        mass = np.bincount(state.cell, weight, minlength=n)
+        safe = np.maximum(mass, 1e-300)
+        mean = np.column_stack([np.bincount(state.cell, weight * x, minlength=n) / safe for x in place.T])
+        east, north = (place - mean[state.cell]).T
+        moment = [np.bincount(state.cell, weight * p, minlength=n) / safe for p in (east**2, east * north, north**2)]
+        variance, axes = np.linalg.eigh(np.stack([moment[0], moment[1], moment[1], moment[2]], axis=1).reshape(n, 2, 2))
+        children = np.empty((2, n, 2, 2))
+        gain, error = np.full((2, n), -np.inf), np.zeros((2, n))
+        count = np.bincount(state.cell, minlength=n)
+        for a in (0, 1):
+            step = CHILD_DISTANCE * np.sqrt(np.maximum(variance[:, a], 0.0))
+            unit = axes[:, :, a]
+            children[a] = np.stack([mean - step[:, None] * unit, mean + step[:, None] * unit], axis=1)
+            tried = np.flatnonzero(~state.settled & (count >= LEAST_ROWS) & (step > 1e-6))
+            if tried.size:
+                gain[a, tried], error[a, tried] = self._gain_of_halves(state, tried, mean, unit, step, children[a])
+        return children, gain, error
+
+    def _gain_of_halves(
+        self, state: State[Cells], tried: IntArray, mean: FloatArray, unit: FloatArray, step: FloatArray,
+        children: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """What the rows of the tried cells gain by halves across `unit`, and the standard error of that."""
+        part = part_of_members(state.members, tried)
+        border = np.hstack([mean[tried], unit[tried]])
+        place = self.position[self.row]
+        start, row, share = halve(
+            part.start, part.row, part.weight, place, border, state.softness * step[tried], LEAST_SHARE
+        )
+        fits = self._fit(Members(start, row, share, children[tried].reshape(-1, 2)))
+        number = np.full(len(state.generators), -1, np.int64)
+        number[tried] = np.arange(tried.size)
+        held = np.flatnonzero(number[state.cell] >= 0)
+        which = number[state.cell[held]]
+        second = ((place[held] - border[which, :2]) * border[which, 2:]).sum(axis=1) > 0
+        gain = self._log_density(fits, held, 2 * which + second) - state.score[held]
+        return self._total_and_error(gain * self.weight[self.row[held]], which, self.group[held], tried.size)
+
+    def _total_and_error(
+        self, gain: FloatArray, cell: IntArray, group: IntArray, n_cells: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Gains summed over each cell, and the standard error of the sum when groups are drawn anew."""
+        pair, index = np.unique(cell * (int(self.group.max()) + 1) + group, return_inverse=True)
+        of_group = np.bincount(index, gain)
+        owner = pair // (int(self.group.max()) + 1)
+        return (
+            np.bincount(owner, of_group, minlength=n_cells),
+            np.sqrt(np.bincount(owner, of_group**2, minlength=n_cells)),
+        )
+
+    def move(self, state: State[Cells]) -> State[Cells]:
+        """Move generators by scoring steps, with the cells as they are fitted."""
+        for _ in range(MAX_MOVES):
+            if len(state.generators) < 2:
+                break
+            held_out = self._scoring(state.generators, MOVE_WIDTH, state.fits, held_out=True)
+            found = self._helpful(state, state.generators + held_out.step)
+            if found is None or state.objective - found.objective < LEAST_GAIN:
+                return found or state
+            state = found
+        return state
+
+    def anneal(self, state: State[Cells]) -> State[Cells]:
+        """Expectation and maximisation of softly gated cells, whose gates harden as the temperature falls."""
+        if len(state.generators) < 2:
+            return state
+        generators = state.generators
+        members = state.members
+        for width in ANNEALING_WIDTHS:
+            for _ in range(ANNEALING_STEPS):
+                row = self.row[members.row]
+                fits = self.model.fit(
+                    self.position, self.data, Members(members.start, row, members.weight * self.weight[row], generators)
+                )
+                scoring = self._scoring(generators, width, fits, held_out=False)
+                generators = generators + scoring.step
+                share = np.where(scoring.responsibility < LEAST_SHARE, 0.0, scoring.responsibility)
+                start = count_members(scoring.cell, share, len(generators))
+                members = Members(start, *fill_members(scoring.cell, share, start), generators)
+        return self._helpful(state, generators) or state
+
+    def _scoring(self, generators: FloatArray, width: float, fits: Cells, *, held_out: bool) -> Scoring:
+        def log_density(row: IntArray, cell: IntArray) -> FloatArray:
+            if held_out:
+                return self._log_density(fits, row, cell)
+            return self.model.log_density(fits, self.position, self.data, self.row[row], cell)
+
+        place, weight = self.position[self.row], self.weight[self.row]
+        return scoring_step(place, weight, generators, width=width, log_density=log_density)
+
+    def _helpful(self, state: State[Cells], trial: FloatArray) -> State[Cells] | None:
+        """The better of all the moves, and of those alone that help the cells around; None if neither is any good."""
+        every = self.evaluate(trial, state.softness, state)
+        helped = self._gain_around(state, every) > 0
+        some = self.evaluate(np.where(helped[:, None], trial, state.generators), state.softness, state)
+        best = min((every, some), key=lambda found: found.objective)
+        return best if best.objective < state.objective else None
+
+    def _gain_around(self, before: State[Cells], after: State[Cells]) -> FloatArray:
+        """What the rows for which each cell competes have gained. (n_cells,)."""
+        gain = (after.score - before.score) * self.weight[self.row]
+        _, cell = nearest_generators(self.position[self.row], before.generators, k=N_RIVALS - 1)
+        return np.bincount(cell.ravel(), np.repeat(gain, cell.shape[1]), minlength=len(before.generators))
+
+    def merge(self, state: State[Cells]) -> State[Cells]:
+        """Unite neighbours that do better as one."""
+        n = len(state.generators)
+        if n < 2:
+            return state
+        pair = _neighbors(state.generators)
+        mass = np.maximum(np.bincount(state.cell, self.weight[self.row], minlength=n), 1e-300)
+        united = (mass[pair, None] * state.generators[pair]).sum(axis=1) / mass[pair].sum(axis=1)[:, None]
+        start, row, share = unite(state.members.start, state.members.row, state.members.weight, pair)
+        fits = self._fit(Members(start, row, share, united))
+        gain = np.zeros(len(pair))
+        order = np.argsort(state.cell, kind="stable")
+        begin = np.searchsorted(state.cell[order], np.arange(n + 1))
+        for side in (0, 1):
+            length = np.diff(begin)[pair[:, side]]
+            which = np.repeat(np.arange(len(pair)), length)
+            first = np.cumsum(length) - length
+            held = order[np.arange(which.size) - first[which] + begin[pair[which, side]]]
+            change = (self._log_density(fits, held, which) - state.score[held]) * self.weight[self.row[held]]
+            gain += np.bincount(which, change, minlength=len(pair))
+        chosen = _disjoint(pair, gain)
+        for _ in range(TRIES):
+            if chosen.size == 0:
+                break
+            kept = np.delete(state.generators, pair[chosen].ravel(), axis=0)
+            found = self._better(state, np.vstack([kept, united[chosen]]))
+            if found is not None:
+                return found
+            chosen = chosen[: chosen.size // 2]
+        return state
+
+    def soften(self, state: State[Cells], softness: tuple[float, ...]) -> State[Cells]:
+        """The same cells behind softer or harder gates."""
+        for tried in softness:
+            if tried != state.softness:
+                state = self._better(state, state.generators, tried) or state
+        return state
+
+
+def _sums(value: FloatArray, start: IntArray) -> FloatArray:
+    """The sum of each cell's values."""
+    total = np.concatenate([value, [0.0]])
+    return np.where(np.diff(start) > 0, np.add.reduceat(total, start[:-1]), 0.0)
+
+
+def _same_cells(generators: FloatArray, signature: FloatArray, before: State[AnyCells] | None) -> IntArray:
+    """The number that each cell had before with the same members; -1 where there was none."""
+    if before is None:
+        return np.full(len(generators), -1, np.int64)
+    number = {
+        key: i for i, key in enumerate(zip(*before.generators.T.tolist(), before.signature.tolist(), strict=True))
+    }
+    keys = zip(*generators.T.tolist(), signature.tolist(), strict=True)
+    return np.array([number.get(key, -1) for key in keys], dtype=np.int64)
+
+
+AnyCells = tuple[AnyArray, ...]
+
+
+def _taken(cells: Cells, index: IntArray) -> Cells:
+    """The parameters of some cells."""
+    return cast(Cells, type(cells)(*(column[index] for column in cells)))  # type: ignore[call-arg]
+
+
+def _joined(first: Cells, second: Cells) -> Cells:
+    """The parameters of the first cells, then of the second."""
+    pairs = zip(first, second, strict=True)
+    return cast(Cells, type(first)(*(np.concatenate(pair) for pair in pairs)))  # type: ignore[call-arg]
+
+
+def _neighbors(generators: FloatArray) -> IntArray:
+    """(n, 2) generators whose cells share a border, and each with its nearest; every pair once."""
+    nearest = nearest_generators(generators, generators, k=2)[1][:, 1]
+    pairs = [np.column_stack([np.arange(len(generators)), nearest])]
+    try:
+        corner = Delaunay(generators).simplices
+        pairs += [corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]]
+    except QhullError:  # fewer than three, or all on a line: then the nearest are neighbours
+        pass
+    return np.unique(np.sort(np.vstack(pairs).astype(np.int64), axis=1), axis=0)
+
+
+def _disjoint(pair: IntArray, gain: FloatArray) -> IntArray:
+    """Which pairs gain, best first, none with a cell that a better one has."""
+    taken: set[int] = set()
+    chosen = []
+    for p in np.argsort(-gain, kind="stable"):
+        if gain[p] > 0 and not taken.intersection(pair[p].tolist()):
+            chosen.append(p)
+            taken.update(pair[p].tolist())
+    return np.array(chosen, dtype=np.int64)

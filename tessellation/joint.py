@@ -1,0 +1,207 @@
+"""Cells and what happens in them, learned together.
+
+Senanayake et al. 2020, section VI, ask for the cells that minimise sum_c sum_x -log p(x_c | theta_c). Left to the data
+that were fitted, that sum falls until each datum has a cell of its own. Here it is taken over data held out: a datum is
+judged by its cell as fitted to the groups of the other folds. This **held-out objective** is the one criterion: it
+places the generators, decides how many there are and how soft the gates between them.
+
+From a few large cells on, as long as the objective falls:
+
+1. *split* cells in two, across their longest or their shortest axis, where the gain is greater than its own standard
+   error over groups;
+2. *move* generators along the gradient of the likelihood of softly gated cells: sum_i (r_ic - g_ic) (x_i - g_c), with
+   gates g and responsibilities r (Jordan and Jacobs 1994), where it helps the cells around;
+3. *merge* neighbours that do better as one; cells that starve go this way;
+4. let the gates' softness (see `gates`) rise or fall; it is a share of the cells' size, so that in metres it falls as
+   cells are split.
+
+Every step is judged by the true objective of true Voronoi cells, and is taken back if that has risen: the trace never
+rises. All steps of a kind are tried together, and only cells whose members have changed are fitted again.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic
+
+import numpy as np
+
+from tessellation._search import Search, State
+from tessellation.arrays import FloatArray, IntArray, as_floats
+from tessellation.gates import members_of
+from tessellation.protocols import CellModel, Cells, Data_contra
+from tessellation.voronoi import VoronoiTessellation
+
+logger = logging.getLogger(__name__)
+
+MAX_ROUNDS = 60
+N_FOLDS = 3
+FIRST_CELLS = 8
+"""A search begins with few, which it splits."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointFit(Generic[Cells]):
+    """Cells and their parameters.
+
+    Attributes:
+        tessellation: the cells.
+        cells: their parameters, fitted to all data.
+        softness: of the gates; see `gates.members_of`.
+        trace: (n_steps,) the held-out objective after each step, per datum; it never rises. Empty where nothing could
+            be held out.
+        n_cells: (n_steps,) how many cells there were.
+    """
+
+    tessellation: VoronoiTessellation
+    cells: Cells
+    softness: float
+    trace: FloatArray
+    n_cells: IntArray
+
+
+def fit_jointly(
+    model: CellModel[Data_contra, Cells],
+    position: FloatArray,
+    data: Data_contra,
+    *,
+    weight: FloatArray | None = None,
+    group: IntArray | None = None,
+    reach: float,
+    n_cells: int | None = None,
+    softness: tuple[float, ...] = (0.25, 0.1, 0.5, 0.0),
+    max_rows: int = 50_000,
+    progress: Callable[[int, float], None] | None = None,
+    rng: np.random.Generator,
+) -> JointFit[Cells]:
+    """Voronoi cells and a model in each, learned together.
+
+    Args:
+        model: what happens in a cell.
+        position: (n, 2) where each datum is, metres.
+        data: what the model makes of it; row i belongs to position i.
+        weight: (n,) of each datum, not negative; 1 if not given.
+        group: (n,) whole groups are held out, for data of one group repeat each other; each datum by itself if absent.
+        reach: metres around the data that the cells cover; see `VoronoiTessellation.covering`.
+        n_cells: how many cells; left out, as many as lower the held-out objective.
+        softness: of the gates; the first is begun with, the others are tried.
+        max_rows: the cells are laid out by so many data at most, of groups drawn at random; all data are then fitted.
+        progress: told the number of cells and the objective after each step.
+        rng: deals the folds and chooses the first generators.
+
+    Raises:
+        ValueError: no datum of positive weight, a number that is not finite, or arguments out of range.
+    """
+    position, weight, group = _checked(position, weight, group, n_cells, softness)
+    origin = np.round(position[weight > 0].mean(axis=0))  # so that no digit is lost far from it
+    used = _sample(weight, group, max_rows, rng)
+    fold = _folds(group[used], rng)
+    search = Search(
+        model=model,
+        position=position - origin,
+        data=data,
+        weight=weight,
+        row=used,
+        fold=fold,
+        group=np.unique(group[used], return_inverse=True)[1],
+        salt=rng.random(len(position)),
+    )
+
+    def spread(n: int) -> FloatArray:
+        """Generators spread evenly over the data."""
+        place = (position - origin)[used]
+        return VoronoiTessellation.lloyd(place, n_cells=n, rng=rng, reach=reach, weight=weight[used]).generators
+
+    steps: list[tuple[int, float]] = []
+
+    def tell(state: State[Cells]) -> None:
+        steps.append((len(state.generators), state.objective))
+        if progress is not None:
+            progress(*steps[-1])
+
+    if search.n_folds > 1:
+        state = search.evaluate(spread(min(n_cells or FIRST_CELLS, FIRST_CELLS)), softness[0])
+        state = _descend(search, state, n_cells, softness, tell)
+        generators, chosen = state.generators, state.softness
+    else:  # nothing can be held out, so nothing tells how many cells there should be
+        generators, chosen = spread(n_cells or 1), softness[0]
+    members, _ = members_of(position - origin, generators, softness=chosen)
+    members = members._replace(weight=members.weight * weight[members.row])
+    logger.info("joint cells: %d, softness %g, after %d steps", len(generators), chosen, len(steps))
+    return JointFit(
+        tessellation=VoronoiTessellation.covering(position[weight > 0], generators=generators + origin, reach=reach),
+        cells=model.fit(position - origin, data, members),
+        softness=chosen,
+        trace=np.array([objective for _, objective in steps]),
+        n_cells=np.array([n for n, _ in steps], dtype=np.int64),
+    )
+
+
+def _descend(
+    search: Search[Data_contra, Cells],
+    state: State[Cells],
+    n_cells: int | None,
+    softness: tuple[float, ...],
+    tell: Callable[[State[Cells]], None],
+) -> State[Cells]:
+    """Step by step, until no kind of step lowers the objective."""
+    tell(state)
+    for _ in range(MAX_ROUNDS):
+        before = state
+        split = search.split(state, n_cells)
+        state = search.move(split)
+        if split is before:
+            state = search.anneal(state)
+            state = search.merge(state) if n_cells is None else state
+            state = search.soften(state, softness)
+        if state is not before:
+            tell(state)
+        if state.objective >= before.objective - search.least_gain and len(state.generators) == len(before.generators):
+            break
+    return state
+
+
+def _checked(
+    position: FloatArray,
+    weight: FloatArray | None,
+    group: IntArray | None,
+    n_cells: int | None,
+    softness: tuple[float, ...],
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    position = as_floats("position", position, "n 2")
+    n = len(position)
+    weight = np.ones(n) if weight is None else as_floats("weight", weight, "n")
+    group = np.arange(n) if group is None else np.asarray(group)
+    for name, column in (("weight", weight), ("group", group)):
+        if column.shape != (n,):
+            raise ValueError(f"{name}: expected shape ({n},) as positions, got {column.shape}")
+    if (weight < 0).any():
+        raise ValueError(f"weight: expected no negative number, got {weight.min()} at {int(weight.argmin())}")
+    if not weight.any():
+        raise ValueError("weight: expected at least one datum of positive weight, got none")
+    if n_cells is not None and n_cells < 1:
+        raise ValueError(f"n_cells: expected at least 1, got {n_cells}")
+    if not softness or not all(s >= 0 for s in softness):
+        raise ValueError(f"softness: expected one or more numbers that are not negative, got {softness}")
+    return position, weight, group
+
+
+def _sample(weight: FloatArray, group: IntArray, max_rows: int, rng: np.random.Generator) -> IntArray:
+    """Rows of positive weight: all, or those of randomly drawn groups, about `max_rows`."""
+    used = np.flatnonzero(weight > 0)
+    if used.size <= max_rows:
+        return used
+    _, number, size = np.unique(group[used], return_inverse=True, return_counts=True)
+    order = rng.permutation(size.size)
+    n_drawn = max(int(np.searchsorted(np.cumsum(size[order]), max_rows, side="right")), min(N_FOLDS, size.size))
+    drawn = np.zeros(size.size, np.bool_)
+    drawn[order[:n_drawn]] = True
+    return used[drawn[number]]
+
+
+def _folds(group: IntArray, rng: np.random.Generator) -> IntArray:
+    """(n,) the fold of each row: whole groups, dealt at random."""
+    names, number = np.unique(group, return_inverse=True)
+    return np.asarray((rng.permutation(names.size) % N_FOLDS)[number], dtype=np.int64)

@@ -1,0 +1,125 @@
+"""Point location: the raster of candidate generators of a Voronoi tessellation, and large batches on several threads.
+
+After Edahiro, Kokubo and Asano (1984), "A new point-location algorithm and its practical efficiency": buckets of a
+regular raster answer in constant time. Here a bucket holds the generators that may be nearest in it, and one that is
+crowded is divided again, so that clustered generators cost no more.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import numpy as np
+
+from tessellation._kernels import Locator, PixelArray, locate_all
+from tessellation._raster import DEEPEST, LARGEST_SIDE, Frame, fill
+from tessellation.arrays import AnyArray, FloatArray, IntArray
+
+PIXELS_PER_CELL = 2
+"""At least, on average; fewer candidates in a pixel against more memory."""
+FINE_RASTER_PIXELS = 1 << 17
+"""A raster of so few pixels stays in the processor's cache, so it may have more of them for a cell."""
+MAX_REFINEMENT = 64
+LARGEST_ENTRY = 1 << 28
+"""Numbers in the lists of candidates: what 31 bits of a pixel can name beside the length of a list."""
+BATCH_FOR_THREADS = 1 << 16
+"""Fewer points are located sooner than threads are started."""
+MAX_THREADS = 8
+
+
+def grid_locator(origin: FloatArray, cell_size: float, cell: AnyArray) -> Locator:
+    """The locator of square cells, one to a pixel. `cell`: (n_y, n_x), -1 where there is none."""
+    return Locator(float(origin[0]), float(origin[1]), 1.0 / cell_size, cell.astype(np.int32), np.zeros(4))
+
+
+def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
+    """The locator of the nearest generator where `region` has a cell.
+
+    Args:
+        generators: (n_cells, 2) metres, no two the same.
+        region: of square cells. Its pixels are halved until there are `PIXELS_PER_CELL`; a power of two keeps its
+            borders, to the last bit.
+
+    Raises:
+        ValueError: generators so crowded that the lists of candidates do not fit.
+    """
+    covers = region.pixel >= 0
+    if len(generators) == 0 or not covers.any():
+        return Locator(*region[:3], np.full(covers.shape, -1, np.int32), np.zeros(4))
+    refinement = 1
+    wanted = PIXELS_PER_CELL * len(generators)
+    most = max(8 * wanted, FINE_RASTER_PIXELS)
+    while refinement < MAX_REFINEMENT and (
+        covers.sum() * refinement**2 < wanted or 4 * covers.size * refinement**2 <= FINE_RASTER_PIXELS
+    ):
+        if 4 * covers.size * refinement**2 > most:
+            break
+        refinement *= 2
+    n_y, n_x = covers.shape
+    largest = max(abs(region.origin_x), abs(region.origin_y)) + max(covers.shape) / region.pixels_per_metre
+    rounding = 4.0 * float(np.spacing(largest))
+    per_metre = region.pixels_per_metre * refinement
+    frame = Frame(region.origin_x, region.origin_y, per_metre, n_x * refinement, n_y * refinement, rounding)
+    covered = np.zeros((n_y + 1, n_x + 1), np.int32)
+    covered[1:, 1:] = covers.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
+    everyone = np.arange(len(generators))
+    entry = np.zeros(max(1024, 12 * len(generators)))
+    value, entry, top, crowded, waiting = fill(frame, generators, everyone, covered, refinement, False, entry, 4)
+    # Address 0 names no list, so the first four numbers are spare: `locate_all` may touch them.
+    entry, top = _divided(frame, generators, value, crowded, waiting, entry=entry, top=top, depth=1)
+    if top > LARGEST_ENTRY:
+        raise ValueError(f"generators: {len(generators)} of them need {top} candidates, more than {LARGEST_ENTRY}")
+    pixel = value.reshape(frame.n_y, frame.n_x)
+    return Locator(frame.x, frame.y, per_metre, pixel, entry[:top].copy())
+
+
+def _divided(
+    frame: Frame,
+    generators: FloatArray,
+    value: PixelArray,
+    crowded: IntArray,
+    waiting: IntArray,
+    *,
+    entry: FloatArray,
+    top: int,
+    depth: int,
+) -> tuple[FloatArray, int]:
+    """Give smaller pixels to every crowded pixel of a frame, and to those of theirs that still are."""
+    for place, start, end in crowded:
+        side = 2
+        while side < LARGEST_SIDE and side * side < 2 * (end - start):
+            side *= 2
+        row, column = divmod(int(place), frame.n_x)
+        x, y = frame.x + column / frame.pixels_per_metre, frame.y + row / frame.pixels_per_metre
+        smaller = Frame(x, y, frame.pixels_per_metre * side, side, side, frame.rounding)
+        here = top
+        top += 4 + side * side
+        if top > entry.size:
+            entry = np.concatenate([entry, np.zeros(max(top - entry.size, entry.size))])
+        whole = np.array([[0, 0], [0, 1]], np.int32)
+        inner, entry, top, still, theirs = fill(
+            smaller, generators, waiting[start:end], whole, side, depth == DEEPEST, entry, top
+        )
+        entry, top = _divided(smaller, generators, inner, still, theirs, entry=entry, top=top, depth=depth + 1)
+        entry[here : here + 4] = x, y, smaller.pixels_per_metre, side
+        entry[here + 4 : here + 4 + side * side] = inner
+        value[place] = -2 - 8 * here
+    return entry, top
+
+
+def cells_of(locator: Locator, position: FloatArray) -> IntArray:
+    """The cell of each position. (n, 2) -> (n,). A large batch is shared out to the processor's cores."""
+    n = len(position)
+    cell = np.empty(n, np.int64)
+    n_threads = min(MAX_THREADS, os.cpu_count() or 1, n // BATCH_FOR_THREADS)
+    if n_threads < 2:
+        locate_all(locator, position, cell)
+        return cell
+    border = np.linspace(0, n, n_threads + 1).astype(int)
+    with ThreadPoolExecutor(n_threads) as threads:
+        parts = [threads.submit(locate_all, locator, position[a:b], cell[a:b]) for a, b in pairwise(border)]
+    for part in parts:
+        part.result()
+    return cell

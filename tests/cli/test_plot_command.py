@@ -1,0 +1,81 @@
+"""`dirprim plot`: every picture of a map from the command line, and one clear line where there is none."""
+
+import pytest
+
+from dirprim_filter import save_map, write_tracks
+from dirprim_filter.cli.main import run
+
+DONE, FAILED, USAGE = 0, 1, 2
+
+
+@pytest.fixture(scope="module")
+def files(ring, ring_map, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plot")
+    save_map(ring_map, folder / "map.mcap")
+    write_tracks(ring[ring.track_id < 8], folder / "log.mcap")
+    return folder
+
+
+def plot(files, *arguments):
+    return run(["plot", str(files / "map.mcap"), *map(str, arguments)])
+
+
+@pytest.mark.parametrize(
+    ("figure", "more"),
+    [
+        ("map", ()),
+        ("roses", ()),
+        ("cells", ("--log", "log.mcap")),
+        ("direction", ("--at", 20, 0, "--log", "log.mcap")),
+        ("speed", ("--at", -20, 0)),
+        ("rejection", ("--cue", "left")),
+        ("product", ("--at", 20, 0, "--heading-deg", 90)),
+    ],
+)
+def test_every_picture(files, tmp_path, capsys, figure, more):
+    arguments = [files / a if a == "log.mcap" else a for a in more]
+    assert plot(files, "-o", tmp_path / "p.png", "--figure", figure, *arguments) == DONE
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    assert capsys.readouterr().out == f"{tmp_path / 'p.png'}\n"
+    assert plot(files, "-o", tmp_path / "p.png", "--figure", figure, *arguments) == FAILED
+    assert "--force" in capsys.readouterr().err
+
+
+def test_the_seed_decides_the_picture(files, tmp_path):
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        assert plot(files, "-o", tmp_path / f"{name}.svg", "--figure", "rejection", "--seed", seed) == DONE
+    a, b, c = ((tmp_path / f"{name}.svg").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--figure", "roses", "--at", 1, 2], "--at: has no meaning for --figure roses; it is for direction"),
+        (["--figure", "cells"], "--log: expected with --figure cells"),
+        (["--cue", "left"], "it is for rejection, product"),
+        (["--figure", "pie"], "pie"),
+        (["--figure", "speed", "--at", 900, 0], "expected a place in a cell, got (900, 0) m"),
+        (["--figure", "speed", "--at", "nan", 0], "finite"),
+    ],
+)
+def test_what_cannot_be_drawn_is_told_and_nothing_is_written(files, tmp_path, capsys, arguments, said):
+    assert plot(files, "-o", tmp_path / "p.png", *arguments) in (FAILED, USAGE)
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_format_is_refused_before_the_work(files, tmp_path, capsys):
+    assert plot(files, "-o", tmp_path / "p.gif") == FAILED
+    assert "ends in .png, .pdf, .svg, got .gif" in capsys.readouterr().err
+    options = ["--folds", "2", "--every", "1", "--plot", str(tmp_path / "t.gif")]
+    assert run(["evaluate", "density", str(files / "log.mcap"), *options]) == FAILED
+    assert "got .gif" in capsys.readouterr().err
+
+
+def test_tables_are_drawn_beside_their_text(files, tmp_path, capsys):
+    assert run(["evaluate", "cues", str(files / "log.mcap"), "--folds", "2", "--plot", str(tmp_path / "t.pdf")]) == DONE
+    assert "steps from cell to cell" in capsys.readouterr().out
+    assert (tmp_path / "t.pdf").read_bytes().startswith(b"%PDF")
+    assert [path.name for path in tmp_path.iterdir()] == ["t.pdf"]

@@ -1,0 +1,151 @@
+"""Vehicles without ids: found, told apart, kept through gaps, and not made up."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
+
+KNOBS = TrackingConfig(detection_probability=0.9, clutter_density=5e-4)
+
+
+def made(ring_map, filter_of, *, tracking=KNOBS, seed=1):
+    config = FilterConfig(n_particles=200)
+    model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
+    return Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(seed))
+
+
+def followed(tracker, frames):
+    """Estimates of every frame: (seconds, positions), with nothing seen in some."""
+    found = []
+    for time_s, places in frames:
+        time_ns = round(time_s * 1e9)
+        seen = Detections(
+            track_id=[""] * len(places), time_ns=[time_ns] * len(places), position=np.reshape(places, (-1, 2))
+        )
+        tracker.predict(seen, time_ns=time_ns)
+        tracker.weigh()
+        found.append(tracker.estimate())
+        tracker.resample()
+    return found
+
+
+def on_the_ring(angle):
+    return 20.0 * np.array([np.cos(angle), np.sin(angle)])
+
+
+def two_vehicles(n_frames=60, *, rng, hide=lambda i: False, clutter=0.0):
+    """Opposite each other on the ring at 8 m/s, in clutter; the first is hidden in some frames."""
+    frames = []
+    for i in range(n_frames):
+        places = [on_the_ring(0.04 * i + turn) + rng.normal(0, 0.3, 2) for turn in (0.0, np.pi)]
+        places = places[1:] if hide(i) else places
+        places += list(rng.uniform(-30, 30, (rng.poisson(clutter), 2)))
+        frames.append((0.1 * i, rng.permutation(np.array(places))))
+    return frames
+
+
+@pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+def test_two_vehicles_in_clutter_are_two_tracks_that_keep_their_names(ring_map, filter_of):
+    frames = two_vehicles(rng=np.random.default_rng(0), clutter=1.0)
+    found = followed(made(ring_map, filter_of), frames)
+    late = found[15:]
+    assert all(len(estimates) == 2 for estimates in late)
+    for turn in (0.0, np.pi):
+        names = set()
+        for i, estimates in enumerate(late, start=15):
+            off = np.linalg.norm(estimates.position - on_the_ring(0.04 * i + turn), axis=1)
+            assert off.min() < 1.5
+            names.add(str(estimates.track_id[off.argmin()]))
+        assert len(names) == 1
+
+
+def test_clutter_alone_is_no_vehicle(ring_map):
+    rng = np.random.default_rng(1)
+    frames = [(0.1 * i, rng.uniform(-40, 40, (rng.poisson(3.0), 2))) for i in range(100)]
+    told = sum(len(estimates) for estimates in followed(made(ring_map, "particles"), frames))
+    assert told <= 20  # of 300 false detections, in 100 frames
+    gullible = TrackingConfig(clutter_density=1e-7, birth_density=1e-6)
+    assert sum(len(e) for e in followed(made(ring_map, "particles", tracking=gullible), frames)) > 100
+
+
+def test_a_vehicle_out_of_sight_on_a_bend_is_told_of_and_found_again_by_the_map(ring_map):
+    frames = two_vehicles(70, rng=np.random.default_rng(2), hide=lambda i: 30 <= i < 40)
+    found = followed(made(ring_map, "particles"), frames)
+    names = [
+        {str(e.track_id[np.linalg.norm(e.position - on_the_ring(0.04 * i), axis=1).argmin()])}
+        for i, e in enumerate(found)
+        if i in (29, 45, 69)
+    ]
+    assert names[0] == names[1] == names[2]
+    hidden = found[35]
+    assert len(hidden) == 2
+    assert sorted(hidden.unseen_s.round(3)) == [0.0, 0.6]
+    assert hidden.existence.min() > 0.5
+
+
+def test_a_vehicle_that_leaves_is_forgotten(ring_map):
+    frames = two_vehicles(150, rng=np.random.default_rng(3), hide=lambda i: i >= 40)
+    tracker = made(ring_map, "particles")
+    found = followed(tracker, frames)
+    assert len(found[39]) == 2
+    assert len(found[-1]) == 1
+    assert len(tracker._roster) <= 2
+
+
+def test_a_thousand_false_detections_in_a_frame_begin_nothing(ring_map):
+    rng = np.random.default_rng(4)
+    frames = two_vehicles(40, rng=rng)
+    time_s, places = frames[25]
+    frames[25] = (time_s, np.concatenate([places, rng.uniform(-200, 200, (1000, 2))]))
+    tracker = made(ring_map, "particles")
+    followed(tracker, frames[:25])
+    found = followed(tracker, frames[25:])
+    assert all(len(estimates) == 2 for estimates in found[5:])
+    assert len(tracker._roster) < 20
+
+
+def test_nameless_tracks_are_the_same_each_time_and_keep_out_of_the_way_of_named_ones(ring_map):
+    frames = two_vehicles(30, rng=np.random.default_rng(5))
+    once, again = (Estimates.concatenate(followed(made(ring_map, "particles"), frames)) for _ in range(2))
+    assert once.position.tobytes() == again.position.tobytes()
+    assert once.track_id.tolist() == again.track_id.tolist()
+    named = made(ring_map, "particles")
+    alone = made(ring_map, "particles")
+    for time_s, places in frames:
+        time_ns = round(time_s * 1e9)
+        mixed = Detections(
+            track_id=["track-1", *[""] * len(places)], time_ns=[time_ns] * (len(places) + 1),
+            position=np.vstack([on_the_ring(1.0 + 0.4 * time_s), places]),
+        )  # fmt: skip
+        for tracker, frame in ((named, mixed), (alone, mixed[np.array([0])])):
+            tracker.predict(frame)
+            tracker.weigh()
+            believed = tracker.estimate()
+            tracker.resample()
+            if tracker is named:
+                first = believed.position[0].tobytes()
+        assert believed.position[0].tobytes() == first
+    assert np.unique(named.estimate().track_id).size == 3
+
+
+def test_a_jump_of_a_kilometre_begins_another_track(ring_map):
+    frames = [(0.1 * i, [on_the_ring(0.04 * i) + (1000.0 if i >= 25 else 0.0)]) for i in range(60)]
+    found = followed(made(ring_map, "particles"), frames)
+    before, after = found[24], found[-1]
+    assert len(before) == 1
+    off = np.linalg.norm(after.position - frames[-1][1][0], axis=1)
+    assert off.min() < 1.5
+    assert after.track_id[off.argmin()] != before.track_id[0]
+
+
+def test_after_an_hour_everything_is_new(ring_map):
+    frames = two_vehicles(20, rng=np.random.default_rng(6))
+    tracker = made(ring_map, "particles")
+    before = followed(tracker, frames)[-1]
+    after = followed(tracker, [(3600.0 + t, places) for t, places in frames])
+    assert len(after[0]) == 0
+    assert len(after[-1]) == 2
+    assert not set(after[-1].track_id) & set(before.track_id)

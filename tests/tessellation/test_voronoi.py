@@ -1,0 +1,193 @@
+"""Voronoi cells against brute force: to the bit where they locate, to rounding where they draw."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from tessellation import OUTSIDE, GridTessellation, VoronoiTessellation
+
+
+def nearest(generators, position):
+    """The oracle: every squared distance, the first of the smallest."""
+    return ((position[:, None] - generators) ** 2).sum(axis=-1).argmin(axis=1)
+
+
+def one_square(low, high):
+    low, side = np.asarray(low, float), float(high - low)
+    return GridTessellation(origin=np.full(2, low), cell_size=side, n_x=1, n_y=1, square=np.array([0]))
+
+
+def crossing(n, rng):
+    """Two roads, on a line each."""
+    along = rng.uniform(-100, 100, n // 2)
+    return np.concatenate([np.column_stack([along, 0 * along]), np.column_stack([0 * along, along + 0.5])])
+
+
+GENERATORS = {
+    "one": lambda rng: np.array([[3.0, 4.0]]),
+    "two": lambda rng: np.array([[3.0, 4.0], [-3.0, 4.0]]),
+    "collinear": lambda rng: np.column_stack([np.arange(-50.0, 50.0, 2.5), np.arange(-50.0, 50.0, 2.5)]),
+    "lattice": lambda rng: np.stack(np.meshgrid(np.arange(-30.0, 31.0, 5.0), np.arange(-30.0, 31.0, 5.0)), -1).reshape(
+        -1, 2
+    ),
+    "circle": lambda rng: 40 * np.column_stack([f(np.arange(100) * np.pi / 50) for f in (np.cos, np.sin)]),
+    "uniform": lambda rng: rng.uniform(-100, 100, (1000, 2)),
+    "roads": lambda rng: crossing(1000, rng),
+    "clustered": lambda rng: np.concatenate(
+        [rng.uniform(-100, 100, (50, 2)), rng.normal((20.0, -7.0), 1e-3, (2000, 2)), rng.normal(0, 1.0, (500, 2))]
+    ),
+    "far away": lambda rng: 1e4 + rng.normal(0, 1.0, (300, 2)),
+}
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e7])
+@pytest.mark.parametrize("name", GENERATORS)
+def test_the_nearest_generator_has_the_position(name, offset):
+    rng = np.random.default_rng(0)
+    generators = GENERATORS[name](rng) + offset
+    some = generators[rng.integers(len(generators), size=1000)]
+    position = np.concatenate(
+        [rng.uniform(-100, 100, (1000, 2)) + offset, some + rng.normal(0, 2e-3, some.shape), some, some.round(1)]
+    )
+    position = position[(np.abs(position - offset) < 128).all(axis=1)]
+    cells = VoronoiTessellation(generators=generators, region=one_square(offset - 128, offset + 128))
+    np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
+
+
+@pytest.mark.parametrize(("n", "spread"), [(10, 30.0), (1000, 100.0), (100_000, 100.0), (100_000, 3.0)])
+def test_many_positions_agree_with_a_k_d_tree(n, spread):
+    rng = np.random.default_rng(1)
+    generators, position = rng.normal(0, spread, (n, 2)), rng.normal(0, 100, (200_000, 2))
+    cells = VoronoiTessellation.covering(position, generators=generators, reach=5.0)
+    distance, _ = cKDTree(generators).query(position)
+    own = np.linalg.norm(position - generators[cells.cell_of(position)], axis=1)
+    np.testing.assert_allclose(own, distance, rtol=1e-12)
+
+
+@given(
+    st.lists(st.tuples(st.integers(-4, 4), st.integers(-4, 4)), min_size=1, max_size=40, unique=True),
+    st.sampled_from([1.0, 1e-3, 1e5]),
+    st.sampled_from([0.0, 1e7, -3e6 / 7]),
+)
+@settings(deadline=None, max_examples=50)
+def test_ties_go_to_the_first(corners, scale, offset):
+    generators = np.array(corners) * scale + offset
+    position = np.stack(np.meshgrid(np.arange(-8, 9), np.arange(-8, 9)), -1).reshape(-1, 2) * (0.5 * scale) + offset
+    cells = VoronoiTessellation(generators=generators, region=one_square(offset - 5 * scale, offset + 5 * scale))
+    np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
+
+
+def test_a_thousand_generators_at_one_distance_are_told_apart():
+    angle = np.arange(1000) * (np.pi / 500)
+    generators = np.column_stack([np.cos(angle), np.sin(angle)])
+    cells = VoronoiTessellation(generators=generators, region=one_square(-2, 2))
+    position = np.random.default_rng(0).normal(0, 1e-6, (500, 2))
+    np.testing.assert_array_equal(cells.cell_of(position), nearest(generators, position))
+
+
+def test_the_region_is_what_lies_near_the_data_and_no_more():
+    rng = np.random.default_rng(2)
+    data = rng.normal(0, 100, (60, 2))
+    cells = VoronoiTessellation.covering(data, generators=data[::3], reach=7.0)
+    position = rng.uniform(-400, 400, (20_000, 2))
+    distance, _ = cKDTree(data).query(position)
+    covered = cells.cell_of(position) != OUTSIDE
+    assert covered[distance <= 7.0].all()
+    assert not covered[distance > 2 * np.sqrt(2) * 7.0].any()
+    np.testing.assert_array_equal(covered, cells.region.cell_of(position) != OUTSIDE)
+
+
+def polygon_mask(polygon, position):
+    """Which positions lie in a convex counter-clockwise polygon, to rounding."""
+    if len(polygon) == 0:
+        return np.zeros(len(position), bool)
+    side = np.roll(polygon, -1, axis=0) - polygon
+    away = position[:, None] - polygon
+    return (side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0] >= -1e-6 * np.hypot(*side.T)).all(axis=1)
+
+
+@pytest.mark.parametrize("name", ["one", "two", "collinear", "lattice", "circle", "clustered", "far away"])
+def test_polygons_are_the_nearest_positions_within_their_boxes(name):
+    rng = np.random.default_rng(3)
+    generators = GENERATORS[name](rng)
+    data = rng.uniform(-60, 60, (40, 2))
+    cells = VoronoiTessellation.covering(data, generators=generators, reach=9.0)
+    position = rng.uniform(-90, 90, (4000, 2))
+    cell, region, polygons = cells.cell_of(position), cells.region, cells.polygons()
+    owner = nearest(generators, position)
+    square = np.floor((position - region.origin) / region.cell_size).astype(int)
+    for c in np.unique(cell[cell >= 0]):
+        mine = square[cell == c]
+        boxed = ((square >= mine.min(axis=0)) & (square <= mine.max(axis=0))).all(axis=1)
+        inside = polygon_mask(polygons[c], position)
+        # A corner of a square that no position fell into may widen the box; nothing else differs.
+        assert inside[boxed & (owner == c)].all()
+        assert not inside[owner != c].any()
+
+
+def test_polygons_of_a_filled_region_are_those_of_qhull():
+    from scipy.spatial import Delaunay, Voronoi
+
+    rng = np.random.default_rng(4)
+    generators = rng.uniform(0, 10, (200, 2))
+    cells = VoronoiTessellation(generators=generators, region=one_square(0, 10))
+    diagram = Voronoi(generators)
+    inner = [
+        c
+        for c, r in enumerate(diagram.point_region)
+        if -1 not in diagram.regions[r] and (np.abs(diagram.vertices[diagram.regions[r]] - 5) < 5).all()
+    ]
+    start, neighbors = Delaunay(generators).vertex_neighbor_vertices
+    assert len(inner) > 100
+    for c in inner:
+        corners = diagram.vertices[diagram.regions[diagram.point_region[c]]]
+        mine = cells.polygons()[c]
+        np.testing.assert_allclose(mine[np.lexsort(mine.T)], corners[np.lexsort(corners.T)], atol=1e-8)
+        np.testing.assert_array_equal(cells.neighbors(c), np.sort(neighbors[start[c] : start[c + 1]]))
+    assert cells.area.sum() == pytest.approx(100.0)
+
+
+def test_cells_that_meet_in_a_point_are_no_neighbors():
+    cells = VoronoiTessellation(generators=GENERATORS["lattice"](None), region=one_square(-32.5, 32.5))
+    np.testing.assert_array_equal(cells.neighbors(0), [1, 13])
+    np.testing.assert_array_equal(cells.neighbors(14), [1, 13, 15, 27])
+    np.testing.assert_allclose(cells.area, 25.0)
+
+
+def test_a_generator_far_from_the_data_owns_nothing():
+    data = np.zeros((1, 2))
+    cells = VoronoiTessellation.covering(data, generators=np.array([[0.0, 0.0], [1000.0, 0.0]]), reach=5.0)
+    assert cells.n_cells == 2
+    assert cells.area[1] == 0.0
+    assert cells.polygons()[1].shape == (0, 2)
+    assert cells.neighbors(0).size == cells.neighbors(1).size == 0
+
+
+def test_no_generator_makes_no_cell():
+    cells = VoronoiTessellation.covering(np.zeros((1, 2)), generators=np.empty((0, 2)), reach=5.0)
+    assert cells.n_cells == 0
+    assert cells.polygons() == []
+    assert cells.area.shape == (0,)
+    assert cells.cell_of(np.zeros(2)) == OUTSIDE
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"generators": np.array([[1.0, 2.0], [0.0, 0.0], [1.0, 2.0]])}, r"got \(1.0, 2.0\) as number 0 and 2"),
+        ({"generators": np.array([[1.0, np.nan]])}, "generators: expected finite"),
+        ({"generators": np.zeros((3, 3))}, r"generators: expected shape \(n, 2\)"),
+        ({"reach": 0.0}, "reach: expected a positive"),
+        ({"reach": float("nan")}, "reach: expected a positive"),
+        ({"position": np.empty((0, 2))}, "expected at least one position"),
+        ({"position": np.array([[0.0, 0.0], [1e9, 1e9]])}, "outliers"),
+    ],
+)
+def test_cells_that_cannot_be_are_refused(arguments, message):
+    good = {"position": np.zeros((1, 2)), "generators": np.zeros((1, 2)), "reach": 1.0}
+    given = good | arguments
+    with pytest.raises(ValueError, match=message) as caught:
+        VoronoiTessellation.covering(given.pop("position"), **given)
+    assert "\n" not in str(caught.value)
