@@ -75,6 +75,9 @@ class FilterConfig:
         speed_spread: share of the speed, likewise.
         reach_m: metres; so far beside a cell a vehicle still moves as vehicles do in it: about a lane's width.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
+        drift: m^2/s, how fast a vehicle drifts from the way of the journey that it follows, in each axis: 0.07 m in a
+            second.
+        forget_rate: 1/s, how often a vehicle that follows a journey goes over to another that it has come to be like.
         max_gap_s: seconds without a measurement after which a belief ends.
     """
 
@@ -92,6 +95,8 @@ class FilterConfig:
     speed_spread: float = 0.05
     reach_m: float = 3.5
     step_s: float = 0.1
+    drift: float = 0.005
+    forget_rate: float = 0.1
     max_gap_s: float = 5.0
 
     def __post_init__(self) -> None:

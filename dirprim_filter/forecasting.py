@@ -7,18 +7,15 @@ step; look up the cell it has come to; repeat.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.filtering import _kernels
-from dirprim_filter.filtering._kernels import MotionTable
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.filtering.futures import Start, Steps, forecast_table, sample_paths
 from dirprim_filter.primitives import PrimitiveMap
 from tessellation.arrays import FloatArray, as_floats
 
@@ -54,59 +51,9 @@ def forecast(
     Raises:
         ValueError: a number that is not finite, a negative speed, or times and counts that are not positive.
     """
-    table = forecast_table(primitive_map, config or FilterConfig())
-    steps = _Steps.of(horizon_s, dt_s, n_samples)
-    return _sample_paths(table, as_floats("position", position, "2"), direction, speed, steps, rng=rng)
-
-
-def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
-    """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold."""
-    return motion_table(primitive_map, replace(config, place_free_share=config.forecast_place_free_share))
-
-
-class _Steps(NamedTuple):
-    dt_s: float
-    n_steps: int
-    n_samples: int
-
-    @classmethod
-    def of(cls, horizon_s: float, dt_s: float, n_samples: int) -> _Steps:
-        horizon_s, dt_s = float(as_floats("horizon_s", horizon_s, "")), float(as_floats("dt_s", dt_s, ""))
-        n_steps = int(np.floor(horizon_s / dt_s + 1e-9)) if dt_s > 0 else 0
-        if n_steps < 1 or n_samples < 1:
-            raise ValueError(
-                "horizon_s, dt_s, n_samples: expected at least one step and one sample, "
-                f"got {horizon_s}, {dt_s} and {n_samples}"
-            )
-        return cls(dt_s, n_steps, n_samples)
-
-
-def _sample_paths(
-    table: MotionTable,
-    position: FloatArray,
-    direction: float,
-    speed: float,
-    steps: _Steps,
-    *,
-    rng: np.random.Generator,
-) -> FloatArray:
-    heading, pace = float(as_floats("direction", direction, "")), float(as_floats("speed", speed, ""))
-    if pace < 0:
-        raise ValueError(f"speed: expected at least 0 m/s, got {pace}")
-    n = steps.n_samples
-    cloud = _kernels.Cloud(
-        position=np.tile(position, (1, n, 1)),
-        direction=np.full((1, n), heading),
-        speed=np.full((1, n), pace),
-        cell=np.empty((1, n), np.int64),
-        mode=np.empty((1, n), np.int64),
-        log_weight=np.full((1, n), -np.log(n)),
-        state=rng.integers(2**64, size=(1, 4), dtype=np.uint64),
-    )
-    path: FloatArray = np.empty((n, steps.n_steps, 2))
-    _kernels.settle(table, cloud, np.zeros(1, np.int64))
-    _kernels.predict_paths(table, cloud, steps.dt_s, path[None])
-    return path
+    start = Start.of(as_floats("position", position, "2")[None], [direction], [speed])
+    steps = Steps.of(horizon_s, dt_s, n_samples)
+    return sample_paths(forecast_table(primitive_map, config or FilterConfig()), start, steps, rng=rng)[0]
 
 
 class ForecastSink(Protocol):
@@ -148,7 +95,7 @@ class Forecaster:
         self._table = forecast_table(primitive_map, config or FilterConfig())
         self._sinks = sinks
         self._every_ns = int(every_s * 1e9)
-        self._steps = _Steps.of(horizon_s, dt_s, n_samples)
+        self._steps = Steps.of(horizon_s, dt_s, n_samples)
         self._seed = int(rng.integers(2**63))
         self._next_ns: int | None = None
 
@@ -167,14 +114,12 @@ class Forecaster:
         believed = frame.estimates
         return np.stack(
             [
-                _sample_paths(
+                sample_paths(
                     self._table,
-                    believed.position[row],
-                    float(believed.direction[row]),
-                    float(believed.speed[row]),
+                    Start(believed.position[[row]], believed.direction[[row]], believed.speed[[row]]),
                     self._steps,
                     rng=np.random.default_rng(int(birth_key(self._seed, str(name), frame.time_ns))),
-                )
+                )[0]
                 for row, name in enumerate(believed.track_id)
             ]
         )

@@ -1,5 +1,7 @@
 """Hallucinated futures keep to the road, and a vehicle's futures are its own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.forecasting import Forecaster
+from dirprim_filter.primitives.journeys import Journeys
 from dirprim_filter.replay import replay
 from situations import one_cell_map, ring_traffic
 
@@ -52,13 +55,15 @@ def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
         ])  # fmt: skip
         return np.abs(np.hypot(*last.T) - 20.0).mean()
 
-    with_places, without = off_the_ring(learned), off_the_ring(learned.without_places())
-    assert with_places < 1.0  # the radii at which they drive are 0.7 m off, 0.56 m in the mean
+    by_primitives = replace(learned, journeys=Journeys.none())
+    assert off_the_ring(learned) < 0.7  # the radii at which they drive are 0.7 m off, 0.56 m in the mean
+    with_places, without = off_the_ring(by_primitives), off_the_ring(by_primitives.without_places())
+    assert with_places < 1.0
     assert without > 9.0  # straight on for 24 m ends 11 m outside
-    strangers = off_the_ring(learned, config=FilterConfig(forecast_place_free_share=0.2))
+    strangers = off_the_ring(by_primitives, config=FilterConfig(forecast_place_free_share=0.2))
     assert strangers > with_places + 1.0  # of these, a fifth follow no primitive for a cell's length
     assert (
-        off_the_ring(learned, config=FilterConfig(place_free_share=1.0)) == with_places
+        off_the_ring(by_primitives, config=FilterConfig(place_free_share=1.0)) == with_places
     )  # a filter's, not a forecast's
 
 

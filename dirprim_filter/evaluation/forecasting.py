@@ -15,7 +15,7 @@ import numpy as np
 
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.evaluation.splits import SplitBy, honest_split, split
-from dirprim_filter.forecasting import forecast_states
+from dirprim_filter.filtering.futures import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import FloatArray, IntArray

@@ -4,7 +4,9 @@ The motion model is Eq. 4 in closed form: the vehicle's own direction, a von Mis
 times the mode of its cell. With e = exp(-k dt) the factors are concentration c e / (1 - e^2) for the vehicle's own and
 c / (1 + e) for the mode's; their product is, for small angles, the exact step of an Ornstein-Uhlenbeck process that
 settles on the mode, however finely time is cut. Speed takes the exact step of the Cox-Ingersoll-Ross process whose
-stationary law is the mode's gamma (Cox, Ingersoll and Ross 1985): a Poisson mixture of gammas.
+stationary law is the mode's gamma (Cox, Ingersoll and Ross 1985): a noncentral chi-square.
+
+Where the map remembers journeys, particles follow these; see `primitives._following`.
 """
 
 import math
@@ -16,6 +18,8 @@ from numba import njit
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._random import UIntArray
+from dirprim_filter.primitives import _following as following
+from dirprim_filter.primitives._following import NO_ROW, JourneyTable
 from tessellation._kernels import Locator, locate
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
@@ -44,6 +48,8 @@ class MotionTable(NamedTuple):
     drift: float
     place_free_share: float
     step_s: float
+    journeys: JourneyTable
+    remembers: bool  # whether there are journeys
 
 
 class Cloud(NamedTuple):
@@ -54,6 +60,8 @@ class Cloud(NamedTuple):
     speed: FloatArray  # (V, P)
     cell: IntArray  # (V, P)
     mode: IntArray  # (V, P)
+    row: IntArray  # (V, P) of the journey followed; `NO_ROW` for none: then the mode is followed
+    since: FloatArray  # (V, P) seconds since it
     log_weight: FloatArray  # (V, P) normalised
     state: UIntArray  # (V, 4) of the random numbers
 
@@ -118,60 +126,129 @@ def turn(direction: float, mean: float, concentration: float, kept: float, state
 
 @njit(cache=True)
 def accelerate(speed: float, shape: float, rate: float, kept: float, state: UIntArray) -> float:
-    """The speed a step later: the exact step of the Cox-Ingersoll-Ross process; `kept` is e^{-k dt}."""
-    count = random.draw_poisson(rate * speed * kept / (1.0 - kept), state)
-    return random.draw_gamma(shape + count, state) * (1.0 - kept) / rate
+    """The speed a step later: the exact step of the Cox-Ingersoll-Ross process; `kept` is e^{-k dt}.
+
+    A noncentral chi-square of 2 shape degrees of freedom: a shifted normal squared and a gamma, or, of fewer than one
+    degree, a Poisson mixture of gammas.
+    """
+    if shape <= 0.5:
+        count = random.draw_poisson(rate * speed * kept / (1.0 - kept), state)
+        return random.draw_gamma(shape + count, state) * (1.0 - kept) / rate
+    root = math.sqrt(2.0 * rate * speed * kept / (1.0 - kept)) + random.draw_normal(state)
+    return (0.5 * root * root + random.draw_gamma(shape - 0.5, state)) * (1.0 - kept) / rate
+
+
+class Step(NamedTuple):
+    """What a step of one length does."""
+
+    h: float  # seconds
+    takes_up: float  # probability of another mode
+    slip: float  # metres
+    direction_kept: float
+    speed_kept: float
+    free_speed_kept: float
+    free_concentration: float
+
+
+@njit(cache=True, inline="always")
+def step_of(table: MotionTable, h: float) -> Step:
+    """The constants of a step of `h` seconds."""
+    return Step(
+        h,
+        1.0 - math.exp(-table.mode_rate * h),
+        math.sqrt(table.drift * h),
+        math.exp(-table.direction_rate * h),
+        math.exp(-table.speed_rate * h),
+        math.exp(-table.place_free_speed_rate * h),
+        1.0 / (table.turning * h),
+    )
+
+
+@njit(cache=True)
+def relax(
+    table: MotionTable, step: Step, x: float, y: float, direction: float, speed: float, cell: int, mode: int,
+    state: UIntArray,
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """A step on the way to a mode: position, direction and speed, by the step's mean direction and speed."""
+    rate, h = table.rate[cell, mode], step.h
+    if table.draws[cell, mode]:
+        east, north = offset_in(table, cell, x, y)
+        bend_east, bend_north = table.bend[cell, mode, 0], table.bend[cell, mode, 1]
+        mean = table.mean[cell, mode] + bend_east * east + bend_north * north
+        rate *= math.exp(-table.gain[cell, mode, 0] * east - table.gain[cell, mode, 1] * north)
+        # The deviation from the mode relaxes, not the direction: a vehicle on a bend turns with the bend.
+        carried = (bend_east * math.cos(direction) + bend_north * math.sin(direction)) * speed * h
+        turned = turn(direction + carried, mean + carried, table.concentration[cell, mode], step.direction_kept, state)
+        kept = step.speed_kept
+    else:
+        turned = random.draw_von_mises(direction, step.free_concentration, state)
+        kept = step.free_speed_kept
+    faster = accelerate(speed, table.shape[cell, mode], rate, kept, state)
+    middle, distance = 0.5 * (direction + turned), 0.5 * (speed + faster) * h
+    x += distance * math.cos(middle) + step.slip * random.draw_normal(state)
+    y += distance * math.sin(middle) + step.slip * random.draw_normal(state)
+    return x, y, density.wrap(turned), faster
+
+
+@njit(cache=True)
+def take_up(
+    table: MotionTable, x: float, y: float, direction: float, speed: float, alike: FloatArray, state: UIntArray
+) -> tuple[int, float]:
+    """A journey to follow. A share follow one of another place, so that who does what none did here is not lost."""
+    if random.uniform(state) < table.place_free_share:
+        return following.anywhere(table.journeys, speed, -1.0, state)
+    return following.find(table.journeys, x, y, direction, speed, -1.0, alike, state)
 
 
 @njit(cache=True)
 def advance(table: MotionTable, cloud: Cloud, v: int, dt_s: float) -> None:
-    """Move a vehicle's particles by `dt_s` in steps of at most `step_s`, along each step's mean direction and speed.
+    """Move a vehicle's particles by `dt_s` in steps of at most `step_s`.
 
     All particles in one call: arguments that hold arrays are counted at every call, by all threads.
     """
     state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
     h = dt_s / n_steps
-    takes_up = 1.0 - math.exp(-table.mode_rate * h)
-    slip = math.sqrt(table.drift * h)
-    direction_kept, speed_kept = math.exp(-table.direction_rate * h), math.exp(-table.speed_rate * h)
-    free_speed_kept = math.exp(-table.place_free_speed_rate * h)
-    free_concentration = 1.0 / (table.turning * h)
-    for p in range(cloud.position.shape[1]):
-        x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
-        direction, speed = cloud.direction[v, p], cloud.speed[v, p]
-        cell, mode = cloud.cell[v, p], cloud.mode[v, p]
-        for _ in range(n_steps):
-            here = locate(table.locator, x, y)
-            if here != cell:
-                cell = here
-                mode = draw_mode(table, cell, x, y, direction, speed, True, state)
-            elif random.uniform(state) < takes_up:
-                mode = draw_mode(table, cell, x, y, direction, speed, False, state)
-            rate = table.rate[cell, mode]
-            if table.draws[cell, mode]:
-                east, north = offset_in(table, cell, x, y)
-                bend, gain = table.bend[cell, mode], table.gain[cell, mode]
-                mean = table.mean[cell, mode] + bend[0] * east + bend[1] * north
-                rate *= math.exp(-gain[0] * east - gain[1] * north)
-                # The deviation from the mode relaxes, not the direction: a vehicle on a bend turns with the bend.
-                carried = (bend[0] * math.cos(direction) + bend[1] * math.sin(direction)) * speed * h
-                turned = turn(
-                    direction + carried, mean + carried, table.concentration[cell, mode], direction_kept, state
-                )
-                kept = speed_kept
-            else:
-                turned = random.draw_von_mises(direction, free_concentration, state)
-                kept = free_speed_kept
-            faster = accelerate(speed, table.shape[cell, mode], rate, kept, state)
-            middle, distance = 0.5 * (direction + turned), 0.5 * (speed + faster) * h
-            x += distance * math.cos(middle) + slip * random.draw_normal(state)
-            y += distance * math.sin(middle) + slip * random.draw_normal(state)
-            direction, speed = density.wrap(turned), faster
-        cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
-        cloud.direction[v, p], cloud.speed[v, p] = direction, speed
-        cloud.cell[v, p], cloud.mode[v, p] = cell, mode
+    if table.remembers:
+        go_on(table, cloud, v, h, n_steps, state)
+    else:
+        step = step_of(table, h)
+        for p in range(cloud.position.shape[1]):
+            x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
+            direction, speed = cloud.direction[v, p], cloud.speed[v, p]
+            cell, mode = cloud.cell[v, p], cloud.mode[v, p]
+            for _ in range(n_steps):
+                here = locate(table.locator, x, y)
+                if here != cell:
+                    cell = here
+                    mode = draw_mode(table, cell, x, y, direction, speed, True, state)
+                elif random.uniform(state) < step.takes_up:
+                    mode = draw_mode(table, cell, x, y, direction, speed, False, state)
+                x, y, direction, speed = relax(table, step, x, y, direction, speed, cell, mode, state)
+            cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
+            cloud.direction[v, p], cloud.speed[v, p] = direction, speed
+            cloud.cell[v, p], cloud.mode[v, p] = cell, mode
     cloud.state[v] = state
+
+
+@njit(cache=True)
+def go_on(table: MotionTable, cloud: Cloud, v: int, h: float, n_steps: int, state: UIntArray) -> None:
+    """Move a vehicle's particles along journeys, `n_steps` of `h` seconds."""
+    journeys, alike = table.journeys, np.empty((table.journeys.most_alike, 3))
+    decay = following.decay_over(journeys, h)
+    position, row, since = cloud.position[v], cloud.row[v], cloud.since[v]
+    direction, speed = cloud.direction[v], cloud.speed[v]
+    for p in range(row.size):
+        x, y, course, pace, r, t = position[p, 0], position[p, 1], direction[p], speed[p], row[p], since[p]
+        for _ in range(n_steps):
+            if r == NO_ROW or random.uniform(state) < decay.forgets:
+                r, t = take_up(table, x, y, course, pace, alike, state)
+            east, north, course, pace, r, t, ended = following.follow(journeys, decay, h, course, pace, r, t, state)
+            x += east
+            y += north
+            if ended:
+                r = NO_ROW
+        position[p, 0], position[p, 1], direction[p], speed[p], row[p], since[p] = x, y, course, pace, r, t
 
 
 @njit(cache=True, nogil=True)
@@ -182,25 +259,41 @@ def predict(table: MotionTable, cloud: Cloud, vehicle: IntArray, dt_s: FloatArra
 
 
 @njit(cache=True, nogil=True)
-def predict_paths(table: MotionTable, cloud: Cloud, dt_s: float, path: FloatArray) -> None:
-    """Positions of the particles after each of n_steps steps of `dt_s`. Fills (V, P, n_steps, 2)."""
+def predict_paths(table: MotionTable, cloud: Cloud, dt_s: FloatArray, path: FloatArray) -> None:
+    """Positions of the particles after each of n_steps steps, (n_steps,) seconds. Fills (V, P, n_steps, 2)."""
     for v in range(path.shape[0]):
         for step in range(path.shape[2]):
-            advance(table, cloud, v, dt_s)
+            advance(table, cloud, v, dt_s[step])
             for p in range(path.shape[1]):
                 path[v, p, step, 0], path[v, p, step, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
 
 
 @njit(cache=True, nogil=True)
 def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
-    """Give every particle the cell of its position and a mode that fits its direction and speed."""
+    """Give every particle a journey, or the cell of its position and a mode, that fits its direction and speed.
+
+    Particles that begin alike, as those of a forecast do, are looked around for once.
+    """
+    journeys, alike = table.journeys, np.empty((table.journeys.most_alike, 3))
     for v in vehicle:
         state = cloud.state[v]
+        n, total = 0, 0.0
         for p in range(cloud.position.shape[1]):
             x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
-            cell = locate(table.locator, x, y)
-            cloud.cell[v, p] = cell
-            cloud.mode[v, p] = draw_mode(table, cell, x, y, cloud.direction[v, p], cloud.speed[v, p], True, state)
+            direction, speed = cloud.direction[v, p], cloud.speed[v, p]
+            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = locate(table.locator, x, y), 0, NO_ROW
+            if not table.remembers:
+                cloud.mode[v, p] = draw_mode(table, cloud.cell[v, p], x, y, direction, speed, True, state)
+                continue
+            same = p > 0 and x == cloud.position[v, p - 1, 0] and y == cloud.position[v, p - 1, 1]
+            if not (same and direction == cloud.direction[v, p - 1] and speed == cloud.speed[v, p - 1]):
+                n, total = following.look_around(journeys, x, y, direction, speed, -1.0, alike)
+            if random.uniform(state) < table.place_free_share:
+                n_here, here = 0, 0.0
+            else:
+                n_here, here = n, total
+            row, since = following.take_up(journeys, n_here, here, alike, speed, -1.0, state)
+            cloud.row[v, p], cloud.since[v, p] = row, since
 
 
 @njit(cache=True, nogil=True)
@@ -230,7 +323,7 @@ def be_born(
             cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
             cloud.direction[v, p] = density.wrap(random.draw_von_mises(mean, table.concentration[cell, mode], state))
             cloud.speed[v, p] = random.draw_gamma(table.shape[cell, mode], state) / rate
-            cloud.cell[v, p], cloud.mode[v, p] = cell, mode
+            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = cell, mode, NO_ROW
             cloud.log_weight[v, p] = -math.log(n)
 
 
@@ -303,19 +396,19 @@ def resample(cloud: Cloud, vehicle: IntArray) -> None:
     """Replace each vehicle's particles by equally weighted survivors."""
     n = cloud.position.shape[1]
     ancestor = np.empty(n, np.int64)
-    numbers = np.empty((n, 4))
-    labels = np.empty((n, 2), np.int64)
+    numbers = np.empty((n, 5))
+    labels = np.empty((n, 3), np.int64)
     for v in vehicle:
         systematic(cloud.log_weight[v], random.uniform(cloud.state[v]), ancestor)
         for p in range(n):
             a = ancestor[p]
             numbers[p, 0], numbers[p, 1] = cloud.position[v, a, 0], cloud.position[v, a, 1]
-            numbers[p, 2], numbers[p, 3] = cloud.direction[v, a], cloud.speed[v, a]
-            labels[p, 0], labels[p, 1] = cloud.cell[v, a], cloud.mode[v, a]
+            numbers[p, 2], numbers[p, 3], numbers[p, 4] = cloud.direction[v, a], cloud.speed[v, a], cloud.since[v, a]
+            labels[p, 0], labels[p, 1], labels[p, 2] = cloud.cell[v, a], cloud.mode[v, a], cloud.row[v, a]
         for p in range(n):
             cloud.position[v, p, 0], cloud.position[v, p, 1] = numbers[p, 0], numbers[p, 1]
-            cloud.direction[v, p], cloud.speed[v, p] = numbers[p, 2], numbers[p, 3]
-            cloud.cell[v, p], cloud.mode[v, p] = labels[p, 0], labels[p, 1]
+            cloud.direction[v, p], cloud.speed[v, p], cloud.since[v, p] = numbers[p, 2], numbers[p, 3], numbers[p, 4]
+            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = labels[p, 0], labels[p, 1], labels[p, 2]
             cloud.log_weight[v, p] = -math.log(n)
 
 

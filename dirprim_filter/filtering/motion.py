@@ -26,6 +26,8 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
     Modes that belong to the place-free primitive, and those without a direction, draw no vehicle towards them: its
     direction diffuses, and its speed relaxes to the speeds of all places, not to those of one place-free mode.
 
+    Where the map remembers journeys, vehicles follow these, and modes only tell what a vehicle may do at first sight.
+
     Args:
         primitive_map: the map.
         config: the motion model's knobs.
@@ -64,7 +66,12 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
         drift=relaxation.drift,
         place_free_share=config.place_free_share,
         step_s=config.step_s,
-    )
+        journeys=primitive_map.journeys.table(
+            direction_spread=config.direction_spread, speed_spread=config.speed_spread, drift=config.drift,
+            forget_rate=config.forget_rate,
+        ),
+        remembers=len(primitive_map.journeys) > 0,
+    )  # fmt: skip
 
 
 def speeds_of_all_places(primitive_map: PrimitiveMap) -> tuple[float, float]:

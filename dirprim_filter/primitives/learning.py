@@ -17,6 +17,8 @@ import numpy as np
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel, usual_of
+from dirprim_filter.primitives.journeys import Journeys
+from dirprim_filter.primitives.likeness import learn_likeness
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import ModesRule, Recipe, Usual
@@ -99,7 +101,7 @@ def learn_primitives(
         "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
         layout.cells.n_cells, rows.n_vehicles, place_free_strength,
     )  # fmt: skip
-    return replace(learned, relaxation=relaxation)
+    return replace(learned, relaxation=relaxation, journeys=learn_likeness(Journeys.of(rows), rng=rng))
 
 
 def _check_options(

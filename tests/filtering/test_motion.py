@@ -53,7 +53,7 @@ def directions(n_steps, *, over_s, concentration, key=1, start=0.4, mean=0.0):
     return turned(N, n_steps, start, mean, concentration, np.exp(-RATE * over_s / n_steps), seeded(key))
 
 
-@pytest.mark.parametrize(("shape", "rate"), [(1.0, 20.0), (6.0, 0.6), (400.0, 40.0)])
+@pytest.mark.parametrize(("shape", "rate"), [(0.3, 20.0), (1.0, 20.0), (6.0, 0.6), (400.0, 40.0)])
 @pytest.mark.parametrize("n_steps", [5, 40])
 def test_speed_settles_on_the_gamma_of_the_mode(shape, rate, n_steps):
     sample = speeds(n_steps, over_s=40.0, shape=shape, rate=rate)
@@ -155,7 +155,8 @@ def moved(primitive_map, dt_s, *, n=N, key=5, direction=0.0, speed=10.0, config=
     table = motion_table(primitive_map, config or FilterConfig())
     cloud = _kernels.Cloud(
         position=np.zeros((1, n, 2)), direction=np.full((1, n), direction), speed=np.full((1, n), speed),
-        cell=np.full((1, n), -1), mode=np.zeros((1, n), np.int64), log_weight=np.full((1, n), -np.log(n)),
+        cell=np.full((1, n), -1), mode=np.zeros((1, n), np.int64), row=np.full((1, n), -1),
+        since=np.zeros((1, n)), log_weight=np.full((1, n), -np.log(n)),
         state=seeded(key)[None].copy(),
     )  # fmt: skip
     vehicle = np.zeros(1, np.int64)

@@ -1,0 +1,137 @@
+"""Sampled futures of vehicles under the motion model of a map.
+
+Source: Senanayake et al. 2020, Algorithm 1: sample what a vehicle does here, project it by one step, look where it has
+come to, repeat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering._kernels import MotionTable
+from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.primitives import PrimitiveMap
+from tessellation.arrays import FloatArray, as_floats
+
+
+def forecast_states(
+    primitive_map: PrimitiveMap,
+    *,
+    position: npt.ArrayLike,
+    direction: npt.ArrayLike,
+    speed: npt.ArrayLike,
+    time_s: npt.ArrayLike,
+    n_samples: int = 100,
+    config: FilterConfig | None = None,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Sample where each of many vehicles goes, each as if it were alone.
+
+    Args:
+        primitive_map: how vehicles move at each place.
+        position: (n, 2) metres.
+        direction: (n,) course over ground, radians.
+        speed: (n,) m/s, not negative.
+        time_s: (n_times,) ascending, seconds ahead.
+        n_samples: number of futures of each.
+        config: the motion model's knobs.
+        rng: what the futures are drawn from.
+
+    Returns:
+        (n, n_samples, n_times, 2) metres.
+
+    Raises:
+        ValueError: columns of different lengths, a number that is not finite, a negative speed, or times that do not
+            ascend from above zero.
+    """
+    start = Start.of(position, direction, speed)
+    steps = Steps.at(time_s, n_samples)
+    return sample_paths(forecast_table(primitive_map, config or FilterConfig()), start, steps, rng=rng)
+
+
+def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
+    """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold."""
+    return motion_table(primitive_map, replace(config, place_free_share=config.forecast_place_free_share))
+
+
+class Start(NamedTuple):
+    """Where vehicles are, which way they go and how fast."""
+
+    position: FloatArray  # (n, 2)
+    direction: FloatArray  # (n,)
+    speed: FloatArray  # (n,)
+
+    @classmethod
+    def of(cls, position: npt.ArrayLike, direction: npt.ArrayLike, speed: npt.ArrayLike) -> Start:
+        """Check the columns.
+
+        Raises:
+            ValueError: of different lengths, not finite, or a negative speed.
+        """
+        place = as_floats("position", position, "n 2")
+        n = len(place)
+        start = cls(place, as_floats("direction", direction, f"{n}"), as_floats("speed", speed, f"{n}"))
+        if (start.speed < 0).any():
+            raise ValueError(f"speed: expected at least 0 m/s, got {start.speed.min()}")
+        return start
+
+
+class Steps(NamedTuple):
+    """When to look, and at how many futures of each vehicle."""
+
+    dt_s: FloatArray  # (n_steps,)
+    n_samples: int
+
+    @classmethod
+    def of(cls, horizon_s: float, dt_s: float, n_samples: int) -> Steps:
+        """Every `dt_s` up to the horizon.
+
+        Raises:
+            ValueError: not a step or not a sample.
+        """
+        horizon_s, dt_s = float(as_floats("horizon_s", horizon_s, "")), float(as_floats("dt_s", dt_s, ""))
+        n_steps = int(np.floor(horizon_s / dt_s + 1e-9)) if dt_s > 0 else 0
+        if n_steps < 1 or n_samples < 1:
+            raise ValueError(
+                "horizon_s, dt_s, n_samples: expected at least one step and one sample, "
+                f"got {horizon_s}, {dt_s} and {n_samples}"
+            )
+        return cls(np.full(n_steps, dt_s), n_samples)
+
+    @classmethod
+    def at(cls, time_s: npt.ArrayLike, n_samples: int) -> Steps:
+        """At given seconds ahead.
+
+        Raises:
+            ValueError: they do not ascend from above zero, or not a sample.
+        """
+        dt_s = np.diff(as_floats("time_s", time_s, "n"), prepend=0.0)
+        if dt_s.size < 1 or (dt_s <= 0).any() or n_samples < 1:
+            raise ValueError(f"time_s, n_samples: expected ascending times and a sample, got {time_s!r}, {n_samples}")
+        return cls(dt_s, n_samples)
+
+
+def sample_paths(table: MotionTable, start: Start, steps: Steps, *, rng: np.random.Generator) -> FloatArray:
+    """(n, n_samples, n_steps, 2) metres."""
+    v, n = start.speed.size, steps.n_samples
+    cloud = _kernels.Cloud(
+        position=np.repeat(start.position[:, None], n, axis=1),
+        direction=np.repeat(start.direction[:, None], n, axis=1),
+        speed=np.repeat(start.speed[:, None], n, axis=1),
+        cell=np.empty((v, n), np.int64),
+        mode=np.empty((v, n), np.int64),
+        row=np.empty((v, n), np.int64),
+        since=np.empty((v, n)),
+        log_weight=np.full((v, n), -np.log(n)),
+        state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
+    )
+    path: FloatArray = np.empty((v, n, steps.dt_s.size, 2))
+    _kernels.settle(table, cloud, np.arange(v))
+    _kernels.predict_paths(table, cloud, steps.dt_s, path)
+    return path
