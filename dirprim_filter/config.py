@@ -77,7 +77,9 @@ class FilterConfig:
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         drift: m^2/s, how fast a vehicle drifts from the way of the journey that it follows, in each axis: 0.07 m in a
             second.
-        forget_rate: 1/s, how often a vehicle that follows a journey goes over to another that it has come to be like.
+        forget_rate: 1/s, how often a vehicle that follows a journey goes over to another that it has come to be like:
+            measurements may show at any time that it does what it was not expected to.
+        forecast_forget_rate: the same in forecasts, where nothing new is learned of the vehicle.
         max_gap_s: seconds without a measurement after which a belief ends.
     """
 
@@ -96,7 +98,8 @@ class FilterConfig:
     reach_m: float = 3.5
     step_s: float = 0.1
     drift: float = 0.005
-    forget_rate: float = 0.1
+    forget_rate: float = 0.5
+    forecast_forget_rate: float = 0.1
     max_gap_s: float = 5.0
 
     def __post_init__(self) -> None:

@@ -9,20 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from dirprim_filter.evaluation import _kernels
-from dirprim_filter.evaluation.splits import SplitBy, honest_split, split
+from dirprim_filter.evaluation.splits import SplitBy, split
 from dirprim_filter.filtering.futures import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import FloatArray, IntArray
 
 HORIZONS_S = tuple(0.5 * i for i in range(1, 17))
-N_FOLDS = 4
-"""A seed holds out one part of so many."""
 START_EVERY_S = 1.0
 MAX_STARTS = 8
 """Of a vehicle: that one which waits for minutes does not outweigh all others."""
@@ -104,8 +102,11 @@ Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Sa
 
 
 def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
-    """The learned map, and the same without its cells."""
-    learned = learn_primitives(train, rng=rng)
+    """The learned map, and the same without its cells.
+
+    Of a grid, which is learned in seconds: forecasts follow the journeys that a map remembers, whatever its cells.
+    """
+    learned = learn_primitives(train, tessellation="grid", rng=rng)
     return {"prior": futures_of(learned, horizons_s), "place-free": futures_of(learned.without_places(), horizons_s)}
 
 
@@ -207,6 +208,7 @@ class ForecastTable:
     Attributes:
         methods: the rows.
         split_by: how vehicles were held out.
+        n_folds: so many times in each split, another part of the vehicles each time.
         n_seeds: how many splits, each with random numbers of its own.
         n_samples: futures for each case.
         n_vehicles: held-out vehicles with a forecast, over all seeds.
@@ -214,17 +216,24 @@ class ForecastTable:
 
     methods: tuple[MethodForecasts, ...]
     split_by: SplitBy
+    n_folds: int
     n_seeds: int
     n_samples: int
     n_vehicles: int
+
+    def relative_energy(self, of: str, to: str) -> tuple[float, ...]:
+        """The energy score of a method over that of another, at each horizon that both have."""
+        rows = {row.name: {score.horizon_s: score.energy for score in row.horizons} for row in self.methods}
+        return tuple(energy / rows[to][h] for h, energy in rows[of].items() if h in rows[to])
 
 
 def evaluate_forecasts(
     tracks: Tracks,
     *,
-    split_by: SplitBy | None = None,
+    split_by: Literal["vehicle", "group"] = "vehicle",
     horizons_s: Sequence[float] = HORIZONS_S,
-    n_seeds: int = 5,
+    n_folds: int = 4,
+    n_seeds: int = 1,
     n_samples: int = 100,
     methods: Sequence[Fit] = METHODS,
     rng: np.random.Generator,
@@ -233,9 +242,10 @@ def evaluate_forecasts(
 
     Args:
         tracks: observed motion.
-        split_by: how vehicles are held out; left out, by group if there are several, else by vehicle.
+        split_by: whether vehicles are held out one by one or with their group.
         horizons_s: ascending, seconds ahead.
-        n_seeds: how many splits; each holds out a quarter.
+        n_folds: in how many parts they are dealt; each is held out once.
+        n_seeds: how many times they are dealt anew.
         n_samples: futures for each case, at least 20.
         methods: what to compare.
         rng: deals the splits and feeds the methods; what one draws changes no other's.
@@ -248,22 +258,26 @@ def evaluate_forecasts(
         raise ValueError(f"horizons_s: expected ascending positive seconds, got {list(horizons_s)}")
     if n_samples < BATCH or n_seeds < 1:
         raise ValueError(f"n_samples, n_seeds: expected at least {BATCH} and 1, got {n_samples} and {n_seeds}")
-    by = split_by or honest_split(tracks)
     found: dict[str, list[FloatArray]] = {}
     n_vehicles = 0
     for child in rng.spawn(n_seeds):
-        fold = split(tracks, by=by, n_folds=N_FOLDS, rng=child)[0]
-        cases = Cases.of(fold.test, horizons_s=horizons)
-        n_vehicles += int(np.unique(cases.vehicle).size)
-        for fit, own in zip(methods, child.spawn(len(methods)), strict=True):
-            for name, sample in fit(fold.train, horizons, own).items():
-                found.setdefault(name, []).append(score_cases(sample(cases, n_samples, own), cases.later))
-    scores = {name: _over_seeds(seeds, horizons) for name, seeds in found.items()}
-    if not any(scores.values()):
+        of_seed: dict[str, list[FloatArray]] = {}
+        for fold in split(tracks, by=split_by, n_folds=n_folds, rng=child):
+            cases = Cases.of(fold.test, horizons_s=horizons)
+            n_vehicles += int(np.unique(cases.vehicle).size)
+            for fit, own in zip(methods, child.spawn(len(methods)), strict=True):
+                for name, sample in fit(fold.train, horizons, own).items():
+                    scores = score_cases(sample(cases, n_samples, own), cases.later)
+                    of_seed.setdefault(name, []).append(scores)
+        for name, folds in of_seed.items():
+            found.setdefault(name, []).append(np.concatenate(folds))
+    rows = {name: _over_seeds(seeds, horizons) for name, seeds in found.items()}
+    if not any(rows.values()):
         raise ValueError(f"tracks: expected {MIN_CASES} held-out forecasts {horizons[0]:g} s ahead, got fewer")
     return ForecastTable(
-        methods=tuple(MethodForecasts(name=name, horizons=rows) for name, rows in scores.items()),
-        split_by=by,
+        methods=tuple(MethodForecasts(name=name, horizons=scores) for name, scores in rows.items()),
+        split_by=split_by,
+        n_folds=n_folds,
         n_seeds=n_seeds,
         n_samples=n_samples,
         n_vehicles=n_vehicles,

@@ -43,6 +43,7 @@ SECTORS = 8
 """Of directions, by which the rows of a square stand."""
 _SECTOR = 2.0 * math.pi / SECTORS
 _SECTOR_DISTANCE = 4.0 * math.sin(0.5 * _SECTOR) ** 2  # of directions that far apart
+_LOW_HALF, _HALF, _TO_UNIT = np.uint64(0xFFFFFFFF), np.uint64(32), 2.0**-32
 NO_ROW = -1
 # Columns of `JourneyTable.row`, eight numbers to a row: a line of the cache.
 COURSE, PACE, TURN, GAIN, DURATION, EAST, NORTH, VEHICLE = range(8)
@@ -83,7 +84,7 @@ class Decay(NamedTuple):
     turned_noise: float
     speed_kept: float
     speed_noise: float
-    drift: float
+    drift: float  # metres, the width of an even draw
     forgets: float  # probability to look for another journey
 
 
@@ -98,7 +99,7 @@ def decay_over(table: JourneyTable, h: float) -> Decay:
         table.direction_spread * math.sqrt(2.0 * table.direction_rate * h),
         speed_kept,
         table.speed_spread * math.sqrt(1.0 - speed_kept * speed_kept),
-        math.sqrt(table.drift * h),
+        math.sqrt(12.0 * table.drift * h),
         1.0 - math.exp(-table.forget_rate * h),
     )
 
@@ -212,6 +213,17 @@ def anywhere(table: JourneyTable, speed: float, but: float, state: UIntArray) ->
 
 
 @njit(cache=True, inline="always")
+def unit_vector(angle: float) -> tuple[float, float]:
+    """Cosine and sine; of small angles, as deviations are, by their series, to 1e-9."""
+    if abs(angle) > 0.4:
+        return math.cos(angle), math.sin(angle)
+    q = angle * angle
+    cosine = 1.0 - q * (1.0 / 2.0 - q * (1.0 / 24.0 - q * (1.0 / 720.0 - q * (1.0 / 40320.0))))
+    sine = angle * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0 - q * (1.0 / 362880.0)))))
+    return cosine, sine
+
+
+@njit(cache=True, inline="always")
 def follow(
     table: JourneyTable, decay: Decay, h: float, direction: float, speed: float, row: int, since: float,
     state: UIntArray,
@@ -243,11 +255,13 @@ def follow(
     off = (speed - pace) * decay.speed_kept + decay.speed_noise * (pace_later + CREEP) * random.draw_normal(state)
     course = table.row[r, COURSE] + table.row[r, TURN] * since + later
     course -= 2.0 * math.pi * math.floor(course / (2.0 * math.pi) + 0.5)
-    middle = 0.5 * (turned + later)
-    c, s = math.cos(middle), math.sin(middle)
+    c, s = unit_vector(0.5 * (turned + later))
+    drawn = random.bits(state)  # two even draws at once: over some steps a drift is normal whatever each step's is
+    drift_east = float(drawn & _LOW_HALF) * _TO_UNIT - 0.5
+    drift_north = float(drawn >> _HALF) * _TO_UNIT - 0.5
     return (
-        c * east - s * north + decay.drift * random.draw_normal(state),
-        s * east + c * north + decay.drift * random.draw_normal(state),
+        c * east - s * north + decay.drift * drift_east,
+        s * east + c * north + decay.drift * drift_north,
         course,
         max(pace_later + off, 0.0),
         r if row > NO_ROW else -2 - r,
