@@ -234,7 +234,8 @@ def follow(
         r, kept, noise = -2 - row, decay.turned_kept, decay.turned_noise
     pace = max(table.row[r, PACE] + table.row[r, GAIN] * since, 0.0)
     turned = direction - table.row[r, COURSE] - table.row[r, TURN] * since
-    turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
+    if abs(turned) > math.pi:
+        turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
     faster = min(max((speed + CREEP) / (pace + CREEP), 1.0 / FASTER), FASTER)
     left = h * faster
     east = north = 0.0
@@ -254,7 +255,8 @@ def follow(
     pace_later = max(table.row[r, PACE] + table.row[r, GAIN] * since, 0.0)
     off = (speed - pace) * decay.speed_kept + decay.speed_noise * (pace_later + CREEP) * random.draw_normal(state)
     course = table.row[r, COURSE] + table.row[r, TURN] * since + later
-    course -= 2.0 * math.pi * math.floor(course / (2.0 * math.pi) + 0.5)
+    if abs(course) > math.pi:
+        course -= 2.0 * math.pi * math.floor(course / (2.0 * math.pi) + 0.5)
     c, s = unit_vector(0.5 * (turned + later))
     drawn = random.bits(state)  # two even draws at once: over some steps a drift is normal whatever each step's is
     drift_east = float(drawn & _LOW_HALF) * _TO_UNIT - 0.5

@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - a table is what it is for
 """What a step of the particle filter costs, and what bounds it; what a forecast costs.
 
 Defends: vehicles follow remembered journeys, two normal draws and a look-up to a step, and look for another journey
