@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.futures import Start, Steps, forecast_table, sample_paths
+from dirprim_filter.filtering.futures import Start, Steps, forecast_table, sample_paths, sample_paths_of_belief
 from dirprim_filter.primitives import PrimitiveMap
 from tessellation.arrays import FloatArray, as_floats
 
@@ -53,7 +53,8 @@ def forecast(
     """
     start = Start.of(as_floats("position", position, "2")[None], [direction], [speed])
     steps = Steps.of(horizon_s, dt_s, n_samples)
-    return sample_paths(forecast_table(primitive_map, config or FilterConfig()), start, steps, rng=rng)[0]
+    table = forecast_table(primitive_map, config or FilterConfig())
+    return np.asarray(sample_paths(table, start, steps, rng=rng)[0])
 
 
 class ForecastSink(Protocol):
@@ -110,16 +111,16 @@ class Forecaster:
             sink.write_forecast(frame.time_ns, names, paths)
 
     def paths(self, frame: TrackedFrame) -> FloatArray:
-        """Futures of the frame's vehicles from their estimates, (n, n_samples, n_steps, 2) metres."""
-        believed = frame.estimates
-        return np.stack(
-            [
-                sample_paths(
-                    self._table,
-                    Start(believed.position[[row]], believed.direction[[row]], believed.speed[[row]]),
-                    self._steps,
-                    rng=np.random.default_rng(int(birth_key(self._seed, str(name), frame.time_ns))),
-                )[0]
-                for row, name in enumerate(believed.track_id)
-            ]
-        )
+        """Futures of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""
+        return np.stack([self._of_vehicle(frame, row) for row in range(len(frame.estimates))])
+
+    def _of_vehicle(self, frame: TrackedFrame, row: int) -> FloatArray:
+        believed, particles = frame.estimates, frame.particles
+        key = birth_key(self._seed, str(believed.track_id[row]), frame.time_ns)
+        rng = np.random.default_rng(int(key))
+        if particles is not None:
+            own = particles.vehicle == row
+            belief = Start(particles.position[own], particles.direction[own], particles.speed[own])
+            return sample_paths_of_belief(self._table, belief, particles.weight[own], self._steps, rng=rng)
+        mean = Start(believed.position[[row]], believed.direction[[row]], believed.speed[[row]])
+        return sample_paths(self._table, mean, self._steps, rng=rng)[0]

@@ -59,9 +59,7 @@ def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionT
     """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold."""
     return motion_table(
         primitive_map,
-        replace(
-            config, place_free_share=config.forecast_place_free_share, forget_rate=config.forecast_forget_rate
-        ),
+        replace(config, place_free_share=config.forecast_place_free_share, forget_rate=config.forecast_forget_rate),
     )
 
 
@@ -123,12 +121,28 @@ class Steps(NamedTuple):
 
 
 def sample_paths(table: MotionTable, start: Start, steps: Steps, *, rng: np.random.Generator) -> FloatArray:
-    """(n, n_samples, n_steps, 2) metres."""
-    v, n = start.speed.size, steps.n_samples
+    """Futures of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
+    n = steps.n_samples
+    repeated = Start(*(np.repeat(column[:, None], n, axis=1) for column in start))
+    return _projected(table, repeated, steps.dt_s, rng=rng)
+
+
+def sample_paths_of_belief(
+    table: MotionTable, belief: Start, weight: FloatArray, steps: Steps, *, rng: np.random.Generator
+) -> FloatArray:
+    """Futures of one vehicle, each from a sample of what is believed of it. (p,) weights -> (n_samples, n_steps, 2)."""
+    chosen = rng.choice(weight.size, steps.n_samples, p=weight / weight.sum())
+    start = Start(*(column[chosen][None] for column in belief))
+    return np.asarray(_projected(table, start, steps.dt_s, rng=rng)[0])
+
+
+def _projected(table: MotionTable, start: Start, dt_s: FloatArray, *, rng: np.random.Generator) -> FloatArray:
+    """Particles of each vehicle, (v, n, ...), moved on: (v, n, n_steps, 2) metres."""
+    v, n = start.speed.shape
     cloud = _kernels.Cloud(
-        position=np.repeat(start.position[:, None], n, axis=1),
-        direction=np.repeat(start.direction[:, None], n, axis=1),
-        speed=np.repeat(start.speed[:, None], n, axis=1),
+        position=start.position.copy(),
+        direction=start.direction.copy(),
+        speed=start.speed.copy(),
         cell=np.empty((v, n), np.int64),
         mode=np.empty((v, n), np.int64),
         row=np.empty((v, n), np.int64),
@@ -136,7 +150,7 @@ def sample_paths(table: MotionTable, start: Start, steps: Steps, *, rng: np.rand
         log_weight=np.full((v, n), -np.log(n)),
         state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
     )
-    path: FloatArray = np.empty((v, n, steps.dt_s.size, 2))
+    path: FloatArray = np.empty((v, n, dt_s.size, 2))
     _kernels.settle(table, cloud, np.arange(v))
-    _kernels.predict_paths(table, cloud, steps.dt_s, path)
+    _kernels.predict_paths(table, cloud, dt_s, path)
     return path
