@@ -17,6 +17,7 @@ from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.futures import Start, Steps, forecast_table, sample_paths, sample_paths_of_belief
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats
 
 
@@ -29,6 +30,7 @@ def forecast(
     horizon_s: float = 5.0,
     dt_s: float = 0.5,
     n_samples: int = 100,
+    cue: Cue | None = None,
     config: FilterConfig | None = None,
     rng: np.random.Generator,
 ) -> FloatArray:
@@ -42,6 +44,7 @@ def forecast(
         horizon_s: seconds to look ahead.
         dt_s: seconds between the positions returned; the motion itself is sampled at `config.step_s`.
         n_samples: number of futures.
+        cue: what the vehicle tells of where it will turn: its turn signal.
         config: the motion model's knobs.
         rng: what the futures are drawn from.
 
@@ -54,7 +57,7 @@ def forecast(
     start = Start.of(as_floats("position", position, "2")[None], [direction], [speed])
     steps = Steps.of(horizon_s, dt_s, n_samples)
     table = forecast_table(primitive_map, config or FilterConfig())
-    return np.asarray(sample_paths(table, start, steps, rng=rng)[0])
+    return np.asarray(sample_paths(table, start, steps, cue=cue, rng=rng)[0])
 
 
 class ForecastSink(Protocol):

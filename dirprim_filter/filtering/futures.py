@@ -14,10 +14,16 @@ import numpy.typing as npt
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.filtering import _kernels
-from dirprim_filter.filtering._kernels import MotionTable
+from dirprim_filter.filtering._heeding import heed
+from dirprim_filter.filtering._kernels import Cloud, MotionTable
+from dirprim_filter.filtering.heeding import AHEAD_S, cue_columns
 from dirprim_filter.filtering.motion import motion_table
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats
+
+PER_SAMPLE = 16
+"""Futures to choose one from, where a cue tells of them: what few vehicles do there must be among them."""
 
 
 def forecast_states(
@@ -28,6 +34,7 @@ def forecast_states(
     speed: npt.ArrayLike,
     time_s: npt.ArrayLike,
     n_samples: int = 100,
+    cue: Cue | None = None,
     config: FilterConfig | None = None,
     rng: np.random.Generator,
 ) -> FloatArray:
@@ -40,6 +47,7 @@ def forecast_states(
         speed: (n,) m/s, not negative.
         time_s: (n_times,) ascending, seconds ahead.
         n_samples: number of futures of each.
+        cue: what each of them tells of where it will turn.
         config: the motion model's knobs.
         rng: what the futures are drawn from.
 
@@ -52,7 +60,8 @@ def forecast_states(
     """
     start = Start.of(position, direction, speed)
     steps = Steps.at(time_s, n_samples)
-    return sample_paths(forecast_table(primitive_map, config or FilterConfig()), start, steps, rng=rng)
+    table = forecast_table(primitive_map, config or FilterConfig())
+    return sample_paths(table, start, steps, cue=cue, rng=rng)
 
 
 def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
@@ -120,11 +129,17 @@ class Steps(NamedTuple):
         return cls(dt_s, n_samples)
 
 
-def sample_paths(table: MotionTable, start: Start, steps: Steps, *, rng: np.random.Generator) -> FloatArray:
+def sample_paths(
+    table: MotionTable, start: Start, steps: Steps, *, cue: Cue | None = None, rng: np.random.Generator
+) -> FloatArray:
     """Futures of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
-    n = steps.n_samples
+    n = steps.n_samples * (1 if cue is None else PER_SAMPLE)
     repeated = Start(*(np.repeat(column[:, None], n, axis=1) for column in start))
-    return _projected(table, repeated, steps.dt_s, rng=rng)
+    cloud = _cloud(repeated, rng=rng)
+    _kernels.settle(table, cloud, np.arange(start.speed.size))
+    if cue is not None:
+        cloud = _heeded(table, cloud, cue, rng=rng)
+    return _projected(table, cloud, steps.dt_s)
 
 
 def sample_paths_of_belief(
@@ -132,14 +147,15 @@ def sample_paths_of_belief(
 ) -> FloatArray:
     """Futures of one vehicle, each from a sample of what is believed of it. (p,) weights -> (n_samples, n_steps, 2)."""
     chosen = rng.choice(weight.size, steps.n_samples, p=weight / weight.sum())
-    start = Start(*(column[chosen][None] for column in belief))
-    return np.asarray(_projected(table, start, steps.dt_s, rng=rng)[0])
+    cloud = _cloud(Start(*(column[chosen][None] for column in belief)), rng=rng)
+    _kernels.settle(table, cloud, np.zeros(1, np.int64))
+    return np.asarray(_projected(table, cloud, steps.dt_s)[0])
 
 
-def _projected(table: MotionTable, start: Start, dt_s: FloatArray, *, rng: np.random.Generator) -> FloatArray:
-    """Particles of each vehicle, (v, n, ...), moved on: (v, n, n_steps, 2) metres."""
+def _cloud(start: Start, *, rng: np.random.Generator) -> Cloud:
+    """Particles of each vehicle, (v, n, ...), that follow nothing yet."""
     v, n = start.speed.shape
-    cloud = _kernels.Cloud(
+    return Cloud(
         position=start.position.copy(),
         direction=start.direction.copy(),
         speed=start.speed.copy(),
@@ -150,7 +166,21 @@ def _projected(table: MotionTable, start: Start, dt_s: FloatArray, *, rng: np.ra
         log_weight=np.full((v, n), -np.log(n)),
         state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
     )
-    path: FloatArray = np.empty((v, n, dt_s.size, 2))
-    _kernels.settle(table, cloud, np.arange(v))
+
+
+def _heeded(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Generator) -> Cloud:
+    """One in `PER_SAMPLE` of the particles, drawn by how well they fit a cue (Eq. 4)."""
+    v, n = cloud.speed.shape
+    vehicle = np.arange(v)
+    heed(table, cloud, vehicle, np.empty(v), *cue_columns(cue), AHEAD_S)
+    _kernels.resample(cloud, vehicle)
+    kept = rng.permuted(np.tile(np.arange(n), (v, 1)), axis=1)[:, : n // PER_SAMPLE]
+    of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}
+    return cloud._replace(**of_particles)
+
+
+def _projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray) -> FloatArray:
+    """The particles moved on: (v, n, n_steps, 2) metres."""
+    path: FloatArray = np.empty((*cloud.speed.shape, dt_s.size, 2))
     _kernels.predict_paths(table, cloud, dt_s, path)
     return path
