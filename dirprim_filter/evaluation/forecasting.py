@@ -26,6 +26,7 @@ MAX_STARTS = 8
 """Of a vehicle: that one which waits for minutes does not outweigh all others."""
 MAX_MATCH_S = 0.25
 """Between rows further from an instant than this, where the vehicle was is not known."""
+CELL_M = 10.0
 BATCH = 20
 """Samples that the best-of score may choose from."""
 MIN_CASES = 20
@@ -104,9 +105,9 @@ Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Sa
 def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
     """The learned map, and the same without its cells.
 
-    Of a grid, which is learned in seconds: forecasts follow the journeys that a map remembers, whatever its cells.
+    Of a grid, which is learned in seconds: forecasts follow the journeys that a map remembers, whatever its cells are.
     """
-    learned = learn_primitives(train, tessellation="grid", rng=rng)
+    learned = learn_primitives(train, tessellation="grid", cell_size=CELL_M, rng=rng)
     return {"prior": futures_of(learned, horizons_s), "place-free": futures_of(learned.without_places(), horizons_s)}
 
 
