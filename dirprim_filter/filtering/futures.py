@@ -66,10 +66,13 @@ def forecast_states(
 
 def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
     """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold."""
-    return motion_table(
-        primitive_map,
-        replace(config, place_free_share=config.forecast_place_free_share, forget_rate=config.forecast_forget_rate),
+    of_forecasts = replace(
+        config,
+        place_free_share=config.forecast_place_free_share,
+        forget_rate=config.forecast_forget_rate,
+        place_free_turning=config.forecast_place_free_turning,
     )
+    return motion_table(primitive_map, of_forecasts)
 
 
 class Start(NamedTuple):

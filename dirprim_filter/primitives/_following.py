@@ -31,7 +31,7 @@ CREEP = 0.5
 """m/s, added where speeds are compared by their ratio, so that standing vehicles are alike."""
 NEARBY_SPEEDS = 0.025
 """Share of all rows, to either side in order of speed, among which a journey of another place is drawn."""
-STEADY_SHARE = 0.1
+STEADY_SHARE = 0.25
 """Of those that follow a journey of another place, who goes straight on at an even speed instead: in the log of a
 roundabout nobody does."""
 SLOWEST_STEADY, STEADY_RATIO, N_STEADY = 0.25, 1.12, 50
@@ -73,6 +73,7 @@ class JourneyTable(NamedTuple):
     speed_spread: float  # share of the speed
     drift: float  # m^2/s
     forget_rate: float  # 1/s
+    place_free_turning: float  # radians in the square root of a second
 
 
 class Decay(NamedTuple):
@@ -96,7 +97,7 @@ def decay_over(table: JourneyTable, h: float) -> Decay:
         direction_kept,
         table.direction_spread * math.sqrt(1.0 - direction_kept * direction_kept),
         1.0,
-        table.direction_spread * math.sqrt(2.0 * table.direction_rate * h),
+        table.place_free_turning * math.sqrt(h),
         speed_kept,
         table.speed_spread * math.sqrt(1.0 - speed_kept * speed_kept),
         math.sqrt(12.0 * table.drift * h),

@@ -121,7 +121,10 @@ class Journeys:
         """The same, followed without regard to the place."""
         return replace(self, strength=np.inf)
 
-    def table(self, *, direction_spread: float, speed_spread: float, drift: float, forget_rate: float) -> JourneyTable:
+    def table(
+        self, *, direction_spread: float, speed_spread: float, drift: float, forget_rate: float,
+        place_free_turning: float,
+    ) -> JourneyTable:  # fmt: skip
         """The journeys as the kernels take them, with what a filter or forecast adds: see `FilterConfig`."""
         goes_on = np.flatnonzero(self.duration > 0)
         following = np.minimum(goes_on + 1, len(self) - 1)
@@ -161,6 +164,7 @@ class Journeys:
             speed_spread=speed_spread,
             drift=drift,
             forget_rate=forget_rate,
+            place_free_turning=place_free_turning,
         )
 
 

@@ -30,7 +30,13 @@ MOST_STARTS = 300
 FEWEST_STARTS = 20
 N_SAMPLES = 32
 STEP_S = 0.25
-SPREADS = {"direction_spread": 0.05, "speed_spread": 0.05, "drift": 0.005, "forget_rate": 0.1}
+SPREADS = {
+    "direction_spread": 0.05,
+    "speed_spread": 0.05,
+    "drift": 0.005,
+    "forget_rate": 0.1,
+    "place_free_turning": 0.05,
+}
 """As forecasts have them."""
 
 

@@ -154,7 +154,9 @@ def test_a_quarter_turn_of_the_traffic_turns_the_map(ring):
         track_id=ring.track_id, time_ns=ring.time_ns, position=quarter_turn(ring.position),
         direction=wrap(ring.direction + np.pi / 2), speed=ring.speed,
     )  # fmt: skip
-    one, other = (learn_primitives(t, cell_size=6.0, rng=np.random.default_rng(0)) for t in (ring, turned))
+    one, other = (
+        learn_primitives(t, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(0)) for t in (ring, turned)
+    )
     assert one.bend.any()
     test = ring_traffic(np.random.default_rng(5), n_vehicles=20)
     mine = one.log_density(test.position, test.direction, test.speed)

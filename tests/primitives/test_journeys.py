@@ -15,8 +15,14 @@ from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
-STILL = {"direction_spread": 1e-9, "speed_spread": 1e-9, "drift": 1e-12, "forget_rate": 1e-9}
-ALIVE = {"direction_spread": 0.1, "speed_spread": 0.2, "drift": 0.05, "forget_rate": 0.5}
+STILL = {
+    "direction_spread": 1e-9,
+    "speed_spread": 1e-9,
+    "drift": 1e-12,
+    "forget_rate": 1e-9,
+    "place_free_turning": 1e-9,
+}
+ALIVE = {"direction_spread": 0.1, "speed_spread": 0.2, "drift": 0.05, "forget_rate": 0.5, "place_free_turning": 0.1}
 
 
 def journeys_of(tracks):
