@@ -9,7 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
-from dirprim_filter.filtering._kernels import Cloud, MotionTable, offset_in
+from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering._relaxing import MotionTable, offset_in
 from dirprim_filter.primitives import _following as following
 from dirprim_filter.primitives._following import NO_ROW, JourneyTable
 from tessellation.arrays import FloatArray, IntArray

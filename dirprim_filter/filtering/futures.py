@@ -15,7 +15,8 @@ import numpy.typing as npt
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._heeding import heed
-from dirprim_filter.filtering._kernels import Cloud, MotionTable
+from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering._relaxing import MotionTable
 from dirprim_filter.filtering.heeding import AHEAD_S, cue_columns
 from dirprim_filter.filtering.motion import motion_table
 from dirprim_filter.primitives import PrimitiveMap

@@ -9,7 +9,7 @@ from scipy.special import gammaln
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions.von_mises_mixture import log_weights
-from dirprim_filter.filtering._kernels import MotionTable
+from dirprim_filter.filtering._relaxing import MotionTable
 from dirprim_filter.primitives import PrimitiveMap
 from tessellation._kernels import Locator
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from dirprim_filter import forecast, learn_primitives
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering import _kernels, _relaxing
 from dirprim_filter.filtering.belief import ParticleBelief
 from dirprim_filter.filtering.motion import motion_table
 from dirprim_filter.primitives.journeys import Journeys
@@ -88,4 +88,4 @@ def test_a_belief_is_born_along_the_bend_of_its_place():
 def test_beyond_its_cell_a_primitive_bends_no_further():
     table = motion_table(circling(), BARE)
     for x, bound in ((29.0, 29.0), (31.0, 30.0), (-500.0, -30.0)):
-        assert _kernels.offset_in(table, 0, x, -x) == (bound, -bound)
+        assert _relaxing.offset_in(table, 0, x, -x) == (bound, -bound)

@@ -10,10 +10,11 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering import _kernels, _relaxing
 from dirprim_filter.filtering.motion import motion_table, reaching, speeds_of_all_places
 from situations import one_cell_map
 from tessellation import GridTessellation
+from tessellation._kernels import locate
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 N = 20_000
@@ -26,7 +27,7 @@ def accelerated(n, n_steps, speed, shape, rate, kept, state):  # noqa: PLR0917 n
     out = np.full(n, speed)
     for i in range(n):
         for _ in range(n_steps):
-            out[i] = _kernels.accelerate(out[i], shape, rate, kept, state)
+            out[i] = _relaxing.accelerate(out[i], shape, rate, kept, state)
     return out
 
 
@@ -35,7 +36,7 @@ def turned(n, n_steps, direction, mean, concentration, kept, state):  # noqa: PL
     out = np.full(n, direction)
     for i in range(n):
         for _ in range(n_steps):
-            out[i] = density.wrap(_kernels.turn(out[i], mean, concentration, kept, state))
+            out[i] = density.wrap(_relaxing.turn(out[i], mean, concentration, kept, state))
     return out
 
 
@@ -220,11 +221,11 @@ def test_cells_reach_beside_themselves_to_the_nearest():
     cells = GridTessellation.covering(np.array([[0.5, 0.5], [10.5, 0.5]]), cell_size=1.0)
     near = reaching(cells.locator, 3.5)
     found = {
-        (x, y): _kernels.locate(near, x, y)
+        (x, y): locate(near, x, y)
         for x, y in ((0.5, 0.5), (10.5, 0.5), (3.5, 0.5), (7.5, 0.5), (0.5, -2.5), (5.5, 0.5), (0.5, 5.5))
     }
     assert found == {
         (0.5, 0.5): 0, (10.5, 0.5): 1, (3.5, 0.5): 0, (7.5, 0.5): 1, (0.5, -2.5): 0, (5.5, 0.5): -1, (0.5, 5.5): -1,
     }  # fmt: skip
     nothing = GridTessellation.empty().locator
-    assert _kernels.locate(reaching(nothing, 3.5), 0.5, 0.5) == -1
+    assert locate(reaching(nothing, 3.5), 0.5, 0.5) == -1
