@@ -104,7 +104,7 @@ class FilterConfig:
     forget_rate: float = 0.5
     forecast_forget_rate: float = 0.1
     place_free_turning: float = 0.2
-    forecast_place_free_turning: float = 0.05
+    forecast_place_free_turning: float = 0.1
     max_gap_s: float = 5.0
 
     def __post_init__(self) -> None:

@@ -31,7 +31,7 @@ CREEP = 0.5
 """m/s, added where speeds are compared by their ratio, so that standing vehicles are alike."""
 NEARBY_SPEEDS = 0.025
 """Share of all rows, to either side in order of speed, among which a journey of another place is drawn."""
-STEADY_SHARE = 0.25
+STEADY_SHARE = 0.15
 """Of those that follow a journey of another place, who goes straight on at an even speed instead: in the log of a
 roundabout nobody does."""
 SLOWEST_STEADY, STEADY_RATIO, N_STEADY = 0.25, 1.12, 50
