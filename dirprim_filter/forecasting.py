@@ -7,19 +7,17 @@ step; look up the cell it has come to; repeat.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.filtering import _kernels
-from dirprim_filter.filtering._kernels import MotionTable
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.filtering.futures import Start, Steps, forecast_table, sample_paths, sample_paths_of_belief
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats
 
 
@@ -32,6 +30,7 @@ def forecast(
     horizon_s: float = 5.0,
     dt_s: float = 0.5,
     n_samples: int = 100,
+    cue: Cue | None = None,
     config: FilterConfig | None = None,
     rng: np.random.Generator,
 ) -> FloatArray:
@@ -45,6 +44,7 @@ def forecast(
         horizon_s: seconds to look ahead.
         dt_s: seconds between the positions returned; the motion itself is sampled at `config.step_s`.
         n_samples: number of futures.
+        cue: what the vehicle tells of where it will turn: its turn signal.
         config: the motion model's knobs.
         rng: what the futures are drawn from.
 
@@ -54,59 +54,10 @@ def forecast(
     Raises:
         ValueError: a number that is not finite, a negative speed, or times and counts that are not positive.
     """
+    start = Start.of(as_floats("position", position, "2")[None], [direction], [speed])
+    steps = Steps.of(horizon_s, dt_s, n_samples)
     table = forecast_table(primitive_map, config or FilterConfig())
-    steps = _Steps.of(horizon_s, dt_s, n_samples)
-    return _sample_paths(table, as_floats("position", position, "2"), direction, speed, steps, rng=rng)
-
-
-def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
-    """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold."""
-    return motion_table(primitive_map, replace(config, place_free_share=config.forecast_place_free_share))
-
-
-class _Steps(NamedTuple):
-    dt_s: float
-    n_steps: int
-    n_samples: int
-
-    @classmethod
-    def of(cls, horizon_s: float, dt_s: float, n_samples: int) -> _Steps:
-        horizon_s, dt_s = float(as_floats("horizon_s", horizon_s, "")), float(as_floats("dt_s", dt_s, ""))
-        n_steps = int(np.floor(horizon_s / dt_s + 1e-9)) if dt_s > 0 else 0
-        if n_steps < 1 or n_samples < 1:
-            raise ValueError(
-                "horizon_s, dt_s, n_samples: expected at least one step and one sample, "
-                f"got {horizon_s}, {dt_s} and {n_samples}"
-            )
-        return cls(dt_s, n_steps, n_samples)
-
-
-def _sample_paths(
-    table: MotionTable,
-    position: FloatArray,
-    direction: float,
-    speed: float,
-    steps: _Steps,
-    *,
-    rng: np.random.Generator,
-) -> FloatArray:
-    heading, pace = float(as_floats("direction", direction, "")), float(as_floats("speed", speed, ""))
-    if pace < 0:
-        raise ValueError(f"speed: expected at least 0 m/s, got {pace}")
-    n = steps.n_samples
-    cloud = _kernels.Cloud(
-        position=np.tile(position, (1, n, 1)),
-        direction=np.full((1, n), heading),
-        speed=np.full((1, n), pace),
-        cell=np.empty((1, n), np.int64),
-        mode=np.empty((1, n), np.int64),
-        log_weight=np.full((1, n), -np.log(n)),
-        state=rng.integers(2**64, size=(1, 4), dtype=np.uint64),
-    )
-    path: FloatArray = np.empty((n, steps.n_steps, 2))
-    _kernels.settle(table, cloud, np.zeros(1, np.int64))
-    _kernels.predict_paths(table, cloud, steps.dt_s, path[None])
-    return path
+    return np.asarray(sample_paths(table, start, steps, cue=cue, rng=rng)[0])
 
 
 class ForecastSink(Protocol):
@@ -148,7 +99,7 @@ class Forecaster:
         self._table = forecast_table(primitive_map, config or FilterConfig())
         self._sinks = sinks
         self._every_ns = int(every_s * 1e9)
-        self._steps = _Steps.of(horizon_s, dt_s, n_samples)
+        self._steps = Steps.of(horizon_s, dt_s, n_samples)
         self._seed = int(rng.integers(2**63))
         self._next_ns: int | None = None
 
@@ -163,18 +114,16 @@ class Forecaster:
             sink.write_forecast(frame.time_ns, names, paths)
 
     def paths(self, frame: TrackedFrame) -> FloatArray:
-        """Futures of the frame's vehicles from their estimates, (n, n_samples, n_steps, 2) metres."""
-        believed = frame.estimates
-        return np.stack(
-            [
-                _sample_paths(
-                    self._table,
-                    believed.position[row],
-                    float(believed.direction[row]),
-                    float(believed.speed[row]),
-                    self._steps,
-                    rng=np.random.default_rng(int(birth_key(self._seed, str(name), frame.time_ns))),
-                )
-                for row, name in enumerate(believed.track_id)
-            ]
-        )
+        """Futures of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""
+        return np.stack([self._of_vehicle(frame, row) for row in range(len(frame.estimates))])
+
+    def _of_vehicle(self, frame: TrackedFrame, row: int) -> FloatArray:
+        believed, particles = frame.estimates, frame.particles
+        key = birth_key(self._seed, str(believed.track_id[row]), frame.time_ns)
+        rng = np.random.default_rng(int(key))
+        if particles is not None:
+            own = particles.vehicle == row
+            belief = Start(particles.position[own], particles.direction[own], particles.speed[own])
+            return sample_paths_of_belief(self._table, belief, particles.weight[own], self._steps, rng=rng)
+        mean = Start(believed.position[[row]], believed.direction[[row]], believed.speed[[row]])
+        return sample_paths(self._table, mean, self._steps, rng=rng)[0]

@@ -1,14 +1,17 @@
 """Hallucinated futures keep to the road, and a vehicle's futures are its own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dirprim_filter import forecast, learn_primitives
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.forecasting import Forecaster
+from dirprim_filter.primitives.journeys import Journeys
 from dirprim_filter.replay import replay
 from situations import one_cell_map, ring_traffic
 
@@ -52,13 +55,15 @@ def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
         ])  # fmt: skip
         return np.abs(np.hypot(*last.T) - 20.0).mean()
 
-    with_places, without = off_the_ring(learned), off_the_ring(learned.without_places())
-    assert with_places < 1.0  # the radii at which they drive are 0.7 m off, 0.56 m in the mean
+    by_primitives = replace(learned, journeys=Journeys.none())
+    assert off_the_ring(learned) < 0.9  # the radii at which they drive are 0.7 m off, 0.56 m in the mean
+    with_places, without = off_the_ring(by_primitives), off_the_ring(by_primitives.without_places())
+    assert with_places < 1.0
     assert without > 9.0  # straight on for 24 m ends 11 m outside
-    strangers = off_the_ring(learned, config=FilterConfig(forecast_place_free_share=0.2))
+    strangers = off_the_ring(by_primitives, config=FilterConfig(forecast_place_free_share=0.2))
     assert strangers > with_places + 1.0  # of these, a fifth follow no primitive for a cell's length
     assert (
-        off_the_ring(learned, config=FilterConfig(place_free_share=1.0)) == with_places
+        off_the_ring(by_primitives, config=FilterConfig(place_free_share=1.0)) == with_places
     )  # a filter's, not a forecast's
 
 
@@ -134,3 +139,24 @@ def test_a_frame_without_vehicles_is_not_forecast(ring_map):
     frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=Estimates.concatenate([]), particles=None)
     Forecaster(ring_map, [kept], rng=np.random.default_rng(0)).write(frame)
     assert kept == []
+
+
+def test_a_belief_of_two_minds_has_futures_of_both_as_often_as_it_believes(ring_map):
+    n = 200
+    there = np.arange(n) % 2 == 1
+    particles = Particles(
+        position=np.where(there[:, None], (-20.0, 0.0), (20.0, 0.0)), direction=np.where(there, -np.pi / 2, np.pi / 2),
+        speed=np.full(n, 8.0), weight=np.where(there, 0.2, 0.8) * 2 / n, vehicle=np.zeros(n, np.int64),
+    )  # fmt: skip
+    believed = Estimates(
+        track_id=np.array(["a"]), time_ns=np.zeros(1, np.int64), position=np.zeros((1, 2)),
+        covariance=np.eye(2)[None], direction=np.zeros(1), direction_resultant=np.zeros(1), speed=np.full(1, 8.0),
+        speed_std=np.ones(1), effective_sample_size=np.ones(1), log_evidence=np.zeros(1),
+    )  # fmt: skip
+    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=believed, particles=particles)
+    forecaster = Forecaster(ring_map, [], n_samples=1000, dt_s=0.5, rng=np.random.default_rng(0))
+    first = forecaster.paths(frame)[0, :, 0]
+    assert (np.abs(np.abs(first[:, 0]) - 20.0) < 4.0).all()
+    assert (first[:, 0] > 0).mean() == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / 1000))
+    of_mean = forecaster.paths(replace(frame, particles=None))[0, :, 0]
+    assert (np.abs(of_mean[:, 0]) < 10.0).all()  # without particles from the mean, where there is no road

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import evaluate_tracking, losses
+from dirprim_filter.cli import evaluate_forecast, evaluate_tracking, losses
 from dirprim_filter.cli.options import Force, Logs, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
 
@@ -29,6 +29,7 @@ evaluate = typer.Typer(
     no_args_is_help=True,
 )
 evaluate.command()(evaluate_tracking.tracking)
+evaluate.command()(evaluate_forecast.forecast)
 
 
 class SplitBy(StrEnum):

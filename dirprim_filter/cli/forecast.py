@@ -1,4 +1,4 @@
-"""`dirprim forecast`: where a vehicle may go from here."""
+"""`dirprim forecast`: where a vehicle may go from here, or all vehicles of a log."""
 
 from __future__ import annotations
 
@@ -8,26 +8,58 @@ from typing import Annotated
 
 import typer
 
+from dirprim_filter.cli import losses
 from dirprim_filter.cli.options import Force, Map, Seed
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 
+@reads_logs
 def forecast(
     map_file: Map,
-    at: Annotated[tuple[float, float], typer.Option(help="Position, metres east and north.")],
-    direction_deg: Annotated[float, typer.Option(help="Course, degrees counter-clockwise from east.")],
-    speed: Annotated[float, typer.Option(help="m/s.")],
+    at: Annotated[tuple[float, float] | None, typer.Option(help="Position, metres east and north.")] = None,
+    direction_deg: Annotated[
+        float | None, typer.Option(help="Course, degrees counter-clockwise from east; with --at.")
+    ] = None,
+    speed: Annotated[float | None, typer.Option(help="m/s; with --at.")] = None,
+    log: Annotated[
+        Path | None, typer.Option("--log", help="Track this log and forecast its vehicles; -o is then an MCAP.")
+    ] = None,
     horizon: Annotated[float, typer.Option(help="Seconds to look ahead.")] = 5.0,
     dt: Annotated[float, typer.Option(help="Seconds between positions.")] = 0.5,
-    samples: Annotated[int, typer.Option(min=1, help="Number of futures.")] = 100,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="A picture: .png, .pdf or .svg.")] = None,
+    every: Annotated[float, typer.Option(help="Seconds of the log between forecasts.")] = 1.0,
+    samples: Annotated[int, typer.Option(min=1, help="Number of futures of each vehicle.")] = 100,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="A picture: .png, .pdf or .svg; of a log, an MCAP.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="All sampled positions, for machines.")] = False,
     seed: Seed = 0,
+    reading: Reading = Reading(),
     force: Force = False,
-) -> None:
-    """Sample the futures of a vehicle from a map.
+) -> int:
+    """Sample the futures of a vehicle from a map, or of the vehicles of a log from what is believed of them.
 
     Example: dirprim forecast --map map.mcap --at -30 -1.5 --direction-deg 0 --speed 10 -o forecast.png
     """
+    if log is not None:
+        if output is None or at is not None:
+            raise typer.BadParameter("--log: expected -o with the MCAP to write, and no --at")
+        return _of_log(
+            log, map_file, output, reading, horizon_s=horizon, dt_s=dt, every_s=every, n_samples=samples, seed=seed,
+            force=force,
+        )  # fmt: skip
+    if at is None or direction_deg is None or speed is None:
+        raise typer.BadParameter("expected --at, --direction-deg and --speed, or --log")
+    _of_state(
+        map_file, at, direction_deg, speed, output, horizon_s=horizon, dt_s=dt, n_samples=samples, seed=seed,
+        as_json=as_json, force=force,
+    )  # fmt: skip
+    return 0
+
+
+def _of_state(
+    map_file: Path, at: tuple[float, float], direction_deg: float, speed: float, output: Path | None, *,
+    horizon_s: float, dt_s: float, n_samples: int, seed: int, as_json: bool, force: bool,
+) -> None:  # fmt: skip
     import numpy as np
 
     from dirprim_filter.forecasting import forecast as sample_paths
@@ -35,18 +67,51 @@ def forecast(
 
     learned = load_map(map_file)
     paths = sample_paths(
-        learned, position=at, direction=np.deg2rad(direction_deg), speed=speed, horizon_s=horizon, dt_s=dt,
-        n_samples=samples, rng=np.random.default_rng(seed),
+        learned, position=at, direction=np.deg2rad(direction_deg), speed=speed, horizon_s=horizon_s, dt_s=dt_s,
+        n_samples=n_samples, rng=np.random.default_rng(seed),
     )  # fmt: skip
     if output is not None:
         from dirprim_filter.viewer.figures import map_figure, save_figure
 
         save_figure(map_figure(learned, forecasts={"forecast": paths}), output, force=force)
     if as_json:
-        typer.echo(json.dumps({"dt_s": dt, "paths": paths.tolist()}))
+        typer.echo(json.dumps({"dt_s": dt_s, "paths": paths.tolist()}))
         return
     typer.echo("time_s   mean_x_m   mean_y_m   std_x_m   std_y_m")
     mean, std = paths.mean(axis=0), paths.std(axis=0)
     for step in range(paths.shape[1]):
         (x, y), (sx, sy) = mean[step], std[step]
-        typer.echo(f"{(step + 1) * dt:6.2f}{x:11.2f}{y:11.2f}{sx:10.2f}{sy:10.2f}")
+        typer.echo(f"{(step + 1) * dt_s:6.2f}{x:11.2f}{y:11.2f}{sx:10.2f}{sy:10.2f}")
+
+
+def _of_log(
+    log: Path, map_file: Path, output: Path, reading: Reading, *, horizon_s: float, dt_s: float, every_s: float,
+    n_samples: int, seed: int, force: bool,
+) -> int:  # fmt: skip
+    import numpy as np
+
+    from dirprim_filter.cli.progress import with_progress
+    from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.config import FilterConfig
+    from dirprim_filter.filtering import Tracker
+    from dirprim_filter.forecasting import Forecaster
+    from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.writer import EstimateLog
+    from dirprim_filter.replay import replay
+
+    learned, config = load_map(map_file), FilterConfig()
+    stream = reading.detections(log, motion=False)
+    tracker = Tracker(learned, config=config, rng=np.random.default_rng(seed))
+    said = provenance(
+        "forecast", inputs=[log, map_file], config=config, seed=seed, horizon_s=horizon_s, dt_s=dt_s,
+        every_s=every_s, n_samples=n_samples, **reading.said(),
+    )  # fmt: skip
+    with EstimateLog(output, metadata=said, particle_stride=config.n_particles, force=force) as estimates:
+        estimates.write_map_scene(learned)
+        forecaster = Forecaster(
+            learned, [estimates], every_s=every_s, horizon_s=horizon_s, dt_s=dt_s, n_samples=n_samples, config=config,
+            rng=np.random.default_rng([seed, 1]),
+        )  # fmt: skip
+        n_frames = replay(with_progress(stream, what=f"forecasting {log.name}"), tracker, [estimates, forecaster])
+    typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}")
+    return losses.exit_code(stream.damage, stream.dropped.total)

@@ -1,10 +1,7 @@
 """Compiled steps of the particle filter, one vehicle after the other: no vehicle sees another's numbers.
 
-The motion model is Eq. 4 in closed form: the vehicle's own direction, a von Mises whose concentration fades with time,
-times the mode of its cell. With e = exp(-k dt) the factors are concentration c e / (1 - e^2) for the vehicle's own and
-c / (1 + e) for the mode's; their product is, for small angles, the exact step of an Ornstein-Uhlenbeck process that
-settles on the mode, however finely time is cut. Speed takes the exact step of the Cox-Ingersoll-Ross process whose
-stationary law is the mode's gamma (Cox, Ingersoll and Ross 1985): a Poisson mixture of gammas.
+Where the map remembers journeys, particles follow these (`primitives._following`); on a map of primitives alone they
+relax to the modes of the cells that they pass (`_relaxing`).
 """
 
 import math
@@ -16,34 +13,11 @@ from numba import njit
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._random import UIntArray
-from tessellation._kernels import Locator, locate
-from tessellation.arrays import BoolArray, FloatArray, IntArray
-
-
-class MotionTable(NamedTuple):
-    """A map's parameters as the kernels take them; row -1 is place-free."""
-
-    locator: Locator
-    weight: FloatArray  # (n_cells + 1, M)
-    mean: FloatArray
-    concentration: FloatArray
-    shape: FloatArray
-    rate: FloatArray
-    log_fit: FloatArray  # (n_cells + 1, M) log of weight and of what normalises direction
-    log_speed_fit: FloatArray  # (n_cells + 1, M) what normalises speed
-    draws: BoolArray  # (n_cells + 1, M) whether the mode draws directions towards its mean
-    bend: FloatArray  # (n_cells + 1, M, 2)
-    gain: FloatArray  # (n_cells + 1, M, 2)
-    center: FloatArray  # (n_cells + 1, 2)
-    extent: FloatArray  # (n_cells + 1,) metres from the centre beyond which nothing bends further
-    direction_rate: float
-    speed_rate: float
-    mode_rate: float
-    turning: float
-    place_free_speed_rate: float
-    drift: float
-    place_free_share: float
-    step_s: float
+from dirprim_filter.filtering._relaxing import MotionTable, draw_mode, offset_in, relax, step_of
+from dirprim_filter.primitives import _following as following
+from dirprim_filter.primitives._following import NO_ROW
+from tessellation._kernels import locate
+from tessellation.arrays import FloatArray, IntArray
 
 
 class Cloud(NamedTuple):
@@ -54,124 +28,71 @@ class Cloud(NamedTuple):
     speed: FloatArray  # (V, P)
     cell: IntArray  # (V, P)
     mode: IntArray  # (V, P)
+    row: IntArray  # (V, P) of the journey followed; `NO_ROW` for none: then the mode is followed
+    since: FloatArray  # (V, P) seconds since it
     log_weight: FloatArray  # (V, P) normalised
     state: UIntArray  # (V, 4) of the random numbers
 
 
-@njit(cache=True, inline="always")
-def offset_in(table: MotionTable, cell: int, x: float, y: float) -> tuple[float, float]:
-    """Metres from the centre of a cell, as far as its primitive bends: no further than the cell goes."""
-    extent = table.extent[cell]
-    east = min(max(x - table.center[cell, 0], -extent), extent)
-    north = min(max(y - table.center[cell, 1], -extent), extent)
-    return east, north
-
-
 @njit(cache=True)
-def draw_mode(
-    table: MotionTable, cell: int, x: float, y: float, direction: float, speed: float, by_speed: bool, state: UIntArray
-) -> int:
-    """A mode of the cell, by its weight times how well it fits the direction and, on request, the speed (Eq. 4).
-
-    A share of the particles follow no primitive of the place, so that a vehicle that does not either is not lost.
-    """
+def take_up(
+    table: MotionTable, x: float, y: float, direction: float, speed: float, alike: FloatArray, state: UIntArray
+) -> tuple[int, float]:
+    """A journey to follow. A share follow one of another place, so that who does what none did here is not lost."""
     if random.uniform(state) < table.place_free_share:
-        cell = -1  # the place-free modes stand in the same columns of every row
-    n = table.weight.shape[1]
-    log_p = np.empty(n)
-    top = -np.inf
-    log_speed = math.log(max(speed, 1e-6))
-    east, north = offset_in(table, cell, x, y)
-    for m in range(n):
-        log_p[m] = -np.inf
-        if table.weight[cell, m] > 0.0:
-            mean = table.mean[cell, m] + table.bend[cell, m, 0] * east + table.bend[cell, m, 1] * north
-            log_p[m] = table.log_fit[cell, m]
-            log_p[m] += table.concentration[cell, m] * (math.cos(direction - mean) - 1.0)
-            if by_speed:
-                gained = table.gain[cell, m, 0] * east + table.gain[cell, m, 1] * north
-                log_p[m] += table.log_speed_fit[cell, m] - table.rate[cell, m] * math.exp(-gained) * speed
-                log_p[m] += (table.shape[cell, m] - 1.0) * log_speed - table.shape[cell, m] * gained
-            top = max(top, log_p[m])
-    total = 0.0
-    for m in range(n):
-        log_p[m] = math.exp(log_p[m] - top)
-        total += log_p[m]
-    left = random.uniform(state) * total
-    for m in range(n):
-        left -= log_p[m]
-        if left < 0.0:
-            return m
-    return n - 1  # rounding left a sliver over
-
-
-@njit(cache=True)
-def turn(direction: float, mean: float, concentration: float, kept: float, state: UIntArray) -> float:
-    """The direction a step later: Eq. 4 of the vehicle's own and its mode's; `kept` is e^{-k dt}."""
-    own = concentration * kept / (1.0 - kept * kept)
-    usual = concentration / (1.0 + kept)
-    away = mean - direction
-    along = own + usual * math.cos(away)
-    across = usual * math.sin(away)
-    return random.draw_von_mises(direction + math.atan2(across, along), math.hypot(along, across), state)
-
-
-@njit(cache=True)
-def accelerate(speed: float, shape: float, rate: float, kept: float, state: UIntArray) -> float:
-    """The speed a step later: the exact step of the Cox-Ingersoll-Ross process; `kept` is e^{-k dt}."""
-    count = random.draw_poisson(rate * speed * kept / (1.0 - kept), state)
-    return random.draw_gamma(shape + count, state) * (1.0 - kept) / rate
+        return following.anywhere(table.journeys, speed, -1.0, state)
+    return following.find(table.journeys, x, y, direction, speed, -1.0, alike, state)
 
 
 @njit(cache=True)
 def advance(table: MotionTable, cloud: Cloud, v: int, dt_s: float) -> None:
-    """Move a vehicle's particles by `dt_s` in steps of at most `step_s`, along each step's mean direction and speed.
+    """Move a vehicle's particles by `dt_s` in steps of at most `step_s`.
 
     All particles in one call: arguments that hold arrays are counted at every call, by all threads.
     """
     state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
     h = dt_s / n_steps
-    takes_up = 1.0 - math.exp(-table.mode_rate * h)
-    slip = math.sqrt(table.drift * h)
-    direction_kept, speed_kept = math.exp(-table.direction_rate * h), math.exp(-table.speed_rate * h)
-    free_speed_kept = math.exp(-table.place_free_speed_rate * h)
-    free_concentration = 1.0 / (table.turning * h)
-    for p in range(cloud.position.shape[1]):
-        x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
-        direction, speed = cloud.direction[v, p], cloud.speed[v, p]
-        cell, mode = cloud.cell[v, p], cloud.mode[v, p]
-        for _ in range(n_steps):
-            here = locate(table.locator, x, y)
-            if here != cell:
-                cell = here
-                mode = draw_mode(table, cell, x, y, direction, speed, True, state)
-            elif random.uniform(state) < takes_up:
-                mode = draw_mode(table, cell, x, y, direction, speed, False, state)
-            rate = table.rate[cell, mode]
-            if table.draws[cell, mode]:
-                east, north = offset_in(table, cell, x, y)
-                bend, gain = table.bend[cell, mode], table.gain[cell, mode]
-                mean = table.mean[cell, mode] + bend[0] * east + bend[1] * north
-                rate *= math.exp(-gain[0] * east - gain[1] * north)
-                # The deviation from the mode relaxes, not the direction: a vehicle on a bend turns with the bend.
-                carried = (bend[0] * math.cos(direction) + bend[1] * math.sin(direction)) * speed * h
-                turned = turn(
-                    direction + carried, mean + carried, table.concentration[cell, mode], direction_kept, state
-                )
-                kept = speed_kept
-            else:
-                turned = random.draw_von_mises(direction, free_concentration, state)
-                kept = free_speed_kept
-            faster = accelerate(speed, table.shape[cell, mode], rate, kept, state)
-            middle, distance = 0.5 * (direction + turned), 0.5 * (speed + faster) * h
-            x += distance * math.cos(middle) + slip * random.draw_normal(state)
-            y += distance * math.sin(middle) + slip * random.draw_normal(state)
-            direction, speed = density.wrap(turned), faster
-        cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
-        cloud.direction[v, p], cloud.speed[v, p] = direction, speed
-        cloud.cell[v, p], cloud.mode[v, p] = cell, mode
+    if table.remembers:
+        go_on(table, cloud, v, h, n_steps, state)
+    else:
+        step = step_of(table, h)
+        for p in range(cloud.position.shape[1]):
+            x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
+            direction, speed = cloud.direction[v, p], cloud.speed[v, p]
+            cell, mode = cloud.cell[v, p], cloud.mode[v, p]
+            for _ in range(n_steps):
+                here = locate(table.locator, x, y)
+                if here != cell:
+                    cell = here
+                    mode = draw_mode(table, cell, x, y, direction, speed, True, state)
+                elif random.uniform(state) < step.takes_up:
+                    mode = draw_mode(table, cell, x, y, direction, speed, False, state)
+                x, y, direction, speed = relax(table, step, x, y, direction, speed, cell, mode, state)
+            cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
+            cloud.direction[v, p], cloud.speed[v, p] = direction, speed
+            cloud.cell[v, p], cloud.mode[v, p] = cell, mode
     cloud.state[v] = state
+
+
+@njit(cache=True)
+def go_on(table: MotionTable, cloud: Cloud, v: int, h: float, n_steps: int, state: UIntArray) -> None:
+    """Move a vehicle's particles along journeys, `n_steps` of `h` seconds."""
+    journeys, alike = table.journeys, np.empty((table.journeys.most_alike, 3))
+    decay = following.decay_over(journeys, h)
+    position, row, since = cloud.position[v], cloud.row[v], cloud.since[v]
+    direction, speed = cloud.direction[v], cloud.speed[v]
+    for p in range(row.size):
+        x, y, course, pace, r, t = position[p, 0], position[p, 1], direction[p], speed[p], row[p], since[p]
+        for _ in range(n_steps):
+            if r == NO_ROW or random.uniform(state) < decay.forgets:
+                r, t = take_up(table, x, y, course, pace, alike, state)
+            east, north, course, pace, r, t, ended = following.follow(journeys, decay, h, course, pace, r, t, state)
+            x += east
+            y += north
+            if ended:
+                r = NO_ROW
+        position[p, 0], position[p, 1], direction[p], speed[p], row[p], since[p] = x, y, course, pace, r, t
 
 
 @njit(cache=True, nogil=True)
@@ -182,25 +103,41 @@ def predict(table: MotionTable, cloud: Cloud, vehicle: IntArray, dt_s: FloatArra
 
 
 @njit(cache=True, nogil=True)
-def predict_paths(table: MotionTable, cloud: Cloud, dt_s: float, path: FloatArray) -> None:
-    """Positions of the particles after each of n_steps steps of `dt_s`. Fills (V, P, n_steps, 2)."""
+def predict_paths(table: MotionTable, cloud: Cloud, dt_s: FloatArray, path: FloatArray) -> None:
+    """Positions of the particles after each of n_steps steps, (n_steps,) seconds. Fills (V, P, n_steps, 2)."""
     for v in range(path.shape[0]):
         for step in range(path.shape[2]):
-            advance(table, cloud, v, dt_s)
+            advance(table, cloud, v, dt_s[step])
             for p in range(path.shape[1]):
                 path[v, p, step, 0], path[v, p, step, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
 
 
 @njit(cache=True, nogil=True)
 def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
-    """Give every particle the cell of its position and a mode that fits its direction and speed."""
+    """Give every particle a journey, or the cell of its position and a mode, that fits its direction and speed.
+
+    Particles that begin alike, as those of a forecast do, are looked around for once.
+    """
+    journeys, alike = table.journeys, np.empty((table.journeys.most_alike, 3))
     for v in vehicle:
         state = cloud.state[v]
+        n, total = 0, 0.0
         for p in range(cloud.position.shape[1]):
             x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
-            cell = locate(table.locator, x, y)
-            cloud.cell[v, p] = cell
-            cloud.mode[v, p] = draw_mode(table, cell, x, y, cloud.direction[v, p], cloud.speed[v, p], True, state)
+            direction, speed = cloud.direction[v, p], cloud.speed[v, p]
+            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = locate(table.locator, x, y), 0, NO_ROW
+            if not table.remembers:
+                cloud.mode[v, p] = draw_mode(table, cloud.cell[v, p], x, y, direction, speed, True, state)
+                continue
+            same = p > 0 and x == cloud.position[v, p - 1, 0] and y == cloud.position[v, p - 1, 1]
+            if not (same and direction == cloud.direction[v, p - 1] and speed == cloud.speed[v, p - 1]):
+                n, total = following.look_around(journeys, x, y, direction, speed, -1.0, alike)
+            if random.uniform(state) < table.place_free_share:
+                n_here, here = 0, 0.0
+            else:
+                n_here, here = n, total
+            row, since = following.take_up(journeys, n_here, here, alike, speed, -1.0, state)
+            cloud.row[v, p], cloud.since[v, p] = row, since
 
 
 @njit(cache=True, nogil=True)
@@ -230,7 +167,7 @@ def be_born(
             cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
             cloud.direction[v, p] = density.wrap(random.draw_von_mises(mean, table.concentration[cell, mode], state))
             cloud.speed[v, p] = random.draw_gamma(table.shape[cell, mode], state) / rate
-            cloud.cell[v, p], cloud.mode[v, p] = cell, mode
+            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = cell, mode, NO_ROW
             cloud.log_weight[v, p] = -math.log(n)
 
 
@@ -303,19 +240,19 @@ def resample(cloud: Cloud, vehicle: IntArray) -> None:
     """Replace each vehicle's particles by equally weighted survivors."""
     n = cloud.position.shape[1]
     ancestor = np.empty(n, np.int64)
-    numbers = np.empty((n, 4))
-    labels = np.empty((n, 2), np.int64)
+    numbers = np.empty((n, 5))
+    labels = np.empty((n, 3), np.int64)
     for v in vehicle:
         systematic(cloud.log_weight[v], random.uniform(cloud.state[v]), ancestor)
         for p in range(n):
             a = ancestor[p]
             numbers[p, 0], numbers[p, 1] = cloud.position[v, a, 0], cloud.position[v, a, 1]
-            numbers[p, 2], numbers[p, 3] = cloud.direction[v, a], cloud.speed[v, a]
-            labels[p, 0], labels[p, 1] = cloud.cell[v, a], cloud.mode[v, a]
+            numbers[p, 2], numbers[p, 3], numbers[p, 4] = cloud.direction[v, a], cloud.speed[v, a], cloud.since[v, a]
+            labels[p, 0], labels[p, 1], labels[p, 2] = cloud.cell[v, a], cloud.mode[v, a], cloud.row[v, a]
         for p in range(n):
             cloud.position[v, p, 0], cloud.position[v, p, 1] = numbers[p, 0], numbers[p, 1]
-            cloud.direction[v, p], cloud.speed[v, p] = numbers[p, 2], numbers[p, 3]
-            cloud.cell[v, p], cloud.mode[v, p] = labels[p, 0], labels[p, 1]
+            cloud.direction[v, p], cloud.speed[v, p], cloud.since[v, p] = numbers[p, 2], numbers[p, 3], numbers[p, 4]
+            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = labels[p, 0], labels[p, 1], labels[p, 2]
             cloud.log_weight[v, p] = -math.log(n)
 
 

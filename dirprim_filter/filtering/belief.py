@@ -53,6 +53,8 @@ def _empty_cloud(n_slots: int, n_particles: int) -> Cloud:
         speed=np.zeros(shape),
         cell=np.full(shape, -1, np.int64),
         mode=np.zeros(shape, np.int64),
+        row=np.full(shape, -1, np.int64),
+        since=np.zeros(shape),
         log_weight=np.full(shape, -np.log(n_particles)),
         state=np.zeros((n_slots, 4), np.uint64),
     )

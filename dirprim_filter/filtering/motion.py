@@ -9,7 +9,7 @@ from scipy.special import gammaln
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions.von_mises_mixture import log_weights
-from dirprim_filter.filtering._kernels import MotionTable
+from dirprim_filter.filtering._relaxing import MotionTable
 from dirprim_filter.primitives import PrimitiveMap
 from tessellation._kernels import Locator
 
@@ -25,6 +25,8 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
 
     Modes that belong to the place-free primitive, and those without a direction, draw no vehicle towards them: its
     direction diffuses, and its speed relaxes to the speeds of all places, not to those of one place-free mode.
+
+    Where the map remembers journeys, vehicles follow these, and modes only tell what a vehicle may do at first sight.
 
     Args:
         primitive_map: the map.
@@ -64,7 +66,12 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
         drift=relaxation.drift,
         place_free_share=config.place_free_share,
         step_s=config.step_s,
-    )
+        journeys=primitive_map.journeys.table(
+            direction_spread=config.direction_spread, speed_spread=config.speed_spread, drift=config.drift,
+            forget_rate=config.forget_rate, place_free_turning=config.place_free_turning,
+        ),
+        remembers=len(primitive_map.journeys) > 0,
+    )  # fmt: skip
 
 
 def speeds_of_all_places(primitive_map: PrimitiveMap) -> tuple[float, float]:

@@ -17,11 +17,14 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering import _kernels, _measuring
+from dirprim_filter.filtering._heeding import heed
 from dirprim_filter.filtering.belief import ParticleBelief
+from dirprim_filter.filtering.heeding import AHEAD_S, cue_columns
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
 from dirprim_filter.filtering.motion import motion_table
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 PARALLEL_FROM = 2000
@@ -94,6 +97,21 @@ class ParticleFilter:
         self._split(_measuring.weigh, (self.belief.cloud,), (slot, columns, evidence), (self._noise,))
         unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
         return Evidence(evidence[:, 0], unexplained | ~np.isfinite(evidence[:, 0]))
+
+    def heed(self, slot: IntArray, cue: Cue, *, ahead_s: float = AHEAD_S) -> FloatArray:
+        """Weigh the particles of vehicles by a cue that they give: Eq. 4, of the direction some seconds later.
+
+        Args:
+            slot: (v,) vehicles that give it.
+            cue: where they will turn, relative to their direction now.
+            ahead_s: by when they will have turned.
+
+        Returns:
+            (v,) natural log of the density of the cue's turn under each belief, per radian.
+        """
+        result = np.empty(slot.size)
+        self._split(heed, (self._table, self.belief.cloud), (slot, result), (*cue_columns(cue), ahead_s))
+        return result
 
     def effective_sample_size(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v,) 1 / sum of squared weights."""

@@ -17,6 +17,8 @@ import numpy as np
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel, usual_of
+from dirprim_filter.primitives.journeys import Journeys
+from dirprim_filter.primitives.likeness import learn_likeness
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import ModesRule, Recipe, Usual
@@ -98,7 +100,12 @@ def learn_primitives(
         layout.cells.n_cells, rows.n_vehicles, place_free_strength,
     )  # fmt: skip
     n_rows = residents(layout.cells.cell_of(rows.position), layout.cells.centers).start
-    return replace(learned, relaxation=relaxation, n_rows=np.append(np.diff(n_rows), len(rows)))
+    return replace(
+        learned,
+        relaxation=relaxation,
+        journeys=learn_likeness(Journeys.of(rows), rng=rng),
+        n_rows=np.append(np.diff(n_rows), len(rows)),
+    )
 
 
 def _check_options(

@@ -16,6 +16,7 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
+from dirprim_filter.primitives.journeys import Journeys
 from tessellation import GridTessellation, Tessellation
 from tessellation.arrays import FloatArray, IntArray, as_floats
 
@@ -97,6 +98,7 @@ class PrimitiveMap:
         bend: (n_cells + 1, M, 2) rad/m, how a mode's mean direction turns towards the east and the north of its cell;
             left out: none, the primitives are flat.
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
+        journeys: what vehicles did after what; left out: none, and vehicles move by the primitives alone.
 
     Raises:
         ValueError: the parameters are not those of n_cells + 1 primitives.
@@ -110,6 +112,7 @@ class PrimitiveMap:
     relaxation: Relaxation
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
+    journeys: Journeys = field(default_factory=Journeys.none)
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
@@ -253,4 +256,5 @@ class PrimitiveMap:
             relaxation=self.relaxation,
             bend=self.bend[last],
             gain=self.gain[last],
+            journeys=self.journeys.without_places(),
         )

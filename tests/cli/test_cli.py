@@ -11,6 +11,7 @@ import pytest
 from dirprim_filter import Tracks, load_map, read_estimates, read_tracks, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.evaluation.tracking import score
+from dirprim_filter.recording.scan import scan
 
 DONE, FAILED, USAGE, INPUT_LOST = 0, 1, 2, 3
 
@@ -201,6 +202,20 @@ def test_forecast_of_a_state(learned, capsys, tmp_path):
     assert dirprim("forecast", "--map", learned, *state, "-o", tmp_path / "f.png") == DONE
     assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
     assert len(capsys.readouterr().out.splitlines()) == 11
+
+
+def test_forecast_of_a_log_writes_the_futures_of_its_vehicles(log, learned, tmp_path):
+    out = tmp_path / "forecast.mcap"
+    assert dirprim("forecast", "--map", learned, "--log", log, "--samples", 5, "-o", out) == DONE
+    with scan(out) as messages:
+        topics = [message.topic for message in messages]
+    assert topics.count("/dirprim/forecast") >= 5
+    assert "/dirprim/tracks" in topics
+
+
+@pytest.mark.parametrize("options", [[], ["--at", 1, 2], ["--log", "x.mcap"]])
+def test_forecast_asks_for_a_state_or_a_log(learned, options):
+    assert dirprim("forecast", "--map", learned, *options) == USAGE
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch, log):

@@ -111,3 +111,19 @@ def test_an_experiment_file_is_followed_and_a_wrong_one_is_one_line(log, capsys,
         error = capsys.readouterr().err
         assert error.count("\n") == 1
         assert message in error
+
+
+def test_forecast_tells_people_and_machines_the_same_and_draws(log, capsys, tmp_path):
+    options = ("forecast", log, "--folds", 2, "--horizon", 0.5, "--horizon", 1, "--samples", 20)
+    assert evaluate(*options, "--plot", tmp_path / "f.png") == DONE
+    text = capsys.readouterr().out
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+    assert evaluate(*options, "--json") == DONE
+    table = json.loads(capsys.readouterr().out)
+    assert text.startswith("8 vehicles held out by vehicle, 2 folds, 1 seeds; 20 futures each")
+    assert [row["name"] for row in table["methods"]] == ["prior", "place-free", "constant velocity"]
+    lines = [line.split() for line in text.splitlines() if " s   " in line]
+    figures = ("n_cases", "energy", "ade", "fde", "best_of_20", "nll", "coverage_50", "coverage_90")
+    scores = [score for row in table["methods"] for score in row["horizons"]]
+    for line, score in zip(lines, scores, strict=True):
+        assert line[2:10] == [str(score["n_cases"]), *(f"{score[name]:.2f}" for name in figures[1:])]

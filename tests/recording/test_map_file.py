@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.journeys import Journeys
 from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
 from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
@@ -39,7 +40,12 @@ def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
         n_rows=rng.integers(0, 2**40, n_cells + 1),
         n_place_free_modes=1,
         relaxation=Relaxation(**{f.name: rng.gamma(2.0) for f in fields(Relaxation)}),
-    )
+        journeys=Journeys(
+            position=rng.normal(size=(n_cells, 2)), direction=rng.uniform(-4, 4, n_cells),
+            speed=rng.gamma(2.0, size=n_cells), duration=np.append(rng.uniform(size=n_cells), 0.0)[1:],
+            nearness=rng.gamma(2.0), strength=rng.choice([rng.gamma(2.0), np.inf]),
+        ),
+    )  # fmt: skip
 
 
 def assert_equal(a, b):
@@ -57,6 +63,10 @@ def assert_equal(a, b):
     np.testing.assert_array_equal(a.n_rows, b.n_rows)
     assert a.n_place_free_modes == b.n_place_free_modes
     assert a.relaxation == b.relaxation
+    for field in fields(Journeys):
+        np.testing.assert_array_equal(
+            getattr(a.journeys, field.name), getattr(b.journeys, field.name), err_msg=field.name
+        )
 
 
 @pytest.mark.parametrize("voronoi", [False, True])

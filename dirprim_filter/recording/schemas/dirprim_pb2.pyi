@@ -134,8 +134,30 @@ class Relaxation(_message.Message):
     drift: float
     def __init__(self, direction_rate: _Optional[float] = ..., speed_rate: _Optional[float] = ..., mode_rate: _Optional[float] = ..., place_free_turning: _Optional[float] = ..., place_free_speed_rate: _Optional[float] = ..., drift: _Optional[float] = ...) -> None: ...
 
+class Journeys(_message.Message):
+    __slots__ = ("x", "y", "direction", "speed", "duration", "nearness", "strength", "direction_rate", "speed_rate")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    DIRECTION_FIELD_NUMBER: _ClassVar[int]
+    SPEED_FIELD_NUMBER: _ClassVar[int]
+    DURATION_FIELD_NUMBER: _ClassVar[int]
+    NEARNESS_FIELD_NUMBER: _ClassVar[int]
+    STRENGTH_FIELD_NUMBER: _ClassVar[int]
+    DIRECTION_RATE_FIELD_NUMBER: _ClassVar[int]
+    SPEED_RATE_FIELD_NUMBER: _ClassVar[int]
+    x: _containers.RepeatedScalarFieldContainer[float]
+    y: _containers.RepeatedScalarFieldContainer[float]
+    direction: _containers.RepeatedScalarFieldContainer[float]
+    speed: _containers.RepeatedScalarFieldContainer[float]
+    duration: _containers.RepeatedScalarFieldContainer[float]
+    nearness: float
+    strength: float
+    direction_rate: float
+    speed_rate: float
+    def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., duration: _Optional[_Iterable[float]] = ..., nearness: _Optional[float] = ..., strength: _Optional[float] = ..., direction_rate: _Optional[float] = ..., speed_rate: _Optional[float] = ...) -> None: ...
+
 class PrimitiveMap(_message.Message):
-    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cells", "place_free", "relaxation")
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cells", "place_free", "relaxation", "journeys")
     TILE_FIELD_NUMBER: _ClassVar[int]
     N_TILES_FIELD_NUMBER: _ClassVar[int]
     N_MODES_FIELD_NUMBER: _ClassVar[int]
@@ -145,6 +167,7 @@ class PrimitiveMap(_message.Message):
     CELLS_FIELD_NUMBER: _ClassVar[int]
     PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
     RELAXATION_FIELD_NUMBER: _ClassVar[int]
+    JOURNEYS_FIELD_NUMBER: _ClassVar[int]
     tile: int
     n_tiles: int
     n_modes: int
@@ -154,4 +177,5 @@ class PrimitiveMap(_message.Message):
     cells: Primitives
     place_free: Primitives
     relaxation: Relaxation
-    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., relaxation: _Optional[_Union[Relaxation, _Mapping]] = ...) -> None: ...
+    journeys: Journeys
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., relaxation: _Optional[_Union[Relaxation, _Mapping]] = ..., journeys: _Optional[_Union[Journeys, _Mapping]] = ...) -> None: ...

@@ -13,6 +13,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.journeys import Journeys
 from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of, parse
@@ -25,6 +26,8 @@ TILE_CELLS = 4096
 MODE_COLUMNS = (
     "weight", "mean_direction", "concentration", "shape", "rate", "bend_east", "bend_north", "gain_east", "gain_north",
 )  # fmt: skip
+JOURNEY_COLUMNS = ("x", "y", "direction", "speed", "duration")
+JOURNEY_KNOBS = ("nearness", "strength", "direction_rate", "speed_rate")
 RELAXATION_FIELDS = tuple(f.name for f in fields(Relaxation))
 
 
@@ -65,6 +68,7 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
             cells=_encode_rows(columns, primitive_map.n_rows, cells),
             place_free=place_free,
             relaxation=dirprim_pb2.Relaxation(**relaxation),
+            journeys=_encode_journeys(primitive_map.journeys, tile, n_tiles),
         )
 
 
@@ -129,12 +133,40 @@ def _encode_rows(columns: dict[str, FloatArray], n_rows: IntArray, rows: slice) 
     return dirprim_pb2.Primitives(**packed, n_rows=n_rows[rows].tolist())
 
 
+def _encode_journeys(journeys: Journeys, tile: int, n_tiles: int) -> dirprim_pb2.Journeys:
+    """A tile's part of the rows: as large as any other's, for no row belongs to a cell."""
+    first, last = (len(journeys) * t // n_tiles for t in (tile, tile + 1))
+    columns = {
+        "x": journeys.position[:, 0], "y": journeys.position[:, 1], "direction": journeys.direction,
+        "speed": journeys.speed, "duration": journeys.duration,
+    }  # fmt: skip
+    return dirprim_pb2.Journeys(
+        **{name: column[first:last].tolist() for name, column in columns.items()},
+        **{name: getattr(journeys, name) for name in JOURNEY_KNOBS},
+    )
+
+
+def _journeys_of(parts: list[dirprim_pb2.Journeys]) -> Journeys:
+    column = {name: np.concatenate([floats_of(part, name, len(part.x)) for part in parts]) for name in JOURNEY_COLUMNS}
+    if not parts[0].nearness:  # a map of before there were journeys
+        return Journeys.none()
+    return Journeys(
+        position=np.column_stack([column["x"], column["y"]]),
+        direction=column["direction"],
+        speed=column["speed"],
+        duration=column["duration"],
+        **{name: getattr(parts[0], name) for name in JOURNEY_KNOBS},
+    )
+
+
 def _shared_part(tile: dirprim_pb2.PrimitiveMap) -> bytes:
     """What every tile of a map repeats."""
     shared = dirprim_pb2.PrimitiveMap()
     shared.CopyFrom(tile)
     shared.ClearField("tile")
     shared.ClearField("cells")
+    for column in JOURNEY_COLUMNS:
+        shared.journeys.ClearField(column)
     if shared.HasField("grid"):
         shared.grid.ClearField("square")
     else:
@@ -168,6 +200,7 @@ def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
         relaxation=Relaxation(**{name: getattr(first.relaxation, name) for name in RELAXATION_FIELDS}),
         bend=np.stack([column["bend_east"], column["bend_north"]], axis=-1),
         gain=np.stack([column["gain_east"], column["gain_north"]], axis=-1),
+        journeys=_journeys_of([tile.journeys for tile in tiles]),
     )
 
 

@@ -1,0 +1,190 @@
+"""Sampled futures of vehicles under the motion model of a map.
+
+Source: Senanayake et al. 2020, Algorithm 1: sample what a vehicle does here, project it by one step, look where it has
+come to, repeat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering._heeding import heed
+from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering._relaxing import MotionTable
+from dirprim_filter.filtering.heeding import AHEAD_S, cue_columns
+from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.cues import Cue
+from tessellation.arrays import FloatArray, as_floats
+
+PER_SAMPLE = 16
+"""Futures to choose one from, where a cue tells of them: what few vehicles do there must be among them."""
+
+
+def forecast_states(
+    primitive_map: PrimitiveMap,
+    *,
+    position: npt.ArrayLike,
+    direction: npt.ArrayLike,
+    speed: npt.ArrayLike,
+    time_s: npt.ArrayLike,
+    n_samples: int = 100,
+    cue: Cue | None = None,
+    config: FilterConfig | None = None,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Sample where each of many vehicles goes, each as if it were alone.
+
+    Args:
+        primitive_map: how vehicles move at each place.
+        position: (n, 2) metres.
+        direction: (n,) course over ground, radians.
+        speed: (n,) m/s, not negative.
+        time_s: (n_times,) ascending, seconds ahead.
+        n_samples: number of futures of each.
+        cue: what each of them tells of where it will turn.
+        config: the motion model's knobs.
+        rng: what the futures are drawn from.
+
+    Returns:
+        (n, n_samples, n_times, 2) metres.
+
+    Raises:
+        ValueError: columns of different lengths, a number that is not finite, a negative speed, or times that do not
+            ascend from above zero.
+    """
+    start = Start.of(position, direction, speed)
+    steps = Steps.at(time_s, n_samples)
+    table = forecast_table(primitive_map, config or FilterConfig())
+    return sample_paths(table, start, steps, cue=cue, rng=rng)
+
+
+def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
+    """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold."""
+    of_forecasts = replace(
+        config,
+        place_free_share=config.forecast_place_free_share,
+        forget_rate=config.forecast_forget_rate,
+        place_free_turning=config.forecast_place_free_turning,
+    )
+    return motion_table(primitive_map, of_forecasts)
+
+
+class Start(NamedTuple):
+    """Where vehicles are, which way they go and how fast."""
+
+    position: FloatArray  # (n, 2)
+    direction: FloatArray  # (n,)
+    speed: FloatArray  # (n,)
+
+    @classmethod
+    def of(cls, position: npt.ArrayLike, direction: npt.ArrayLike, speed: npt.ArrayLike) -> Start:
+        """Check the columns.
+
+        Raises:
+            ValueError: of different lengths, not finite, or a negative speed.
+        """
+        place = as_floats("position", position, "n 2")
+        n = len(place)
+        start = cls(place, as_floats("direction", direction, f"{n}"), as_floats("speed", speed, f"{n}"))
+        if (start.speed < 0).any():
+            raise ValueError(f"speed: expected at least 0 m/s, got {start.speed.min()}")
+        return start
+
+
+class Steps(NamedTuple):
+    """When to look, and at how many futures of each vehicle."""
+
+    dt_s: FloatArray  # (n_steps,)
+    n_samples: int
+
+    @classmethod
+    def of(cls, horizon_s: float, dt_s: float, n_samples: int) -> Steps:
+        """Every `dt_s` up to the horizon.
+
+        Raises:
+            ValueError: not a step or not a sample.
+        """
+        horizon_s, dt_s = float(as_floats("horizon_s", horizon_s, "")), float(as_floats("dt_s", dt_s, ""))
+        n_steps = int(np.floor(horizon_s / dt_s + 1e-9)) if dt_s > 0 else 0
+        if n_steps < 1 or n_samples < 1:
+            raise ValueError(
+                "horizon_s, dt_s, n_samples: expected at least one step and one sample, "
+                f"got {horizon_s}, {dt_s} and {n_samples}"
+            )
+        return cls(np.full(n_steps, dt_s), n_samples)
+
+    @classmethod
+    def at(cls, time_s: npt.ArrayLike, n_samples: int) -> Steps:
+        """At given seconds ahead.
+
+        Raises:
+            ValueError: they do not ascend from above zero, or not a sample.
+        """
+        dt_s = np.diff(as_floats("time_s", time_s, "n"), prepend=0.0)
+        if dt_s.size < 1 or (dt_s <= 0).any() or n_samples < 1:
+            raise ValueError(f"time_s, n_samples: expected ascending times and a sample, got {time_s!r}, {n_samples}")
+        return cls(dt_s, n_samples)
+
+
+def sample_paths(
+    table: MotionTable, start: Start, steps: Steps, *, cue: Cue | None = None, rng: np.random.Generator
+) -> FloatArray:
+    """Futures of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
+    n = steps.n_samples * (1 if cue is None else PER_SAMPLE)
+    repeated = Start(*(np.repeat(column[:, None], n, axis=1) for column in start))
+    cloud = _cloud(repeated, rng=rng)
+    _kernels.settle(table, cloud, np.arange(start.speed.size))
+    if cue is not None:
+        cloud = _heeded(table, cloud, cue, rng=rng)
+    return _projected(table, cloud, steps.dt_s)
+
+
+def sample_paths_of_belief(
+    table: MotionTable, belief: Start, weight: FloatArray, steps: Steps, *, rng: np.random.Generator
+) -> FloatArray:
+    """Futures of one vehicle, each from a sample of what is believed of it. (p,) weights -> (n_samples, n_steps, 2)."""
+    chosen = rng.choice(weight.size, steps.n_samples, p=weight / weight.sum())
+    cloud = _cloud(Start(*(column[chosen][None] for column in belief)), rng=rng)
+    _kernels.settle(table, cloud, np.zeros(1, np.int64))
+    return np.asarray(_projected(table, cloud, steps.dt_s)[0])
+
+
+def _cloud(start: Start, *, rng: np.random.Generator) -> Cloud:
+    """Particles of each vehicle, (v, n, ...), that follow nothing yet."""
+    v, n = start.speed.shape
+    return Cloud(
+        position=start.position.copy(),
+        direction=start.direction.copy(),
+        speed=start.speed.copy(),
+        cell=np.empty((v, n), np.int64),
+        mode=np.empty((v, n), np.int64),
+        row=np.empty((v, n), np.int64),
+        since=np.empty((v, n)),
+        log_weight=np.full((v, n), -np.log(n)),
+        state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
+    )
+
+
+def _heeded(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Generator) -> Cloud:
+    """One in `PER_SAMPLE` of the particles, drawn by how well they fit a cue (Eq. 4)."""
+    v, n = cloud.speed.shape
+    vehicle = np.arange(v)
+    heed(table, cloud, vehicle, np.empty(v), *cue_columns(cue), AHEAD_S)
+    _kernels.resample(cloud, vehicle)
+    kept = rng.permuted(np.tile(np.arange(n), (v, 1)), axis=1)[:, : n // PER_SAMPLE]
+    of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}
+    return cloud._replace(**of_particles)
+
+
+def _projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray) -> FloatArray:
+    """The particles moved on: (v, n, n_steps, 2) metres."""
+    path: FloatArray = np.empty((*cloud.speed.shape, dt_s.size, 2))
+    _kernels.predict_paths(table, cloud, dt_s, path)
+    return path

@@ -1,0 +1,18 @@
+"""What vehicles tell of where they will turn, as the particles are weighed by it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dirprim_filter.distributions import von_mises
+from dirprim_filter.primitives.cues import Cue
+from tessellation.arrays import FloatArray
+
+AHEAD_S = 4.0
+"""By when a vehicle that signals has turned: drivers signal some three seconds before, and a turn takes two."""
+
+
+def cue_columns(cue: Cue) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Turns, logs of weight over what normalises, and concentrations, (M,) each."""
+    turn, concentration = np.asarray(cue.turn, np.float64), np.asarray(cue.concentration, np.float64)
+    return turn, -np.log(turn.size) - von_mises.log_normaliser(concentration), concentration
