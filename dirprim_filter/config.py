@@ -27,6 +27,7 @@ class LearningConfig:
         max_concentration: bound of a mode's concentration: 0.6 degrees of spread.
         max_shape: bound of a mode's gamma shape: 1 % of spread in speed.
         cell_sizes: metres, the grid's candidates when no size is asked for.
+        rows_per_cell: on average, the candidates of Voronoi cells laid out evenly; the first also tells what is usual.
         softness: by how much of its own size a Voronoi cell learns from what is beside it; the first is tried first.
     """
 
@@ -43,11 +44,13 @@ class LearningConfig:
     max_concentration: float = 1e4
     max_shape: float = 1e4
     cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
+    rows_per_cell: tuple[float, ...] = (40.0, 10.0, 20.0, 80.0, 160.0)
     softness: tuple[float, ...] = (0.25, 0.1, 0.5)
 
     def __post_init__(self) -> None:
-        require_positive(self, skip=("cell_sizes", "prior_strengths", "parameter_costs", "softness"))
-        for name in ("cell_sizes", "prior_strengths", "parameter_costs", "softness"):
+        several = ("prior_strengths", "parameter_costs", "cell_sizes", "rows_per_cell", "softness")
+        require_positive(self, skip=several)
+        for name in several:
             numbers = getattr(self, name)
             if not numbers or not all(number > 0 for number in numbers):
                 raise ValueError(f"{name}: expected positive numbers, got {numbers}")

@@ -126,7 +126,8 @@ class Detections:
 def is_covariance(matrix: FloatArray) -> BoolArray:
     """(n, 2, 2) -> (n,) where a matrix is finite, symmetric and positive definite."""
     xx, xy, yx, yy = (matrix[:, i, j] for i in (0, 1) for j in (0, 1))
-    return np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (xy == yx) & (xx > 0) & (xx * yy > xy * xy))
+    with np.errstate(over="ignore", invalid="ignore"):  # of errors beyond all magnitudes
+        return np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & (xy == yx) & (xx > 0) & (xx * yy > xy * xy))
 
 
 def _where_known(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatArray:

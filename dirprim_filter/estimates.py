@@ -101,6 +101,7 @@ class Particles:
         speed: (n,) m/s.
         weight: (n,) sums to one for each vehicle.
         vehicle: (n,) int64, the row of the vehicle in the frame's estimates.
+        mode: (n,) int64, the mode that the particle follows in its cell. Left out: -1, none.
     """
 
     position: FloatArray
@@ -108,16 +109,46 @@ class Particles:
     speed: FloatArray
     weight: FloatArray
     vehicle: IntArray
+    mode: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+
+    def __post_init__(self) -> None:
+        if self.mode.size == 0:
+            object.__setattr__(self, "mode", np.full(len(self.weight), -1, np.int64))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Innovations:
+    """How far the measurements of one instant were from where they were expected.
+
+    Attributes:
+        distance: (n,) metres; NaN where the vehicle was not measured, or was new.
+        squared: (n,) the same squared, normalised by its covariance: chi-squared of two degrees of freedom, with a mean
+            of 2, where the filter is as sure as it should be.
+    """
+
+    distance: FloatArray
+    squared: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackedFrame:
-    """All that is known at one instant: what was reported, what is believed, and the samples that say so."""
+    """All that is known at one instant: what was reported, what is believed, and the samples that say so.
+
+    Attributes:
+        time_ns: nanoseconds since the log's epoch.
+        detections: what was reported.
+        estimates: what is believed.
+        particles: the samples behind it.
+        innovations: a row for each estimate; None where the tracker was not asked for them.
+        begun_anew: ids of the vehicles whose belief no longer explained them, and was begun anew.
+    """
 
     time_ns: int
     detections: Detections
     estimates: Estimates
     particles: Particles
+    innovations: Innovations | None = None
+    begun_anew: tuple[str, ...] = ()
 
 
 class EstimateSink(Protocol):

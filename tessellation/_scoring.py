@@ -2,9 +2,9 @@
 
 Between its nearest generator a and a rival b, a datum's gate is logistic in its distance to their border,
 s = (|x - g_b|^2 - |x - g_a|^2) / (2 |g_b - g_a|), over a width. Unlike a softmax of -|x - g|^2 / tau, it does not get
-sharper as generators move apart, which would pull them where no border is. With gates g and responsibilities r the score
-of a generator is sum (r - g) ds / width, its information sum g (1 - g) ds ds^T / width^2, and ds the change of s: half
-the way across the border, and a turn of the border for what is beside.
+sharper as generators move apart, which would pull them where no border is. With gates g and responsibilities r the
+score of a generator is sum (r - g) ds / width, its information sum g (1 - g) ds ds^T / width^2, and ds the change of s:
+half the way across the border, and a turn of the border for what is beside.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ def scoring_step(
     score, information = _score(position, weight, generators, cell, half_apart, metres[:, 0], prior, posterior)
     ridge = RIDGE * np.trace(information, axis1=1, axis2=2) + 1e-9
     information += ridge[:, None, None] * np.eye(2)
-    step = 0.5 * np.linalg.solve(information, score[:, :, None])[:, :, 0]  # a border moves with both its generators
+    step = np.asarray(np.linalg.solve(information, score[:, :, None])[:, :, 0], np.float64)
+    step *= 0.5  # a border moves with both its generators
     spacing = nearest_generators(generators, generators, k=2)[0][:, -1]
     length = np.linalg.norm(step, axis=1)
     step *= np.minimum(1.0, FARTHEST_MOVE * spacing / np.maximum(length, 1e-300))[:, None]

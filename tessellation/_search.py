@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Generic, cast
+from typing import Generic
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from tessellation._gating import count_members, fill_members, halve, leave_out, unite
 from tessellation._scoring import N_RIVALS, Scoring, scoring_step
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 from tessellation.gates import LEAST_SHARE, members_of, nearest_generators, part_of_members
 from tessellation.protocols import CellModel, Cells, Data_contra, Members
 
@@ -18,26 +18,36 @@ LEAST_ROWS = 4
 """A cell of fewer rows is not split."""
 CHILD_DISTANCE = 0.8
 """Halves of a normal distribution have their means so many standard deviations from its own."""
-MARGIN = 1.0
+MARGIN = 2.0
 """Standard errors by which a split must gain."""
 TRIES = 3
 """Steps that raise the objective are halved so often before they are given up."""
-MOVE_WIDTH = 0.25
+MOVE_WIDTHS = (0.25, 0.1)
 ANNEALING_WIDTHS = (0.25, 0.12, 0.06, 0.03)
 ANNEALING_STEPS = 3
-MAX_MOVES = 2
-LEAST_GAIN = 1e-3
+LEAST_GAIN = 5e-3
 """Of the objective per datum: a round that gains less is the last."""
 
 
 class State(Generic[Cells]):
     """Cells, as fitted without each of the folds, and what they give to the rows held out."""
 
-    __slots__ = ("cell", "fits", "generators", "members", "objective", "score", "settled", "signature", "softness")
+    __slots__ = (
+        "cell",
+        "fits",
+        "generators",
+        "members",
+        "objective",
+        "refused",
+        "score",
+        "settled",
+        "signature",
+        "softness",
+    )
 
     def __init__(
         self, *, generators: FloatArray, softness: float, members: Members, cell: IntArray, signature: FloatArray,
-        fits: Cells, score: FloatArray, objective: float, settled: BoolArray,
+        fits: Cells, score: FloatArray, objective: float, settled: BoolArray, refused: FloatArray,
     ) -> None:  # fmt: skip
         self.generators = generators  # (n_cells, 2)
         self.softness = softness
@@ -48,6 +58,7 @@ class State(Generic[Cells]):
         self.score = score  # (n,) log density of each row as held out
         self.objective = objective  # minus the weighted mean of the scores
         self.settled = settled  # (n_cells,) cells that are known not to gain by a split
+        self.refused = refused  # (n,) sums of two signatures, of cells that are known not to gain by being one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,32 +97,31 @@ class Search(Generic[Data_contra, Cells]):
 
     # States -----------------------------------------------------------------------------------------------------------
 
-    def evaluate(self, generators: FloatArray, softness: float, before: State[Cells] | None = None) -> State[Cells]:
-        """The state of these generators; cells that `before` has with the same members are taken from it."""
+    def evaluate(self, generators: FloatArray, softness: float, *before: State[Cells]) -> State[Cells]:
+        """The state of these generators; cells that one of `before` has with the same members are taken from it."""
         members, cell = members_of(self.position[self.row], generators, softness=softness)
         signature = _sums(members.weight * self.salt[self.row[members.row]], members.start)
-        known = _same_cells(generators, signature, before)
-        new = np.flatnonzero(known < 0)
+        source, number = _known(generators, signature, before)
+        new = np.flatnonzero(source < 0)
         fitted = self._fit(part_of_members(members, new))
-        settled = np.zeros(len(generators), np.bool_)
+        source[new], number[new] = len(before), np.arange(new.size)
+        first = np.cumsum([0, *(len(state.generators) for state in before)])
+        taken = (first[source] + number)[:, None] * self.n_folds + np.arange(self.n_folds)
+        fits = _taken(_joined([*(state.fits for state in before), fitted]), taken.ravel())
         score = np.empty(self.row.size)
-        fits = fitted
-        if before is not None and new.size < len(generators):
-            number = np.where(known >= 0, known, len(before.generators))
-            number[new] += np.arange(new.size)
-            both = _joined(before.fits, fitted)
-            fits = _taken(both, (number[:, None] * self.n_folds + np.arange(self.n_folds)).ravel())
-            settled[known >= 0] = before.settled[known[known >= 0]]
-            score[:] = before.score
-        again = np.flatnonzero(known[cell] < 0)
-        if before is not None:  # a row that has gone over to a cell that did not notice
-            moved = (known[cell] >= 0) & (known[cell] != before.cell)
-            again = np.flatnonzero((known[cell] < 0) | moved)
-        score[again] = self._log_density(fits, again, cell[again])
+        again = np.ones(self.row.size, np.bool_)
+        settled = np.zeros(len(generators), np.bool_)
+        for i, state in enumerate(before):
+            same = (source[cell] == i) & (number[cell] == state.cell)
+            score[same], again[same] = state.score[same], False
+            settled[source == i] = state.settled[number[source == i]]
+        row = np.flatnonzero(again)
+        score[row] = self._log_density(fits, row, cell[row])
         used = self.weight[self.row]
         return State(
             generators=generators, softness=softness, members=members, cell=cell, signature=signature, fits=fits,
             score=score, objective=-float(used @ score) / float(used.sum()), settled=settled,
+            refused=before[0].refused if before else np.empty(0),
         )  # fmt: skip
 
     def _fit(self, members: Members) -> Cells:
@@ -214,21 +224,14 @@ class Search(Generic[Data_contra, Cells]):
         pair, index = np.unique(cell * (int(self.group.max()) + 1) + group, return_inverse=True)
         of_group = np.bincount(index, gain)
         owner = pair // (int(self.group.max()) + 1)
-        return (
-            np.bincount(owner, of_group, minlength=n_cells),
-            np.sqrt(np.bincount(owner, of_group**2, minlength=n_cells)),
-        )
+        total = np.bincount(owner, of_group, minlength=n_cells)
+        return np.asarray(total, np.float64), np.sqrt(np.bincount(owner, of_group**2, minlength=n_cells))
 
     def move(self, state: State[Cells]) -> State[Cells]:
-        """Move generators by scoring steps, with the cells as they are fitted."""
-        for _ in range(MAX_MOVES):
-            if len(state.generators) < 2:
-                break
-            held_out = self._scoring(state.generators, MOVE_WIDTH, state.fits, held_out=True)
-            found = self._helpful(state, state.generators + held_out.step)
-            if found is None or state.objective - found.objective < LEAST_GAIN:
-                return found or state
-            state = found
+        """Move generators by scoring steps, with the cells as they are fitted: first far, then by less and less."""
+        for width in MOVE_WIDTHS if len(state.generators) > 1 else ():
+            scoring = self._scoring(state.generators, width, state.fits, held_out=True)
+            state = self._helpful(state, state.generators + scoring.step) or state
         return state
 
     def anneal(self, state: State[Cells]) -> State[Cells]:
@@ -263,7 +266,7 @@ class Search(Generic[Data_contra, Cells]):
         """The better of all the moves, and of those alone that help the cells around; None if neither is any good."""
         every = self.evaluate(trial, state.softness, state)
         helped = self._gain_around(state, every) > 0
-        some = self.evaluate(np.where(helped[:, None], trial, state.generators), state.softness, state)
+        some = self.evaluate(np.where(helped[:, None], trial, state.generators), state.softness, state, every)
         best = min((every, some), key=lambda found: found.objective)
         return best if best.objective < state.objective else None
 
@@ -271,7 +274,8 @@ class Search(Generic[Data_contra, Cells]):
         """What the rows for which each cell competes have gained. (n_cells,)."""
         gain = (after.score - before.score) * self.weight[self.row]
         _, cell = nearest_generators(self.position[self.row], before.generators, k=N_RIVALS - 1)
-        return np.bincount(cell.ravel(), np.repeat(gain, cell.shape[1]), minlength=len(before.generators))
+        around = np.bincount(cell.ravel(), np.repeat(gain, cell.shape[1]), minlength=len(before.generators))
+        return np.asarray(around, np.float64)
 
     def merge(self, state: State[Cells]) -> State[Cells]:
         """Unite neighbours that do better as one."""
@@ -279,6 +283,7 @@ class Search(Generic[Data_contra, Cells]):
         if n < 2:
             return state
         pair = _neighbors(state.generators)
+        pair = pair[~np.isin(state.signature[pair].sum(axis=1), state.refused)]
         mass = np.maximum(np.bincount(state.cell, self.weight[self.row], minlength=n), 1e-300)
         united = (mass[pair, None] * state.generators[pair]).sum(axis=1) / mass[pair].sum(axis=1)[:, None]
         start, row, share = unite(state.members.start, state.members.row, state.members.weight, pair)
@@ -293,6 +298,7 @@ class Search(Generic[Data_contra, Cells]):
             held = order[np.arange(which.size) - first[which] + begin[pair[which, side]]]
             change = (self._log_density(fits, held, which) - state.score[held]) * self.weight[self.row[held]]
             gain += np.bincount(which, change, minlength=len(pair))
+        state.refused = np.union1d(state.refused, state.signature[pair[gain <= 0]].sum(axis=1))
         chosen = _disjoint(pair, gain)
         for _ in range(TRIES):
             if chosen.size == 0:
@@ -318,29 +324,28 @@ def _sums(value: FloatArray, start: IntArray) -> FloatArray:
     return np.where(np.diff(start) > 0, np.add.reduceat(total, start[:-1]), 0.0)
 
 
-def _same_cells(generators: FloatArray, signature: FloatArray, before: State[AnyCells] | None) -> IntArray:
-    """The number that each cell had before with the same members; -1 where there was none."""
-    if before is None:
-        return np.full(len(generators), -1, np.int64)
-    number = {
-        key: i for i, key in enumerate(zip(*before.generators.T.tolist(), before.signature.tolist(), strict=True))
+def _known(
+    generators: FloatArray, signature: FloatArray, before: tuple[State[Cells], ...]
+) -> tuple[IntArray, IntArray]:
+    """Which of the states before has each cell with the same members, and its number there; -1 where none has."""
+    known = {
+        key: (i, c)
+        for i, state in enumerate(before)
+        for c, key in enumerate(zip(*state.generators.T.tolist(), state.signature.tolist(), strict=True))
     }
     keys = zip(*generators.T.tolist(), signature.tolist(), strict=True)
-    return np.array([number.get(key, -1) for key in keys], dtype=np.int64)
-
-
-AnyCells = tuple[AnyArray, ...]
+    found = np.array([known.get(key, (-1, -1)) for key in keys], dtype=np.int64).reshape(-1, 2)
+    return found[:, 0].copy(), found[:, 1].copy()
 
 
 def _taken(cells: Cells, index: IntArray) -> Cells:
     """The parameters of some cells."""
-    return cast(Cells, type(cells)(*(column[index] for column in cells)))  # type: ignore[call-arg]
+    return type(cells)(*(column[index] for column in cells))
 
 
-def _joined(first: Cells, second: Cells) -> Cells:
-    """The parameters of the first cells, then of the second."""
-    pairs = zip(first, second, strict=True)
-    return cast(Cells, type(first)(*(np.concatenate(pair) for pair in pairs)))  # type: ignore[call-arg]
+def _joined(parts: list[Cells]) -> Cells:
+    """The parameters of the first cells, then of the next."""
+    return type(parts[0])(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _neighbors(generators: FloatArray) -> IntArray:

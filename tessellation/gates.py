@@ -2,8 +2,8 @@
 
 A datum belongs wholly to the cell of its nearest generator. Cells beside it have a share that falls with the datum's
 distance d to the border they have in common, exp(-(d / h)^2 / 2), where h is `softness` times the half of the distance
-between the two generators: metres, that shrink as cells do. It is the gate of a mixture of experts (Jacobs et al. 1991),
-taken from the place alone: what a cell learns from beside it does not depend on how well it does there.
+between the two generators: metres, that shrink as cells do. It is the gate of a mixture of experts (Jacobs et al.
+1991), taken from the place alone: what a cell learns from beside it does not depend on how well it does there.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def nearest_generators(position: FloatArray, generators: FloatArray, *, k: int) 
     """Distances and numbers of the k nearest generators, nearest first; fewer if there are fewer. (n, 2) -> (n, k)."""
     k = min(k, len(generators))
     distance, cell = cKDTree(generators).query(position, k=k, workers=-1)
-    return distance.reshape(-1, k), np.asarray(cell, dtype=np.int64).reshape(-1, k)
+    return np.asarray(distance, np.float64).reshape(-1, k), np.asarray(cell, dtype=np.int64).reshape(-1, k)
 
 
 def border_distance(generators: FloatArray, distance: FloatArray, cell: IntArray) -> tuple[FloatArray, FloatArray]:

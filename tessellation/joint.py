@@ -5,7 +5,7 @@ that were fitted, that sum falls until each datum has a cell of its own. Here it
 judged by its cell as fitted to the groups of the other folds. This **held-out objective** is the one criterion: it
 places the generators, decides how many there are and how soft the gates between them.
 
-From a few large cells on, as long as the objective falls:
+From a few large, even cells on, as long as the objective falls:
 
 1. *split* cells in two, across their longest or their shortest axis, where the gain is greater than its own standard
    error over groups;
@@ -30,7 +30,7 @@ import numpy as np
 
 from tessellation._search import Search, State
 from tessellation.arrays import FloatArray, IntArray, as_floats
-from tessellation.gates import members_of
+from tessellation.gates import members_of, nearest_generators
 from tessellation.protocols import CellModel, Cells, Data_contra
 from tessellation.voronoi import VoronoiTessellation
 
@@ -38,8 +38,11 @@ logger = logging.getLogger(__name__)
 
 MAX_ROUNDS = 60
 N_FOLDS = 3
-FIRST_CELLS = 8
-"""A search begins with few, which it splits."""
+FEWEST_ROWS = 8
+"""For each cell, where the search begins."""
+START_SHARE = 0.5
+"""A search begins with so many of the even cells that do best, and splits them: where even ones are too few it gets
+stuck, where they are too many they never find their shape."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +75,7 @@ def fit_jointly(
     reach: float,
     n_cells: int | None = None,
     softness: tuple[float, ...] = (0.25, 0.1, 0.5, 0.0),
-    max_rows: int = 50_000,
+    max_rows: int = 10_000,
     progress: Callable[[int, float], None] | None = None,
     rng: np.random.Generator,
 ) -> JointFit[Cells]:
@@ -87,16 +90,21 @@ def fit_jointly(
         reach: metres around the data that the cells cover; see `VoronoiTessellation.covering`.
         n_cells: how many cells; left out, as many as lower the held-out objective.
         softness: of the gates; the first is begun with, the others are tried.
-        max_rows: the cells are laid out by so many data at most, of groups drawn at random; all data are then fitted.
+        max_rows: the cells are laid out by so many data at most, drawn at random; all data are then fitted.
         progress: told the number of cells and the objective after each step.
         rng: deals the folds and chooses the first generators.
 
     Raises:
         ValueError: no datum of positive weight, a number that is not finite, or arguments out of range.
     """
-    position, weight, group = _checked(position, weight, group, n_cells, softness)
+    position, weight, group = _checked(position, weight, group)
+    for name, number in (("max_rows", max_rows), ("n_cells", n_cells)):
+        if number is not None and number < 1:
+            raise ValueError(f"{name}: expected at least 1, got {number}")
+    if not softness or not all(s >= 0 for s in softness):
+        raise ValueError(f"softness: expected one or more numbers that are not negative, got {softness}")
     origin = np.round(position[weight > 0].mean(axis=0))  # so that no digit is lost far from it
-    used = _sample(weight, group, max_rows, rng)
+    used = _sample(weight, max_rows, rng)
     fold = _folds(group[used], rng)
     search = Search(
         model=model,
@@ -106,7 +114,7 @@ def fit_jointly(
         row=used,
         fold=fold,
         group=np.unique(group[used], return_inverse=True)[1],
-        salt=rng.random(len(position)),
+        salt=np.random.default_rng(0).random(len(position)),
     )
 
     def spread(n: int) -> FloatArray:
@@ -122,11 +130,13 @@ def fit_jointly(
             progress(*steps[-1])
 
     if search.n_folds > 1:
-        state = search.evaluate(spread(min(n_cells or FIRST_CELLS, FIRST_CELLS)), softness[0])
+        state = _first(search, spread, n_cells, softness[0])
         state = _descend(search, state, n_cells, softness, tell)
         generators, chosen = state.generators, state.softness
     else:  # nothing can be held out, so nothing tells how many cells there should be
         generators, chosen = spread(n_cells or 1), softness[0]
+    nearest = nearest_generators((position - origin)[weight > 0], generators, k=1)[1]
+    generators = generators[np.bincount(nearest[:, 0], minlength=len(generators)) > 0]  # none that is empty
     members, _ = members_of(position - origin, generators, softness=chosen)
     members = members._replace(weight=members.weight * weight[members.row])
     logger.info("joint cells: %d, softness %g, after %d steps", len(generators), chosen, len(steps))
@@ -137,6 +147,17 @@ def fit_jointly(
         trace=np.array([objective for _, objective in steps]),
         n_cells=np.array([n for n, _ in steps], dtype=np.int64),
     )
+
+
+def _first(
+    search: Search[Data_contra, Cells], spread: Callable[[int], FloatArray], n_cells: int | None, softness: float
+) -> State[Cells]:
+    """Even cells to begin with."""
+    most = n_cells or max(1, search.row.size // FEWEST_ROWS)
+    numbers = 2 ** np.arange(int(np.log2(most)) + 1)
+    objective = [search.evaluate(spread(int(n)), softness).objective for n in numbers]
+    best = int(numbers[np.argmin(objective)])
+    return search.evaluate(spread(max(1, int(START_SHARE * best))), softness)
 
 
 def _descend(
@@ -167,8 +188,6 @@ def _checked(
     position: FloatArray,
     weight: FloatArray | None,
     group: IntArray | None,
-    n_cells: int | None,
-    softness: tuple[float, ...],
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     position = as_floats("position", position, "n 2")
     n = len(position)
@@ -181,24 +200,13 @@ def _checked(
         raise ValueError(f"weight: expected no negative number, got {weight.min()} at {int(weight.argmin())}")
     if not weight.any():
         raise ValueError("weight: expected at least one datum of positive weight, got none")
-    if n_cells is not None and n_cells < 1:
-        raise ValueError(f"n_cells: expected at least 1, got {n_cells}")
-    if not softness or not all(s >= 0 for s in softness):
-        raise ValueError(f"softness: expected one or more numbers that are not negative, got {softness}")
     return position, weight, group
 
 
-def _sample(weight: FloatArray, group: IntArray, max_rows: int, rng: np.random.Generator) -> IntArray:
-    """Rows of positive weight: all, or those of randomly drawn groups, about `max_rows`."""
+def _sample(weight: FloatArray, max_rows: int, rng: np.random.Generator) -> IntArray:
+    """Rows of positive weight, ascending: all, or so many drawn at random."""
     used = np.flatnonzero(weight > 0)
-    if used.size <= max_rows:
-        return used
-    _, number, size = np.unique(group[used], return_inverse=True, return_counts=True)
-    order = rng.permutation(size.size)
-    n_drawn = max(int(np.searchsorted(np.cumsum(size[order]), max_rows, side="right")), min(N_FOLDS, size.size))
-    drawn = np.zeros(size.size, np.bool_)
-    drawn[order[:n_drawn]] = True
-    return used[drawn[number]]
+    return used if used.size <= max_rows else np.sort(rng.permutation(used)[:max_rows])
 
 
 def _folds(group: IntArray, rng: np.random.Generator) -> IntArray:

@@ -24,7 +24,8 @@ def lloyd_generators(
 ) -> FloatArray:
     """Generators by k-means: seeds far from each other, then means of the nearest positions. -> (at most n_cells, 2).
 
-    The order of the positions does not matter, and a position given twice counts as one of twice the weight.
+    The order of the positions does not matter, nor where they are or which way they are turned; a position given twice
+    counts as one of twice the weight.
 
     Args:
         position: (n, 2) metres.
@@ -62,13 +63,22 @@ def lloyd_generators(
 
 def _distinct(position: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distinct positions in Morton order, so that neighbours are near in memory, and their weights."""
-    low = position.min(axis=0)
-    extent = float((position - low).max())
-    fine: IntArray = ((position - low) * (65535.0 / extent if extent > 0 else 0.0)).astype(np.int64)
-    order = np.lexsort((weight, *position.T, _spread_bits(fine[:, 0]) + 2 * _spread_bits(fine[:, 1])))
+    along = _along_axes(position, weight)
+    low = along.min(axis=0)
+    extent = float((along - low).max())
+    fine: IntArray = ((along - low) * (65535.0 / extent if extent > 0 else 0.0)).astype(np.int64)
+    order = np.lexsort((weight, *along.T, _spread_bits(fine[:, 0]) + 2 * _spread_bits(fine[:, 1])))
     position, weight = position[order], weight[order]
     new = np.append(True, (position[1:] != position[:-1]).any(axis=1))
     return position[new], np.add.reduceat(weight, np.flatnonzero(new))
+
+
+def _along_axes(position: FloatArray, weight: FloatArray) -> FloatArray:
+    """Positions along their principal axes, each towards its longer tail: the same however they were turned."""
+    offset = position - position[0]
+    offset -= weight @ offset / weight.sum()
+    along = offset @ np.linalg.eigh((weight * offset.T) @ offset)[1]
+    return np.asarray(along * np.where(weight @ along**3 < 0, -1.0, 1.0))
 
 
 def _spread_bits(number: IntArray) -> IntArray:

@@ -29,4 +29,4 @@ def ring():
 @pytest.fixture(scope="session")
 def ring_map(ring):
     """What is learned from them."""
-    return learn_primitives(ring, cell_size=6.0, rng=np.random.default_rng(7))
+    return learn_primitives(ring, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(7))

@@ -7,7 +7,7 @@ import pytest
 
 from dirprim_filter.config import FilterConfig, LearningConfig
 
-SERIES = ("cell_sizes", "prior_strengths", "parameter_costs", "softness")
+SERIES = ("cell_sizes", "prior_strengths", "parameter_costs", "rows_per_cell", "softness")
 KNOBS = [(kind, f.name) for kind in (FilterConfig, LearningConfig) for f in fields(kind) if f.name not in SERIES]
 
 

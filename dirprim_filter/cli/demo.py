@@ -62,12 +62,14 @@ def demo(
 
     import numpy as np
 
+    from dirprim_filter.cli.progress import learning_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.primitives import learn_primitives
 
     tracks, truth = read_tracks(learning), read_tracks(tracking)
     typer.echo(f"learning from {learning.name}: {tracks.n_tracks} vehicles, {len(tracks)} rows ...", err=True)
-    learned = learn_primitives(tracks, rng=np.random.default_rng(seed))
+    with learning_progress() as told:
+        learned = learn_primitives(tracks, progress=told, rng=np.random.default_rng(seed))
     save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
     compiling.wait()
     typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
@@ -98,6 +100,7 @@ def _track_three_ways(
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.viewer.figures import demo_figure, save_figure
     from dirprim_filter.viewer.moment import Moment
+    from dirprim_filter.viewer.report import run_report
     from dirprim_filter.viewer.stream import open_stream
 
     config = FilterConfig()
@@ -106,13 +109,13 @@ def _track_three_ways(
     forecaster_rng = np.random.default_rng([seed, 1])
     with (
         EstimateLog(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
-        open_stream(save=outputs["tracks.rrd"], force=force, particle_stride=4) as shown,
+        open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, particle_stride=10) as shown,
     ):
         written.write_map_scene(learned)
         shown.log_map(learned)
         shown.log_truth(truth)
         forecaster = Forecaster(learned, [written, shown], config=config, rng=forecaster_rng)
-        tracker = Tracker(learned, config=config, rng=np.random.default_rng(seed))
+        tracker = Tracker(learned, config=config, with_innovations=True, rng=np.random.default_rng(seed))
         _replay(log, tracker, [written, shown, forecaster, believed, moment])
         estimates = believed.all()
         scores = {"with the prior": score(estimates, truth)}
@@ -128,7 +131,7 @@ def _track_three_ways(
             kept = EstimateList()
             _replay(log, rival, [kept])
             scores[name] = score(kept.all(), truth)
-        shown.log_report("\n".join(_table(scores, markdown=True)))
+        shown.log_report("\n".join([*_table(scores, markdown=True), "", run_report(said, {}, title="Made with")]))
     if moment.frame is not None:
         ids = [str(name) for name in moment.frame.estimates.track_id]
         futures = dict(zip(ids, forecaster.paths(moment.frame), strict=True))
@@ -179,7 +182,7 @@ def _tell(
     n_modes = (learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1)
     first = next(iter(scores.values()))
     typer.echo(
-        f"\nlearned: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area[0]) ** 0.5:.3g} m, "
+        f"\nlearned: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area.mean()) ** 0.5:.3g} m, "
         f"{n_modes.mean():.1f} modes each; tracked: {first.n_vehicles} vehicles, {first.n_rows} estimates\n"
     )
     for line in _table(scores):

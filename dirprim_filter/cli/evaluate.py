@@ -8,17 +8,17 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dirprim_filter.cli import evaluate_forecast, evaluate_tracking, losses
-from dirprim_filter.cli.options import End, Force, Logs, Seed, Start, Strict, Time, TimeSource, Topics, time_ns
+from dirprim_filter.cli.options import Force, Logs, Seed
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.cues import CueTable, SignalExample
     from dirprim_filter.evaluation.density import DensityScore, DensityTable
-    from dirprim_filter.recording.reader import TrackLog
 
 evaluate = typer.Typer(
     name="evaluate",
@@ -54,6 +54,7 @@ Json = Annotated[bool, typer.Option("--json", help="All figures, for machines.")
 
 
 @evaluate.command()
+@reads_logs
 def density(
     logs: Logs,
     split: Annotated[
@@ -64,11 +65,7 @@ def density(
     every: Annotated[float | None, typer.Option(help="Seconds between a vehicle's rows; left out, all rows.")] = None,
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
-    topics: Topics = None,
-    time_source: Time = TimeSource.LOG,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    reading: Reading = Reading(),
     plot: Plot = None,
     as_json: Json = False,
     force: Force = False,
@@ -82,7 +79,7 @@ def density(
     from dirprim_filter.evaluation.density import evaluate_density
 
     _check_plot(plot, force=force)
-    log = _read(logs, topics, time_source.value, start, end, strict=strict)
+    log = reading.tracks(logs)
     table = evaluate_density(
         log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
         interval_s=every, rng=np.random.default_rng(seed),
@@ -96,6 +93,7 @@ def density(
 
 
 @evaluate.command()
+@reads_logs
 def cues(
     logs: Logs,
     split: Annotated[
@@ -104,11 +102,7 @@ def cues(
     folds: Folds = 5,
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
-    topics: Topics = None,
-    time_source: Time = TimeSource.LOG,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    reading: Reading = Reading(),
     plot: Plot = None,
     as_json: Json = False,
     force: Force = False,
@@ -123,7 +117,7 @@ def cues(
     from dirprim_filter.primitives import learn_primitives
 
     _check_plot(plot, force=force)
-    log = _read(logs, topics, time_source.value, start, end, strict=strict)
+    log = reading.tracks(logs)
     deal, learn, draw = np.random.default_rng(seed).spawn(3)
     table = evaluate_cues(
         log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed, rng=deal
@@ -193,17 +187,6 @@ def _check_plot(plot: Path | None, *, force: bool) -> None:
         from dirprim_filter.viewer.figures import check_figure_path
 
         check_figure_path(plot, force=force)
-
-
-def _read(
-    logs: Logs, topics: str | None, time_source: Literal["log", "publish", "header"],
-    start: str | None, end: str | None, *, strict: bool,
-) -> TrackLog:  # fmt: skip
-    from dirprim_filter.recording.reader import read_track_logs
-
-    return read_track_logs(
-        logs, topics=topics, time_source=time_source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
-    )
 
 
 def _line(name: str, cells: Sequence[str], *, width: int) -> str:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import End, Force, Logs, Seed, Start, Strict, Time, TimeSource, Topics
+from dirprim_filter.cli.options import Force, Logs, Seed
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
@@ -21,6 +22,7 @@ FIGURES = {
 """The figures of a score, and what the table calls them."""
 
 
+@reads_logs
 def forecast(
     logs: Logs,
     by_group: Annotated[bool, typer.Option("--by-group", help="Hold out whole groups, not single vehicles.")] = False,
@@ -31,11 +33,7 @@ def forecast(
     seeds: Annotated[int, typer.Option(min=1, help="How many times vehicles are dealt anew.")] = 1,
     samples: Annotated[int, typer.Option(min=20, help="Futures of each vehicle.")] = 100,
     seed: Seed = 0,
-    topics: Topics = None,
-    time_source: Time = TimeSource.LOG,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    reading: Reading = Reading(),
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="All figures, for machines.")] = False,
     force: Force = False,
@@ -46,11 +44,11 @@ def forecast(
     """
     import numpy as np
 
-    from dirprim_filter.cli.evaluate import _as_json, _check_plot, _read
+    from dirprim_filter.cli.evaluate import _as_json, _check_plot
     from dirprim_filter.evaluation.forecasting import HORIZONS_S, evaluate_forecasts
 
     _check_plot(plot, force=force)
-    log = _read(logs, topics, time_source.value, start, end, strict=strict)
+    log = reading.tracks(logs)
     table = evaluate_forecasts(
         log.tracks, split_by="group" if by_group else "vehicle", horizons_s=horizon or HORIZONS_S, n_folds=folds,
         n_seeds=seeds, n_samples=samples, rng=np.random.default_rng(seed),

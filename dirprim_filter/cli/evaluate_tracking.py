@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import End, Force, Logs, Start, Strict, Time, TimeSource, Topics, time_ns
+from dirprim_filter.cli.options import Force, Logs
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
@@ -29,6 +30,7 @@ CONFIG_KEY = "experiment"
 """Of the metadata record and the JSON object that hold an experiment."""
 
 
+@reads_logs
 def tracking(
     logs: Logs,
     map_file: Annotated[
@@ -52,11 +54,7 @@ def tracking(
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the first method's run, MCAP.")] = None,
     chart: Annotated[Path | None, typer.Option(help="Draw the table: .png, .pdf or .svg.")] = None,
-    topics: Topics = None,
-    time_source: Time = TimeSource.LOG,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    reading: Reading = Reading(),
     as_json: Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")] = False,
     force: Force = False,
 ) -> int:
@@ -68,7 +66,6 @@ def tracking(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.evaluation.experiment import TrackingExperiment, evaluate_tracking
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.reader import read_track_logs
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.simulation.sensor import detect
 
@@ -81,14 +78,13 @@ def tracking(
     if particles is not None:
         told["filter"] = told.get("filter", {}) | {"n_particles": particles}
     experiment = TrackingExperiment.of(told)
-    log = read_track_logs(
-        logs, topics=topics, time_source=time_source.value, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
-    )
+    log = reading.tracks(logs)
     with ExitStack() as files:
         sinks: tuple[EstimateSink, ...] = ()
         if output is not None:
             inputs = [*logs, map_file] if map_file else logs
-            said = provenance("evaluate tracking", inputs=inputs) | {CONFIG_KEY: json.dumps(asdict(experiment))}
+            said = provenance("evaluate tracking", inputs=inputs, **reading.said())
+            said[CONFIG_KEY] = json.dumps(asdict(experiment))
             sinks = (files.enter_context(EstimateLog(output, metadata=said, force=force)),)
         table = evaluate_tracking(
             log.tracks, experiment, sensor=detect, primitive_map=load_map(map_file) if map_file else None, sinks=sinks

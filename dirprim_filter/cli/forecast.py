@@ -9,9 +9,11 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Force, Map, Seed, TimeSource, Topics
+from dirprim_filter.cli.options import Force, Map, Seed
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 
+@reads_logs
 def forecast(
     map_file: Map,
     at: Annotated[tuple[float, float] | None, typer.Option(help="Position, metres east and north.")] = None,
@@ -31,7 +33,7 @@ def forecast(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="All sampled positions, for machines.")] = False,
     seed: Seed = 0,
-    topics: Topics = None,
+    reading: Reading = Reading(),
     force: Force = False,
 ) -> int:
     """Sample the futures of a vehicle from a map, or of the vehicles of a log from what is believed of them.
@@ -42,7 +44,7 @@ def forecast(
         if output is None or at is not None:
             raise typer.BadParameter("--log: expected -o with the MCAP to write, and no --at")
         return _of_log(
-            log, map_file, output, topics, horizon_s=horizon, dt_s=dt, every_s=every, n_samples=samples, seed=seed,
+            log, map_file, output, reading, horizon_s=horizon, dt_s=dt, every_s=every, n_samples=samples, seed=seed,
             force=force,
         )  # fmt: skip
     if at is None or direction_deg is None or speed is None:
@@ -83,7 +85,7 @@ def _of_state(
 
 
 def _of_log(
-    log: Path, map_file: Path, output: Path, topics: str | None, *, horizon_s: float, dt_s: float, every_s: float,
+    log: Path, map_file: Path, output: Path, reading: Reading, *, horizon_s: float, dt_s: float, every_s: float,
     n_samples: int, seed: int, force: bool,
 ) -> int:  # fmt: skip
     import numpy as np
@@ -94,16 +96,15 @@ def _of_log(
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.reader import stream_detections
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.replay import replay
 
     learned, config = load_map(map_file), FilterConfig()
-    stream = stream_detections(log, topics=topics, time_source=TimeSource.LOG.value)
+    stream = reading.detections(log, motion=False)
     tracker = Tracker(learned, config=config, rng=np.random.default_rng(seed))
     said = provenance(
-        "forecast", inputs=[log, map_file], config=config, seed=seed, topics=topics, horizon_s=horizon_s, dt_s=dt_s,
-        every_s=every_s, n_samples=n_samples,
+        "forecast", inputs=[log, map_file], config=config, seed=seed, horizon_s=horizon_s, dt_s=dt_s,
+        every_s=every_s, n_samples=n_samples, **reading.said(),
     )  # fmt: skip
     with EstimateLog(output, metadata=said, particle_stride=config.n_particles, force=force) as estimates:
         estimates.write_map_scene(learned)

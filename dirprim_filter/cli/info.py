@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Logs
+from dirprim_filter.cli.options import End, Logs, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from dirprim_filter.recording.summary import LogSummary
@@ -19,23 +20,47 @@ if TYPE_CHECKING:
 def info(
     logs: Logs,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each log.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Read every chunk of a long log too.")] = False,
+    topics: Topics = None,
+    start: Start = None,
+    end: End = None,
+    strict: Strict = False,
 ) -> int:
     """Tell what logs hold: topics, which of them carry tracks, times, damage.
 
+    Of a log of more than 32 MiB that has an index only this is read, unless with --check, --strict, --start or --end.
+
     Example: dirprim info recordings/roundabout_track.mcap
     """
-    from dirprim_filter.recording.reader import inspect
+    from dirprim_filter.recording.summary import summarise_by_index
+    from dirprim_filter.recording.topic_names import matching
 
+    wanted = None if topics is None else matching(topics)
+    by_index = not (check or strict or start or end)
     worst = losses.DONE
     for path in logs:
-        summary = inspect(path)
+        summary = summarise_by_index(path, topics=wanted) if by_index else None
+        if summary is None:
+            summary = _whole(path, wanted, time_ns(start), time_ns(end), strict=strict)
         typer.echo(json.dumps(summary.as_json()) if as_json else _text(path, summary))
         worst = max(worst, losses.exit_code(summary.damage))
     return worst
 
 
+def _whole(
+    path: Path, topics: Callable[[str], bool] | None, start_ns: int | None, end_ns: int | None, *, strict: bool
+) -> LogSummary:
+    from dirprim_filter.recording.inspection import inspect
+
+    return inspect(path, topics=topics, start_ns=start_ns, end_ns=end_ns, strict=strict)
+
+
 def _text(path: Path, summary: LogSummary) -> str:
     lines = [f"{path}: {summary.messages} messages{_span(summary)}"]
+    if not summary.is_checked:
+        lines.append(
+            "  by the log's index alone; its chunks were not checked, and tracks not counted: --check does both"
+        )
     rows = [("topic", "schema", "encoding", "messages", "tracks")]
     rows += [
         (
@@ -52,8 +77,13 @@ def _text(path: Path, summary: LogSummary) -> str:
         texts = [cell.ljust(w) for cell, w in zip(row[:3], widths[:3], strict=True)]
         numbers = [cell.rjust(w) for cell, w in zip(row[3:], widths[3:], strict=True)]
         lines.append("  " + "  ".join(texts + numbers))
-    carrying = [t.name for t in summary.topics if t.tracks]
-    lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else "  no topic carries tracks")
+    if summary.is_checked:
+        carrying = [t.name for t in summary.topics if t.tracks]
+        lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else "  no topic carries tracks")
+    if summary.attachments:
+        lines.append(f"  attachments: {', '.join(summary.attachments)}")
+    if summary.stamps and (summary.stamps.zero or summary.stamps.backward or summary.stamps.duplicate):
+        lines.append(f"  log times by topic, as they stand in the file: {summary.stamps}")
     lines += [f"  damage: {d.kind} at byte {d.offset}: {d.detail}" for d in summary.damage]
     return "\n".join(lines)
 

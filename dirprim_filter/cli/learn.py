@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import (
-    End,
-    Force,
-    Logs,
-    Output,
-    Seed,
-    Start,
-    Strict,
-    Time,
-    TimeSource,
-    Topics,
-    time_ns,
-)
+from dirprim_filter.cli.options import Force, Logs, Output, Seed
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 
 class Cells(StrEnum):
     """How the plane is divided."""
 
+    JOINT = "joint"
+    VORONOI = "voronoi"
     GRID = "grid"
 
 
@@ -43,20 +34,20 @@ class Shape(StrEnum):
     FLAT = "flat"
 
 
+@reads_logs
 def learn(
     logs: Logs,
     output: Output,
-    tessellation: Annotated[Cells, typer.Option(help="How the plane is divided.")] = Cells.GRID,
+    tessellation: Annotated[
+        Cells,
+        typer.Option(help="joint: cells learned with the primitives; voronoi: by positions alone; grid: squares."),
+    ] = Cells.JOINT,
     cell_size: Annotated[float | None, typer.Option(help="Metres; chosen by held-out vehicles if left out.")] = None,
     cells: Annotated[int | None, typer.Option(help="About how many cells, instead of their size.")] = None,
     modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,
     primitive: Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")] = Shape.CURVED,
     seed: Seed = 0,
-    topics: Topics = None,
-    time_source: Time = TimeSource.LOG,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    reading: Reading = Reading(),
     force: Force = False,
 ) -> int:
     """Learn from logs how vehicles move at each place.
@@ -65,27 +56,25 @@ def learn(
     """
     import numpy as np
 
+    from dirprim_filter.cli.progress import learning_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.primitives import learn_primitives
     from dirprim_filter.recording import save_map
     from dirprim_filter.recording.errors import OutputExistsError
-    from dirprim_filter.recording.reader import read_track_logs
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
-    source: Literal["log", "publish", "header"] = time_source.value
-    log = read_track_logs(
-        logs, topics=topics, time_source=source, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict
-    )
+    log = reading.tracks(logs)
     config = LearningConfig()
-    learned = learn_primitives(
-        log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
-        primitive=primitive.value, config=config, rng=np.random.default_rng(seed),
-    )  # fmt: skip
+    with learning_progress() as told:
+        learned = learn_primitives(
+            log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
+            primitive=primitive.value, config=config, progress=told, rng=np.random.default_rng(seed),
+        )  # fmt: skip
     said = provenance(
         "learn", inputs=logs, config=config, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
-        modes=modes.value, primitive=primitive.value, seed=seed, topics=topics,
+        modes=modes.value, primitive=primitive.value, seed=seed, **reading.said(),
     )  # fmt: skip
     save_map(learned, output, metadata=said, force=force)
     n_modes = float((learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1).mean())

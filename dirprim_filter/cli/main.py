@@ -10,7 +10,20 @@ import sys
 
 import typer
 
-from dirprim_filter.cli import convert, demo, evaluate, forecast, info, learn, plot, simulate, track, view
+from dirprim_filter.cli import (
+    convert,
+    demo,
+    evaluate,
+    forecast,
+    info,
+    learn,
+    plot,
+    recover,
+    replay,
+    simulate,
+    track,
+    view,
+)
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -37,7 +50,7 @@ def _every_command(
 
 for command in (
     info.info, convert.convert, simulate.simulate, learn.learn, track.track, forecast.forecast, plot.plot, view.view,
-    demo.demo,
+    recover.recover, replay.replay, demo.demo,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(evaluate.evaluate)

@@ -1,4 +1,4 @@
-"""The options that several commands share, and the enumerations behind them."""
+"""The options that several commands share."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Annotated
 import typer
 
 
-class TimeSource(StrEnum):
-    """Which time of a message counts."""
+class ParticleColor(StrEnum):
+    """What the colour of particles tells."""
 
-    LOG = "log"
-    PUBLISH = "publish"
-    HEADER = "header"
+    DIRECTION = "direction"
+    MODE = "mode"
+    WEIGHT = "weight"
 
 
 def time_ns(text: str | None) -> int | None:
@@ -37,8 +37,16 @@ def time_ns(text: str | None) -> int | None:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
-Log = Annotated[Path, typer.Argument(help="An MCAP log.", exists=True, dir_okay=False)]
-Logs = Annotated[list[Path], typer.Argument(help="MCAP logs.", exists=True, dir_okay=False)]
+def _log(text: str) -> Path:
+    """A file that exists, "-", or what looks like a URL."""
+    path = Path(text)
+    if text != "-" and "://" not in text and (not path.exists() or path.is_dir()):
+        raise typer.BadParameter(f"File '{text}' does not exist." if not path.exists() else f"'{text}' is a folder.")
+    return path
+
+
+Log = Annotated[Path, typer.Argument(help="An MCAP log; - for standard input, or a URL.", parser=_log)]
+Logs = Annotated[list[Path], typer.Argument(help="MCAP logs; - for standard input, or URLs.", parser=_log)]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
@@ -47,7 +55,6 @@ Topics = Annotated[
     str | None,
     typer.Option("--topics", help="Topic name or regular expression; left out, the best there is."),
 ]
-Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message counts.")]
 Start = Annotated[str | None, typer.Option("--start", help="First time wanted, ns or RFC 3339.")]
 End = Annotated[str | None, typer.Option("--end", help="First time no longer wanted, ns or RFC 3339.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Damage in a log is an error.")]
@@ -55,4 +62,16 @@ Particles = Annotated[int, typer.Option("--particles", min=1, help="Samples for 
 Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of a measured position, metres.")]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer.")]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a rerun viewer and stream to it.")]
+Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]
+Bind = Annotated[
+    str, typer.Option("--bind", help="With --serve: the address to answer at; 0.0.0.0 for all who reach this machine.")
+]
+Focus = Annotated[
+    str | None,
+    typer.Option("--focus", help="Id of the vehicle to look at closely; left out, whichever is understood least."),
+]
+ColorBy = Annotated[ParticleColor, typer.Option("--color-by", help="What the colour of particles tells.")]
+Truth = Annotated[
+    Path | None, typer.Option("--truth", help="Show the true tracks of this log, and the errors.", exists=True)
+]
 Connect = Annotated[str | None, typer.Option("--connect", help="Stream to the rerun viewer at this address.")]

@@ -1,27 +1,164 @@
-"""`dirprim view`: a recording or a map in the rerun viewer."""
+"""`dirprim view`: maps, logs, tracks and recordings in the rerun viewer, alone, together, or two runs side by side."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from enum import Enum, auto
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from dirprim_filter.cli.options import Bind, Connect, Focus, Force, Save, Serve, Spawn, Truth
+
+if TYPE_CHECKING:
+    from dirprim_filter.viewer.sink import RerunSink
+
+N_RUNS = 2
+
+
+class Kind(Enum):
+    """What a file is to the viewer."""
+
+    RECORDING = auto()
+    MAP = auto()
+    TRACKS = auto()
+    LOG = auto()
+
+
+class _Given(NamedTuple):
+    maps: list[Path]
+    logs: list[Path]
+    runs: list[Path]
+
 
 def view(
-    file: Annotated[Path, typer.Argument(help="An .rrd, or a map that `dirprim learn` wrote.", exists=True)],
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="An .rrd, a map, a log, the tracks of `dirprim track`; or several.", exists=True),
+    ],
+    save: Save = None,
+    spawn: Spawn = False,
+    connect: Connect = None,
+    serve: Serve = False,
+    bind: Bind = "127.0.0.1",
+    truth: Truth = None,
+    focus: Focus = None,
+    force: Force = False,
 ) -> None:
-    """Open a recording or a map in the rerun viewer on this machine.
+    """Open files in the rerun viewer: a map under its tracks, or two runs side by side on one time line.
 
-    Example: dirprim view demo/tracks.rrd
+    Without --save, --connect or --serve a viewer is started on this machine.
+
+    Example: dirprim view map.mcap prior.mcap no_prior.mcap
     """
-    from dirprim_filter.viewer.stream import open_stream, show_file
+    from dirprim_filter.cli.watching import keep_serving, open_viewer
 
-    if file.suffix == ".rrd":
-        show_file(file)
+    elsewhere = save is not None or connect is not None or serve
+    given = _sorted(files)
+    if _all_recordings(files) and not elsewhere and len(files) != N_RUNS:
+        from dirprim_filter.viewer.program import show_files
+
+        show_files(files)
         return
-    from dirprim_filter.recording import load_map
+    with open_viewer(
+        " ".join(file.stem for file in files),
+        save=save,
+        spawn=spawn or not elsewhere,
+        connect=connect,
+        serve=bind if serve else None,
+        force=force,
+        focus=focus,
+    ) as viewer:
+        if len(given.runs) == N_RUNS:
+            _beside(given, viewer, truth=truth, focus=focus)
+        else:
+            _together(given, viewer, truth=truth)
+        keep_serving(viewer)
 
-    learned = load_map(file)
-    with open_stream(spawn=True) as stream:
-        stream.log_map(learned)
+
+def _all_recordings(files: Sequence[Path]) -> bool:
+    return all(file.suffix == ".rrd" for file in files)
+
+
+def _sorted(files: Sequence[Path]) -> _Given:
+    """What each file is.
+
+    Raises:
+        ValueError: more than two runs, or an .rrd together with what is not a run.
+    """
+    kinds = {file: _kind(file) for file in files}
+    runs = [file for file, kind in kinds.items() if kind in (Kind.RECORDING, Kind.TRACKS)]
+    if len(runs) > N_RUNS and not _all_recordings(files):
+        raise ValueError(f"view: expected at most {N_RUNS} runs, got {len(runs)}: {', '.join(map(str, runs))}")
+    recordings = [file for file, kind in kinds.items() if kind is Kind.RECORDING]
+    if len(runs) < N_RUNS and recordings and len(files) > 1:
+        raise ValueError(f"{recordings[0]}: an .rrd holds its own map and log; open it alone, or beside another run")
+    return _Given(
+        [file for file, kind in kinds.items() if kind is Kind.MAP],
+        [file for file, kind in kinds.items() if kind is Kind.LOG],
+        runs,
+    )
+
+
+def _kind(file: Path) -> Kind:
+    if file.suffix == ".rrd":
+        return Kind.RECORDING
+    from dirprim_filter.recording.map_file import MAP_SCHEMA
+    from dirprim_filter.recording.scan import scan
+    from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
+
+    with scan(file) as log:
+        schemas = {channel.schema.name for channel in log.channels()}
+    return Kind.TRACKS if ESTIMATES_SCHEMA in schemas else Kind.MAP if MAP_SCHEMA in schemas else Kind.LOG
+
+
+def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str | None) -> None:
+    """Both runs as recordings, each with the maps and logs, then the two into one."""
+    import tempfile
+
+    from dirprim_filter.viewer.side_by_side import show_side_by_side
+    from dirprim_filter.viewer.stream import open_stream
+
+    with tempfile.TemporaryDirectory() as folder:
+        recordings = []
+        for i, run in enumerate(given.runs):
+            if run.suffix == ".rrd":
+                recordings.append(run)
+                continue
+            recordings.append(Path(folder) / f"{i}.rrd")
+            with open_stream(save=recordings[-1], focus=focus) as shown:
+                _together(given._replace(runs=[run]), shown, truth=truth)
+        show_side_by_side(recordings, _titles(given.runs), viewer)
+
+
+def _titles(runs: Sequence[Path]) -> list[str]:
+    """The files' names, as much of their paths as tells them apart."""
+    a, b = (run.resolve().with_suffix("").parts for run in runs)
+    if a == b:
+        return [runs[0].name, runs[1].name]
+    n = next(n for n in range(1, max(len(a), len(b)) + 1) if a[-n:] != b[-n:])
+    return ["/".join(a[-n:]), "/".join(b[-n:])]
+
+
+def _together(given: _Given, viewer: RerunSink, *, truth: Path | None) -> None:
+    """Maps, logs and at most one run in one view."""
+    from dirprim_filter.detections import Detections
+    from dirprim_filter.recording import load_map, read_estimates, read_tracks
+    from dirprim_filter.recording.reader import stream_detections
+    from dirprim_filter.recording.scan import scan
+    from dirprim_filter.replay import recorded_frames
+
+    for path in given.maps:
+        viewer.log_map(load_map(path))
+    for path in [truth] if truth else given.logs[:1]:
+        viewer.log_truth(read_tracks(path))
+    detections = Detections.concatenate([frame for path in given.logs for frame in stream_detections(path)])
+    if not given.runs:
+        viewer.log_detections(detections)
+        return
+    with scan(given.runs[0]) as log:
+        said = {key: value for _, entries in log.metadata for key, value in entries.items()}
+    for frame in recorded_frames(read_estimates(given.runs[0]), detections):
+        viewer.write(frame)
+    viewer.log_run(said, {})

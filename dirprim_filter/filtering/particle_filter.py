@@ -139,6 +139,7 @@ class ParticleFilter:
             speed=cloud.speed[slot].ravel(),
             weight=np.exp(cloud.log_weight[slot]).ravel(),
             vehicle=np.repeat(np.arange(slot.size), self.config.n_particles),
+            mode=cloud.mode[slot].ravel(),
         )
 
     def _columns(self, measured: Detections) -> FloatArray:

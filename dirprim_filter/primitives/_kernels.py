@@ -29,7 +29,7 @@ from tessellation.arrays import FloatArray, IntArray
 COMPARED = 0.03
 """A climb of flat modes that gains less than this share of what a parameter costs is over as far as BIC can tell."""
 FAR = 10.0
-"""Of the objective: so far past the best number of modes, more only cost more."""
+"""Of the objective: so far past the best number of modes, more only cost more. A rough fit stops one past the best."""
 ON_CIRCLE = 1024
 """Bins in which modes' first places are looked for."""
 
@@ -89,7 +89,7 @@ def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds:
                 for m in range(bounds.max_modes):
                     for q in range(N_CURVED):
                         out[m, q] = trial[m, q] if m < k else (NO_MODE if q == LOG_WEIGHT else 0.0)
-        if k > 2 and highest < best - FAR:
+        if k > 1 + bounds.thorough and highest < best - FAR * bounds.thorough:
             break
     if enough > 0.0 and chosen > 0:
         ascend(columns, at, n, n_vehicles, True, False, -np.inf, 0.0, MAX_ITERATIONS, bounds, out[:chosen])
@@ -112,10 +112,15 @@ def quantiles(columns: FloatArray, at: int, n: int, angle: FloatArray) -> float:
     if total == 0.0:
         return 0.0
     cut, widest, gap = 0, 0, 0
+    after = 0.0  # of gaps of one width the one before the fullest bin, for that is the same however the data are turned
     for f in range(2 * ON_CIRCLE):
-        gap = gap + 1 if weight[f % ON_CIRCLE] == 0.0 else 0
-        if widest < gap < ON_CIRCLE:
-            cut, widest = f - gap // 2, gap
+        here = weight[f % ON_CIRCLE]
+        if here == 0.0:
+            gap += 1
+        else:
+            if widest < gap < ON_CIRCLE or (widest == gap > 0 and here > after):
+                cut, widest, after = f - 1 - gap // 2, gap, here
+            gap = 0
     below, q = 0.0, 0
     for f in range(cut, cut + ON_CIRCLE):
         here = weight[f % ON_CIRCLE]

@@ -37,6 +37,7 @@ class Bounds(NamedTuple):
     curved: bool  # whether modes may bend
     parameter_cost: float  # of a parameter, in those of BIC
     tolerance: float  # of the objective per vehicle: a step that gains less is the last
+    thorough: bool  # whether more modes are tried than the first number that is one too many
 
 
 class Modes(NamedTuple):

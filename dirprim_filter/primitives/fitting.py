@@ -45,6 +45,9 @@ CURVED_KEPT_ROWS = 8192
 WORTH_MERGING = 200_000
 """So many rows of such cells there must be: compiling what merges takes as long as fitting fewer without."""
 FINISHING_ITERATIONS = 10
+TOLERANCE = 1e-7
+"""Of the objective per vehicle."""
+ROUGH_TOLERANCE = 1e-3
 CELLS_PER_SHARE = 16
 """Threads take so many cells at a time: few enough to level out what cells cost."""
 
@@ -123,13 +126,14 @@ def bounds_of(
     speed_spread: float = 1.0,
     curved: bool = False,
     parameter_cost: float = 1.0,
-    tolerance: float = 1e-7,
+    thorough: bool = True,
 ) -> Bounds:
     """The priors and bounds of a fit, as the kernels take them."""
     return Bounds(
         config.max_modes if max_modes is None else max_modes, prior_strength, usual_resultant, speed_spread,
         config.max_concentration, config.max_shape, config.dbscan_eps, config.dbscan_share,
-        config.bend_scale, config.gain_scale, curved, parameter_cost, tolerance,
+        config.bend_scale, config.gain_scale, curved, parameter_cost,
+        TOLERANCE if thorough else ROUGH_TOLERANCE, thorough,
     )  # fmt: skip
 
 

@@ -38,10 +38,6 @@ MANY_GROUPS = 200
 """From so many groups or vehicles on, a third of them held out once tells enough; of fewer, each third in turn."""
 WEAK = 0.002
 """Pseudo-vehicles that lean on nothing, while it is found out what is usual."""
-ROUGH = 1e-3
-"""Tolerance of fits while cells are looked for: they are compared, not kept."""
-ROWS_PER_CELL = 40
-"""On average, in the cells that tell what is usual before there are others."""
 MANY_ROWS = 5000
 """From so many on, joint cells are better than even ones."""
 REACH_M = 3.0
@@ -93,7 +89,9 @@ def learn_primitives(
     free = fit_place_free(rows, config)
     strength = config.prior_strengths[0]
     recipe = Recipe(modes, primitive == "curved" and modes == "bic", strength, Usual(0.0, free.speed_spread), config)
-    layouts = _layouts(rows, tessellation, cell_size, n_cells, recipe, free, progress=progress, rng=rng)
+    layouts = _layouts(
+        rows, tessellation, recipe, free, cell_size=cell_size, n_cells=n_cells, progress=progress, rng=rng
+    )
     layout, recipe, place_free_strength = _choose(rows, layouts, recipe, free, rng=rng)
     learned = assemble(layout.cells, fit_cells(rows, layout, recipe, free), free, place_free_strength)
     relaxation = learn_relaxation(learned, rows, standing_speed=config.standing_speed)
@@ -101,7 +99,13 @@ def learn_primitives(
         "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
         layout.cells.n_cells, rows.n_vehicles, place_free_strength,
     )  # fmt: skip
-    return replace(learned, relaxation=relaxation, journeys=learn_likeness(Journeys.of(rows), rng=rng))
+    n_rows = residents(layout.cells.cell_of(rows.position), layout.cells.centers).start
+    return replace(
+        learned,
+        relaxation=relaxation,
+        n_rows=np.append(np.diff(n_rows), len(rows)),
+        journeys=learn_likeness(Journeys.of(rows), rng=rng),
+    )
 
 
 def _check_options(
@@ -145,37 +149,40 @@ class Layout(NamedTuple):
 
 
 def _layouts(
-    rows: TrackRows, tessellation: str | Tessellation, cell_size: float | None, n_cells: int | None, recipe: Recipe,
-    free: PlaceFree, *, progress: Progress | None, rng: np.random.Generator,
+    rows: TrackRows, tessellation: str | Tessellation, recipe: Recipe, free: PlaceFree, *, cell_size: float | None,
+    n_cells: int | None, progress: Progress | None, rng: np.random.Generator,
 ) -> list[Layout]:  # fmt: skip
     """The cells to choose from; joint ones are chosen as they are laid out."""
     position, config = rows.position, recipe.config
     if not isinstance(tessellation, str):
         return [Layout(tessellation, 0.0)]
-    sizes = config.cell_sizes if cell_size is None else (cell_size,)
     if tessellation == "grid":
         if n_cells is not None:
             return [Layout(_grid_of_about(position, n_cells), 0.0)]
+        sizes = config.cell_sizes if cell_size is None else (cell_size,)
         return [Layout(GridTessellation.covering(position, cell_size=size), 0.0) for size in sizes]
-    numbers = [n_cells or GridTessellation.covering(position, cell_size=size).n_cells for size in sizes]
-    wanted = numbers[0] if n_cells or cell_size else None
-    even = numbers if wanted is None else [wanted]
-    if tessellation == "voronoi" or (wanted is None and not _joint_is_worth_it(rows, even, recipe, free, rng=rng)):
-        return _lay_out_evenly(rows, even, config, rng=rng)
-    return [_lay_out_jointly(rows, wanted, recipe, free, progress=progress, rng=rng)]
+    if cell_size is not None:
+        n_cells = GridTessellation.covering(position, cell_size=cell_size).n_cells
+    if tessellation == "voronoi" or (n_cells is None and not _joint_is_worth_it(rows, recipe, free, rng=rng)):
+        return _lay_out_evenly(rows, n_cells, config, rng=rng)
+    return [_lay_out_jointly(rows, n_cells, recipe, free, progress=progress, rng=rng)]
 
 
 def _lay_out_evenly(
-    rows: TrackRows, numbers: list[int], config: LearningConfig, *, rng: np.random.Generator
+    rows: TrackRows, n_cells: int | None, config: LearningConfig, *, rng: np.random.Generator
 ) -> list[Layout]:
-    """Cells by positions alone, so many, behind gates of every softness."""
+    """Cells by positions alone, behind gates of every softness."""
+    numbers = [_even_cells(rows, each) for each in config.rows_per_cell] if n_cells is None else [n_cells]
     cells = [VoronoiTessellation.lloyd(rows.position, n_cells=n, rng=rng, reach=REACH_M) for n in numbers]
     return [Layout(tessellation, softness) for tessellation in cells for softness in config.softness]
 
 
-def _joint_is_worth_it(
-    rows: TrackRows, numbers: list[int], recipe: Recipe, free: PlaceFree, *, rng: np.random.Generator
-) -> bool:
+def _even_cells(rows: TrackRows, rows_per_cell: float) -> int:
+    """How many cells of so many rows each there are: a number that does not change when the data are moved."""
+    return 1 + int(len(rows) / rows_per_cell)
+
+
+def _joint_is_worth_it(rows: TrackRows, recipe: Recipe, free: PlaceFree, *, rng: np.random.Generator) -> bool:
     """Whether vehicles that neither has seen like joint cells better than even ones.
 
     The search picks what the held-out vehicles like, among thousands of layouts: with few vehicles, by luck. With
@@ -188,7 +195,7 @@ def _joint_is_worth_it(
     seen = rows[~unseen]
     joint = [_lay_out_jointly(seen, None, recipe, free, progress=None, rng=rng)]
     scores = []
-    for layouts in (joint, _lay_out_evenly(seen, numbers, recipe.config, rng=rng)):
+    for layouts in (joint, _lay_out_evenly(seen, None, recipe.config, rng=rng)):
         layout, chosen, _ = _choose(seen, layouts, recipe, free, rng=rng)
         scores.append(float(_held_out_scores(rows, unseen, layout, chosen, free).max()))
     logger.info("unseen vehicles: joint cells %.3f, even ones %.3f", *scores)
@@ -200,13 +207,14 @@ def _lay_out_jointly(
     rng: np.random.Generator,
 ) -> Layout:  # fmt: skip
     """Cells learned together with the primitives."""
-    provisional = VoronoiTessellation.lloyd(
-        rows.position, n_cells=1 + len(rows) // ROWS_PER_CELL, rng=rng, reach=REACH_M
-    )
-    recipe = _with_usual(rows, Layout(provisional, recipe.config.softness[0]), recipe, free)
+    config = recipe.config
+    n_even = _even_cells(rows, config.rows_per_cell[0])
+    even = VoronoiTessellation.lloyd(rows.position, n_cells=n_even, rng=rng, reach=REACH_M)
+    recipe = _with_usual(rows, Layout(even, config.softness[0]), recipe, free)
+    model = PrimitiveModel.of(rows, recipe._replace(thorough=False), free)
     found = fit_jointly(
-        PrimitiveModel.of(rows, recipe._replace(tolerance=ROUGH), free), rows.position, rows, group=rows.group, reach=REACH_M,
-        n_cells=n_cells, softness=recipe.config.softness, progress=progress, rng=rng,
+        model, rows.position, rows, group=rows.group, reach=REACH_M, n_cells=n_cells, softness=config.softness,
+        progress=progress, rng=rng,
     )  # fmt: skip
     return Layout(found.tessellation, found.softness)
 
@@ -245,7 +253,7 @@ def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> Fl
 
 
 def assemble(cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, strength: float) -> PrimitiveMap:
-    """A map of each cell's own modes, heaviest first, then the place-free ones; its relaxation is still to be learned."""
+    """A map of each cell's own modes, heaviest first, then the place-free ones, before its relaxation is learned."""
     n = len(fitted.center)
     used = max(int((fitted.weight > 0).sum(axis=1).max(initial=0)), 1)
     order = np.argsort(-fitted.weight, axis=1, kind="stable")[:, :used]

@@ -27,7 +27,7 @@ class Recipe(NamedTuple):
     usual: Usual
     config: LearningConfig
     parameter_cost: float = 1.0
-    tolerance: float = 1e-7
+    thorough: bool = True  # or roughly, while cells are looked for: such fits are compared, not kept
 
     @property
     def bounds(self) -> Bounds:
@@ -39,5 +39,5 @@ class Recipe(NamedTuple):
             speed_spread=self.usual.speed_spread,
             curved=self.curved,
             parameter_cost=self.parameter_cost,
-            tolerance=self.tolerance,
+            thorough=self.thorough,
         )

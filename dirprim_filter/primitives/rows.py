@@ -123,7 +123,7 @@ class CellRows:
             weight=weight,
             center=members.center,
             n_vehicles=n_vehicles,
-            n_standing=np.bincount(cell[~moves], members.weight[~moves], minlength=n_cells),
+            n_standing=np.asarray(np.bincount(cell[~moves], members.weight[~moves], minlength=n_cells), np.float64),
         )
 
     @classmethod
@@ -155,7 +155,7 @@ class CellRows:
     def n_moving(self) -> FloatArray:
         """(n_cells,) members, by weight."""
         cell = np.repeat(np.arange(self.n_vehicles.size), np.diff(self.start))
-        return np.bincount(cell, self.weight, minlength=self.n_vehicles.size)
+        return np.asarray(np.bincount(cell, self.weight, minlength=self.n_vehicles.size), np.float64)
 
     def by_direction(self) -> CellRows:
         """The same, each cell's members in order of their directions."""

@@ -1,7 +1,32 @@
-"""Disk: MCAP logs in and out, maps, and tables of other formats."""
+"""Disk: MCAP logs in and out, maps, and tables of other formats.
 
-from dirprim_filter.recording.map_file import load_map as load_map
-from dirprim_filter.recording.map_file import save_map as save_map
-from dirprim_filter.recording.reader import read_estimates as read_estimates
-from dirprim_filter.recording.reader import read_tracks as read_tracks
-from dirprim_filter.recording.writer import write_tracks as write_tracks
+Names are looked up when they are first used: a command that needs but the index of a log answers at once.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dirprim_filter.recording.map_file import load_map as load_map
+    from dirprim_filter.recording.map_file import save_map as save_map
+    from dirprim_filter.recording.reader import read_estimates as read_estimates
+    from dirprim_filter.recording.reader import read_tracks as read_tracks
+    from dirprim_filter.recording.writer import write_tracks as write_tracks
+
+_HOME = {
+    "load_map": "map_file",
+    "read_estimates": "reader",
+    "read_tracks": "reader",
+    "save_map": "map_file",
+    "write_tracks": "writer",
+}
+
+__all__ = list(_HOME)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value

@@ -11,17 +11,22 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from mmap import mmap
+from typing import Any
 
 import lz4.frame
+import numpy as np
 import zstandard
 
+from dirprim_filter.recording._kernels import index_run
 from dirprim_filter.recording.damage import Damage, DamageKind
-from dirprim_filter.recording.records import MESSAGE_INDEX, RECORD_HEADER_SIZE, U32, U64
+from dirprim_filter.recording.records import RECORD_HEADER_SIZE, U64
 
 MAX_CHUNK_BYTES = 1 << 30
 """No chunk is decompressed beyond this: writers close chunks after some MiB; a larger claim is damage, or an
 attack."""
 PIECE_BYTES = 1 << 24
+FED_BYTES = 512
+"""zstd can write 128 KiB for four bytes."""
 COMPRESSIONS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
 FIXED = struct.Struct("<QQQII")
 """Start time, end time, uncompressed size, CRC of the uncompressed contents, length of the compression's
@@ -43,6 +48,7 @@ class Chunk:
         size: bytes of its contents.
         crc: CRC-32 of its contents; 0 where the writer gave none.
         compression: "", "zstd" or "lz4".
+        claimed_length: bytes of its data by its own field.
         is_cut: the file ends inside of it.
     """
 
@@ -54,7 +60,13 @@ class Chunk:
     size: int
     crc: int
     compression: str
+    claimed_length: int = 0
     is_cut: bool = False
+
+    @property
+    def claimed_end(self) -> int:
+        """Byte after its record if that were whole."""
+        return self.data_offset + self.claimed_length
 
     @property
     def end(self) -> int:
@@ -85,6 +97,7 @@ def chunk_at(file: mmap, offset: int) -> Chunk | None:
         size=size,
         crc=crc,
         compression=compression,
+        claimed_length=data_length,
         is_cut=data_offset + data_length > len(file),
     )
 
@@ -97,7 +110,7 @@ def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
     contents.
     """
     try:
-        contents = _decompress(file, chunk)
+        contents, is_ended = _decompress(file, chunk)
     except (zstandard.ZstdError, RuntimeError, _TooLargeError) as error:  # lz4 raises bare RuntimeErrors
         return b"", _lost(file, chunk, "chunk_data", f"its data cannot be decompressed: {error}")
     if chunk.is_cut:
@@ -112,47 +125,53 @@ def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
     found = zlib.crc32(contents)
     if chunk.crc not in (0, found):
         return b"", _lost(file, chunk, "chunk_crc", f"expected CRC {chunk.crc:#010x}, got {found:#010x}")
+    told = None
     if len(contents) != chunk.size:
-        detail = f"expected {chunk.size} bytes of contents, got {len(contents)}"
-        if not chunk.crc:
-            return b"", _lost(file, chunk, "chunk_header", detail)
-        return contents, Damage(
-            kind="chunk_header", offset=chunk.offset, length=chunk.end - chunk.offset, messages=0,
-            detail=f"{detail}, which the checksum confirms",
-        )  # fmt: skip
-    return contents, None
+        told = f"expected {chunk.size} bytes of contents, got {len(contents)}"
+    elif not is_ended:
+        told = "its compressed data do not end"
+    if told is None:
+        return contents, None
+    if not chunk.crc:
+        return b"", _lost(file, chunk, "chunk_header", told)
+    return contents, Damage(
+        kind="chunk_header", offset=chunk.offset, length=chunk.end - chunk.offset, messages=0,
+        detail=f"{told}; the checksum confirms the contents",
+    )  # fmt: skip
 
 
 class _TooLargeError(ValueError):
     pass
 
 
-def _decompress(file: mmap, chunk: Chunk) -> bytes:
+def _decompress(file: mmap, chunk: Chunk) -> tuple[bytes, bool]:
+    """A chunk's contents, and whether the compressed data come to an end."""
     data = file[chunk.data_offset : chunk.end]
     if not chunk.compression:
-        return data
-    if (
-        chunk.compression == "zstd"
-        and not chunk.is_cut
-        and zstandard.frame_content_size(data) == chunk.size <= MAX_CHUNK_BYTES
-    ):
-        return zstandard.ZstdDecompressor().decompress(data)
+        return data, True
+    is_zstd = chunk.compression == "zstd"
+    if is_zstd and not chunk.is_cut and zstandard.frame_content_size(data) == chunk.size <= MAX_CHUNK_BYTES:
+        return zstandard.ZstdDecompressor().decompress(data), True
+    decompressor = zstandard.ZstdDecompressor().decompressobj() if is_zstd else lz4.frame.LZ4FrameDecompressor()
     pieces, length = [], 0
     limit = min(chunk.size, MAX_CHUNK_BYTES)
-    for piece in _zstd_pieces(data) if chunk.compression == "zstd" else _lz4_pieces(data):
+    for piece in _zstd_pieces(decompressor, data) if is_zstd else _lz4_pieces(decompressor, data):
         length += len(piece)
         if length > limit:
             raise _TooLargeError(f"expected {limit} bytes at most, got more")
         pieces.append(piece)
-    return b"".join(pieces)
+    return b"".join(pieces), bool(decompressor.eof)
 
 
-def _zstd_pieces(data: bytes) -> Iterator[bytes]:
-    yield from zstandard.ZstdDecompressor().read_to_iter(data)
+def _zstd_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
+    """Fed in small pieces, of which each can grow to `PIECE_BYTES` or little more, whatever the data claim."""
+    for at in range(0, len(data), FED_BYTES):
+        if decompressor.eof:
+            return
+        yield decompressor.decompress(data[at : at + FED_BYTES])
 
 
-def _lz4_pieces(data: bytes) -> Iterator[bytes]:
-    decompressor = lz4.frame.LZ4FrameDecompressor()
+def _lz4_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
     piece = decompressor.decompress(data, max_length=PIECE_BYTES)
     while piece:
         yield piece
@@ -171,10 +190,6 @@ def _lost(file: mmap, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:
 
 
 def _indexed_messages(file: mmap, at: int) -> int | None:
-    """Messages that the index behind a chunk counts; None where there is no index."""
-    found = None
-    while at + RECORD_HEADER_SIZE + 6 <= len(file) and file[at] == MESSAGE_INDEX:
-        n_bytes = int(U32.unpack_from(file, at + RECORD_HEADER_SIZE + 2)[0])
-        found = (found or 0) + n_bytes // 16
-        at += RECORD_HEADER_SIZE + int(U64.unpack_from(file, at + 1)[0])
-    return found
+    """Messages that the indexes behind a chunk count; None where there is no index."""
+    end, n_messages = index_run(np.frombuffer(file, np.uint8), at)
+    return n_messages if end > at else None

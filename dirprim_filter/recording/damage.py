@@ -9,7 +9,8 @@ DamageKind = Literal[
     "magic",  # the opening or closing magic is wrong or missing
     "truncated",  # the file ends inside a record, or before its footer
     "record",  # opcode or length of a record make no sense; up to the next readable chunk all is lost
-    "definition",  # a schema, channel or metadata record cannot be parsed
+    "definition",  # a schema, channel or metadata record cannot be parsed, or the summary says something else
+    "attachment",  # an attachment cannot be parsed, or differs from what was written
     "chunk_header",  # fields of a chunk contradict each other
     "chunk_data",  # a chunk cannot be decompressed
     "chunk_crc",  # the contents of a chunk differ from what was written

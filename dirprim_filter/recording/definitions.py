@@ -64,6 +64,19 @@ class Definitions:
             self._look_everywhere()
         return self._channels.get(channel_id)
 
+    @property
+    def schemas(self) -> dict[int, Schema]:
+        """Those known so far, by id."""
+        return self._schemas
+
+    def channel_id(self, channel: Channel) -> int | None:
+        """An id under which that channel is defined."""
+        return next((channel_id for channel_id, known in self._channels.items() if known == channel), None)
+
+    def schema_id(self, schema: Schema) -> int:
+        """An id under which that schema is defined; 0 for none."""
+        return next((schema_id for schema_id, known in self._schemas.items() if known == schema), 0)
+
     def all_channels(self) -> list[Channel]:
         """Every channel; read from the summary alone where that is whole and repeats them."""
         layout = self._layout
@@ -78,12 +91,13 @@ class Definitions:
         for chunk in self._layout.chunks:
             if chunk.data_offset > chunk.offset:  # else a run of bare messages
                 contents, _ = read_contents(self._file, chunk)
-                for at, end in _definition_records(contents):
+                for at, end in definition_records(contents):
                     with suppress(MalformedRecordError):  # reported when its chunk's messages are read
                         self.take(contents, at, end)
 
 
-def _definition_records(contents: bytes) -> Iterator[tuple[int, int]]:
+def definition_records(contents: bytes) -> Iterator[tuple[int, int]]:
+    """First byte of each schema and channel record in a chunk's contents, and the byte after it."""
     at = 0
     while at + RECORD_HEADER_SIZE <= len(contents):
         end = at + RECORD_HEADER_SIZE + int(U64.unpack_from(contents, at + 1)[0])

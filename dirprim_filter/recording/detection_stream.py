@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from dirprim_filter.detections import NO_ID, Detections, is_covariance
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.observations import Drops, TimeSource, log_losses, observed_frames
+from dirprim_filter.recording.drops import ClockFaults, Drops
+from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.geodesy import Origin
+from dirprim_filter.recording.observations import Observations, TimedRows, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
-from dirprim_filter.recording.schemas.observed import ObservedFrame
-from tessellation.arrays import FloatArray
+from dirprim_filter.tracks import repeated_rows
 
 
 class DetectionStream:
@@ -20,6 +23,7 @@ class DetectionStream:
     Attributes:
         topics: what is read.
         dropped: what of the readable messages was left out so far.
+        clock: what is odd about the times of the messages so far.
     """
 
     def __init__(
@@ -31,6 +35,9 @@ class DetectionStream:
         start_ns: int | None,
         end_ns: int | None,
         strict: bool,
+        frame: str | None,
+        mapping: FieldMapping | None,
+        origin: Origin | None,
         motion: bool,
     ) -> None:
         self._log = log
@@ -38,7 +45,9 @@ class DetectionStream:
         self._time_source: TimeSource = time_source
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict, self._motion = strict, motion
+        self._frame, self._mapping, self._origin = frame, mapping, origin
         self.dropped = Drops()
+        self.clock = ClockFaults()
 
     @property
     def damage(self) -> list[Damage]:
@@ -52,59 +61,44 @@ class DetectionStream:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
         """
-        self.dropped = drops = Drops()
-        frames = observed_frames(
-            self._log, drops=drops, time_source=self._time_source,
-            start_ns=self._start_ns, end_ns=self._end_ns, strict=self._strict,
+        observations = Observations(
+            self._log, time_source=self._time_source, start_ns=self._start_ns, end_ns=self._end_ns, strict=self._strict,
+            frame=self._frame, mapping=self._mapping, origin=self._origin,
         )  # fmt: skip
-        instant_ns = -(1 << 63)
-        instant = _Instant()
-        for time_ns, frame in frames:
-            if time_ns < instant_ns:
-                drops.backward += len(frame.track_id)
-                continue
-            if time_ns > instant_ns and instant.parts:
-                yield instant.detections(instant_ns)
-                instant = _Instant()
-            instant_ns = time_ns
-            drops.repeated += instant.add(frame if self._motion else frame.without_motion())
-        if instant.parts:
-            yield instant.detections(instant_ns)
-        log_losses(self._log.path, self.damage, drops)
+        self.dropped, self.clock = observations.drops, observations.clock
+        came_ns = -(1 << 63)
+        rest = Detections.none()
+        for batch in observations:
+            latest_ns = np.maximum.accumulate(np.maximum(batch.time_ns, came_ns))
+            in_order = batch.time_ns == latest_ns
+            self.dropped.backward += int((~in_order).sum())
+            came_ns = int(latest_ns[-1])
+            seen = Detections.concatenate([rest, self._detections(batch)[in_order]])
+            *whole, rest = self._without_repeats(seen).frames()  # what follows may be of the last instant too
+            yield from whole
+        if len(rest):
+            yield rest
+        log_losses(self._log.path, self.damage, self.dropped, self.clock)
 
-
-class _Instant:
-    """The rows of one time, of one message or several; of a vehicle the first."""
-
-    def __init__(self) -> None:
-        self.parts: list[ObservedFrame] = []
-        self._names: set[str] = set()
-
-    def add(self, frame: ObservedFrame) -> int:
-        """Take a message's rows; -> how many repeat a vehicle."""
-        fresh = np.ones(len(frame.track_id), np.bool_)
-        for row, name in enumerate(frame.track_id):
-            fresh[row] = name == NO_ID or name not in self._names
-            self._names.add(name)
-        if fresh.any():
-            self.parts.append(frame if fresh.all() else frame[fresh])
-        return int((~fresh).sum())
-
-    def detections(self, time_ns: int) -> Detections:
-        names = [name for part in self.parts for name in part.track_id]
-        direction, speed = (
-            np.concatenate([getattr(part, name) for part in self.parts]) for name in ("direction", "speed")
+    def _detections(self, batch: TimedRows) -> Detections:
+        """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
+        rows = batch.rows
+        seen = Detections(
+            track_id=rows.track_id,
+            time_ns=batch.time_ns,
+            position=rows.position,
+            covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
         )
-        return Detections(
-            track_id=np.array(names, dtype=np.str_),
-            time_ns=np.full(len(names), time_ns, np.int64),
-            position=np.concatenate([part.position for part in self.parts]),
-            direction=np.where(np.isfinite(direction), direction, np.nan),
-            speed=np.where(np.isfinite(speed) & (speed >= 0), speed, np.nan),
-            covariance=_usable(np.concatenate([part.covariance for part in self.parts])),
+        if not self._motion:
+            return seen
+        return replace(
+            seen,
+            direction=np.where(np.isfinite(rows.direction), rows.direction, np.nan),
+            speed=np.where(np.isfinite(rows.speed) & (rows.speed >= 0), rows.speed, np.nan),
         )
 
-
-def _usable(covariance: FloatArray) -> FloatArray:
-    """Covariances as they are; NaN, for the filter's own, where a log holds zeros or worse."""
-    return np.where(is_covariance(covariance)[:, None, None], covariance, np.nan)
+    def _without_repeats(self, seen: Detections) -> Detections:
+        """Of the rows of a vehicle and an instant the first; all of those that have no name."""
+        repeated = repeated_rows(seen.track_id, seen.time_ns) & (seen.track_id != NO_ID)
+        self.dropped.repeated += int(repeated.sum())
+        return seen[~repeated] if repeated.any() else seen

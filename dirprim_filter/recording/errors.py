@@ -51,6 +51,23 @@ class DecodeError(RecordingError):
         )
 
 
+class MissingTransformError(RecordingError):
+    """An object's frame cannot be told in the frame that is asked for."""
+
+    def __init__(self, path: Path, *, frame: str, target: str, time_ns: int) -> None:
+        super().__init__(
+            f"{fspath(path)}: expected a transform from frame {frame!r} to frame {target!r} at {time_ns} ns, the log "
+            "has none; choose another --frame, other topics, or a log with its transforms"
+        )
+
+
+class MissingExtraError(RecordingError):
+    """A file needs a library that is not installed."""
+
+    def __init__(self, what: str, *, library: str, extra: str) -> None:
+        super().__init__(f"{what}: expected {library}, which is not installed; pip install 'dirprim-filter[{extra}]'")
+
+
 class TableError(RecordingError):
     """A line of a table is not what the format asks for."""
 

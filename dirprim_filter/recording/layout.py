@@ -1,24 +1,25 @@
 """The first pass over an MCAP file: record headers only, so that the second can read chunks in order of time.
 
-Nothing here is decompressed, and the summary is not needed: it only helps with channels that stand in chunks.
-After a record whose length makes no sense the walk goes on at the next bytes that are a consistent chunk
-header.
+Nothing here is decompressed, and the summary is not needed: it helps with channels that stand in chunks, and tells
+which chunks need not be opened.
 
-Source: the MCAP specification, version 0. Opcodes 0x10 to 0x7F are reserved, so a file of this version holds
-none; 0x80 and above are private and skipped.
+Source: the MCAP specification, version 0.
 """
 
 from __future__ import annotations
 
-import re
-import struct
 import zlib
 from dataclasses import dataclass, field, replace
 from mmap import mmap
 
-from dirprim_filter.recording.chunk import FIXED_SIZE, Chunk, chunk_at
+import numpy as np
+
+from dirprim_filter.recording._kernels import index_run, message_run
+from dirprim_filter.recording.chunk import Chunk, chunk_at
 from dirprim_filter.recording.damage import Damage, DamageKind
+from dirprim_filter.recording.index import ChunkIndex, parse_chunk_index
 from dirprim_filter.recording.records import (
+    ATTACHMENT,
     CHANNEL,
     CHUNK,
     CHUNK_INDEX,
@@ -27,32 +28,36 @@ from dirprim_filter.recording.records import (
     HEADER,
     MAGIC,
     MESSAGE,
-    MESSAGE_HEADER,
     MESSAGE_INDEX,
     METADATA,
     RECORD_HEADER_SIZE,
     SCHEMA,
     U32,
     U64,
+    Attachment,
     Channel,
     MalformedRecordError,
     Schema,
     UndefinedSchemaError,
+    parse_attachment,
     parse_channel,
+    parse_header,
     parse_metadata,
     parse_schema,
+)
+from dirprim_filter.recording.resync import (
+    PRIVATE,
+    is_record,
+    is_sound,
+    legal_end,
+    next_chunk,
+    salvageable,
+    starts_record,
 )
 
 RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
 FOOTER_SIZE = 20
-CHUNK_INDEX_HEAD = struct.Struct("<QQQ")
-"""Start time, end time and offset of the chunk."""
-CHUNK_HEADER = re.compile(
-    rb"\x06(?=.{6}\0\0.{16}.{6}\0\0.{4}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0).{6}\0\0)", re.DOTALL
-)
-"""The start of what may be a chunk: lengths below 2^48, a known compression. `chunk_at` then checks the
-lengths."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -66,6 +71,11 @@ class Layout:
         is_summarised: the summary repeats all channels.
         schemas: by id, as they stand outside of chunks.
         metadata: name and entries of each metadata record.
+        attachments: those that are whole.
+        index: what the summary says of each chunk, by its offset; empty where the summary cannot be trusted.
+        private: first byte of each record of a private opcode, and the byte after it.
+        profile: of the header.
+        library: of the header: who wrote the file.
         damage: what is broken, in order of the file.
     """
 
@@ -75,6 +85,11 @@ class Layout:
     is_summarised: bool = True
     schemas: dict[int, Schema] = field(default_factory=dict)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    attachments: list[Attachment] = field(default_factory=list)
+    index: dict[int, ChunkIndex] = field(default_factory=dict)
+    private: list[tuple[int, int]] = field(default_factory=list)
+    profile: str = ""
+    library: str = ""
     damage: list[Damage] = field(default_factory=list)
 
 
@@ -84,8 +99,8 @@ def read_layout(file: mmap) -> Layout:
     walk.check_opening()
     at = len(MAGIC)
     while (after := walk.step(at)) is not None:
-        at = after
-    walk.check_chunk_indexes()
+        walk.previous, at = at, after
+    walk.check_summary()
     return walk.layout
 
 
@@ -98,7 +113,9 @@ class _Walk:
         self.layout = Layout()
         self.has_unchunked = False
         self.data_end: int | None = None  # the byte after the DataEnd record
-        self.indexed: dict[int, int] = {}  # where the summary says that chunks start, and their start times
+        self.summary_crc_holds = False
+        self.previous = len(MAGIC)  # where the record before starts
+        self.after_index = False  # the record before was a chunk or a message index
 
     def check_opening(self) -> None:
         if self.file[: len(MAGIC)] != MAGIC:
@@ -109,78 +126,95 @@ class _Walk:
         if at + RECORD_HEADER_SIZE > self.size:
             self.ended_early(at)
             return None
-        opcode = self.file[at]
-        length = int(U64.unpack_from(self.file, at + 1)[0])
-        body, end = at + RECORD_HEADER_SIZE, at + RECORD_HEADER_SIZE + length
-        if opcode == MESSAGE and (after := self.take_messages(at)) > at:
-            return after
+        opcode, after_index = self.file[at], self.after_index
+        self.after_index = opcode in (CHUNK, MESSAGE_INDEX)
+        end = legal_end(self.file, at)
         if opcode == CHUNK:
-            return self.take_chunk(at, length)
-        if not self.is_plausible(opcode, body, length):
-            return self.recover(at, f"opcode {opcode:#04x}, length {length}")
-        if opcode == FOOTER:
-            self.take_footer(at, end)
-            return None
-        try:
-            self.take_small(opcode, body, end)
-        except MalformedRecordError as error:
-            self.damaged("definition", at, end - at, None, str(error))
-        return end
+            return self.take_chunk(at, end)
+        after = at
+        may_be_message = self.data_end is None and not (after_index and self.is_message_index(at, end))
+        if opcode == MESSAGE and may_be_message:
+            if after_index and (found := self.swallowed(at)) is not None:
+                return found  # no bare messages: the rest of a chunk that the one before reaches into
+            after = self.take_messages(at)
+        elif opcode == MESSAGE_INDEX:
+            after, _ = index_run(np.frombuffer(self.file, np.uint8), at)
+        elif is_record(self.file, at, end):
+            return self.take_small(opcode, at, end)
+        if after > at:
+            return after
+        return end if is_record(self.file, at, end) else self.recover(at)  # an index may have bytes more
 
-    def is_plausible(self, opcode: int, body: int, length: int) -> bool:
-        """Whether a record other than a message or a chunk can be what its header says."""
-        if body + length > self.size or opcode == 0 or DATA_END < opcode < 0x80:
-            return False
-        if opcode == MESSAGE_INDEX:
-            return length >= 6 and int(U32.unpack_from(self.file, body + 2)[0]) <= length - 6
-        if opcode in (FOOTER, DATA_END):
-            return length >= (FOOTER_SIZE if opcode == FOOTER else U32.size)
-        disguised = length >= FIXED_SIZE and chunk_at(self.file, body - RECORD_HEADER_SIZE)
-        return not disguised or disguised.end != body + length
+    def is_message_index(self, at: int, end: int) -> bool:
+        """Whether a message behind a chunk is an index whose opcode was hit: its two lengths would agree."""
+        body = at + RECORD_HEADER_SIZE
+        return body + 6 <= end <= self.size and int(U32.unpack_from(self.file, body + 2)[0]) == end - body - 6
 
     def take_messages(self, at: int) -> int:
         """The messages that stand one after the other from `at` on, as one chunk of bounded size."""
-        first, times = at, []
-        while at + MESSAGE_HEADER.size <= self.size and at - first < RUN_BYTES:
-            opcode, length, _, _, time_ns, _ = MESSAGE_HEADER.unpack_from(self.file, at)
-            end = at + RECORD_HEADER_SIZE + length
-            if opcode != MESSAGE or end > self.size:
-                break
-            at = end
-            times.append(time_ns)
-        if times:
+        end, first_ns, last_ns = message_run(np.frombuffer(self.file, np.uint8), at, RUN_BYTES)
+        if end > at:
             self.has_unchunked = True
             self.layout.chunks.append(
                 Chunk(
-                    offset=first, data_offset=first, data_length=at - first, size=at - first,
-                    start_ns=min(times), end_ns=max(times), crc=0, compression="",
+                    offset=at, data_offset=at, data_length=end - at, size=end - at,
+                    start_ns=int(first_ns), end_ns=int(last_ns), crc=0, compression="",
                 )
             )  # fmt: skip
-        return at
+        return end
 
-    def take_chunk(self, at: int, length: int) -> int | None:
+    def take_chunk(self, at: int, end: int) -> int | None:
         """A chunk by its record's length; where that and its own fields differ, by what fits in the file."""
-        end = at + RECORD_HEADER_SIZE + length
         chunk = chunk_at(self.file, at)
-        if chunk and (chunk.end == end or (chunk.is_cut and end > self.size)):
-            self.layout.chunks.append(chunk)
-            return chunk.end if not chunk.is_cut else None
-        return self.recover(at, f"a chunk of length {length} whose fields contradict that")
+        if not chunk or chunk.claimed_end != end:
+            return self.recover(at)
+        if chunk.is_cut and next_chunk(self.file, chunk.data_offset, self.size) is not None:
+            return self.recover(at)  # the file goes on: not its end, but the chunk's length is wrong
+        self.layout.chunks.append(chunk)
+        return chunk.end if not chunk.is_cut else None
 
-    def take_small(self, opcode: int, body: int, end: int) -> None:
-        if opcode == SCHEMA:
+    def take_small(self, opcode: int, at: int, end: int) -> int | None:
+        """A record that is no message, chunk or message index; the byte after it, None behind the last footer."""
+        if opcode == FOOTER:
+            self.take_footer(at, end)
+            return next_chunk(self.file, end, self.size)  # of a log that goes on, this was not the end
+        try:
+            self.learn(opcode, at, end)
+        except MalformedRecordError as error:
+            self.damaged("attachment" if opcode == ATTACHMENT else "definition", at, end - at, None, str(error))
+        return end
+
+    def learn(self, opcode: int, at: int, end: int) -> None:
+        body = at + RECORD_HEADER_SIZE
+        if opcode == HEADER:
+            self.layout.profile, self.layout.library = parse_header(self.file, body, end)
+        elif opcode == SCHEMA:
             schema_id, schema = parse_schema(self.file, body, end)
             self.layout.schemas[schema_id] = schema
         elif opcode == CHANNEL:
             self.take_channel(body, end)
         elif opcode == METADATA:
             self.layout.metadata.append(parse_metadata(self.file, body, end))
-        elif opcode == CHUNK_INDEX and end - body >= CHUNK_INDEX_HEAD.size:
-            start_ns, _, offset = CHUNK_INDEX_HEAD.unpack_from(self.file, body)
-            self.indexed[offset] = start_ns
+        elif opcode == ATTACHMENT:
+            self.take_attachment(body, end)
+        elif opcode == CHUNK_INDEX:
+            chunk = parse_chunk_index(self.file, body, end)
+            self.layout.index[chunk.offset] = chunk
         elif opcode == DATA_END:
             self.check_data(body)
             self.data_end = end
+        elif opcode >= PRIVATE:
+            self.layout.private.append((at, end))
+
+    def take_attachment(self, body: int, end: int) -> None:
+        attachment = parse_attachment(self.file, body, end)
+        crc_at = attachment.data_offset + attachment.size
+        with memoryview(self.file) as view:
+            if attachment.crc not in (0, zlib.crc32(view[body:crc_at])):
+                detail = f"attachment {attachment.name!r}: its checksum does not hold"
+                self.damaged("attachment", attachment.offset, end - attachment.offset, 0, detail)
+                return
+        self.layout.attachments.append(attachment)
 
     def take_channel(self, body: int, end: int) -> None:
         if self.data_end is None:
@@ -215,6 +249,7 @@ class _Walk:
             self.damaged("summary", at, end - at, 0, detail)
         elif expected and start:
             found = zlib.crc32(memoryview(self.file)[start : body + 16])
+            self.summary_crc_holds = found == expected
             if found != expected:
                 detail = f"expected CRC {expected:#010x}, got {found:#010x}"
                 self.damaged("summary", start, end - start, 0, detail)
@@ -225,55 +260,71 @@ class _Walk:
             n = self.size - end - len(MAGIC)
             self.damaged("trailing", end + len(MAGIC), n, None, f"{n} bytes after the end of the log")
 
-    def recover(self, at: int, got: str) -> int | None:
+    def recover(self, at: int) -> int | None:
         """Go on after a record that makes no sense: with the chunk it may still be, or the next one."""
-        legal_end = at + RECORD_HEADER_SIZE + int(U64.unpack_from(self.file, at + 1)[0])
-        chunk = chunk_at(self.file, at)
-        if chunk and not chunk.is_cut and chunk.size and self.starts_record(chunk.end):
+        if (swallowed := self.swallowed(at)) is not None:
+            return swallowed
+        end = legal_end(self.file, at)
+        got = f"opcode {self.file[at]:#04x}, length {end - at - RECORD_HEADER_SIZE}"
+        if chunk := salvageable(self.file, at):
             self.damaged("record", at, RECORD_HEADER_SIZE, 0, f"{got}; by its fields a chunk, and read as one")
             self.layout.chunks.append(chunk)
             return chunk.end
-        if legal_end > at + RECORD_HEADER_SIZE and self.starts_record(legal_end):
-            self.damaged("record", at, legal_end - at, None, f"{got}; skipped")
-            return legal_end
-        found = self.next_chunk(at + 1)
+        is_skipped = end > at + RECORD_HEADER_SIZE and starts_record(self.file, end)
+        if is_skipped and next_chunk(self.file, at + 1, end) is None:
+            self.damaged("record", at, end - at, None, f"{got}; skipped")
+            return end
+        found = next_chunk(self.file, at + 1, self.size)
         is_cut = found is None and HEADER <= self.file[at] <= DATA_END
         kind: DamageKind = "truncated" if is_cut else "record"
         until = self.size if found is None else found
         self.damaged(kind, at, until - at, None, f"{got}; {until - at} bytes from there on cannot be read")
         return found
 
-    def starts_record(self, at: int) -> bool:
-        """Whether a known record that fits in the file starts at `at`, or the file ends there."""
-        if at + RECORD_HEADER_SIZE > self.size:
-            return at == self.size
-        length = int(U64.unpack_from(self.file, at + 1)[0])
-        return HEADER <= self.file[at] <= DATA_END and at + RECORD_HEADER_SIZE + length <= self.size
-
-    def next_chunk(self, at: int) -> int | None:
-        while match := CHUNK_HEADER.search(self.file, at):
-            at = match.start()
-            chunk = chunk_at(self.file, at)
-            length = int(U64.unpack_from(self.file, at + 1)[0])
-            if chunk and (chunk.end == at + RECORD_HEADER_SIZE + length or chunk.is_cut):
-                return at
-            at += 1
-        return None
+    def swallowed(self, at: int) -> int | None:
+        """A chunk within the record before, of which bytes are missing: its length then reaches beyond its end."""
+        start = self.previous
+        found = next_chunk(self.file, start + 1, at) if start < at else None
+        last = self.layout.chunks[-1] if self.layout.chunks else None
+        if found is None or (last and last.offset == start and is_sound(self.file, last)):
+            return None
+        self.damaged("record", start, found - start, None, f"a record of {at - start} bytes holds the chunk behind it")
+        return found
 
     def ended_early(self, at: int) -> None:
         where = "after the data, before the footer" if self.data_end is not None else "before the end of the data"
         self.damaged("truncated", at, self.size - at, None if self.data_end is None else 0, f"the file ends {where}")
 
+    def check_summary(self) -> None:
+        """Compare with the data what the summary repeats of them."""
+        if self.summary_crc_holds:
+            self.check_channels()
+        self.check_chunk_indexes()
+        if any(damage.kind in ("summary", "truncated", "magic") for damage in self.layout.damage):
+            self.layout.index.clear()
+
+    def check_channels(self) -> None:
+        """No checksum protects what stands outside of chunks; what the summary's vouches for goes before."""
+        for channel_id, channel in self.layout.summary_channels.items():
+            own = self.layout.channels.get(channel_id, channel)
+            if own != channel:
+                detail = (
+                    f"channel {channel_id}: {own.topic!r} in the data, {channel.topic!r} in the summary, which holds"
+                )
+                self.damaged("definition", 0, 0, 0, detail)
+                self.layout.channels[channel_id] = channel
+
     def check_chunk_indexes(self) -> None:
-        """Take the earlier of two start times; a chunk that only the summary knows is lost."""
-        chunks = self.layout.chunks
-        for i, chunk in enumerate(chunks):  # no checksum protects a chunk's times; one of the two may be right
-            if self.indexed.get(chunk.offset, chunk.start_ns) < chunk.start_ns:
-                chunks[i] = replace(chunk, start_ns=self.indexed[chunk.offset])
-        found = {chunk.offset for chunk in chunks}
-        missing = [offset for offset in self.indexed if offset not in found]
-        if missing and not self.layout.damage:
-            detail = f"{len(missing)} of {len(self.indexed)} chunk indexes point where no chunk is"
+        """Take the earlier of two start times; find chunks that only the summary knows."""
+        layout = self.layout
+        for i, chunk in enumerate(layout.chunks):  # no checksum protects a chunk's times; one of the two may be right
+            told = layout.index.get(chunk.offset)
+            if told and told.start_ns < chunk.start_ns:
+                layout.chunks[i] = replace(chunk, start_ns=told.start_ns)
+        found = {chunk.offset for chunk in layout.chunks}
+        missing = [offset for offset in layout.index if offset not in found]
+        if missing and not layout.damage:
+            detail = f"{len(missing)} of {len(layout.index)} chunk indexes point where no chunk is"
             self.damaged("summary", missing[0], 0, None, detail)
 
     def damaged(self, kind: DamageKind, offset: int, length: int, messages: int | None, detail: str) -> None:

@@ -5,7 +5,6 @@ Source: the MCAP format specification, https://mcap.dev/spec. The same messages 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from importlib import metadata as installed
 from pathlib import Path
@@ -13,16 +12,15 @@ from types import TracebackType
 from typing import Self
 
 from google.protobuf.message import Message
-from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from dirprim_filter.recording.errors import OutputExistsError
+from dirprim_filter.recording.mcap_writer import McapWriter
+from dirprim_filter.recording.partial_file import PartialFile
+from dirprim_filter.recording.records import Channel, Schema
 
 PRODUCER = "dirprim-filter"
 METADATA_NAME = "dirprim"
 """The metadata record that says who wrote the file, and from what."""
-
-CHUNK_BYTES = 1 << 20
 
 
 def producer_version() -> str:
@@ -36,7 +34,8 @@ def producer_version() -> str:
 class McapLog:
     """A context manager that writes an MCAP file; it takes its name when whole.
 
-    Until then it stands beside as `NAME.PID.partial`: after a kill that holds all but the last chunk.
+    Until then it stands beside as `NAME.PID.partial`: after a kill that holds all but the last chunk, and
+    `dirprim recover` makes a whole log of it.
     Ctrl-C inside the body closes the file so that it reads; any other exception removes it.
 
     Args:
@@ -60,31 +59,18 @@ class McapLog:
         force: bool = False,
     ) -> None:
         self.path = Path(path)
-        if self.path.exists() and not force:
-            raise OutputExistsError(self.path)
-        if self.path.is_dir() or not self.path.absolute().parent.is_dir():
-            raise NotADirectoryError(f"{self.path}: expected a file in an existing folder; create the folder first")
-        self._partial = self.path.with_name(f"{self.path.name}.{os.getpid()}.partial")
+        self._partial = PartialFile(path, force=force, keep_when_interrupted=True)
         self._metadata = metadata
         self._channel: dict[str, int] = {}
-        self._schema: dict[str, int] = {}
-        self._n_messages: dict[str, int] = {}
+        self._schema: dict[str, Schema] = {}
+        self._n_messages: dict[int, int] = {}
         self._max_chunk_ns = max_chunk_ns
         self._chunk_start_ns: int | None = None
 
     def __enter__(self) -> Self:
-        self._file = self._partial.open("wb")
-        self._writer = Writer(
-            self._file,
-            chunk_size=CHUNK_BYTES,
-            compression=CompressionType.ZSTD,
-            enable_crcs=True,
-            enable_data_crcs=True,
-        )
-        self._writer.start(library=PRODUCER)
-        self._writer.add_metadata(
-            METADATA_NAME, {"producer": PRODUCER, "version": producer_version(), **self._metadata}
-        )
+        self._writer = McapWriter(self._partial.__enter__(), library=PRODUCER)
+        said = {"producer": PRODUCER, "version": producer_version(), **self._metadata}
+        self._writer.add_metadata(METADATA_NAME, said)
         return self
 
     def __exit__(
@@ -92,14 +78,11 @@ class McapLog:
     ) -> None:
         try:
             if kind is None or issubclass(kind, KeyboardInterrupt):
-                self._writer.finish()  # type: ignore[no-untyped-call]
-                self._file.flush()
-                os.fsync(self._file.fileno())
-                self._file.close()
-                self._partial.replace(self.path)
-        finally:
-            self._file.close()
-            self._partial.unlink(missing_ok=True)
+                self._writer.finish()
+        except BaseException as failure:
+            self._partial.__exit__(type(failure), failure, failure.__traceback__)
+            raise
+        self._partial.__exit__(kind, error, trace)
 
     def write(self, topic: str, message: Message, time_ns: int) -> None:
         """Append a message; log time and publish time are `time_ns`.
@@ -112,19 +95,26 @@ class McapLog:
         channel = self._channel.get(topic)
         if channel is None:
             channel = self._channel[topic] = self._register(topic, message)
-        if self._chunk_start_ns is None:
-            self._chunk_start_ns = time_ns
-        elif self._max_chunk_ns is not None and time_ns - self._chunk_start_ns >= self._max_chunk_ns:
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            self._chunk_start_ns = time_ns
-        sequence = self._n_messages[topic]
-        self._n_messages[topic] += 1
-        self._writer.add_message(channel, time_ns, message.SerializeToString(), time_ns, sequence)
+        self.write_bytes(channel, message.SerializeToString(), time_ns)
+
+    def write_bytes(self, channel: int, data: bytes, time_ns: int) -> None:
+        """Append a message of a registered channel that is encoded already."""
+        if self._max_chunk_ns is not None:
+            if self._chunk_start_ns is None:
+                self._chunk_start_ns = time_ns
+            elif time_ns - self._chunk_start_ns >= self._max_chunk_ns:
+                self._writer.close_chunk()
+                self._chunk_start_ns = time_ns
+        sequence = self._n_messages[channel]
+        self._n_messages[channel] = sequence + 1
+        self._writer.add(channel, sequence, time_ns, time_ns, data)
 
     def _register(self, topic: str, message: Message) -> int:
         name = message.DESCRIPTOR.full_name
         if name not in self._schema:
             definition = build_file_descriptor_set(type(message)).SerializeToString()
-            self._schema[name] = self._writer.register_schema(name, "protobuf", definition)
-        self._n_messages[topic] = 0
-        return self._writer.register_channel(topic, "protobuf", self._schema[name])
+            self._schema[name] = Schema(name=name, encoding="protobuf", data=definition)
+        channel = Channel(topic=topic, message_encoding="protobuf", schema=self._schema[name], metadata=())
+        channel_id = self._writer.define(channel)
+        self._n_messages[channel_id] = 0
+        return channel_id

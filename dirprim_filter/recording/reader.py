@@ -11,20 +11,24 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.detection_stream import DetectionStream
+from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
-from dirprim_filter.recording.observations import Drops, TimeSource, log_losses, observed_frames
+from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.geodesy import Origin
+from dirprim_filter.recording.inspection import inspect
+from dirprim_filter.recording.observations import Observations, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.summary import LogSummary, TopicSummary, inspect
+from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.topics import choose_topics
 from dirprim_filter.recording.track_log import Columns, TrackLog
 from dirprim_filter.recording.writer import ESTIMATES_TOPIC
 from dirprim_filter.tracks import Tracks
 
 __all__ = [
-    "Damage", "DetectionStream", "Drops", "LogSummary", "TimeSource", "TopicSummary", "TrackLog", "inspect",
-    "read_estimates", "read_track_logs", "read_tracks", "stream_detections",
+    "Damage", "DetectionStream", "Drops", "FieldMapping", "LogSummary", "Origin", "TimeSource", "TopicSummary",
+    "TrackLog", "inspect", "read_estimates", "read_track_logs", "read_tracks", "stream_detections",
 ]  # fmt: skip
 
 PathOrText = str | PathLike[str]
@@ -38,6 +42,9 @@ def read_tracks(
     start_ns: int | None = None,
     end_ns: int | None = None,
     strict: bool = False,
+    frame: str | None = None,
+    mapping: FieldMapping | None = None,
+    origin: Origin | None = None,
 ) -> Tracks:
     """The tracks of a log, or of several; what could not be read is logged, and is told by `read_track_logs`.
 
@@ -55,17 +62,23 @@ def read_tracks(
         start_ns: the first time wanted, nanoseconds.
         end_ns: the first time no longer wanted.
         strict: raise at the first damage instead of going on.
+        frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
+            transforms all objects must be of one frame.
+        mapping: where to find the fields of objects, for schemas that are not known.
+        origin: of the plane for satellite positions; left out: the first position.
 
     Raises:
         NotMcapError: a file is no MCAP log.
         NoTracksError: a log has no such topic, or none with moving objects.
         DamagedRecordingError: strict, and a log is damaged.
         DecodeError: strict, and a message is not what its schema says.
+        MissingTransformError: no transform leads from an object's frame to the one asked for.
         ValueError: no log is given, or `topics` is neither a name nor a regular expression.
     """
     return read_track_logs(
-        source, topics=topics, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict
-    ).tracks
+        source, topics=topics, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
+        mapping=mapping, origin=origin,
+    ).tracks  # fmt: skip
 
 
 def read_track_logs(
@@ -76,26 +89,31 @@ def read_track_logs(
     start_ns: int | None = None,
     end_ns: int | None = None,
     strict: bool = False,
+    frame: str | None = None,
+    mapping: FieldMapping | None = None,
+    origin: Origin | None = None,
 ) -> TrackLog:
     """As `read_tracks`, with what was lost."""
     paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
     if not paths:
         raise ValueError("source: expected at least one log, got none")
-    dropped = Drops()
+    dropped, clock = Drops(), ClockFaults()
     damage: list[tuple[Path, Damage]] = []
     columns: list[Columns] = []
     for path in paths:
-        drops = Drops()
-        with Scan(path, choose_topics(path, topics, strict=strict).__contains__) as log:
-            frames = observed_frames(
-                log, drops=drops, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict
-            )
-            columns.append(Columns.of_frames(frames).without_repeats(drops))
+        with Scan(path, choose_topics(path, topics, strict=strict, mapping=mapping).__contains__) as log:
+            observations = Observations(
+                log, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
+                mapping=mapping, origin=origin,
+            )  # fmt: skip
+            columns.append(Columns.of_rows(observations).without_repeats(observations.drops))
             damage += [(path, broken) for broken in log.damage]
-            log_losses(path, log.damage, drops)
-        dropped += drops
+            log_losses(path, log.damage, observations.drops, observations.clock)
+        dropped += observations.drops
+        clock += observations.clock
+        origin = observations.origin  # one plane for all logs
     tracks = Columns.of_logs(columns, [path.stem for path in paths]).as_tracks(dropped)
-    return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped)
+    return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
 
 
 def stream_detections(
@@ -106,6 +124,9 @@ def stream_detections(
     start_ns: int | None = None,
     end_ns: int | None = None,
     strict: bool = False,
+    frame: str | None = None,
+    mapping: FieldMapping | None = None,
+    origin: Origin | None = None,
     motion: bool = False,
 ) -> DetectionStream:
     """The detections of a log, an instant at a time, in bounded memory.
@@ -117,6 +138,10 @@ def stream_detections(
         start_ns: the first time wanted, nanoseconds.
         end_ns: the first time no longer wanted.
         strict: raise at the first damage instead of going on.
+        frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
+            transforms all objects must be of one frame.
+        mapping: where to find the fields of objects, for schemas that are not known.
+        origin: of the plane for satellite positions; left out: the first position.
         motion: take the log's directions and speeds for measurements. Often they are no sensor's, but were derived from
             the positions, and would be believed twice.
 
@@ -125,10 +150,11 @@ def stream_detections(
         NoTracksError: the log has no such topic, or none with moving objects.
         ValueError: `topics` is neither a name nor a regular expression.
     """
-    chosen = choose_topics(Path(path), topics, prefer_detections=True, strict=strict)
+    chosen = choose_topics(Path(path), topics, prefer_detections=True, strict=strict, mapping=mapping)
     return DetectionStream(
         Scan(Path(path), chosen.__contains__),
-        topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, motion=motion,
+        topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
+        mapping=mapping, origin=origin, motion=motion,
     )  # fmt: skip
 
 

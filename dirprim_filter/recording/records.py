@@ -15,8 +15,7 @@ Bytes = bytes | mmap
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
-METADATA = 0x0C
-DATA_END = 0x0F
+ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(9, 16)
 RECORD_HEADER_SIZE = 9
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")
 """Opcode, length, channel, sequence, log time, publish time."""
@@ -53,6 +52,33 @@ class Channel:
     message_encoding: str
     schema: Schema
     metadata: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attachment:
+    """A file that was attached to a log, and where it stands.
+
+    Attributes:
+        name: of the file.
+        media_type: such as "text/plain".
+        log_time_ns: when it was recorded.
+        create_time_ns: when it was made.
+        data_offset: byte where its data start.
+        size: bytes of them.
+        crc: CRC-32 of all its fields but this; 0 where the writer gave none.
+        offset: byte where its record starts.
+        end: byte after its record.
+    """
+
+    name: str
+    media_type: str
+    log_time_ns: int
+    create_time_ns: int
+    data_offset: int
+    size: int
+    crc: int
+    offset: int
+    end: int
 
 
 class Message(NamedTuple):
@@ -120,6 +146,34 @@ def parse_channel(buffer: Bytes, start: int, end: int, schemas: dict[int, Schema
     return channel_id, Channel(topic=topic, message_encoding=encoding, schema=schema, metadata=tuple(metadata.items()))
 
 
+def parse_header(buffer: Bytes, start: int, end: int) -> tuple[str, str]:
+    """A header record's profile and library.
+
+    Raises:
+        MalformedRecordError: its fields do not fit.
+    """
+    profile, at = parse_text(buffer, start, end)
+    return profile, parse_text(buffer, at, end)[0]
+
+
+def parse_attachment(buffer: Bytes, start: int, end: int) -> Attachment:
+    """An attachment record, without its data.
+
+    Raises:
+        MalformedRecordError: its fields do not fit.
+    """
+    log_time_ns, create_time_ns = _u64(buffer, start, end), _u64(buffer, start + 8, end)
+    name, at = parse_text(buffer, start + 16, end)
+    media_type, at = parse_text(buffer, at, end)
+    size = _u64(buffer, at, end)
+    data_offset = at + 8
+    crc = _u32(buffer, data_offset + size, end)
+    return Attachment(
+        name=name, media_type=media_type, log_time_ns=log_time_ns, create_time_ns=create_time_ns,
+        data_offset=data_offset, size=size, crc=crc, offset=start - RECORD_HEADER_SIZE, end=end,
+    )  # fmt: skip
+
+
 def parse_metadata(buffer: Bytes, start: int, end: int) -> tuple[str, dict[str, str]]:
     """A metadata record's name and entries.
 
@@ -172,3 +226,9 @@ def _u32(buffer: Bytes, start: int, end: int) -> int:
     if start + 4 > end:
         raise MalformedRecordError("the record ends inside a number")
     return int(U32.unpack_from(buffer, start)[0])
+
+
+def _u64(buffer: Bytes, start: int, end: int) -> int:
+    if start + 8 > end:
+        raise MalformedRecordError("the record ends inside a number")
+    return int(U64.unpack_from(buffer, start)[0])

@@ -1,86 +1,105 @@
 """Every readable message of an MCAP file in order of log time, and a list of what could not be read.
 
-The file is mapped into memory and read chunk by chunk, so memory is bounded by the chunks that overlap in
-time. Every chunk's checksum is checked and every length bounded; what is damaged is skipped and reported, the
-rest delivered.
+The file is mapped into memory and read chunk by chunk, so memory is bounded, whatever the chunks' overlap in time.
+Every chunk's checksum is checked and every length bounded; what is damaged is skipped and reported, the rest
+delivered.
 
 Source: the MCAP specification, version 0 (https://mcap.dev/spec).
 """
 
 from __future__ import annotations
 
-import mmap
-from bisect import bisect_left, insort
-from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from operator import attrgetter, itemgetter
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
+from dirprim_filter.recording._kernels import count_records, read_records
 from dirprim_filter.recording.chunk import Chunk, read_contents
 from dirprim_filter.recording.damage import Damage, DamageKind
 from dirprim_filter.recording.definitions import Definitions
-from dirprim_filter.recording.errors import NotMcapError
 from dirprim_filter.recording.layout import read_layout
+from dirprim_filter.recording.merge import TimeMerge
+from dirprim_filter.recording.message_columns import MessageColumns
 from dirprim_filter.recording.records import (
-    MAGIC,
-    MESSAGE,
-    MESSAGE_HEADER,
     RECORD_HEADER_SIZE,
     U64,
+    Attachment,
     Channel,
     MalformedRecordError,
     Message,
 )
+from dirprim_filter.recording.source import let_go, mapped
+from tessellation.arrays import AnyArray
 
-VERSION_FREE_MAGIC = MAGIC[:5]
-"""A log whose opening magic differs only behind this is read, and reported as damaged."""
+UNSEEN, UNKNOWN, UNWANTED = -3, -2, -1
+"""What stands for a channel id in place of an index into the list of channels."""
+N_CHANNEL_IDS = 1 << 16
+NO_TIMES = (0, 1 << 64)
 
 
-def scan(path: str | PathLike[str], *, topics: Callable[[str], bool] | None = None) -> Scan:
+def scan(
+    path: str | PathLike[str],
+    *,
+    topics: Callable[[str], bool] | None = None,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+) -> Scan:
     """Open an MCAP log for reading.
 
     Args:
-        path: a file that can be mapped into memory.
-        topics: says whether a topic's messages are wanted; left out: all are.
+        path: a file; "-" for standard input, another pipe, or a URL that fsspec can read: these are copied to a
+            temporary file first.
+        topics: says whether a topic's messages are wanted; left out: all are. Chunks that hold none of them by the
+            log's index are not opened, so damage in them is not seen.
+        start_ns: the first log time wanted. Chunks outside of the time are not opened, as above.
+        end_ns: the first log time no longer wanted.
 
     Raises:
         NotMcapError: the file is empty, or no MCAP log.
+        RecordingError: a URL that cannot be read here.
         OSError: it cannot be opened.
     """
-    return Scan(Path(path), topics)
-
-
-@dataclass(slots=True)
-class _Held:
-    """Messages of one opened chunk, sorted by time, that are not yet delivered."""
-
-    position: int  # of the chunk in the file
-    messages: list[Message]
-    start: int = 0
+    return Scan(path, topics, start_ns=start_ns, end_ns=end_ns)
 
 
 class Scan:
     """The messages of one log; iterate it, as often as needed, then look at `damage`.
 
     Messages of one log time come in the order of the file. Beyond the chunks that overlap in time nothing is
-    held.
+    held, and of these no more than `merge.HELD_BYTES` in memory.
 
     Attributes:
-        path: the file.
+        path: the file, as it was named.
+        file: its bytes.
+        layout: where everything stands in it.
+        definitions: schemas and channels by their ids, as far as they are known.
+        channel_list: what the channel indices of `parts` mean.
         metadata: name and entries of each metadata record.
         damage: what could not be read so far; complete once the iteration has ended; empty when all was read.
     """
 
-    def __init__(self, path: Path, topics: Callable[[str], bool] | None = None) -> None:
-        self.path = path
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        topics: Callable[[str], bool] | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> None:
+        self.path = Path(path)
         self._topics = topics
-        self._file = _map(path)
-        self._layout = read_layout(self._file)
-        self.metadata = self._layout.metadata
+        self._times = (
+            NO_TIMES[0] if start_ns is None else max(start_ns, NO_TIMES[0]),
+            NO_TIMES[1] if end_ns is None else max(min(end_ns, NO_TIMES[1]), NO_TIMES[0]),
+        )
+        self.file = mapped(path)
+        self.layout = read_layout(self.file)
+        self.metadata = self.layout.metadata
         self._reset()
 
     def __enter__(self) -> Self:
@@ -93,93 +112,135 @@ class Scan:
 
     def close(self) -> None:
         """Let go of the file; no more messages come."""
-        self._file.close()
+        self.file.close()
 
     def channels(self) -> list[Channel]:
         """All channels of the log, from the summary where it repeats them, else from within the chunks."""
-        return self._definitions.all_channels()
+        return self.definitions.all_channels()
+
+    def attachments(self) -> list[tuple[Attachment, bytes]]:
+        """The files attached to the log whose checksum holds, and their contents."""
+        return [
+            (attachment, self.file[attachment.data_offset : attachment.data_offset + attachment.size])
+            for attachment in self.layout.attachments
+        ]
 
     def __iter__(self) -> Iterator[Message]:
         self._reset()
-        chunks = self._layout.chunks
-        held: list[_Held] = []
-        for position in sorted(range(len(chunks)), key=lambda i: chunks[i].start_ns):
-            chunk = chunks[position]
-            yield from _release(held, chunk.start_ns)
-            messages = self._messages(chunk)
-            if messages:
-                insort(held, _Held(position, messages), key=attrgetter("position"))
-        yield from _release(held, None)
+        return chain.from_iterable(self._blocks())
+
+    def _blocks(self) -> Iterator[Iterator[Message]]:
+        chunks = self.layout.chunks
+        with TimeMerge(self.channel_list) as merge:
+            for position in sorted(range(len(chunks)), key=lambda i: chunks[i].start_ns):
+                chunk = chunks[position]
+                if self._is_beside(chunk):
+                    continue
+                yield from merge.release((chunk.start_ns, position))
+                merge.hold(position, self._messages(chunk))
+            yield from merge.release(None)
+
+    def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
+        """Each chunk and its messages, in the order of the file; `damage` grows as they come."""
+        self._reset()
+        for chunk in self.layout.chunks:
+            yield chunk, self._messages(chunk)
 
     def _reset(self) -> None:
-        self.damage: list[Damage] = list(self._layout.damage)
-        self._definitions = Definitions(self._file, self._layout)
-        self._wanted: dict[int, Channel | None] = {}
+        self.damage: list[Damage] = list(self.layout.damage)
+        self.definitions = Definitions(self.file, self.layout)
+        self.channel_list: list[Channel] = []
+        self._index_of: dict[Channel, int] = {}
+        self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
 
-    def _messages(self, chunk: Chunk) -> list[Message]:
+    def _is_beside(self, chunk: Chunk) -> bool:
+        """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
+        told = self.layout.index.get(chunk.offset)
+        if told is None or (told.start_ns, told.end_ns) != (chunk.start_ns, chunk.end_ns):
+            return False
+        if told.channels and (chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]):
+            return True  # a chunk without messages may state any times, and define channels
+        if self._topics is None or not told.channels:
+            return False
+        channels = [self.layout.summary_channels.get(channel_id) for channel_id in told.channels]
+        return all(channel is not None and not self._topics(channel.topic) for channel in channels)
+
+    def _messages(self, chunk: Chunk) -> MessageColumns:
         """The wanted messages of a chunk, sorted by log time, stably."""
-        contents, damage = read_contents(self._file, chunk)
+        contents, damage = read_contents(self.file, chunk)
+        let_go(self.file, chunk.offset, chunk.end)
         if damage:
             self.damage.append(damage)
-        messages: list[Message] = []
-        unknown: Counter[int] = Counter()
-        wanted, unpack, new = self._wanted, MESSAGE_HEADER.unpack_from, tuple.__new__
-        at, size = 0, len(contents)
-        while at + RECORD_HEADER_SIZE <= size:
-            if contents[at] != MESSAGE:
-                end = self._take_definition(chunk, contents, at)
-                if end > size:
-                    break
-                at = end
-                continue
-            if at + MESSAGE_HEADER.size > size:
-                break
-            _, length, channel_id, sequence, log_time_ns, publish_time_ns = unpack(contents, at)
-            end = at + RECORD_HEADER_SIZE + length
-            if end > size or end < at + MESSAGE_HEADER.size:
-                break
-            try:
-                channel = wanted[channel_id]
-            except KeyError:
-                channel = self._resolve(channel_id)
-                unknown[channel_id] += channel_id not in wanted
-            if channel is not None:
-                data = contents[at + MESSAGE_HEADER.size : end]
-                messages.append(new(Message, (log_time_ns, publish_time_ns, sequence, channel, data)))
-            at = end
-        if at != size and not chunk.is_cut:
-            detail = f"byte {at} of its contents starts no record that fits; {size - at} bytes are lost"
+        buffer = np.frombuffer(contents, np.uint8)
+        n_messages, n_others, end = count_records(buffer)
+        channel_id, sequence, log_time, publish_time, start, stop, others = read_records(buffer, n_messages, n_others)
+        if end != len(contents) and not chunk.is_cut:
+            detail = f"byte {end} of its contents starts no record that fits; {len(contents) - end} bytes are lost"
             self._damaged("message", chunk, None, detail)
-        for channel_id, n in (+unknown).items():
-            self._damaged(
-                "unknown_channel", chunk, n, f"{n} messages of channel {channel_id}, which is defined nowhere"
-            )
-        messages.sort(key=itemgetter(0))
-        if messages and messages[0].log_time_ns < chunk.start_ns:
-            detail = f"expected no message before {chunk.start_ns} ns, got one at {messages[0].log_time_ns} ns"
-            self._damaged("chunk_times", chunk, 0, f"{detail}; it may come late")
-        return messages
+        columns = MessageColumns(
+            log_time_ns=log_time, publish_time_ns=publish_time, sequence=sequence,
+            channel=self._resolved(chunk, contents, channel_id, start, others),
+            start=start, stop=stop, contents=contents,
+        )  # fmt: skip
+        columns = self._wanted(columns).sorted()
+        if len(columns) and columns.log_time_ns[0] < chunk.start_ns:
+            first_ns = int(columns.log_time_ns[0])
+            detail = f"expected no message before {chunk.start_ns} ns, got one at {first_ns} ns; it may come late"
+            self._damaged("chunk_times", chunk, 0, detail)
+        return columns
 
-    def _take_definition(self, chunk: Chunk, contents: bytes, at: int) -> int:
-        """Learn from a record that is no message; the byte after it."""
-        end = at + RECORD_HEADER_SIZE + int(U64.unpack_from(contents, at + 1)[0])
-        if end <= len(contents):
+    def _wanted(self, columns: MessageColumns) -> MessageColumns:
+        wanted = columns.channel >= 0
+        if self._times != NO_TIMES:
+            times = columns.log_time_ns
+            wanted &= times >= self._times[0]
+            if self._times[1] < NO_TIMES[1]:
+                wanted &= times < self._times[1]
+        return columns if wanted.all() else columns[wanted]
+
+    def _resolved(
+        self, chunk: Chunk, contents: bytes, channel_id: AnyArray, start: AnyArray, others: AnyArray
+    ) -> AnyArray:
+        """(n) int32, the index of each message's channel, by the definitions that stand before it."""
+        index = np.empty(len(channel_id), np.int32)
+        done = 0
+        for at in others.tolist():
+            end = at + RECORD_HEADER_SIZE + int(U64.unpack_from(contents, at + 1)[0])
+            upto = int(np.searchsorted(start, at))  # the messages before it are of the channel as it was
+            index[done:upto] = self._indices(channel_id[done:upto])
+            done = upto
             try:
-                if self._definitions.take(contents, at, end):
-                    self._wanted.clear()
+                if self.definitions.take(contents, at, end):
+                    self._lookup[:] = UNSEEN
             except MalformedRecordError as error:
                 self._damaged("definition", chunk, None, str(error))
-        return end
+        index[done:] = self._indices(channel_id[done:])
+        unknown = channel_id[index == UNKNOWN]
+        for one, n in zip(*(part.tolist() for part in np.unique(unknown, return_counts=True)), strict=True):
+            detail = f"{n} messages of channel {one}, which is defined nowhere"
+            self._damaged("unknown_channel", chunk, n, detail)
+        return index
 
-    def _resolve(self, channel_id: int) -> Channel | None:
-        """The channel of a message, None where it is not wanted or not known; kept where known."""
-        channel = self._definitions.channel(channel_id)
+    def _indices(self, channel_id: AnyArray) -> AnyArray:
+        index = self._lookup[channel_id]
+        unseen = np.unique(channel_id[index == UNSEEN]).tolist()
+        if unseen:
+            for one in unseen:
+                self._lookup[one] = self._index(one)
+            index = self._lookup[channel_id]
+        return index
+
+    def _index(self, channel_id: int) -> int:
+        """Where the channel of that id stands in the list."""
+        channel = self.definitions.channel(channel_id)
         if channel is None:
-            return None
+            return UNKNOWN
         if self._topics is not None and not self._topics(channel.topic):
-            channel = None
-        self._wanted[channel_id] = channel
-        return channel
+            return UNWANTED
+        if channel not in self._index_of:
+            self._index_of[channel] = len(self.channel_list)
+            self.channel_list.append(channel)
+        return self._index_of[channel]
 
     def _damaged(self, kind: DamageKind, chunk: Chunk, messages: int | None, detail: str) -> None:
         self.damage.append(
@@ -191,34 +252,3 @@ class Scan:
                 detail=detail,
             )
         )
-
-
-def _release(held: list[_Held], before_ns: int | None) -> Iterator[Message]:
-    """The held messages of an earlier log time, all for None; in order of time, then of the file."""
-    batch: list[Message] = []
-    parts = 0
-    for part in held:
-        stop = len(part.messages)
-        if before_ns is not None:
-            stop = bisect_left(part.messages, before_ns, part.start, key=itemgetter(0))
-        if stop > part.start:
-            batch += part.messages[part.start : stop]
-            part.start = stop
-            parts += 1
-    if parts > 1:
-        batch.sort(key=itemgetter(0))  # stable, and linear in time for runs that are sorted already
-    held[:] = [part for part in held if part.start < len(part.messages)]
-    yield from batch
-
-
-def _map(path: Path) -> mmap.mmap:
-    with path.open("rb") as file:
-        size = path.stat().st_size
-        if size == 0:
-            raise NotMcapError(path, "an empty file")
-        mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    opening = mapped[: len(MAGIC)]
-    if not opening.startswith(VERSION_FREE_MAGIC) and mapped[-len(MAGIC) :] != MAGIC:
-        mapped.close()
-        raise NotMcapError(path, f"a file that starts with {opening!r}")
-    return mapped

@@ -44,9 +44,16 @@ ELLIPSE_COLOR = (0.2, 0.85, 0.4, 0.3)
 FORECAST_COLOR = (0.9, 0.35, 0.75, 0.4)
 CELL_COLOR = (0.55, 0.55, 0.55, 0.6)
 PETAL_COLOR = (0.95, 0.55, 0.15, 0.9)
+SLOW_TO_FAST: FloatArray = np.array([[0.27, 0.0, 0.33], [0.13, 0.57, 0.55], [0.99, 0.91, 0.15]])
+"""The ends and the middle of viridis: colours of mean speeds from 0 m/s to the fastest of the map."""
+PETAL_OPACITY = 0.9
 
 _ENCODED_POINT = np.dtype(
     [("key", "u1"), ("length", "u1"), ("x_key", "u1"), ("x", "<f8"), ("y_key", "u1"), ("y", "<f8")]
+)
+_ENCODED_COLOR = np.dtype(
+    [("key", "u1"), ("length", "u1")]
+    + [(f"{channel}{of}", kind) for channel in "rgba" for of, kind in (("_key", "u1"), ("", "<f8"))]
 )
 _PARTICLE = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("weight", "<f4")])
 
@@ -135,7 +142,7 @@ def forecast_scene(track_id: Sequence[str], paths: FloatArray, time_ns: int) -> 
 
 
 def map_scene(primitive_map: PrimitiveMap, time_ns: int) -> SceneUpdate:
-    """The cells' outlines as one entity, and a petal for each mode as another."""
+    """The cells' outlines as one entity, and a petal for each mode, in the colour of its speed, as another."""
     update = _fresh_update(time_ns)
     cells = _line(_entity(update, "cells", time_ns, 0).lines.add(), LinePrimitive.LINE_LIST, 1.0, CELL_COLOR)
     first = 0
@@ -148,6 +155,7 @@ def map_scene(primitive_map: PrimitiveMap, time_ns: int) -> SceneUpdate:
     _place(roses.pose, 0.0, 0.0, 0.0, 0.0)
     _paint(roses.color, PETAL_COLOR)
     roses.MergeFromString(_encoded_points(TriangleListPrimitive, petals(primitive_map)).tobytes())
+    roses.MergeFromString(_encoded_colors(np.repeat(petal_colors(primitive_map), 3, axis=0)).tobytes())
     return update
 
 
@@ -160,8 +168,7 @@ def petals(primitive_map: PrimitiveMap) -> FloatArray:
     The place-free modes are not drawn: they are the same everywhere.
     """
     cells = primitive_map.direction[np.arange(primitive_map.tessellation.n_cells)]
-    n_own_modes = cells.weight.shape[1] - primitive_map.n_place_free_modes
-    cell, mode = np.nonzero(cells.weight[:, :n_own_modes] > 0)
+    cell, mode = _own_modes(primitive_map)
     center = primitive_map.tessellation.centers[cell]
     length = 0.5 * np.sqrt(primitive_map.tessellation.area[cell]) * cells.weight[cell, mode]
     resultant = np.maximum(mean_resultant_length(cells.concentration[cell, mode]), 1e-3)
@@ -169,6 +176,21 @@ def petals(primitive_map: PrimitiveMap) -> FloatArray:
     side = cells.mean_direction[cell, mode, None] + half_width[:, None] * np.array([-1.0, 1.0])
     tip = center[:, None] + length[:, None, None] * np.stack([np.cos(side), np.sin(side)], axis=-1)
     return np.concatenate([center[:, None], tip], axis=1)
+
+
+def petal_colors(primitive_map: PrimitiveMap) -> FloatArray:
+    """Red, green, blue and opacity of each petal, by the mean speed of its mode. -> (n_petals, 4) of 0 to 1."""
+    speed = primitive_map.speed.mean[_own_modes(primitive_map)]
+    place = (len(SLOW_TO_FAST) - 1) * speed / max(float(speed.max(initial=0.0)), 1e-9)
+    rgb = [np.interp(place, np.arange(len(SLOW_TO_FAST)), channel) for channel in SLOW_TO_FAST.T]
+    return np.stack([*rgb, np.full(speed.size, PETAL_OPACITY)], axis=-1)
+
+
+def _own_modes(primitive_map: PrimitiveMap) -> tuple[IntArray, IntArray]:
+    """Cell and number of each mode that a cell has of its own."""
+    weight = primitive_map.direction.weight[:-1]
+    cell, mode = np.nonzero(weight[:, : weight.shape[1] - primitive_map.n_place_free_modes] > 0)
+    return cell.astype(np.int64), mode.astype(np.int64)
 
 
 def particle_cloud(particles: Particles, time_ns: int, *, stride: int) -> PointCloud:
@@ -220,6 +242,17 @@ def _encoded_points(primitive: type[LinePrimitive] | type[TriangleListPrimitive]
     encoded["length"] = 18
     encoded["x_key"], encoded["y_key"] = 1 << 3 | 1, 2 << 3 | 1  # eight bytes each
     encoded["x"], encoded["y"] = points[..., 0], points[..., 1]
+    return encoded
+
+
+def _encoded_colors(rgba: FloatArray) -> AnyArray:
+    """The field `colors` of triangles, likewise: a `foxglove.Color` of 36 bytes each. (n, 4) -> (n,)."""
+    encoded: AnyArray = np.empty(len(rgba), _ENCODED_COLOR)
+    encoded["key"] = TriangleListPrimitive.DESCRIPTOR.fields_by_name["colors"].number << 3 | 2
+    encoded["length"] = 36
+    for number, name in enumerate("rgba", start=1):
+        encoded[f"{name}_key"] = number << 3 | 1
+        encoded[name] = rgba[:, number - 1]
     return encoded
 
 

@@ -1,23 +1,18 @@
-"""What stands in a log, topic by topic: the contents of `dirprim info`."""
+"""What stands in a log, topic by topic: the contents of `dirprim info`; of long logs by their index alone."""
 
 from __future__ import annotations
 
-import logging
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
-from google.protobuf.message import DecodeError
-
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.observations import Decoders, is_decodable
-from dirprim_filter.recording.records import Channel, Message
-from dirprim_filter.recording.scan import Scan
-from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
-from dirprim_filter.recording.schemas.dirprim import decode_estimates
+from dirprim_filter.recording.index import Index, read_index
+from dirprim_filter.recording.source import mapped
 
-logger = logging.getLogger(__name__)
+LONG_LOG_BYTES = 1 << 25
+"""Shorter logs are read in whole: that takes about a second, and tells more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +24,7 @@ class TopicSummary:
         schema: name of its schema; empty where it has none.
         encoding: of its messages.
         messages: how many could be read.
-        tracks: distinct track ids in them; None where the schema carries none.
+        tracks: distinct track ids in them; None where the schema carries none, or they were not counted.
     """
 
     name: str
@@ -37,6 +32,24 @@ class TopicSummary:
     encoding: str
     messages: int
     tracks: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stamps:
+    """Log times that look wrong, compared with the message before of the same topic, in the order of the file.
+
+    Attributes:
+        zero: messages at 0 ns.
+        backward: messages earlier than the one before.
+        duplicate: messages at the time of the one before.
+    """
+
+    zero: int = 0
+    backward: int = 0
+    duplicate: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.zero} zero, {self.backward} backward, {self.duplicate} duplicate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +62,10 @@ class LogSummary:
         start_ns: the first log time; None where there is no message.
         end_ns: the last log time.
         damage: what could not be read.
+        is_checked: every chunk was read; else all this is what the log's index says.
+        stamps: log times that look wrong; None where it is not checked.
+        attachments: names of the files attached.
+        metadata: names of the metadata records.
     """
 
     topics: tuple[TopicSummary, ...]
@@ -56,72 +73,51 @@ class LogSummary:
     start_ns: int | None
     end_ns: int | None
     damage: tuple[Damage, ...]
+    is_checked: bool
+    stamps: Stamps | None
+    attachments: tuple[str, ...]
+    metadata: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
         """The same in types that json writes."""
-        return {
-            "topics": [asdict(topic) for topic in self.topics],
-            "messages": self.messages,
-            "start_ns": self.start_ns,
-            "end_ns": self.end_ns,
-            "damage": [asdict(damage) for damage in self.damage],
-        }
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
-@dataclass(slots=True)
-class _Tally:
-    messages: int = 0
-    track_ids: set[str] = field(default_factory=set)
+def summarise_by_index(
+    path: str | PathLike[str],
+    *,
+    topics: Callable[[str], bool] | None = None,
+    from_bytes: int = LONG_LOG_BYTES,
+) -> LogSummary | None:
+    """What a long log's own index says of it, without reading a chunk; None where it is short or has no whole index.
 
-
-def inspect(path: str | PathLike[str]) -> LogSummary:
-    """Read a log once and tell what is in it.
+    Args:
+        path: the log.
+        topics: says whether a topic is wanted.
+        from_bytes: logs of this size are long.
 
     Raises:
         NotMcapError: the file is no MCAP log.
         OSError: it cannot be opened.
     """
-    decoders = Decoders()
-    start_ns = end_ns = None
-    undecodable = 0
-    with Scan(Path(path)) as log:
-        tallies = {_key(channel): _Tally() for channel in log.channels()}
-        for message in log:
-            start_ns = message.log_time_ns if start_ns is None else start_ns
-            end_ns = message.log_time_ns
-            tally = tallies.setdefault(_key(message.channel), _Tally())
-            tally.messages += 1
-            try:
-                tally.track_ids.update(_track_ids(message, decoders))
-            except DecodeError:
-                undecodable += 1
-        damage = tuple(log.damage)
-    if undecodable:
-        logger.warning("%s: %d messages are not what their schema says", path, undecodable)
+    with mapped(path) as file:
+        index = read_index(file) if len(file) >= from_bytes else None
+    return None if index is None or index.counts is None else _of(index, index.counts, topics)
+
+
+def _of(index: Index, counts: Mapping[int, int], wanted: Callable[[str], bool] | None) -> LogSummary:
+    messages: dict[tuple[str, str, str], int] = {}
+    for channel_id, channel in index.channels.items():
+        if wanted is None or wanted(channel.topic):
+            key = (channel.topic, channel.schema.name, channel.message_encoding)
+            messages[key] = messages.get(key, 0) + counts.get(channel_id, 0)
     topics = tuple(
-        TopicSummary(
-            name=name, schema=schema, encoding=encoding, messages=tally.messages,
-            tracks=len(tally.track_ids) if has_tracks else None,
-        )
-        for (name, schema, encoding, has_tracks), tally in sorted(tallies.items())
-    )  # fmt: skip
-    return LogSummary(
-        topics=topics,
-        messages=sum(topic.messages for topic in topics),
-        start_ns=start_ns,
-        end_ns=end_ns,
-        damage=damage,
+        TopicSummary(name=name, schema=schema, encoding=encoding, messages=n, tracks=None)
+        for (name, schema, encoding), n in sorted(messages.items())
     )
-
-
-def _key(channel: Channel) -> tuple[str, str, str, bool]:
-    has_tracks = is_decodable(channel) or channel.schema.name == ESTIMATES_SCHEMA
-    return channel.topic, channel.schema.name, channel.message_encoding, has_tracks
-
-
-def _track_ids(message: Message, decoders: Decoders) -> list[str]:
-    if is_decodable(message.channel):
-        return list(decoders.decode(message).track_id)
-    if message.schema_name == ESTIMATES_SCHEMA:
-        return [str(name) for name in decode_estimates(message.data).track_id.tolist()]
-    return []
+    n_messages = sum(messages.values())
+    return LogSummary(
+        topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None,
+        start_ns=index.start_ns if n_messages else None, end_ns=index.end_ns if n_messages else None,
+        attachments=tuple(index.attachments), metadata=tuple(index.metadata),
+    )  # fmt: skip

@@ -5,33 +5,42 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter, deque
+from collections.abc import Sequence
 from pathlib import Path
 
-from google.protobuf.message import DecodeError
+import numpy as np
 
 from dirprim_filter.recording.damage import Damage
+from dirprim_filter.recording.decoding import Decoders, batches, by_schema, schema_name
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
-from dirprim_filter.recording.observations import Decoders, is_decodable
+from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.scan import Scan
-from dirprim_filter.recording.schemas import DECODERS, KINDS
+from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
 from dirprim_filter.recording.writer import DETECTIONS_TOPIC
 
 logger = logging.getLogger(__name__)
 
+_LOOKED_FOR = f"{', '.join(FAMILIES)}, as {', '.join(ENCODINGS)}"
+_KINDS = [{name for family in kind for name in family.schemas} for kind in KINDS]
 OUTPUT_PREFIX = "/dirprim/"
 """Topics that this package writes as results; never taken for input unless named."""
 
 
 def choose_topics(
-    path: Path, topics: str | None, *, prefer_detections: bool = False, strict: bool = False
+    path: Path,
+    topics: str | None,
+    *,
+    prefer_detections: bool = False,
+    strict: bool = False,
+    mapping: FieldMapping | None = None,
 ) -> frozenset[str]:
     """The topics to read objects from.
 
     With `topics` those of that name, or else those that match it in full as a regular expression, if their
-    schema is one of `DECODERS`. Without it, one topic: of the first of `KINDS` of which some topic's messages
+    schema is one of `FAMILIES`. Without it, one topic: of the first of `KINDS` of which some topic's messages
     hold objects the one that has most messages. Topics named `/detections...` stand back there behind others
     of their kind, but with `prefer_detections` the topic `/detections` goes before all. Topics under
-    `/dirprim/` are not considered.
+    `/dirprim/` are not considered. With `mapping` every topic whose schema has its fields can be read.
 
     Raises:
         NoTracksError: there is none.
@@ -40,20 +49,24 @@ def choose_topics(
     """
     with Scan(path) as log:
         channels = log.channels()
-    schema_of = {c.topic: c.schema.name for c in channels if is_decodable(c)}
+    decoders = Decoders(mapping)
+    schema_of = {c.topic: schema_name(c) for c in channels if decoders.reads(c)}
+    looked_for = f"fields {mapping}" if mapping else _LOOKED_FOR
+    why = "".join(f"; {reason}" for reason in decoders.unreadable()[:1]) if mapping else ""
     if topics is not None:
         chosen = frozenset(_named(topics, schema_of))
-        wanted = f"topic {topics!r} with objects ({', '.join(DECODERS)}, as protobuf)"
+        wanted = f"topic {topics!r} with objects ({looked_for})"
     else:
         inputs = {t: s for t, s in schema_of.items() if not t.startswith(OUTPUT_PREFIX)}
-        chosen = _default(path, inputs, prefer_detections=prefer_detections)
-        wanted = f"a topic with moving objects ({', '.join(DECODERS)}, as protobuf)"
+        kinds = [set(inputs.values())] if mapping else _KINDS
+        chosen = _default(path, inputs, decoders, kinds, prefer_detections=prefer_detections)
+        wanted = f"a topic with moving objects ({looked_for})"
     if not chosen:
         damage = _damage(path)
         if strict and damage:
             raise DamagedRecordingError(path, damage)
         has = dict.fromkeys((c.topic, c.schema.name) for c in channels)
-        raise NoTracksError(path, has=has, wanted=wanted, damage=damage)
+        raise NoTracksError(path, has=has, wanted=wanted + why, damage=damage)
     return chosen
 
 
@@ -67,11 +80,18 @@ def _named(topics: str, schema_of: dict[str, str]) -> list[str]:
     return [topic for topic in schema_of if pattern.fullmatch(topic)]
 
 
-def _default(path: Path, schema_of: dict[str, str], *, prefer_detections: bool) -> frozenset[str]:
+def _default(
+    path: Path,
+    schema_of: dict[str, str],
+    decoders: Decoders,
+    kinds: Sequence[set[str]],
+    *,
+    prefer_detections: bool,
+) -> frozenset[str]:
     if prefer_detections and DETECTIONS_TOPIC in schema_of:
         return frozenset({DETECTIONS_TOPIC})
-    for kind in KINDS:
-        carrying = _carrying_objects(path, {topic for topic, schema in schema_of.items() if schema in kind})
+    for names in kinds:
+        carrying = _carrying_objects(path, decoders, {topic for topic, schema in schema_of.items() if schema in names})
         true = {topic for topic in carrying if not topic.startswith(DETECTIONS_TOPIC)} or carrying
         if len(true) > 1:
             return frozenset({_longest(path, true)})
@@ -80,22 +100,19 @@ def _default(path: Path, schema_of: dict[str, str], *, prefer_detections: bool) 
     return frozenset()
 
 
-def _carrying_objects(path: Path, topics: set[str]) -> set[str]:
+def _carrying_objects(path: Path, decoders: Decoders, topics: set[str]) -> set[str]:
     """Those of the topics in which some message holds an object; reads no further than needed to know."""
     carrying: set[str] = set()
     if topics:
-        decoders = Decoders()
         with Scan(path, topics.__contains__) as log:
-            for message in log:
-                if message.topic not in carrying and is_decodable(message.channel):
-                    try:
-                        holds = bool(decoders.decode(message).track_id)
-                    except DecodeError:
-                        continue  # counted when the topic is read
-                    if holds:
-                        carrying.add(message.topic)
-                        if carrying == topics:
-                            break
+            for batch in batches(log, decoders):
+                for _, messages in by_schema(batch):
+                    rows, _ = decoders.rows(messages)
+                    carrying |= {
+                        messages[i].topic for i in np.unique(rows.message[np.isfinite(rows.position[:, 0])]).tolist()
+                    }
+                if carrying == topics:
+                    break
     return carrying
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
+from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.observations import Drops
-from dirprim_filter.recording.schemas.observed import ObservedFrame
+from dirprim_filter.recording.drops import ClockFaults, Drops, Numbers
+from dirprim_filter.recording.observations import TimedRows
+from dirprim_filter.recording.schemas.observed import NO_ROWS
 from dirprim_filter.tracks import Tracks, repeated_rows
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -23,11 +26,13 @@ class TrackLog:
         tracks: what was read.
         damage: path and damage, for each place that could not be read.
         dropped: what of the readable messages was left out.
+        clock: what is odd about the times of the messages.
     """
 
     tracks: Tracks
     damage: tuple[tuple[Path, Damage], ...]
     dropped: Drops
+    clock: ClockFaults
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,22 +56,31 @@ class Columns:
     group: IntArray
 
     @classmethod
-    def of_frames(cls, frames: Iterable[tuple[int, ObservedFrame]]) -> Columns:
-        """The rows of all frames, one after the other."""
-        names: list[str] = []
-        times: list[IntArray] = [np.empty(0, np.int64)]
-        parts: list[ObservedFrame] = [ObservedFrame.of_positions([], None, np.empty((0, 2)))]
-        for time_ns, frame in frames:
-            names += frame.track_id
-            times.append(np.full(len(frame.track_id), time_ns, np.int64))
-            parts.append(frame)
+    def of_rows(cls, parts: Iterable[TimedRows]) -> Columns:
+        """The rows of all batches, one after the other.
+
+        An object without a name gets one of its own, "time/number": nothing is taken for the same vehicle at two
+        times, and what such a row tells of its motion is kept.
+        """
+        nameless = count()
+        numbers = Numbers()
+        of: list[IntArray] = [np.empty(0, np.int64)]
+        kept = [TimedRows(np.empty(0, np.int64), NO_ROWS)]
+        for part in parts:
+            names = part.rows.track_id.tolist()  # as numbers at once: a column of text is as wide as its longest
+            if NO_ID in names:
+                times = part.time_ns.tolist()
+                names = [name or f"{time}/{next(nameless)}" for name, time in zip(names, times, strict=True)]
+            of.append(np.fromiter(map(numbers.__getitem__, names), np.int64, len(names)))
+            kept.append(part)
+        vehicles = np.array(list(numbers), dtype=np.str_)
         return cls(
-            track_id=np.array(names, dtype=np.str_),
-            time_ns=np.concatenate(times),
-            position=np.concatenate([part.position for part in parts]),
-            direction=np.concatenate([part.direction for part in parts]),
-            speed=np.concatenate([part.speed for part in parts]),
-            group=np.concatenate([part.group for part in parts]),
+            track_id=vehicles[np.concatenate(of)] if vehicles.size else np.empty(0, np.str_),
+            time_ns=np.concatenate([part.time_ns for part in kept]),
+            position=np.concatenate([part.rows.position for part in kept]),
+            direction=np.concatenate([part.rows.direction for part in kept]),
+            speed=np.concatenate([part.rows.speed for part in kept]),
+            group=np.concatenate([part.rows.group for part in kept]),
         )
 
     @classmethod

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import rerun as rr
 
-from dirprim_filter.estimates import Estimates, TrackedFrame
-from dirprim_filter.viewer import marks
-from dirprim_filter.viewer.blueprint import TIMELINE
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.viewer import marks, shapes
+from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
+from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
+from dirprim_filter.viewer.timeline import time_column
 from tessellation.arrays import FloatArray
 
 Columns = tuple[str, rr.TimeColumn, rr.ComponentColumnList]
 """An entity, its instants, and what it shows at each."""
+POLAR = ("prior", "cue", "posterior", "belief")
+SOUTHWARDS = np.array([1.0, -1.0])
+"""Two-dimensional views count y downwards."""
 
 
 class FrameBatch:
@@ -21,28 +27,49 @@ class FrameBatch:
 
     Args:
         particle_stride: one particle in so many is kept.
+        particle_color: what their colour tells.
+        primitives: the map, for what the prior says of the vehicle to look at.
+        depth: metres of ground in view: labels and rings keep their size on the screen.
     """
 
-    def __init__(self, *, particle_stride: int) -> None:
-        self._stride = particle_stride
+    def __init__(
+        self,
+        *,
+        particle_stride: int,
+        particle_color: marks.ParticleColor = "direction",
+        primitives: PrimitiveMap | None = None,
+        depth: float = 100.0,
+    ) -> None:
+        self._depth = depth
+        self._stride, self._color, self._primitives = particle_stride, particle_color, primitives
         self._time_ns: list[int] = []
         self._believed: list[Estimates] = []
         self._detected: list[FloatArray] = []
-        self._particles: list[tuple[FloatArray, FloatArray]] = []
+        self._particles: list[marks.Dots] = []
         self._steps: list[tuple[list[str], FloatArray]] = []
+        self._looks: list[Look | None] = []
+        self._metrics: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
 
     def __len__(self) -> int:
         return len(self._time_ns)
 
-    def add(self, frame: TrackedFrame, stepped: list[str], steps: FloatArray) -> None:
-        """Take a frame, and the steps (n, 2, 2) of the vehicles of it that were seen before."""
+    def add(
+        self,
+        frame: TrackedFrame,
+        *,
+        steps: tuple[list[str], FloatArray],
+        look: Look | None,
+        metrics: Mapping[str, tuple[float, ...]],
+    ) -> None:
+        """Take a frame, the steps (n, 2, 2) of the vehicles of it that were seen before, and what is told of it."""
         self._time_ns.append(frame.time_ns)
         self._believed.append(frame.estimates)
         self._detected.append(frame.detections.position)
-        kept = slice(None, None, self._stride)
-        # Copies, so that the other particles need not be kept until the batch is sent.
-        self._particles.append((frame.particles.position[kept].copy(), frame.particles.direction[kept].copy()))
-        self._steps.append((stepped, steps))
+        self._particles.append(marks.Dots.of(_thinned(frame.particles, self._stride), self._color))
+        self._steps.append(steps)
+        self._looks.append(look)
+        for entity, row in metrics.items():
+            self._metrics.setdefault(entity, []).append((frame.time_ns, row))
 
     def columns(self) -> Iterator[Columns]:
         """What the frames show; a vehicle that a frame does not name vanishes in it."""
@@ -53,32 +80,87 @@ class FrameBatch:
         n_believed = [len(part) for part in self._believed]
         for entity, draw in (
             ("/tracks/estimates", marks.estimates),
-            ("/tracks/ids", marks.ids),
             ("/tracks/motion", marks.motion),
-            ("/tracks/covariance", marks.covariance),
         ):
             yield entity, times, draw(believed).partition(n_believed)
+        yield "/tracks/ids", times, marks.ids(believed, depth=self._depth).partition(n_believed)
+        unseen = believed.unseen_s > UNSEEN_S
+        for entity, chosen in (
+            ("/tracks/covariance", ~unseen),
+            ("/tracks/unseen", unseen & (shapes.reach(believed.covariance) < marks.WIDEST_UNSEEN)),
+        ):
+            frame = np.repeat(np.arange(len(n_believed)), n_believed)
+            counts = np.bincount(frame[chosen], minlength=len(n_believed))
+            yield entity, times, marks.covariance(believed[chosen]).partition(counts)
         n_detected = [len(part) for part in self._detected]
         yield "/detections", times, marks.detections(np.concatenate(self._detected)).partition(n_detected)
-        position, direction = (np.concatenate(parts) for parts in zip(*self._particles, strict=True))
-        n_particles = [len(part) for part, _ in self._particles]
-        yield "/tracks/particles", times, marks.particles(position, direction).partition(n_particles)
+        n_particles = [len(dots.color) for dots in self._particles]
+        yield "/tracks/particles", times, marks.particles(self._particles).partition(n_particles)
         stepped = [name for names, _ in self._steps for name in names]
         steps = marks.trails(stepped, np.concatenate([part for _, part in self._steps]))
         yield "/tracks/trails", times, steps.partition([len(names) for names, _ in self._steps])
-        yield from self._metrics(times, n_believed)
+        yield from self._of_focus(times)
+        for entity, rows in self._metrics.items():
+            when = time_column([time_ns for time_ns, _ in rows])
+            yield entity, when, _curves(np.array([values for _, values in rows]))
 
-    def _metrics(self, times: rr.TimeColumn, n_believed: Sequence[int]) -> Iterator[Columns]:
-        yield "/metrics/vehicles", times, rr.Scalars.columns(scalars=n_believed)
-        known = [(time_ns, part) for time_ns, part in zip(self._time_ns, self._believed, strict=True) if len(part)]
-        if known:
-            when = time_column([time_ns for time_ns, _ in known])
-            ess = [part.effective_sample_size.mean() for _, part in known]
-            evidence = [part.log_evidence.mean() for _, part in known]
-            yield "/metrics/ess", when, rr.Scalars.columns(scalars=ess)
-            yield "/metrics/log_evidence", when, rr.Scalars.columns(scalars=evidence)
+    def _of_focus(self, times: rr.TimeColumn) -> Iterator[Columns]:
+        looks = self._looks
+        n_shown = [int(look is not None) for look in looks]
+        shown = [look for look in looks if look is not None]
+        places = np.array([look.position for look in shown]).reshape(-1, 2)
+        yield "/focus/ring", times, marks.ring(places, depth=self._depth).partition(n_shown)
+        yield "/focus/speed", times, _curves(speed_rows(looks, self._primitives))
+        curves = [polar_curves(look, self._primitives) for look in shown]
+        for name in POLAR:
+            strips = [SOUTHWARDS * getattr(curve, name) for curve in curves]
+            if strips:
+                yield f"/polar/{name}", times, rr.LineStrips2D.columns(strips=strips).partition(n_shown)
+        if shown:
+            names = rr.Points2D.columns(positions=np.tile([-1.2, 1.2], (len(shown), 1)),
+                                        labels=[look.track_id for look in shown])  # fmt: skip
+            yield "/polar/vehicle", times, names.partition(n_shown)
 
 
-def time_column(time_ns: Sequence[int]) -> rr.TimeColumn:
-    """Instants of the log, exact to the nanosecond."""
-    return rr.TimeColumn(TIMELINE, timestamp=np.array(time_ns, dtype=np.int64).astype("datetime64[ns]"))
+def _thinned(particles: Particles, stride: int) -> Particles:
+    """One particle in so many; a copy of them, so that the others need not be kept."""
+    if stride == 1:
+        return particles
+    kept = slice(None, None, stride)
+    return Particles(
+        position=particles.position[kept], direction=particles.direction[kept], speed=particles.speed[kept],
+        weight=particles.weight[kept], vehicle=particles.vehicle[kept], mode=particles.mode[kept],
+    )  # fmt: skip
+
+
+def _curves(rows: FloatArray) -> rr.ComponentColumnList:
+    """(n, k) values of k curves."""
+    return rr.Scalars.columns(scalars=rows.ravel()).partition([rows.shape[1]] * len(rows))
+
+
+def lane_columns(lines: Lifelines) -> Iterator[Columns]:
+    """What has changed in the lanes and in the diary since the last time."""
+    for lane, changes in lines.changes.items():
+        times = time_column([change.time_ns for change in changes])
+        states = [change.state for change in changes if change.state]
+        n_states = [int(bool(change.state)) for change in changes]
+        yield lane_path(lane), times, rr.StateChange.columns(state=states).partition(n_states)
+    if lines.entries:
+        entries = lines.entries
+        told = rr.TextLog.columns(text=[e.text for e in entries], level=[e.level for e in entries])
+        yield "/events", time_column([e.time_ns for e in entries]), told
+
+
+def lane_path(lane: int) -> str:
+    """The entity of a lane."""
+    return f"/vehicles/{lane + 1:02d}"
+
+
+def lane_styles(lines: Lifelines) -> Iterator[tuple[str, rr.StateConfiguration]]:
+    """The colours of the states of lanes that have changed."""
+    for lane in lines.changes:
+        states = lines.states[lane]
+        yield (
+            lane_path(lane),
+            rr.StateConfiguration(values=list(states), labels=list(states), colors=list(states.values())),
+        )

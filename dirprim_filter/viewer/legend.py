@@ -18,15 +18,22 @@ BAR_WIDTH = 0.3
 """As a share of the view's width; in the corner, where there are fewest roads."""
 
 TEXT = """\
-**Roses**: how vehicles move in a cell. A petal points where they go; its area is their share; its colour is
-their mean speed, from violet (0 m/s) to yellow ({fastest:g} m/s and more). A violet disc: they stand there.
+**Roses**: how vehicles move in a cell. A petal points where they go and bends as they do; its area is their share; its
+colour is their mean speed, from violet (0 m/s) to yellow ({fastest:g} m/s and more). A violet disc: they stand there.
 
 **White dots**: detections. **White outlines**: true vehicles, where known.
 
-**Small coloured dots**: particles, coloured by direction: amber east, green north, blue west, magenta south.
+**Large dots, arrows, ellipses**: estimates, where they will be in one second, and the region that holds the vehicle
+with 90 % probability. Dark: out of sight. **Lines behind**: the last five seconds.
 
-**Large dots, arrows, ellipses**: estimates, where they will be in one second, and the region that holds the
-vehicle with 90 % probability. **Lines behind**: the last five seconds. **Thin lines ahead**: sampled futures.
+**Fans, thin lines**: where it may be next, with 90 and 50 % probability, and some sampled futures.
+
+**Small dots**: particles. By direction: amber east, green north, blue west, magenta south.
+
+**White ring**: the vehicle that the filter understands least, or the one asked for. Its speed and its direction are
+plotted: the prior of its place, the cue (its course of the last second), and both together, Eq. 4.
+
+Layers are switched on and off in the panel on the left.
 """
 
 

@@ -6,26 +6,40 @@ kind share is in `STYLES`, said once for the whole log.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from dirprim_filter.estimates import Estimates
+from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
-from dirprim_filter.viewer.colors import direction_color, speed_color, track_color, with_alpha
+from dirprim_filter.viewer.colors import (
+    ByteArray,
+    direction_color,
+    mode_color,
+    probability_color,
+    speed_color,
+    track_color,
+    with_alpha,
+)
+from dirprim_filter.viewer.fans import fan_triangles
+from dirprim_filter.viewer.lifelines import UNSEEN_S
 from tessellation import Tessellation
 from tessellation.arrays import FloatArray
 
 CONFIDENCE = 0.9
 """Ellipses hold this probability."""
-ELLIPSE_VERTICES = 24
+FANS: Mapping[str, float] = {"/forecasts/region_90": 0.9, "/forecasts/region_50": 0.5}
+"""Entities of the fans of forecasts, and the probability that each holds."""
+ParticleColor = Literal["direction", "mode", "weight"]
+PARTICLE_COLORS: tuple[ParticleColor, ...] = get_args(ParticleColor)
 
 FROM_BELOW = (
-    "cells", "roses", "forecasts", "trails", "truth",
-    "particles", "covariance", "motion", "estimates", "detections", "ids",
+    "cells", "roses", "region_90", "region_50", "forecasts", "trails", "truth",
+    "particles", "covariance", "motion", "ring", "estimates", "detections", "ids",
 )  # fmt: skip
 HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate(FROM_BELOW)}
 """Metres above the ground: what lies in one plane would flicker."""
@@ -34,8 +48,19 @@ ROSE_THICKNESS = 0.05
 ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 FORECAST_OPACITY = 0.25
-ID_OFFSET = np.array([0.0, 5.0])
-"""Metres; a label on the vehicle would hide what it names."""
+FAN_OPACITY = 0.2
+FAN_STRIDE = 2
+"""Every second instant is enough for a fan."""
+PATHS_DRAWN = 10
+"""Of each vehicle at most; their fans hold them all."""
+UNSEEN_SHADE = 0.5
+"""Vehicles out of sight are darker by this factor."""
+WIDEST_UNSEEN = 6.0
+"""Metres, standard deviation; of a vehicle out of sight that may be anywhere, no ellipse is drawn."""
+RING_RADIUS = 0.045
+"""Of the depth of ground in view, around the vehicle to look at."""
+ID_OFFSET = 0.035
+"""Of the depth of ground in view, northwards; a label on the vehicle would hide what it names."""
 
 GREY = (70, 80, 100)
 WHITE = (255, 255, 255)
@@ -49,10 +74,15 @@ def _points(radius: float) -> npt.ArrayLike:
 STYLES: Mapping[str, rr.AsComponents] = {
     "/truth": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(0.75)),
     "/detections": rr.Points3D.from_fields(colors=WHITE, radii=_points(2.5)),
-    "/forecasts": rr.LineStrips3D.from_fields(radii=_points(0.5)),
+    "/truth/trails": rr.LineStrips3D.from_fields(colors=(150, 155, 165), radii=_points(0.5)),
+    "/forecasts/paths": rr.LineStrips3D.from_fields(radii=_points(0.5)),
+    "/forecasts/region_90": rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, round(255 * FAN_OPACITY))),
+    "/forecasts/region_50": rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, round(255 * FAN_OPACITY))),
+    "/focus/ring": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(1.0)),
     "/tracks/trails": rr.LineStrips3D.from_fields(radii=_points(1.0)),
     "/tracks/particles": rr.Points3D.from_fields(radii=_points(1.0)),
-    "/tracks/covariance": rr.LineStrips3D.from_fields(radii=_points(1.0)),
+    "/tracks/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.75)),
+    "/tracks/unseen": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5), fill_mode="majorwireframe"),
     "/tracks/motion": rr.Arrows3D.from_fields(radii=_points(1.5)),
     "/tracks/estimates": rr.Points3D.from_fields(radii=_points(3.0)),
     "/tracks/ids": rr.Points3D.from_fields(radii=_points(0.0), show_labels=True),
@@ -80,6 +110,17 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
     )
 
 
+def paint(particles: Particles, by: ParticleColor) -> ByteArray:
+    """The colours of particles: by direction, by the mode that they follow, or by weight in their vehicle."""
+    if by == "direction":
+        return direction_color(particles.direction)
+    if by == "mode":
+        return mode_color(particles.mode)
+    greatest = np.zeros(int(particles.vehicle.max(initial=-1)) + 1)
+    np.maximum.at(greatest, particles.vehicle, particles.weight)
+    return probability_color(particles.weight / greatest[particles.vehicle])
+
+
 def truth(tracks: Tracks) -> rr.ComponentColumnList:
     """The outline of the vehicle of each row."""
     outline = shapes.vehicle_outline(tracks.position, tracks.direction)
@@ -91,23 +132,41 @@ def detections(position: FloatArray) -> rr.ComponentColumnList:
     return rr.Points3D.columns(positions=_raised(position, HEIGHT["detections"]))
 
 
-def particles(position: FloatArray, direction: FloatArray) -> rr.ComponentColumnList:
-    """Small dots in the colour of their direction."""
-    place = _raised(position, HEIGHT["particles"])
-    return rr.Points3D.columns(positions=place, colors=direction_color(direction))
+class Dots(NamedTuple):
+    """Particles as the viewer keeps them: they come by the hundred thousand, and are copied as seldom as can be.
+
+    Attributes:
+        place: (n, 3) float32 metres.
+        color: (n,) uint32, red in the highest byte.
+    """
+
+    place: npt.NDArray[np.float32]
+    color: npt.NDArray[np.uint32]
+
+    @classmethod
+    def of(cls, shown: Particles, by: ParticleColor) -> Dots:
+        """Particles in their colours."""
+        packed = np.ascontiguousarray(paint(shown, by)).view(">u4")[:, 0].astype(np.uint32)
+        return cls(_raised(shown.position, HEIGHT["particles"]), packed)
+
+
+def particles(parts: Sequence[Dots]) -> rr.ComponentColumnList:
+    """Small dots, of one instant after the other."""
+    place, color = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return rr.Points3D.columns(positions=place, colors=color)
 
 
 def estimates(believed: Estimates) -> rr.ComponentColumnList:
     """Large dots in the vehicle's colour."""
     place = _raised(believed.position, HEIGHT["estimates"])
-    return rr.Points3D.columns(positions=place, colors=track_color(believed.track_id))
+    return rr.Points3D.columns(positions=place, colors=_shade(believed))
 
 
-def ids(believed: Estimates) -> rr.ComponentColumnList:
-    """The vehicles' names, beside them."""
+def ids(believed: Estimates, *, depth: float) -> rr.ComponentColumnList:
+    """The vehicles' names, beside them; `depth` metres of ground are in view."""
     return rr.Points3D.columns(
-        positions=_raised(believed.position + ID_OFFSET, HEIGHT["ids"]),
-        colors=track_color(believed.track_id),
+        positions=_raised(believed.position + np.array([0.0, ID_OFFSET * depth]), HEIGHT["ids"]),
+        colors=_shade(believed),
         labels=[str(name) for name in believed.track_id],
     )
 
@@ -117,17 +176,21 @@ def motion(believed: Estimates) -> rr.ComponentColumnList:
     return rr.Arrows3D.columns(
         origins=_raised(believed.position, HEIGHT["motion"]),
         vectors=_raised(shapes.motion_arrow(believed.direction, believed.speed), 0.0),
-        colors=track_color(believed.track_id),
+        colors=_shade(believed),
     )
 
 
 def covariance(believed: Estimates) -> rr.ComponentColumnList:
     """Ellipses that hold `CONFIDENCE`."""
-    ellipse = shapes.covariance_ellipse(
-        believed.position, believed.covariance, probability=CONFIDENCE, n_vertices=ELLIPSE_VERTICES
+    half_axes, angle = shapes.covariance_axes(believed.covariance, probability=CONFIDENCE)
+    turn = np.zeros((len(believed), 4), dtype=np.float32)
+    turn[:, 2], turn[:, 3] = np.sin(0.5 * angle), np.cos(0.5 * angle)
+    return rr.Ellipsoids3D.columns(
+        centers=_raised(believed.position, HEIGHT["covariance"]),
+        half_sizes=_raised(half_axes, 0.0),
+        quaternions=turn,
+        colors=_shade(believed),
     )
-    color = track_color(believed.track_id)
-    return rr.LineStrips3D.columns(strips=_raised(ellipse, HEIGHT["covariance"]), colors=color)
 
 
 def trails(track_id: Sequence[str], step: FloatArray) -> rr.ComponentColumnList:
@@ -136,12 +199,46 @@ def trails(track_id: Sequence[str], step: FloatArray) -> rr.ComponentColumnList:
     return rr.LineStrips3D.columns(strips=_raised(step, HEIGHT["trails"]), colors=color)
 
 
+def true_trails(step: FloatArray) -> rr.ComponentColumnList:
+    """The step of each true vehicle. (n, 2, 2) metres."""
+    return rr.LineStrips3D.columns(strips=_raised(step, HEIGHT["truth"]))
+
+
+def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
+    """A circle around the vehicle to look at, (n, 2) metres; `depth` metres of ground are in view."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 37)
+    circle = position[:, None] + RING_RADIUS * depth * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return rr.LineStrips3D.columns(strips=_raised(circle, HEIGHT["ring"]))
+
+
 def forecasts(track_id: Sequence[str], paths: FloatArray) -> rr.ComponentColumnList:
     """The sampled futures of each vehicle as thin lines. (n, n_samples, n_steps, 2) metres."""
+    paths = paths[:, :PATHS_DRAWN]
     n, n_samples, n_steps, _ = paths.shape
     color = np.repeat(with_alpha(track_color(track_id), FORECAST_OPACITY), n_samples, axis=0)
     lines = _raised(paths.reshape(n * n_samples, n_steps, 2), HEIGHT["forecasts"])
     return rr.LineStrips3D.columns(strips=lines, colors=color)
+
+
+def fans(track_id: Sequence[str], paths: FloatArray) -> Iterator[tuple[str, rr.ComponentColumnList]]:
+    """The fans of all vehicles at one instant, by entity. (n, n_samples, n_steps, 2) metres."""
+    color = track_color(track_id)
+    of_vehicle = [fan_triangles(futures[:, ::FAN_STRIDE], tuple(FANS.values())) for futures in paths]
+    for k, entity in enumerate(FANS):
+        parts = [fan[k] for fan in of_vehicle]
+        corner = np.concatenate([np.empty((0, 3, 2)), *parts]).reshape(-1, 2)
+        shade = np.repeat(color, [3 * len(part) for part in parts], axis=0)
+        height = HEIGHT[entity.rsplit("/", 1)[-1]]
+        mesh = rr.Mesh3D.columns(vertex_positions=_raised(corner, height), vertex_colors=shade)
+        yield entity, mesh.partition([len(corner)])
+
+
+def _shade(believed: Estimates) -> ByteArray:
+    """The colours of vehicles; of those out of sight darker."""
+    color = track_color(believed.track_id)
+    unseen = believed.unseen_s > UNSEEN_S
+    color[unseen, :3] = np.rint(UNSEEN_SHADE * color[unseen, :3])
+    return color
 
 
 def _raised(points: FloatArray, height: FloatArray | float) -> npt.NDArray[np.float32]:

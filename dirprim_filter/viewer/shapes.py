@@ -38,6 +38,8 @@ SECTOR_VERTICES = 4
 POINTS_IN_SECTOR = 64
 """Directions at which a density is taken to integrate it over a sector; a mode of the greatest concentration has a
 standard deviation of 0.6 degrees."""
+MOST_BEND = 1.0
+"""Radians by which a petal turns at most from its root to its tip."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
 
@@ -62,7 +64,8 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     """One petal for each mode of its own of each cell that holds data; a disc for that of standing vehicles.
 
     The radius at direction theta is R sqrt(w VM(theta; mu, k) / VM(mu; mu, K)) with R the cell's radius times
-    `REACH`, K = `SHARPEST_PETAL` and k = min(kappa, K): the area is proportional to w, whatever kappa.
+    `REACH`, K = `SHARPEST_PETAL` and k = min(kappa, K): the area is proportional to w, whatever kappa. Where the mode
+    bends, so does the petal: as much along its way as the mode's mean direction turns along it.
     """
     direction = primitives.direction
     own = slice(0, direction.weight.shape[1] - primitives.n_place_free_modes)
@@ -80,7 +83,8 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     reach = REACH * 0.5 * np.sqrt(primitives.tessellation.area[cell])
     radius = reach[:, None] * np.sqrt(weight[:, None] * np.exp(log_p))
     center = primitives.tessellation.centers[cell][:, None, :]
-    rim = center + radius[..., None] * _heading(theta)
+    curvature = (primitives.bend[cell, mode] * _heading(mean)).sum(axis=-1)
+    rim = center + _along_arc(radius, theta, np.clip(curvature, -MOST_BEND / reach, MOST_BEND / reach)[:, None])
     return Petals(
         polygon=np.concatenate([center, rim], axis=1),
         mean_speed=primitives.speed.mean[cell, mode],
@@ -210,6 +214,13 @@ def covariance_axes(covariance: FloatArray, *, probability: float) -> tuple[Floa
     return half_axes, np.arctan2(axis[..., 1, 0], axis[..., 0, 0])
 
 
+def reach(covariance: FloatArray) -> FloatArray:
+    """Standard deviation along the longest axis of Gaussians. (..., 2, 2) square metres -> (...) metres."""
+    half_trace = 0.5 * (covariance[..., 0, 0] + covariance[..., 1, 1])
+    apart = np.hypot(0.5 * (covariance[..., 0, 0] - covariance[..., 1, 1]), covariance[..., 0, 1])
+    return np.asarray(np.sqrt(half_trace + apart))
+
+
 def covariance_ellipse(
     mean: FloatArray, covariance: FloatArray, *, probability: float, n_vertices: int = 48
 ) -> FloatArray:
@@ -232,6 +243,16 @@ def vehicle_outline(
     body = np.array([[-0.5, -0.5], [0.28, -0.5], [0.5, 0.0], [0.28, 0.5], [-0.5, 0.5], [-0.5, -0.5]])
     outline: FloatArray = position[:, None, :] + _turned(body * [length, width], np.asarray(direction)[:, None])
     return outline
+
+
+def _along_arc(length: FloatArray, direction: FloatArray, curvature: FloatArray) -> FloatArray:
+    """Where one gets who sets out in a direction and turns by `curvature` in each metre. (...) -> (..., 2) metres.
+
+    The chord of the arc points half its turn aside, and is shorter than the arc by sinc of half its turn.
+    """
+    half_turn = 0.5 * curvature * length
+    chord: FloatArray = length * np.sinc(half_turn / np.pi)
+    return chord[..., None] * _heading(direction + half_turn)
 
 
 def _heading(direction: FloatArray) -> FloatArray:

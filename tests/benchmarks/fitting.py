@@ -1,17 +1,19 @@
 """What the fit of a cell costs, and what a log of many rows costs: `python tests/benchmarks/fitting.py [most rows]`.
 
-Defends four decisions: rows of a large cell are merged before EM (the time hardly depends on their number, the likelihood
-of the rows themselves on it less than 1e-3 nat); EM is accelerated and given up early where a mode more is hopeless; cells
-are sorted by counting; and one compiled pass serves all cells. The peer is EM as it is written in numpy: whole arrays, log
-space, three modes given, directions alone, until the mean log likelihood gains less than 1e-6 or 100 iterations have
-passed. Ours counts the modes by BIC and fits the speeds as well, from raw arrays. The cell is the mixture of the paper's
-Fig. 2: modes at -45, 0 and 45 degrees of concentration 20, of one third each, with speeds Gamma(20, 2).
+Defends four decisions: rows of a large cell are merged before EM (the time hardly depends on their number, the
+likelihood of the rows themselves on it less than 1e-3 nat); EM is accelerated and given up early where a mode more is
+hopeless; cells are sorted by counting; and one compiled pass serves all cells. The peer is EM as it is written in
+numpy: whole arrays, log space, three modes given, directions alone, until the mean log likelihood gains less than
+1e-6 or 100 iterations have passed. Ours counts the modes by BIC and fits the speeds as well, from raw arrays. The
+cell is the mixture of the paper's Fig. 2: modes at -45, 0 and 45 degrees of concentration 20, of one third each, with
+speeds Gamma(20, 2).
 """
 
 import resource
 import sys
 import time
 import tracemalloc
+from functools import partial
 
 import numpy as np
 from scipy.special import i0e, i1e, logsumexp
@@ -78,8 +80,8 @@ def against_numpy():
         direction, speed = fig_2(n, np.random.default_rng(0))
         ours, theirs = np.inf, np.inf
         for _ in range(3):  # taking turns, as others may share the machine
-            ours = min(ours, least(lambda: fit_motion(direction, speed), 0.5))
-            theirs = min(theirs, least(lambda: em_in_numpy(direction), 0.5))
+            ours = min(ours, least(partial(fit_motion, direction, speed), 0.5))
+            theirs = min(theirs, least(partial(em_in_numpy, direction), 0.5))
         modes, speeds = fit_motion(direction, speed)
         bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.025)
         exact = fit_all(CellRows.one(direction, speed, n_vehicles=n), bounds, at_once=True, worth_merging=10**9)

@@ -1,4 +1,3 @@
-# ruff: noqa: T201 - a table is what it is for
 """Is the particle filter's step cheap enough to write it ourselves, and does `dirprim track` keep up with a log?
 
 Decision: compiled kernels of our own instead of Stone Soup 1.9 or `particles` 0.3. One step, predict, weigh, resample,

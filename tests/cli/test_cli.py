@@ -60,7 +60,8 @@ def test_info_names_the_topics_that_carry_tracks(log, few, capsys):
     assert "tracks in: /objects, /objects/scene" in capsys.readouterr().out
     assert dirprim("info", log, "--json") == DONE
     told = json.loads(capsys.readouterr().out)
-    assert set(told) == {"topics", "messages", "start_ns", "end_ns", "damage"}
+    assert set(told) >= {"topics", "messages", "start_ns", "end_ns", "damage"}
+    assert told["is_checked"]
     topics = {topic["name"]: topic for topic in told["topics"]}
     assert set(topics["/objects"]) == {"name", "schema", "encoding", "messages", "tracks"}
     assert topics["/objects"]["tracks"] == few.n_tracks
@@ -114,9 +115,10 @@ def test_what_exists_is_not_overwritten_without_force(log, learned, tmp_path, ca
 
 
 def test_options_reach_the_library(log, tmp_path):
-    assert dirprim("learn", log, "-o", tmp_path / "m", "--cell-size", 9, "--modes", "dbscan", "--seed", 3) == DONE
+    square = ("--tessellation", "grid", "--cell-size", 9)
+    assert dirprim("learn", log, "-o", tmp_path / "m", *square, "--modes", "dbscan", "--seed", 3) == DONE
     assert load_map(tmp_path / "m").tessellation.cell_size == 9.0
-    assert dirprim("learn", log, "-o", tmp_path / "n", "--cell-size", 9, "--end", "2000000000") == DONE
+    assert dirprim("learn", log, "-o", tmp_path / "n", *square, "--end", "2000000000") == DONE
     assert load_map(tmp_path / "n").n_rows[-1] < load_map(tmp_path / "m").n_rows[-1]
 
 
@@ -217,10 +219,10 @@ def test_forecast_asks_for_a_state_or_a_log(learned, options):
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch, log):
-    def broken(_path):
+    def broken(_path, **_options):
         raise TypeError("a bug")
 
-    monkeypatch.setattr("dirprim_filter.recording.reader.inspect", broken)
+    monkeypatch.setattr("dirprim_filter.recording.inspection.inspect", broken)
     with pytest.raises(TypeError, match="a bug"):
         dirprim("info", log)
 

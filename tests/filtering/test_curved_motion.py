@@ -33,7 +33,9 @@ def off_the_ring(primitive_map, *, horizon_s=3.0):
 def test_on_a_ring_futures_of_a_curved_map_keep_the_lane_better_than_those_of_a_flat_one(ring, cell_size):
     curved, flat = (  # by their primitives alone
         replace(
-            learn_primitives(ring, cell_size=cell_size, primitive=primitive, rng=np.random.default_rng(0)),
+            learn_primitives(
+                ring, tessellation="grid", cell_size=cell_size, primitive=primitive, rng=np.random.default_rng(0)
+            ),
             journeys=Journeys.none(),
         )
         for primitive in ("curved", "flat")

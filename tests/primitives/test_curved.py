@@ -176,7 +176,9 @@ def test_others_vehicles_are_likelier_with_curved_primitives_than_with_flat_ones
     test = ring_traffic(np.random.default_rng(5), n_vehicles=20)
 
     def score(primitive):
-        learned = learn_primitives(ring, cell_size=6.0, primitive=primitive, rng=np.random.default_rng(0))
+        learned = learn_primitives(
+            ring, tessellation="grid", cell_size=6.0, primitive=primitive, rng=np.random.default_rng(0)
+        )
         assert bool(learned.bend.any()) == (primitive == "curved")
         return learned.log_density(test.position, test.direction, test.speed).mean()
 

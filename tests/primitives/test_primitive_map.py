@@ -36,7 +36,7 @@ def lankershim_map(real_data):
         speed=speed,
     )
     config = LearningConfig(prior_strengths=(0.002,))
-    return learn_primitives(tracks, cell_size=7.0, config=config, rng=np.random.default_rng(0))
+    return learn_primitives(tracks, tessellation="grid", cell_size=7.0, config=config, rng=np.random.default_rng(0))
 
 
 @pytest.fixture(params=["ring_map", "lankershim_map"])

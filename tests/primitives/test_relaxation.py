@@ -57,7 +57,7 @@ def test_the_rates_of_known_traffic_are_learned_to_five_standard_errors(directio
 
 
 def test_vehicles_that_keep_to_their_lane_exactly_have_the_least_rate_and_drift(ring):
-    learned = learn_primitives(ring, cell_size=6.0, rng=np.random.default_rng(0)).relaxation
+    learned = learn_primitives(ring, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(0)).relaxation
     assert learned.drift == 0.02
     assert learned.place_free_speed_rate == RATES[0]  # every vehicle drives at a speed of its own for ever
     # turning at 8 m/s on 20 m is 0.4 rad/s: over steps of 0.2 s a diffusion of 0.4^2 0.2 rad^2/s

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -179,6 +180,19 @@ def test_outlines_are_the_cells_sides(estimate_log):
     assert len(sides) == 8
     np.testing.assert_allclose(np.abs(sides[:, 1] - sides[:, 0]).sum(axis=1), 10.0)
     assert len(roses.triangles[0].points) == 9
+    told = [(c.r, c.g, c.b, c.a) for c in roses.triangles[0].colors]
+    np.testing.assert_array_equal(told, np.repeat(scene.petal_colors(a_map()), 3, axis=0))
+
+
+def test_the_fastest_petal_is_yellow_and_the_slowest_the_darkest():
+    rate = np.array([[0.5, 0.1, 1.0], [0.2, 1.0, 1.0], [1.0, 1.0, 1.0]])
+    primitive_map = replace(a_map(), speed=Gamma(shape=np.full((3, 3), 2.0), rate=rate))
+    color = scene.petal_colors(primitive_map)
+    speed = np.array([4.0, 20.0, 10.0])
+    assert color.shape == (speed.size, 4)
+    np.testing.assert_allclose(color[speed.argmax(), :3], scene.SLOW_TO_FAST[-1])
+    lightness = color[:, :3] @ [0.2126, 0.7152, 0.0722]
+    np.testing.assert_array_equal(np.argsort(lightness), np.argsort(speed))
 
 
 def test_forecasts_are_lines(estimate_log):

@@ -5,7 +5,7 @@ import logging
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Grid_pb2 import Grid
 from google.protobuf import descriptor_pool
 from mcap.reader import make_reader
 from mcap_files import DATA, scene, write_protobuf_log
@@ -240,12 +240,12 @@ def test_of_several_scenes_the_one_with_objects_and_most_messages_is_read(tmp_pa
 
 
 def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path):
-    path = write_protobuf_log(tmp_path / "log.mcap", [("/pose", 1, PoseInFrame()), ("/lanes", 1, scene([]))])
+    path = write_protobuf_log(tmp_path / "log.mcap", [("/floor", 1, Grid()), ("/lanes", 1, scene([]))])
     with pytest.raises(NoTracksError) as told:
         read_tracks(path)
     for part in (
         "log.mcap",
-        "/pose (foxglove.PoseInFrame)",
+        "/floor (foxglove.Grid)",
         "/lanes (foxglove.SceneUpdate)",
         "osi3.GroundTruth",
     ):
@@ -298,15 +298,19 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "start_ns": stock.message_start_time,
         "end_ns": stock.message_end_time,
         "damage": [],
+        "is_checked": True,
+        "stamps": {"zero": 1, "backward": 0, "duplicate": 0},
+        "attachments": [],
+        "metadata": [],
     }  # fmt: skip
 
 
 def test_inspect_tells_tracks_only_of_schemas_that_carry_them_and_damage(tmp_path):
-    path = write_protobuf_log(tmp_path / "log.mcap", [*circling(n=5), ("/pose", 1, PoseInFrame())])
+    path = write_protobuf_log(tmp_path / "log.mcap", [*circling(n=5), ("/floor", 1, Grid())])
     path.write_bytes(path.read_bytes()[:-8])
     summary = inspect(path)
     assert [(topic.name, topic.messages, topic.tracks) for topic in summary.topics] == [
-        ("/markers", 5, 1), ("/pose", 1, None),
+        ("/floor", 1, None), ("/markers", 5, 1),
     ]  # fmt: skip
     assert [damage["kind"] for damage in summary.as_json()["damage"]] == ["magic"]
     empty = inspect(write_protobuf_log(tmp_path / "empty.mcap", []))

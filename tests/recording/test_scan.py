@@ -136,7 +136,13 @@ def test_conformance_files_read_to_what_their_json_says():
     assert len(described) == 416
     for path in described:
         log = scan(path.with_suffix(".mcap"))
-        expected, metadata = _described(json.loads(path.read_text())["records"])
+        parts = json.loads(path.read_text())["records"]
+        expected, metadata = _described(parts)
+        attached = [dict(part["fields"]) for part in parts if part["type"] == "Attachment"]
+        assert [(a.name, a.media_type, a.log_time_ns, a.create_time_ns, data) for a, data in log.attachments()] == [
+            (a["name"], a["media_type"], int(a["log_time"]), int(a["create_time"]), bytes(map(int, a["data"])))
+            for a in attached
+        ], path.name
         assert [_as_row(message) for message in log] == expected, path.name
         assert log.metadata == metadata, path.name
         assert log.damage == [], path.name

@@ -136,3 +136,24 @@ def test_the_busy_box_is_the_smallest_square_around_the_middle_that_holds_the_sh
 def test_a_map_without_traffic_is_shown_whole(scene_map: PrimitiveMap) -> None:
     for quiet in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):
         assert (shapes.busy_box(quiet, share=0.5) == shapes.map_extent(quiet)).all()
+
+
+def test_a_petal_bends_as_its_mode_does_and_keeps_its_area(scene_map: PrimitiveMap) -> None:
+    bend = np.zeros((4, 3, 2))
+    bend[0, 0] = [0.3, 0.06]  # the mode of the first cell heads north: 0.06 rad in each metre along its way
+    straight = shapes.rose_petals(scene_map).polygon[0]
+    bent = shapes.rose_petals(replace(scene_map, bend=bend)).polygon[0]
+    center = scene_map.tessellation.centers[0]
+    assert bent[0] == pytest.approx(center)
+    length = np.hypot(*(straight - center).T)
+    tip = int(length.argmax())
+    away = bent[tip] - center
+    half_turn = 0.5 * 0.06 * length[tip]  # the chord of an arc points half its turn aside, to the left
+    ahead = straight[tip] - center
+    assert np.arctan2(*away[::-1]) - np.arctan2(*ahead[::-1]) == pytest.approx(half_turn)
+    assert np.hypot(*away) == pytest.approx(length[tip] * np.sin(half_turn) / half_turn)
+    assert area_of(bent) == pytest.approx(area_of(straight), rel=0.05)
+
+
+def test_the_reach_of_a_covariance_is_its_longest_deviation() -> None:
+    assert shapes.reach(COVARIANCE) == pytest.approx(np.sqrt(np.linalg.eigvalsh(COVARIANCE)[-1]))

@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
+from rrd_files import rows_of
 
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import shapes, stream
-from dirprim_filter.viewer.blueprint import TIMELINE
+from dirprim_filter.viewer import program as viewer_room
+from dirprim_filter.viewer import shapes, sink
 from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.timeline import TIMELINE
 
 
 @pytest.fixture(autouse=True)
@@ -27,20 +29,6 @@ def strict() -> Iterator[None]:
     rr.set_strict_mode(True)
     yield
     rr.set_strict_mode(False)
-
-
-def rows_of(path: Path, entity: str, column: str) -> list[tuple[int | None, np.ndarray]]:
-    """(time, values) of each row of one entity, ascending in time; None is static."""
-    rows: list[tuple[int | None, np.ndarray]] = []
-    for chunk in RrdReader(path).stream():
-        batch = chunk.to_record_batch()
-        if chunk.entity_path != entity or column not in batch.schema.names:
-            continue
-        timed = TIMELINE in batch.schema.names
-        times = batch.column(TIMELINE).to_numpy().astype(np.int64).tolist() if timed else [None] * batch.num_rows
-        values = [np.array(v) for v in batch.column(column).to_pylist()]
-        rows += [(t, v) for t, v in zip(times, values, strict=True) if v.ndim]
-    return sorted(rows, key=lambda row: row[0] or 0)
 
 
 def write_all(path: Path, frames: list[TrackedFrame], primitives: PrimitiveMap, **options: int) -> Path:
@@ -69,16 +57,18 @@ def test_vehicles_that_a_frame_does_not_name_vanish(
     for entity, column in [
         ("/detections", "Points3D:positions"), ("/tracks/particles", "Points3D:positions"),
         ("/tracks/estimates", "Points3D:positions"), ("/tracks/ids", "Points3D:labels"),
-        ("/tracks/motion", "Arrows3D:vectors"), ("/tracks/covariance", "LineStrips3D:strips"),
+        ("/tracks/motion", "Arrows3D:vectors"), ("/tracks/covariance", "Ellipsoids3D:half_sizes"),
         ("/tracks/trails", "LineStrips3D:strips"),
     ]:  # fmt: skip
         rows = rows_of(path, entity, column)
         assert len(rows) == len(scene_frames), entity
         assert rows[-2][1].size > 0, entity
         assert rows[-1][1].size == 0, entity
-    vehicles = [float(v[0]) for _, v in rows_of(path, "/metrics/vehicles", "Scalars:scalars")]
-    assert vehicles == [2, 2, 2, 2, 2, 0]
-    assert len(rows_of(path, "/metrics/ess", "Scalars:scalars")) == 5
+    told_of = [v.tolist() for _, v in rows_of(path, "/metrics/existence", "Scalars:scalars")]
+    assert told_of == [[2, 2, 2]] * 5 + [[0, 0, 0]]
+    ess = [v.tolist() for _, v in rows_of(path, "/metrics/ess", "Scalars:scalars")]
+    assert ess[:5] == [[30, 30]] * 5
+    assert np.isnan(ess[5]).all()
 
 
 def test_trails_join_the_estimates_of_one_vehicle(
@@ -121,17 +111,19 @@ def test_a_frame_shows_the_same_whether_it_is_sent_alone_or_in_a_batch(
     tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def shown(name: str, batch: int) -> list[tuple[int | None, np.ndarray]]:
-        monkeypatch.setattr(stream, "BATCH_FRAMES", batch)
+        monkeypatch.setattr(sink, "BATCH_FRAMES", batch)
         path = write_all(tmp_path / name, scene_frames, scene_map)
         columns = [("/tracks/particles", "Points3D:colors"), ("/tracks/trails", "LineStrips3D:strips"),
                    ("/tracks/ids", "Points3D:labels"), ("/metrics/ess", "Scalars:scalars")]  # fmt: skip
         return [row for entity, column in columns for row in rows_of(path, entity, column)]
 
     alone, pairs, whole = (shown(f"{n}.rrd", n) for n in (1, 2, 99))
-    assert len(alone) == 3 * len(scene_frames) + len(scene_frames) - 1
+    assert len(alone) == 4 * len(scene_frames)
     for other in (pairs, whole):
         assert [time for time, _ in other] == [time for time, _ in alone]
-        assert all(np.array_equal(a, b) for (_, a), (_, b) in zip(alone, other, strict=True))
+        assert all(
+            np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for (_, a), (_, b) in zip(alone, other, strict=True)
+        )
 
 
 def test_forecasts_of_one_time_are_shown_together_until_their_vehicle_goes(
@@ -145,7 +137,7 @@ def test_forecasts_of_one_time_are_shown_together_until_their_vehicle_goes(
             sink.write(frame)
             if frame is scene_frames[1]:
                 sink.write_forecast(frame.time_ns, ["7", "8"], np.stack([futures, futures]))
-    first, last = rows_of(tmp_path / "f.rrd", "/forecasts", "LineStrips3D:strips")
+    first, last = rows_of(tmp_path / "f.rrd", "/forecasts/paths", "LineStrips3D:strips")
     assert (first[0], last[0]) == (scene_frames[1].time_ns, later.time_ns)
     assert first[1].shape == (6, 5, 3)
     assert first[1][:3, 1:, :2] == pytest.approx(futures)
@@ -231,11 +223,11 @@ def test_a_viewer_that_does_not_start_is_reported(tmp_path: Path, monkeypatch: p
         ("false", "did not start; it needs a screen"),
         ("/no/such/viewer", "did not start"),
     ]:
-        monkeypatch.setattr(stream, "_viewer_program", lambda program=program: program)
+        monkeypatch.setattr(viewer_room, "viewer_program", lambda program=program: program)
         with pytest.raises(ConnectionError, match=error):
-            stream.show_file(tmp_path / "run.rrd")
-    monkeypatch.setattr(stream, "_viewer_program", lambda: "true")  # it handed the file to a running viewer
-    stream.show_file(tmp_path / "run.rrd")
+            viewer_room.show_files([tmp_path / "run.rrd"])
+    monkeypatch.setattr(viewer_room, "viewer_program", lambda: "true")  # it handed the file to a running viewer
+    viewer_room.show_files([tmp_path / "run.rrd"])
 
 
 def test_the_library_imports_neither_viewer_nor_figures() -> None:

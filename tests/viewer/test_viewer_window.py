@@ -1,9 +1,12 @@
 """The real viewer, without a screen: no view reports an error, and north-east is up and to the right."""
 
 import io
+import os
 import socket
+import subprocess
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,28 +14,37 @@ import pytest
 from matplotlib.image import imread
 from rerun.experimental import ViewerClient
 
-from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Innovations, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer.blueprint import TIMELINE
-from dirprim_filter.viewer.colors import track_color
-from dirprim_filter.viewer.stream import _viewer_program, open_stream
+from dirprim_filter.tracks import Tracks
+from dirprim_filter.viewer.colors import speed_color, track_color
+from dirprim_filter.viewer.curves import PLOTS
+from dirprim_filter.viewer.program import viewer_program
+from dirprim_filter.viewer.side_by_side import show_side_by_side
+from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.timeline import TIMELINE
 
 DRIVERS = [icd for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") for icd in Path(folder).glob("*.json")]
 pytestmark = pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: apt-get install mesa-vulkan-drivers")
 
 
-@pytest.fixture
-def viewer() -> Iterator[ViewerClient]:
+def free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    client = ViewerClient.spawn(headless=True, port=port, executable_path=_viewer_program())
+        return int(free.getsockname()[1])
+
+
+@pytest.fixture
+def viewer() -> Iterator[ViewerClient]:
+    client = ViewerClient.spawn(headless=True, port=free_port(), executable_path=viewer_program())
     yield client
     client.quit()
 
 
-def settled_picture(client: ViewerClient) -> np.ndarray:
+def settled_picture(client: ViewerClient, *, at_least_s: float = 0.0) -> np.ndarray:
     """The window once two pictures in a row agree: data arrive lazily."""
+    time.sleep(at_least_s)
     before = None
     for _ in range(40):
         picture = imread(io.BytesIO(client.take_screenshot()))
@@ -43,11 +55,28 @@ def settled_picture(client: ViewerClient) -> np.ndarray:
     pytest.fail("the viewer's picture never came to rest")
 
 
-def place_of(picture: np.ndarray, rgb: np.ndarray) -> np.ndarray:
+def place_of(picture: np.ndarray, rgb: np.ndarray, *, tolerance: int = 12) -> np.ndarray:
     """(right, up) mean place in pixels of what has the colour."""
-    row, column = np.nonzero(np.abs(255.0 * picture[..., :3] - rgb).max(axis=-1) < 12)
+    row, column = np.nonzero(np.abs(255.0 * picture[..., :3] - rgb).max(axis=-1) < tolerance)
     assert row.size > 20, "nothing of this colour is to be seen"
     return np.array([column.mean(), -row.mean()])
+
+
+def shown_at(client: ViewerClient, time_ns: int) -> np.ndarray:
+    client.set_time(TIMELINE, timestamp=np.datetime64(time_ns, "ns"), play_state="paused")
+    time.sleep(0.5)
+    return settled_picture(client)
+
+
+def map_area(picture: np.ndarray, *, width: float = 0.5) -> np.ndarray:
+    """The part of the window where the map is: the legend's bar below and the plots beside have its colours."""
+    return picture[: int(0.7 * len(picture)), : int(width * picture.shape[1])]
+
+
+def reports_of(client: ViewerClient) -> list[object]:
+    views = client.get_state().views
+    assert views
+    return [report for view in views for report in view.reports]
 
 
 def test_a_vehicle_heading_north_east_goes_up_and_right(
@@ -59,14 +88,80 @@ def test_a_vehicle_heading_north_east_goes_up_and_right(
             sink.write(frame)
     assert (tmp_path / "run.rrd").exists()
     color = track_color(np.array([7]))[0, :3].astype(float)  # vehicle 8 may share it: it goes the same way
-    places = []
-    for frame in (scene_frames[0], scene_frames[4]):
-        viewer.set_time(TIMELINE, timestamp=np.datetime64(frame.time_ns, "ns"), play_state="paused")
-        time.sleep(0.5)
-        places.append(place_of(settled_picture(viewer), color))
-    views = viewer.get_state().views
-    assert "Map, north up" in {view.name for view in views}
-    assert [report for view in views for report in view.reports] == []
+    pictures = [shown_at(viewer, frame.time_ns) for frame in (scene_frames[0], scene_frames[4])]
+    places = [place_of(map_area(picture), color) for picture in pictures]
+    assert "Map, north up" in {view.name for view in viewer.get_state().views}
+    assert reports_of(viewer) == []
     right, up = places[1] - places[0]
     assert right > 5
     assert up > 5
+
+
+def test_petals_lie_where_their_cells_are_in_the_colour_of_their_speed(
+    tmp_path: Path, scene_map: PrimitiveMap, viewer: ViewerClient
+) -> None:
+    fast_slow = replace(
+        scene_map, speed=replace(scene_map.speed, rate=np.array([[4.0, 1, 1], [0.5, 1, 1], [1, 1, 1], [1, 1, 1]]))
+    )
+    with open_stream("dirprim map", save=tmp_path / "map.rrd") as sink:
+        sink.log_map(fast_slow)
+    viewer.open(str(tmp_path / "map.rrd"))
+    picture = map_area(settled_picture(viewer, at_least_s=2.0), width=0.75)
+    slow, fast = (speed_color(np.array(speed), fastest=8.0)[:3].astype(float) for speed in (1.0, 8.0))
+    assert reports_of(viewer) == []
+    right, up = place_of(picture, fast, tolerance=25) - place_of(picture, slow, tolerance=12)
+    assert right > 20  # the second cell lies to the north-east of the first
+    assert up > 20
+
+
+def test_every_kind_of_recording_opens_without_a_complaint(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame], scene_tracks: Tracks,
+    viewer: ViewerClient,
+) -> None:  # fmt: skip
+    first = scene_frames[0]
+    for name in ("run", "other"):
+        with open_stream(save=tmp_path / f"{name}.rrd") as sink:
+            sink.log_map(scene_map)
+            sink.log_truth(scene_tracks)
+            for frame in scene_frames:
+                told = Innovations(distance=np.ones(len(frame.estimates)), squared=np.ones(len(frame.estimates)))
+                sink.write(replace(frame, innovations=told))
+                if frame is first:
+                    futures = np.cumsum(np.ones((2, 20, 8, 2)), axis=2) + first.estimates.position[:, None, None]
+                    sink.write_forecast(first.time_ns, ["7", "8"], futures)
+            sink.log_run({"command": "test"}, {"frames": "6"})
+    with open_stream("dirprim log", save=tmp_path / "log.rrd") as sink:
+        sink.log_truth(scene_tracks)
+        sink.log_detections(Detections.of(scene_tracks))
+    with open_stream("dirprim both", save=tmp_path / "both.rrd") as sink:
+        show_side_by_side([tmp_path / "run.rrd", tmp_path / "other.rrd"], ["run", "other"], sink)
+    views = {
+        "log": {"Map, north up"},
+        "run": {"Map, north up", "Direction of the ringed vehicle (Eq. 4)", "Run", "Diary",
+                "Vehicles: grey out of sight, yellow begun anew", *(curves.title for curves in PLOTS.values())},
+        "both": {"run (blue)", "other (orange)"},
+    }  # fmt: skip
+    for name, expected in views.items():
+        viewer.open(str(tmp_path / f"{name}.rrd"))
+        time.sleep(1.0)
+        shown_at(viewer, scene_frames[2].time_ns)
+        names = {view.name for view in viewer.get_state().views}
+        assert expected <= names, name
+        assert reports_of(viewer) == [], name
+
+
+def test_the_rerun_program_takes_a_picture(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
+) -> None:
+    with open_stream(save=tmp_path / "run.rrd") as sink:
+        sink.log_map(scene_map)
+        for frame in scene_frames:
+            sink.write(frame)
+    picture = tmp_path / "run.png"
+    viewer, port = viewer_program() or "rerun", str(free_port())
+    subprocess.run(
+        [viewer, "--headless", "--window-size", "1400x900", "--port", port, "--screenshot-to", picture,
+         tmp_path / "run.rrd"],
+        check=True, capture_output=True, timeout=60, env=os.environ | {"XDG_RUNTIME_DIR": str(tmp_path)},
+    )  # fmt: skip
+    assert (imread(picture)[..., :3].std(axis=-1) > 0.1).sum() > 1000  # coloured, not one grey

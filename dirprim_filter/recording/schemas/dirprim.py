@@ -12,9 +12,11 @@ from google.protobuf.message import DecodeError, Message
 
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.schemas import dirprim_pb2
-from dirprim_filter.recording.schemas.observed import ObservedFrame
+from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.observed import Family, ObservedRows, rows_of
+from dirprim_filter.recording.schemas.shredded import Shredded
 from dirprim_filter.tracks import Tracks, as_texts
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from google.protobuf.timestamp_pb2 import Timestamp
@@ -29,6 +31,7 @@ NANOSECONDS = 1_000_000_000
 _ESTIMATE_COLUMNS = (
     "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence",
 )  # fmt: skip
+_COVARIANCE = ("covariance_xx", "covariance_xy", "covariance_yy")
 _LATER_COLUMNS = ("existence", "unseen_s")
 """Logs of before they were written have none of them."""
 
@@ -91,8 +94,12 @@ def _column(message: Message, name: str, n: int) -> Any:
 
 def _covariance_of(message: Message, n: int) -> FloatArray:
     """(n, 2, 2) out of three columns."""
-    xx, xy, yy = (floats_of(message, f"covariance_{axes}", n) for axes in ("xx", "xy", "yy"))
-    return np.stack([xx, xy, xy, yy], axis=-1).reshape(n, 2, 2)
+    return _matrices(*(floats_of(message, name, n) for name in _COVARIANCE))
+
+
+def _matrices(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:
+    """(n, 2, 2) symmetric."""
+    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
 
 
 def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: int) -> dirprim_pb2.Observations:
@@ -118,25 +125,57 @@ def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: 
     return message
 
 
-def decode_observations(data: bytes) -> ObservedFrame:
-    """The rows of a `dirprim.Observations`.
+_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE)
+_COLUMNS = ("x", "y", *_OPTIONAL)
 
-    Raises:
-        DecodeError: the bytes are no such message, or its columns differ in length.
-    """
-    message = dirprim_pb2.Observations()
-    parse(message, data)
-    n = len(message.track_id)
-    unknown = np.full(n, np.nan)
-    return ObservedFrame(
-        track_id=list(message.track_id),
-        stamp_ns=time_of(message.timestamp) if message.HasField("timestamp") else None,
-        position=np.column_stack([floats_of(message, "x", n), floats_of(message, "y", n)]),
-        direction=floats_of(message, "direction", n) if message.direction else unknown,
-        speed=floats_of(message, "speed", n) if message.speed else unknown.copy(),
-        group=ints_of(message, "group", n) if message.group else np.zeros(n, np.int64),
-        covariance=_covariance_of(message, n) if message.covariance_xx else np.full((n, 2, 2), np.nan),
-    )
+
+def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
+    """Columns of unlike lengths fail their message; those of `_OPTIONAL` may be left out."""
+    message = shredded.message_of(".track_id[]")
+    n = np.bincount(message, minlength=shredded.n_messages)
+    names = shredded.names("id")
+    kept = np.ones(message.size, np.bool_)
+    columns: dict[str, FloatArray] = {}
+    group = np.zeros(message.size, np.int64)
+    for label in _COLUMNS:
+        of = shredded.message_of(f".{label}[]")
+        has = np.bincount(of, minlength=shredded.n_messages)
+        is_told = has > 0 if label in _OPTIONAL else np.ones(has.size, np.bool_)
+        unlike = np.flatnonzero(is_told & (has != n))
+        for i in unlike.tolist():
+            shredded.fail(np.array([i]), f"{_OBSERVATIONS}.{label}: expected {n[i]} numbers, got {has[i]}")
+        kept &= ~np.isin(message, unlike)
+        fits = np.isin(message, np.flatnonzero(has == n))
+        taken = np.isin(of, np.flatnonzero(has == n))
+        if label == "group":
+            group[fits] = shredded.integers(label)[taken]
+        else:
+            columns[label] = np.full(message.size, np.nan)
+            columns[label][fits] = shredded.numbers(label)[taken]
+    return rows_of(
+        message,
+        track_id=names,
+        stamp_ns=shredded.times("stamp")[message],
+        frame_id=shredded.names("frame")[message],
+        place=np.stack([columns["x"], columns["y"], np.zeros(message.size)], axis=-1),
+        direction=columns["direction"],
+        speed=columns["speed"],
+        group=group,
+        covariance=_matrices(*(columns[label] for label in _COVARIANCE)),
+    )[kept]
+
+
+_OBSERVATIONS = "dirprim.Observations"
+OBSERVATIONS = Family(
+    schemas=(_OBSERVATIONS,),
+    fields={
+        "stamp": Field(path=".timestamp", kind="time"),
+        "frame": Field(path=".frame_id", kind="name"),
+        "id": Field(path=".track_id[]", kind="name"),
+        **{label: Field(path=f".{label}[]", optional=label in _OPTIONAL) for label in _COLUMNS},
+    },
+    objects=_observed,
+)
 
 
 def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEstimates:

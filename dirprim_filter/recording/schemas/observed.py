@@ -1,69 +1,133 @@
-"""What one message of a log says about objects, whatever its schema."""
+"""What the messages of a log say about objects, whatever their schema."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ObservedFrame:
-    """The objects of one message, in the message's order.
+class ObservedRows:
+    """The objects of a batch of messages, those of a message together and in its order.
 
     Attributes:
-        track_id: n ids, as text.
-        stamp_ns: the time the message itself carries, nanoseconds; None where it carries none.
-        position: (n, 2) metres in the log's map frame.
+        message: (n,) which message of the batch each is of, ascending.
+        track_id: (n,) str; empty where the message knows the object by no name.
+        stamp_ns: (n,) the time that the message itself carries, nanoseconds; `NO_TIME` where it carries none.
+        frame_id: (n,) str, in whose axes position and direction are; empty: not told, so the map's.
+        position: (n, 2) metres.
+        height: (n,) metres, the third coordinate; 0 where the message tells none.
         direction: (n,) course over ground, radians; NaN where the message does not tell.
-        speed: (n,) m/s; NaN where the message does not tell.
+        speed: (n,) over ground, m/s; NaN where the message does not tell.
+        climb: (n,) velocity along the third axis, m/s; 0 where the message tells none.
         group: (n,) int64; 0 where the message knows no groups.
-        covariance: (n, 2, 2) of the position's error, square metres; NaN where the message does not tell. Left out:
-            nowhere.
+        covariance: (n, 2, 2) of the position's error, square metres; NaN where the message does not tell.
     """
 
-    track_id: Sequence[str]
-    stamp_ns: int | None
+    message: IntArray
+    track_id: AnyArray
+    stamp_ns: IntArray
+    frame_id: AnyArray
     position: FloatArray
+    height: FloatArray
     direction: FloatArray
     speed: FloatArray
+    climb: FloatArray
     group: IntArray
-    covariance: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
+    covariance: FloatArray
 
-    def __post_init__(self) -> None:
-        if len(self.covariance) == 0:
-            object.__setattr__(self, "covariance", np.full((len(self.track_id), 2, 2), np.nan))
+    def __len__(self) -> int:
+        return int(self.message.size)
 
-    def __getitem__(self, rows: BoolArray) -> ObservedFrame:
-        """The rows of a mask."""
-        return ObservedFrame(
-            track_id=[name for name, keep in zip(self.track_id, rows.tolist(), strict=True) if keep],
-            stamp_ns=self.stamp_ns,
-            position=self.position[rows],
-            direction=self.direction[rows],
-            speed=self.speed[rows],
-            group=self.group[rows],
-            covariance=self.covariance[rows],
-        )
+    def __getitem__(self, rows: BoolArray | IntArray) -> Self:
+        """The rows of a mask or of indices."""
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
-    def without_motion(self) -> ObservedFrame:
-        """The same rows, direction and speed unknown."""
-        unknown = np.full(len(self.track_id), np.nan)
-        return replace(self, direction=unknown, speed=unknown)
 
-    @classmethod
-    def of_positions(cls, track_id: Sequence[str], stamp_ns: int | None, position: FloatArray) -> ObservedFrame:
-        """Objects of which only the position is known."""
-        n = len(track_id)
-        unknown = np.full(n, np.nan)
-        return cls(
-            track_id=track_id,
-            stamp_ns=stamp_ns,
-            position=position.reshape(n, 2),
-            direction=unknown,
-            speed=unknown,
-            group=np.zeros(n, np.int64),
-        )
+def concatenated(parts: Sequence[ObservedRows]) -> ObservedRows:
+    """All rows of all parts, of which there is at least one; `message` stays as it is."""
+    if len(parts) == 1:
+        return parts[0]
+    return ObservedRows(
+        **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ObservedRows)}
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Family:
+    """Schemas that tell the same in the same fields, and how their objects are read.
+
+    Attributes:
+        schemas: names, of whatever encoding.
+        fields: what is wanted of a message, by label.
+        objects: from the fields' columns and (n_messages,) topics to the objects; may mark messages as failed.
+    """
+
+    schemas: tuple[str, ...]
+    fields: Mapping[str, Field]
+    objects: Callable[[Shredded, AnyArray], ObservedRows]
+
+
+def numbers(shredded: Shredded, *labels: str) -> FloatArray:
+    """(n, k) some columns of one table beside each other; NaN where missing."""
+    return np.stack([shredded.numbers(label) for label in labels], axis=-1)
+
+
+def rows_of(
+    message: IntArray,
+    *,
+    track_id: AnyArray,
+    stamp_ns: IntArray,
+    frame_id: AnyArray,
+    place: FloatArray,
+    direction: FloatArray | None = None,
+    speed: FloatArray | None = None,
+    climb: FloatArray | None = None,
+    group: IntArray | None = None,
+    covariance: FloatArray | None = None,
+) -> ObservedRows:
+    """Rows of which all but the place may be unknown.
+
+    Args:
+        message: (n,) ascending.
+        track_id: (n,) str.
+        stamp_ns: (n,) nanoseconds.
+        frame_id: (n,) str.
+        place: (n, 3) metres; an unknown height counts as 0.
+        direction: (n,) radians.
+        speed: (n,) m/s.
+        climb: (n,) m/s.
+        group: (n,) int64.
+        covariance: (n, 2, 2) square metres.
+    """
+    unknown = np.full(message.size, np.nan)
+    return ObservedRows(
+        message=message,
+        track_id=track_id,
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        position=np.ascontiguousarray(place[:, :2]),
+        height=np.where(np.isfinite(place[:, 2]), place[:, 2], 0.0),
+        direction=unknown if direction is None else direction,
+        speed=unknown if speed is None else speed,
+        climb=np.zeros(message.size) if climb is None else np.where(np.isfinite(climb), climb, 0.0),
+        group=np.zeros(message.size, np.int64) if group is None else group,
+        covariance=np.full((message.size, 2, 2), np.nan) if covariance is None else covariance,
+    )
+
+
+NO_ROWS = rows_of(
+    np.empty(0, np.int64),
+    track_id=np.empty(0, np.str_),
+    stamp_ns=np.empty(0, np.int64),
+    frame_id=np.empty(0, np.str_),
+    place=np.empty((0, 3)),
+)
+"""Nothing observed."""

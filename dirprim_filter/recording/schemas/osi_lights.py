@@ -9,10 +9,12 @@ from collections.abc import Callable, Iterator
 from os import PathLike
 from typing import Any, NamedTuple
 
+from google.protobuf.message_factory import GetMessageClass
+
 from dirprim_filter.recording.records import Channel
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.dirprim import parse
-from dirprim_filter.recording.schemas.osi import message_class_of
+from dirprim_filter.recording.schemas.protobuf_plan import message_descriptor
 
 _GROUND_TRUTH: dict[str, Callable[[Any], Any]] = {
     "osi3.GroundTruth": lambda message: message,
@@ -45,7 +47,7 @@ def read_indicator_lights(path: str | PathLike[str]) -> Iterator[IndicatorLight]
             if channel.schema.name not in _GROUND_TRUTH or channel.message_encoding != "protobuf":
                 continue
             if channel not in classes:
-                classes[channel] = message_class_of(channel.schema.name, channel.schema.data)
+                classes[channel] = GetMessageClass(message_descriptor(channel.schema.name, channel.schema.data))
             view = classes[channel]()
             parse(view, message.data)
             for mover in _GROUND_TRUTH[channel.schema.name](view).moving_object:

@@ -1,6 +1,6 @@
 """Objects of `foxglove.SceneUpdate` messages, by the convention of nuScenes logs.
 
-One entity is one object; its cube's pose is the object's; other primitives (lines of a lane map, arrows,
+One entity is one object; its first cube's pose is the object's; other primitives (lines of a lane map, arrows,
 texts) are no objects, so entities without a cube are passed over. Velocity is not part of the schema: it is
 taken from the entity's metadata `direction_rad` and `speed_mps` where these are, and `group` likewise.
 
@@ -12,45 +12,80 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from dirprim_filter.recording.schemas.dirprim import parse, time_of
-from dirprim_filter.recording.schemas.observed import ObservedFrame
+from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 INT64_TEXT_LENGTH = 20
+_ENTITIES = ".entities[]"
+_NOTES = ".entities[].metadata[]"
 
 
-def decode_scene_update(data: bytes) -> ObservedFrame:
-    """The entities with a cube; the frame's time is that of the first of them.
-
-    Raises:
-        DecodeError: the bytes are no such message.
-    """
-    message = SceneUpdate()
-    parse(message, data)
-    entities = [entity for entity in message.entities if entity.cubes]
-    noted = [{pair.key: pair.value for pair in entity.metadata} for entity in entities]
-    places = [entity.cubes[0].pose.position for entity in entities]
-    stamped = bool(entities) and entities[0].HasField("timestamp")
-    return ObservedFrame(
-        track_id=[entity.id for entity in entities],
-        stamp_ns=time_of(entities[0].timestamp) if stamped else None,
-        position=np.array([(place.x, place.y) for place in places], dtype=np.float64).reshape(-1, 2),
-        direction=np.array([_number(note, "direction_rad") for note in noted], dtype=np.float64),
-        speed=np.array([_number(note, "speed_mps") for note in noted], dtype=np.float64),
-        group=np.array([_group(note) for note in noted], dtype=np.int64),
-    )
+def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
+    message = shredded.message_of(_ENTITIES)
+    notes = _Notes(shredded, message.size)
+    return rows_of(
+        message,
+        track_id=shredded.names("id"),
+        stamp_ns=shredded.times("stamp"),
+        frame_id=shredded.names("frame"),
+        place=numbers(shredded, *POSITION),
+        direction=notes.numbers("direction_rad"),
+        speed=notes.numbers("speed_mps"),
+        group=notes.groups(),
+    )[shredded.marks("cube")]
 
 
-def _number(note: dict[str, str], key: str) -> float:
-    """A number of the metadata; NaN, so unknown, where it is missing or no number."""
+class _Notes:
+    """The metadata of the entities."""
+
+    def __init__(self, shredded: Shredded, n: int) -> None:
+        self._n = n
+        self._entity = shredded.parent_of(_NOTES)
+        self._key = shredded.names("key")
+        self._value = shredded.names("value")
+
+    def numbers(self, key: str) -> FloatArray:
+        """(n,) a number of each entity; NaN, so unknown, where it is missing or no number."""
+        is_key = self._key == key
+        found = np.full(self._n, np.nan)
+        found[self._entity[is_key]] = [_number(text) for text in self._value[is_key].tolist()]
+        return found
+
+    def groups(self) -> IntArray:
+        """(n,) the group of each entity; 0 where it has none, or none that is a number."""
+        is_key = self._key == "group"
+        found = np.zeros(self._n, np.int64)
+        found[self._entity[is_key]] = [_group(text) for text in self._value[is_key].tolist()]
+        return found
+
+
+def _number(text: str) -> float:
     try:
-        return float(note[key])
-    except (KeyError, ValueError):
+        return float(text)
+    except ValueError:
         return math.nan
 
 
-def _group(note: dict[str, str]) -> int:
-    text = note.get("group", "0").removeprefix("-")
-    is_number = text.isascii() and text.isdigit() and len(text) < INT64_TEXT_LENGTH - 1
-    return int(note["group"]) if is_number and "group" in note else 0
+def _group(text: str) -> int:
+    digits = text.removeprefix("-")
+    is_number = digits.isascii() and digits.isdigit() and len(digits) < INT64_TEXT_LENGTH - 1
+    return int(text) if is_number else 0
+
+
+SCENE_UPDATE = Family(
+    schemas=("foxglove.SceneUpdate", "foxglove_msgs/msg/SceneUpdate"),
+    fields={
+        "stamp": Field(path=f"{_ENTITIES}.timestamp", kind="time"),
+        "frame": Field(path=f"{_ENTITIES}.frame_id", kind="name"),
+        "id": Field(path=f"{_ENTITIES}.id", kind="name"),
+        "cube": Field(path=f"{_ENTITIES}.cubes[0]", kind="mark"),
+        **xyz("p", f"{_ENTITIES}.cubes[0].pose.position"),
+        "key": Field(path=f"{_NOTES}.key", kind="name"),
+        "value": Field(path=f"{_NOTES}.value", kind="name"),
+    },
+    objects=_objects,
+)

@@ -1,0 +1,113 @@
+"""How a command reads its logs: the options that all of them share, and the reading itself.
+
+A command that is decorated with `reads_logs` has one parameter `reading`; on the command line it is the fields of
+`Reading`, an option each.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+
+import typer
+
+from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
+
+if TYPE_CHECKING:
+    from dirprim_filter.recording.reader import DetectionStream, TrackLog
+
+Result = TypeVar("Result")
+
+
+class TimeSource(StrEnum):
+    """Which time of a message counts."""
+
+    LOG = "log"
+    PUBLISH = "publish"
+    HEADER = "header"
+
+
+Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message counts.")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """Which of a log's messages are read, and how."""
+
+    topics: Topics = None
+    time_source: Time = TimeSource.LOG
+    frame: Annotated[
+        str | None, typer.Option("--frame", help="Frame of the positions; left out, the root of the log's transforms.")
+    ] = None
+    fields: Annotated[
+        str | None,
+        typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
+    ] = None
+    origin: Annotated[
+        str | None,
+        typer.Option("--origin", help="Latitude,longitude of the plane for satellite fixes; left out, the first."),
+    ] = None
+    start: Start = None
+    end: End = None
+    strict: Strict = False
+
+    def tracks(self, logs: list[Path]) -> TrackLog:
+        """The tracks of logs, and what was lost."""
+        from dirprim_filter.recording.reader import read_track_logs
+
+        return read_track_logs(logs, **self._arguments())
+
+    def detections(self, log: Path, *, motion: bool) -> DetectionStream:
+        """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""
+        from dirprim_filter.recording.reader import stream_detections
+
+        return stream_detections(log, motion=motion, **self._arguments())
+
+    def said(self) -> dict[str, object]:
+        """The options as an output's metadata repeats them."""
+        told = {field.name: getattr(self, field.name) for field in fields(self)}
+        return told | {"time_source": self.time_source.value, "strict": self.strict or None}
+
+    def _arguments(self) -> dict[str, Any]:
+        from dirprim_filter.recording.reader import FieldMapping, Origin
+
+        return {
+            "topics": self.topics,
+            "time_source": self.time_source.value,
+            "frame": self.frame,
+            "mapping": FieldMapping.parse(self.fields) if self.fields else None,
+            "origin": Origin.parse(self.origin) if self.origin else None,
+            "start_ns": time_ns(self.start),
+            "end_ns": time_ns(self.end),
+            "strict": self.strict,
+        }
+
+
+def reads_logs(command: Callable[..., Result]) -> Callable[..., Result]:
+    """The command with an option for each field of `Reading` in place of its parameter `reading`."""
+    hints = get_type_hints(command, include_extras=True)
+    told = get_type_hints(Reading, include_extras=True)
+    named = inspect.Parameter.KEYWORD_ONLY
+    options = [
+        inspect.Parameter(field.name, named, default=field.default, annotation=told[field.name])
+        for field in fields(Reading)
+    ]
+    own = [
+        parameter.replace(kind=named, annotation=hints[name])
+        for name, parameter in inspect.signature(command).parameters.items()
+        if name != "reading"
+    ]
+
+    @wraps(command)
+    def read(**given: Any) -> Result:
+        reading = Reading(**{option.name: given.pop(option.name) for option in options})
+        return command(reading=reading, **given)
+
+    read.__signature__ = inspect.Signature([*own, *options], return_annotation=hints["return"])  # type: ignore[attr-defined]
+    read.__annotations__ = {parameter.name: parameter.annotation for parameter in [*own, *options]}
+    return read

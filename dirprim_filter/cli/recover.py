@@ -1,0 +1,53 @@
+"""`dirprim recover`: a whole log out of a damaged one."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dirprim_filter.cli import losses
+from dirprim_filter.cli.options import Force, Log, Output, Strict
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from dirprim_filter.recording.recovery import Recovery
+
+
+def recover(
+    log: Log,
+    output: Output,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    strict: Strict = False,
+    force: Force = False,
+) -> int:
+    """Write all that can be read of a damaged log as a whole one, and tell what was lost.
+
+    A command that was killed leaves its output beside where it belongs, as NAME.PID.partial: all but its last chunk
+    can be recovered. Intact chunks are taken over byte for byte; summary and indexes are written anew.
+
+    Example: dirprim recover tracks.mcap.4711.partial -o tracks.mcap
+    """
+    from dirprim_filter.recording.recovery import recover as recover_log
+
+    recovery = recover_log(log, output, strict=strict, force=force)
+    typer.echo(json.dumps(recovery.as_json()) if as_json else _text(output, recovery))
+    return losses.DONE if recovery.is_lossless else losses.INPUT_LOST
+
+
+def _text(output: Path, recovery: Recovery) -> str:
+    lines = [
+        f"{output}: {recovery.saved} messages saved, {recovery.chunks_copied} chunks as they were, "
+        f"{recovery.chunks_rewritten} written anew, {recovery.attachments} attachments, {recovery.metadata} metadata"
+    ]
+    lines += [f"  damage: {damage}" for damage in recovery.damage]
+    if not recovery.damage:
+        lines.append("  nothing was damaged")
+    elif recovery.is_lossless:
+        lines.append("  no message was lost")
+    else:
+        unknown = any(damage.messages is None for damage in recovery.damage)
+        lines.append(f"  lost: {'at least ' if unknown else ''}{recovery.lost} messages")
+    return "\n".join(lines)

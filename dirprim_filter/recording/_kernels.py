@@ -1,0 +1,136 @@
+"""Compiled walks over the records of an MCAP file: from one length field to the next.
+
+Source: the MCAP specification, version 0 (https://mcap.dev/spec): little endian; a record is an opcode, a length
+of 64 bits, and that many bytes. No kernel reads beyond the buffer, whatever the lengths say.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from tessellation.arrays import AnyArray
+
+MESSAGE = 5
+MESSAGE_INDEX = 7
+HEAD = 9
+MESSAGE_HEAD = 31
+MIN_MESSAGE = 22
+MIN_INDEX = 6
+ENTRY = 16
+
+
+@njit(cache=True)
+def _u64(buffer: AnyArray, at: Any) -> Any:
+    value = np.uint64(0)
+    for i in range(8):
+        value |= np.uint64(buffer[at + i]) << np.uint64(8 * i)
+    return value
+
+
+@njit(cache=True)
+def _u32(buffer: AnyArray, at: Any) -> Any:
+    value = np.uint32(0)
+    for i in range(4):
+        value |= np.uint32(buffer[at + i]) << np.uint32(8 * i)
+    return value
+
+
+@njit(cache=True)
+def _end(buffer: AnyArray, at: Any, size: int) -> Any:
+    """The byte after the record at `at`; -1 where it does not fit."""
+    if at + HEAD > size:
+        return -1
+    length = _u64(buffer, at + 1)
+    if length > np.uint64(size - at - HEAD) or (buffer[at] == MESSAGE and length < np.uint64(MIN_MESSAGE)):
+        return -1
+    return at + HEAD + np.int64(length)
+
+
+@njit(cache=True)
+def count_records(buffer: AnyArray) -> tuple[int, int, int]:
+    """Messages, other records, and the byte where the walk ends: the size where all records fit."""
+    at, size = 0, len(buffer)
+    n_messages = n_others = 0
+    while at < size:
+        end = _end(buffer, at, size)
+        if end < 0:
+            break
+        if buffer[at] == MESSAGE:
+            n_messages += 1
+        else:
+            n_others += 1
+        at = end
+    return n_messages, n_others, at
+
+
+@njit(cache=True)
+def read_records(buffer: AnyArray, n_messages: int, n_others: int) -> tuple[AnyArray, ...]:
+    """The records that `count_records` has counted, as columns.
+
+    Returns:
+        of the messages: channel, sequence, log time, publish time, first byte of the data, byte after them;
+        of the others: first byte of the record.
+    """
+    channel = np.empty(n_messages, np.uint16)
+    sequence = np.empty(n_messages, np.uint32)
+    log_time = np.empty(n_messages, np.uint64)
+    publish_time = np.empty(n_messages, np.uint64)
+    start = np.empty(n_messages, np.int64)
+    stop = np.empty(n_messages, np.int64)
+    other = np.empty(n_others, np.int64)
+    at, size = 0, len(buffer)
+    i = j = 0
+    while i < n_messages or j < n_others:
+        end = _end(buffer, at, size)
+        if buffer[at] == MESSAGE:
+            channel[i] = np.uint16(buffer[at + 9]) | (np.uint16(buffer[at + 10]) << np.uint16(8))
+            sequence[i] = _u32(buffer, at + 11)
+            log_time[i] = _u64(buffer, at + 15)
+            publish_time[i] = _u64(buffer, at + 23)
+            start[i] = at + MESSAGE_HEAD
+            stop[i] = end
+            i += 1
+        else:
+            other[j] = at
+            j += 1
+        at = end
+    return channel, sequence, log_time, publish_time, start, stop, other
+
+
+@njit(cache=True)
+def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, Any]:
+    """The messages that stand one after the other from `at` on: the byte after them, first and last log time."""
+    first, size = at, len(buffer)
+    earliest, latest = np.uint64(0xFFFFFFFFFFFFFFFF), np.uint64(0)
+    while at < size and at - first < max_bytes and buffer[at] == MESSAGE:
+        end = _end(buffer, at, size)
+        if end < 0:
+            break
+        time = _u64(buffer, at + 15)
+        earliest = min(earliest, time)
+        latest = max(latest, time)
+        at = end
+    return at, earliest, latest
+
+
+@njit(cache=True)
+def index_run(buffer: AnyArray, at: Any) -> tuple[int, int]:
+    """The message indexes that stand one after the other from `at` on: the byte after them, and their entries.
+
+    Only those whose two lengths agree; of others one is wrong.
+    """
+    size = len(buffer)
+    n_entries = 0
+    while at < size and buffer[at] == MESSAGE_INDEX:
+        end = _end(buffer, at, size)
+        if end < at + HEAD + MIN_INDEX:
+            break
+        n_bytes: Any = np.int64(_u32(buffer, at + HEAD + 2))
+        if n_bytes % ENTRY != 0 or at + HEAD + MIN_INDEX + n_bytes != end:
+            break
+        n_entries += n_bytes // ENTRY
+        at = end
+    return at, n_entries

@@ -1,0 +1,170 @@
+"""The objects of a log's messages, channel by channel, each by the definition that the log carries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from operator import attrgetter
+
+import numpy as np
+
+from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.records import Channel, Message, Schema
+from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
+from dirprim_filter.recording.schemas.cdr_plan import cdr_plan, full_name
+from dirprim_filter.recording.schemas.column_plan import Plan
+from dirprim_filter.recording.schemas.fields import SchemaError
+from dirprim_filter.recording.schemas.json_plan import JsonPlan
+from dirprim_filter.recording.schemas.observed import NO_ROWS, Family, ObservedRows
+from dirprim_filter.recording.schemas.protobuf_plan import protobuf_plan
+from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import IntArray
+
+BATCH_MESSAGES = 1 << 14
+BATCH_BYTES = 1 << 21
+"""Messages are decoded together up to so many: memory is bounded by a batch."""
+
+
+class PayloadError(SchemaError):
+    """A message is not what its schema says."""
+
+
+def family_of(channel: Channel) -> Family | None:
+    """What reads the objects of a channel; None where its messages tell of none that is known."""
+    if channel.message_encoding not in ENCODINGS:
+        return None
+    return FAMILIES.get(schema_name(channel))
+
+
+def schema_name(channel: Channel) -> str:
+    """The name of a channel's schema; that of a ROS 2 message in full."""
+    name = channel.schema.name
+    return full_name(name) if channel.message_encoding == "cdr" else name
+
+
+def is_decodable(channel: Channel) -> bool:
+    """Whether the channel's messages can be read as objects."""
+    return family_of(channel) is not None
+
+
+def carries_objects(channel: Channel) -> bool:
+    """Whether the channel's messages tell of objects by themselves; transforms do so only where they are named."""
+    family = family_of(channel)
+    return family is not None and any(family in kind for kind in KINDS)
+
+
+def plan_of(channel: Channel, family: Family) -> Plan:
+    """A plan for the messages of a channel.
+
+    Raises:
+        SchemaError: the definition cannot be read, or lacks a field.
+    """
+    schema = channel.schema
+    if channel.message_encoding == "json":
+        return JsonPlan(family.fields)
+    if channel.message_encoding == "protobuf":
+        return protobuf_plan(schema.name, schema.data, family.fields)
+    return cdr_plan(schema.name, schema.encoding, schema.data, family.fields)
+
+
+class Decoders:
+    """The plans of one log, made when first needed, one for each schema.
+
+    With a mapping every schema is read by that which has its fields, without one the schemas of `FAMILIES`.
+    """
+
+    def __init__(self, mapping: FieldMapping | None = None) -> None:
+        self._mapped = mapping.family() if mapping else None
+        self._plans: dict[tuple[str, Schema], Plan | SchemaError] = {}
+
+    def reads(self, channel: Channel) -> bool:
+        """Whether the channel's messages can be read as objects; without a mapping a broken definition counts."""
+        if self._mapped is None:
+            return is_decodable(channel)
+        return channel.message_encoding in ENCODINGS and not isinstance(self._plan(channel), SchemaError)
+
+    def unreadable(self) -> list[str]:
+        """Why schemas that were looked at cannot be read."""
+        return [str(plan) for plan in self._plans.values() if isinstance(plan, SchemaError)]
+
+    def _plan(self, channel: Channel) -> Plan | SchemaError:
+        key = (channel.message_encoding, channel.schema)
+        if key not in self._plans:
+            try:
+                self._plans[key] = plan_of(channel, self._family(channel))
+            except SchemaError as error:
+                self._plans[key] = error
+        return self._plans[key]
+
+    def _family(self, channel: Channel) -> Family:
+        return self._mapped or FAMILIES[schema_name(channel)]
+
+    def rows(self, messages: Sequence[Message]) -> tuple[ObservedRows, dict[int, str]]:
+        """The objects of messages, and by number why a message cannot be read.
+
+        Args:
+            messages: of one schema and encoding, that `is_decodable`; of one channel or of several.
+        """
+        try:
+            shredded = self.shredded(messages)
+        except SchemaError as error:
+            return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
+        topics = np.array([message.channel.topic for message in messages], dtype=np.str_)
+        rows = self._family(messages[0].channel).objects(shredded, topics)
+        if shredded.failures:
+            rows = rows[~np.isin(rows.message, list(shredded.failures))]
+        return rows, shredded.failures
+
+    def shredded(self, messages: Sequence[Message]) -> Shredded:
+        """The wanted fields of messages, of one schema and encoding.
+
+        Raises:
+            SchemaError: the definition cannot be read, or lacks a field.
+        """
+        plan = self._plan(messages[0].channel)
+        if isinstance(plan, SchemaError):
+            raise plan
+        return plan.run([message.data for message in messages])
+
+    def decode(self, message: Message) -> ObservedRows:
+        """The objects of one message whose channel `is_decodable`.
+
+        Raises:
+            PayloadError: the message or its schema is not what it should be.
+        """
+        rows, failures = self.rows([message])
+        if failures:
+            raise PayloadError(f"{message.schema_name}: {failures[0]}")
+        return rows
+
+
+def batches(messages: Iterable[Message], decoders: Decoders) -> Iterator[list[Message]]:
+    """The messages that can be decoded, some together."""
+    batch: list[Message] = []
+    size = 0
+    readable: dict[int, tuple[Channel, bool]] = {}  # by identity: hashing the channels themselves is slow
+    for message in messages:
+        channel = message.channel
+        if id(channel) not in readable:
+            readable[id(channel)] = (channel, decoders.reads(channel))
+        if readable[id(channel)][1]:
+            batch.append(message)
+            size += len(message.data)
+            if size >= BATCH_BYTES or len(batch) >= BATCH_MESSAGES:
+                yield batch
+                batch, size = [], 0
+    if batch:
+        yield batch
+
+
+def by_schema(batch: Sequence[Message]) -> Iterator[tuple[IntArray, list[Message]]]:
+    """The messages of each schema and encoding together, with where they stand in the batch."""
+    channels = list(map(attrgetter("channel"), batch))
+    number = np.fromiter(map(id, channels), np.int64, len(batch))  # hashing the channels themselves is slow
+    _, first, of = np.unique(number, return_index=True, return_inverse=True)
+    keys: dict[tuple[str, Schema], int] = {}
+    group = np.array(
+        [keys.setdefault((channels[i].message_encoding, channels[i].schema), len(keys)) for i in first], np.int64
+    )[of]
+    for k in range(len(keys)):
+        places = np.flatnonzero(group == k)
+        yield places, [batch[i] for i in places.tolist()] if len(keys) > 1 else list(batch)

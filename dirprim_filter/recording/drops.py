@@ -1,0 +1,133 @@
+"""What of the readable messages of a log was left out, and what is odd about their times."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from dirprim_filter.recording.schemas.shredded import NO_TIME
+from tessellation.arrays import IntArray
+
+LONG_STEP_NS = 10_000_000_000
+"""A topic that is silent for longer than this has a clock that jumped, or a gap: worth telling."""
+
+_WORDS = {
+    "undecodable": "messages that cannot be decoded",
+    "untimed": "messages without a usable time",
+    "invalid": "rows with a position that is not finite or an overlong id",
+    "repeated": "rows that repeat a vehicle and a time",
+    "backward": "rows out of order in time",
+    "alone": "rows too far from others in time to derive a velocity",
+    "unplaced": "rows of a time for which no transform of their frame is known",
+}
+
+
+class Numbers(dict[str, int]):
+    """Names, numbered as they first come."""
+
+    def __missing__(self, name: str) -> int:
+        self[name] = len(self)
+        return len(self) - 1
+
+
+@dataclass(slots=True, kw_only=True)
+class Drops:
+    """What of the readable messages was left out, counted.
+
+    Attributes:
+        undecodable: messages that are not what their schema says.
+        untimed: messages without a time of the chosen source, or with one beyond int64.
+        invalid: rows whose position is not finite, or whose id is longer than `MAX_NAME_LENGTH`.
+        repeated: rows of a vehicle at a time at which it had a row already.
+        backward: rows of a time before one that was delivered already.
+        alone: rows too far in time from others of their track to derive a velocity.
+        unplaced: rows of a time before, after or in a long gap of the transforms of their frame.
+        reasons: why messages could not be decoded, how often each.
+    """
+
+    undecodable: int = 0
+    untimed: int = 0
+    invalid: int = 0
+    repeated: int = 0
+    backward: int = 0
+    alone: int = 0
+    unplaced: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+
+    def __iadd__(self, other: Self) -> Self:
+        for name in _WORDS:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        self.reasons += other.reasons
+        return self
+
+    @property
+    def total(self) -> int:
+        """Messages and rows left out."""
+        return sum(getattr(self, name) for name in _WORDS)
+
+    def __str__(self) -> str:
+        told = [f"{getattr(self, name)} {text}" for name, text in _WORDS.items() if getattr(self, name)]
+        why = "; ".join(f"{n} x {reason}" for reason, n in self.reasons.most_common(3))
+        return (", ".join(told) or "nothing") + (f" ({why})" if why else "")
+
+
+@dataclass(slots=True, kw_only=True)
+class ClockFaults:
+    """What is odd about the times of messages, each compared with the one before on its channel; none is left out.
+
+    Attributes:
+        zero: times of 0: in ROS a stamp that was not set.
+        backward: times before the last one.
+        duplicate: times equal to the last one; usual where each object has a message of its own.
+        jumps: times more than `LONG_STEP_NS` after the last one.
+    """
+
+    zero: int = 0
+    backward: int = 0
+    duplicate: int = 0
+    jumps: int = 0
+    _last_ns: IntArray = field(default_factory=lambda: np.empty(0, np.int64), repr=False, compare=False)
+
+    def __iadd__(self, other: Self) -> Self:
+        for name in ("zero", "backward", "duplicate", "jumps"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        return self
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether something is to be told."""
+        return bool(self.zero > 1 or self.backward or self.jumps)
+
+    def __str__(self) -> str:
+        seconds = LONG_STEP_NS // 1_000_000_000
+        return (
+            f"{self.zero} times of zero, {self.backward} that go back, {self.duplicate} that repeat the last one, "
+            f"{self.jumps} more than {seconds} s after it"
+        )
+
+    def watch(self, topic: IntArray, time_ns: IntArray) -> None:
+        """Count what is odd in the next times of topics.
+
+        Args:
+            topic: (n,) number of the topic of each message, from 0.
+            time_ns: (n,) nanoseconds, `NO_TIME` where there is none.
+        """
+        known = time_ns != NO_TIME
+        n = int(topic.max(initial=-1)) + 1
+        if n > self._last_ns.size:
+            self._last_ns = np.concatenate([self._last_ns, np.full(n - self._last_ns.size, NO_TIME)])
+        seen = np.flatnonzero(self._last_ns != NO_TIME)
+        topics = np.concatenate([seen, topic[known]])
+        times = np.concatenate([self._last_ns[seen], time_ns[known]])
+        order = np.argsort(topics, kind="stable")
+        topics, times = topics[order], times[order]
+        same = topics[1:] == topics[:-1]
+        before, after = times[:-1][same], times[1:][same]
+        self.zero += int((time_ns == 0).sum())
+        self.backward += int((after < before).sum())
+        self.duplicate += int((after == before).sum())
+        self.jumps += int((after.astype(np.float64) - before.astype(np.float64) > LONG_STEP_NS).sum())
+        self._last_ns[topics] = times  # the last of a topic is written last

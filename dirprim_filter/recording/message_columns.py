@@ -1,0 +1,106 @@
+"""The messages of one chunk as columns: their times and where their data stand, without a Python object for each."""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import BinaryIO, Self
+
+import numpy as np
+
+from dirprim_filter.recording.records import Bytes, Channel, Message
+from dirprim_filter.recording.source import let_go
+from tessellation.arrays import AnyArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MessageColumns:
+    """Some messages of a log, sorted by log time, stably.
+
+    Attributes:
+        log_time_ns: (n,) uint64.
+        publish_time_ns: (n,) uint64.
+        sequence: (n,) uint32.
+        channel: (n,) int32, index into the scan's list of channels.
+        start: (n,) int64, first byte of the data in `contents`.
+        stop: (n,) int64, the byte after them.
+        contents: what the data are slices of.
+    """
+
+    log_time_ns: AnyArray
+    publish_time_ns: AnyArray
+    sequence: AnyArray
+    channel: AnyArray
+    start: AnyArray
+    stop: AnyArray
+    contents: Bytes
+
+    def __len__(self) -> int:
+        return len(self.log_time_ns)
+
+    def __getitem__(self, rows: slice | AnyArray) -> Self:
+        return type(self)(**{name: column[rows] for name, column in self._columns().items()}, contents=self.contents)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds; contents that are a part of a file count nothing."""
+        held = len(self.contents) if isinstance(self.contents, bytes) else 0
+        return held + sum(column.nbytes for column in self._columns().values())
+
+    def sorted(self) -> Self:
+        """The same in order of log time; those of one time keep their order."""
+        times = self.log_time_ns
+        if (times[1:] >= times[:-1]).all():
+            return self
+        return self[np.argsort(times, kind="stable")]
+
+    def messages(self, channels: list[Channel]) -> Iterator[Message]:
+        """The messages, made one by one: many tuples at a time would keep the garbage collector busy."""
+        new, contents = tuple.__new__, self.contents
+        columns = (column.tolist() for column in self._columns().values())
+        for time_ns, publish_time_ns, sequence, channel, start, stop in zip(*columns, strict=True):
+            yield new(Message, (time_ns, publish_time_ns, sequence, channels[channel], contents[start:stop]))
+
+    def spilled(self, file: BinaryIO) -> Self:
+        """The same on disk: appended to `file` and mapped, so that the system may take the memory back."""
+        columns = self._columns()
+        own = self.contents if isinstance(self.contents, bytes) else b""
+        head = sum(_padded(column.nbytes) for column in columns.values())
+        base = _padded(file.seek(0, 2), mmap.ALLOCATIONGRANULARITY)
+        file.seek(base)
+        for name, column in columns.items():
+            shifted = column + head if own and name in ("start", "stop") else np.ascontiguousarray(column)
+            file.write(shifted.tobytes().ljust(_padded(column.nbytes), b"\0"))
+        file.write(own)
+        file.flush()
+        mapped = mmap.mmap(file.fileno(), head + len(own), access=mmap.ACCESS_READ, offset=base)
+        at, again = 0, {}
+        for name, column in columns.items():
+            again[name] = np.frombuffer(mapped, column.dtype, len(column), at)
+            at += _padded(column.nbytes)
+        return type(self)(**again, contents=mapped if own else self.contents)
+
+    def let_go(self) -> None:
+        """What is on disk leaves this process's memory until it is read again."""
+        if isinstance(self.contents, mmap.mmap):
+            let_go(self.contents, 0, len(self.contents))
+
+    def _columns(self) -> dict[str, AnyArray]:
+        return {f.name: getattr(self, f.name) for f in fields(self)[:-1]}
+
+
+def interleaved(parts: list[MessageColumns], channels: list[Channel]) -> Iterator[Message]:
+    """The messages of several parts in order of log time; those of one time in the order of the parts."""
+    order = np.argsort(np.concatenate([part.log_time_ns for part in parts]), kind="stable")
+    names = [f.name for f in fields(MessageColumns)[:-1]]
+    columns = [np.concatenate([getattr(part, name) for part in parts])[order].tolist() for name in names]
+    part_of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order].tolist()
+    contents = [part.contents for part in parts]
+    new = tuple.__new__
+    for time_ns, publish_time_ns, sequence, channel, start, stop, part in zip(*columns, part_of, strict=True):
+        yield new(Message, (time_ns, publish_time_ns, sequence, channels[channel], contents[part][start:stop]))
+
+
+def _padded(n_bytes: int, to: int = 8) -> int:
+    return n_bytes + -n_bytes % to

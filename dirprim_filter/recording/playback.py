@@ -1,0 +1,167 @@
+"""A recorded log as frames that come at a chosen speed: what a tracker believed, else the objects as they were seen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+
+from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.recording.damage import Damage
+from dirprim_filter.recording.drops import Drops
+from dirprim_filter.recording.errors import DamagedRecordingError
+from dirprim_filter.recording.observations import log_losses
+from dirprim_filter.recording.reader import stream_detections
+from dirprim_filter.recording.scan import Scan
+from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
+from dirprim_filter.recording.schemas.dirprim import decode_estimates
+from dirprim_filter.recording.writer import ESTIMATES_TOPIC
+from tessellation.arrays import FloatArray
+
+SECOND_NS = 1_000_000_000
+REMEMBERED_NS = 2 * SECOND_NS
+"""A vehicle unseen for longer starts anew: no direction is told from so old a place."""
+
+
+class Playback:
+    """Iterates the frames of a log, ascending in time; then tells what was lost.
+
+    Where the log has estimates, on `/dirprim/tracks` or a topic named, these; else its objects. Their direction and
+    speed are the step since they were last seen, and their covariance is zero; those without a name are shown as
+    detected and no more.
+
+    Args:
+        path: the log.
+        topics: of the objects, as for `read_tracks`; named, the log's estimates are passed over.
+        start_ns: the first log time wanted.
+        end_ns: the first log time no longer wanted.
+        strict: raise at the first damage instead of going on.
+
+    Attributes:
+        topics: what is played.
+        damage: what of the file could not be read so far.
+        dropped: what of the readable messages was left out so far.
+
+    Raises:
+        NotMcapError: the file is no MCAP log.
+        NoTracksError: the log has neither estimates nor objects.
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        *,
+        topics: str | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        strict: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self._times = (start_ns, end_ns)
+        self._strict = strict
+        self.damage: list[Damage] = []
+        self.dropped = Drops()
+        with Scan(path) as log:
+            named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
+        self._is_estimated = ESTIMATES_TOPIC in named and topics in (None, ESTIMATES_TOPIC)
+        if self._is_estimated:
+            self.topics = frozenset({ESTIMATES_TOPIC})
+        else:
+            self._stream = stream_detections(path, topics=topics, start_ns=start_ns, end_ns=end_ns, strict=strict)
+            self.topics = self._stream.topics
+
+    def __iter__(self) -> Iterator[TrackedFrame]:
+        """The frames.
+
+        Raises:
+            DamagedRecordingError: strict, and the log is damaged.
+        """
+        return self._estimated() if self._is_estimated else self._observed()
+
+    def _estimated(self) -> Iterator[TrackedFrame]:
+        start_ns, end_ns = self._times
+        self.dropped = Drops()
+        with Scan(self.path, self.topics.__contains__, start_ns=start_ns, end_ns=end_ns) as log:
+            self.damage = log.damage
+            for message in log:
+                self.damage = log.damage
+                if self._strict and log.damage:
+                    raise DamagedRecordingError(self.path, log.damage)
+                try:
+                    yield _frame(message.log_time_ns, Detections.none(), decode_estimates(message.data))
+                except ProtobufDecodeError:
+                    self.dropped.undecodable += 1
+            self.damage = log.damage
+        if self._strict and self.damage:
+            raise DamagedRecordingError(self.path, self.damage)
+        log_losses(self.path, self.damage, self.dropped)
+
+    def _observed(self) -> Iterator[TrackedFrame]:
+        last: dict[str, tuple[int, FloatArray]] = {}
+        for seen in self._stream:
+            time_ns = int(seen.time_ns[0])
+            last = {name: past for name, past in last.items() if time_ns - past[0] <= REMEMBERED_NS}
+            known = seen[seen.track_id != NO_ID]
+            yield _frame(time_ns, seen, _moved(known, last))
+            last |= {str(name): (time_ns, place) for name, place in zip(known.track_id, known.position, strict=True)}
+            self.damage, self.dropped = self._stream.damage, self._stream.dropped
+        self.damage, self.dropped = self._stream.damage, self._stream.dropped
+
+
+def paced(
+    frames: Iterable[TrackedFrame],
+    rate: float,
+    *,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Iterator[TrackedFrame]:
+    """The frames, each when its time has come by the clock; one that is late comes at once.
+
+    Args:
+        frames: ascending in time.
+        rate: seconds of the log for each second of the clock; infinity waits for nothing.
+        clock: seconds that pass.
+        sleep: waits for so many seconds.
+
+    Raises:
+        ValueError: a rate that is not positive.
+    """
+    if not rate > 0:
+        raise ValueError(f"rate: expected more than 0 seconds of the log each second, got {rate}")
+    begun: tuple[int, float] | None = None
+    for frame in frames:
+        if begun is None:
+            begun = (frame.time_ns, clock())
+        wait = begun[1] + (frame.time_ns - begun[0]) / SECOND_NS / rate - clock()
+        if wait > 0:
+            sleep(wait)
+        yield frame
+
+
+def _moved(seen: Detections, last: dict[str, tuple[int, FloatArray]]) -> Estimates:
+    """What is known of the vehicles of an instant by their places alone."""
+    n = len(seen)
+    step = np.zeros((n, 2))
+    for row, name in enumerate(seen.track_id.tolist()):
+        if name in last:
+            then_ns, place = last[name]
+            step[row] = (seen.position[row] - place) / ((int(seen.time_ns[row]) - then_ns) / SECOND_NS)
+    speed = np.hypot(step[:, 0], step[:, 1])
+    return Estimates(
+        track_id=seen.track_id, time_ns=seen.time_ns, position=seen.position, covariance=np.zeros((n, 2, 2)),
+        direction=np.arctan2(step[:, 1], step[:, 0]), direction_resultant=(speed > 0).astype(np.float64), speed=speed,
+        speed_std=np.zeros(n), effective_sample_size=np.ones(n), log_evidence=np.zeros(n),
+    )  # fmt: skip
+
+
+def _frame(time_ns: int, detections: Detections, estimates: Estimates) -> TrackedFrame:
+    none = np.empty(0)
+    particles = Particles(
+        position=np.empty((0, 2)), direction=none, speed=none, weight=none, vehicle=np.empty(0, np.int64)
+    )
+    return TrackedFrame(time_ns=time_ns, detections=detections, estimates=estimates, particles=particles)

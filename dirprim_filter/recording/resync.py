@@ -1,0 +1,132 @@
+"""Telling a record from noise, and finding the next one that can be trusted after one that cannot.
+
+A length that is wrong but fits in the file would swallow what follows. So a record's length must agree with its
+fields; where it has bytes more, as the specification allows for later versions, no chunk may hide in them.
+
+Source: the MCAP specification, version 0. Opcodes 0x10 to 0x7F are reserved, so a file of this version holds none;
+0x80 and above are private and skipped.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from mmap import mmap
+
+from dirprim_filter.recording.chunk import FIXED_SIZE, Chunk, chunk_at, read_contents
+from dirprim_filter.recording.records import (
+    ATTACHMENT,
+    ATTACHMENT_INDEX,
+    CHANNEL,
+    CHUNK_INDEX,
+    DATA_END,
+    FOOTER,
+    HEADER,
+    MESSAGE_INDEX,
+    METADATA,
+    METADATA_INDEX,
+    RECORD_HEADER_SIZE,
+    SCHEMA,
+    STATISTICS,
+    SUMMARY_OFFSET,
+    U32,
+    U64,
+)
+
+PRIVATE = 0x80
+TEXT, DATA = -4, -8
+"""A field that carries its length in front, in 4 or 8 bytes; other fields are given by their size."""
+FIELDS: dict[int, tuple[int, ...]] = {
+    HEADER: (TEXT, TEXT),
+    FOOTER: (20,),
+    SCHEMA: (2, TEXT, TEXT, TEXT),
+    CHANNEL: (4, TEXT, TEXT, TEXT),
+    MESSAGE_INDEX: (2, TEXT),
+    CHUNK_INDEX: (32, TEXT, 8, TEXT, 16),
+    ATTACHMENT: (16, TEXT, TEXT, DATA, 4),
+    ATTACHMENT_INDEX: (40, TEXT, TEXT),
+    STATISTICS: (42, TEXT),
+    METADATA: (TEXT, TEXT),
+    METADATA_INDEX: (16, TEXT),
+    SUMMARY_OFFSET: (17,),
+    DATA_END: (4,),
+}
+CHUNK_HEADER = re.compile(
+    rb"\x06(?=.{6}\0\0.{16}.{6}\0\0.{4}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0).{6}\0\0)", re.DOTALL
+)
+"""The start of what may be a chunk: lengths below 2^48, a known compression. `chunk_at` then checks the lengths."""
+
+
+def legal_end(file: mmap, at: int) -> int:
+    """The byte after the record at `at`, by its length alone."""
+    return at + RECORD_HEADER_SIZE + int(U64.unpack_from(file, at + 1)[0])
+
+
+def is_record(file: mmap, at: int, end: int) -> bool:
+    """Whether a record other than a message or a chunk can be what its header says."""
+    opcode, body = file[at], at + RECORD_HEADER_SIZE
+    if end > len(file) or (opcode not in FIELDS and opcode < PRIVATE):
+        return False
+    disguised = end - body >= FIXED_SIZE and chunk_at(file, at)
+    if disguised and disguised.end == end:
+        return False
+    if opcode >= PRIVATE:
+        return starts_record(file, end)
+    told = fields_end(file, opcode, body, end)
+    if told is None or told == end:
+        return told == end
+    return (opcode == FOOTER or starts_record(file, end)) and next_chunk(file, told, end) is None
+
+
+def fields_end(file: mmap, opcode: int, at: int, end: int) -> int | None:
+    """The byte after the fields that this version knows; None where they do not fit."""
+    for size in FIELDS[opcode]:
+        if size > 0:
+            at += size
+        elif at - size > end:
+            return None
+        else:
+            at += -size + int((U32 if size == TEXT else U64).unpack_from(file, at)[0])
+    return at if at <= end else None
+
+
+def starts_record(file: mmap, at: int) -> bool:
+    """Whether a known record that fits in the file starts at `at`, or the file ends there."""
+    if at + RECORD_HEADER_SIZE > len(file):
+        return at == len(file)
+    return (HEADER <= file[at] <= DATA_END or file[at] >= PRIVATE) and legal_end(file, at) <= len(file)
+
+
+def next_chunk(file: mmap, at: int, until: int) -> int | None:
+    """The first chunk between `at` and `until` whose two lengths agree and that is whole; else one that is cut."""
+    cut = None
+    while match := CHUNK_HEADER.search(file, at, min(until + 64, len(file))):
+        at = match.start()
+        if at >= until:
+            break
+        chunk = chunk_at(file, at)
+        if chunk and not chunk.is_cut and chunk.end == legal_end(file, at):
+            return at
+        if chunk and chunk.is_cut and cut is None and legal_end(file, at) == chunk.claimed_end:
+            cut = at
+        at += 1
+    return cut
+
+
+def salvageable(file: mmap, at: int) -> Chunk | None:
+    """The chunk that a contradictory record may still be; None if it cannot be one."""
+    chunk = chunk_at(file, at)
+    if chunk is None or not chunk.size:
+        return None
+    if not chunk.is_cut and starts_record(file, chunk.end):
+        return chunk if is_sound(file, chunk) or next_chunk(file, at + 1, chunk.end) is None else None
+    end = legal_end(file, at)
+    if chunk.crc and chunk.data_offset < end < len(file) and starts_record(file, end):
+        by_record = replace(chunk, data_length=end - chunk.data_offset, is_cut=False)
+        return by_record if is_sound(file, by_record) else None
+    return None
+
+
+def is_sound(file: mmap, chunk: Chunk) -> bool:
+    """Whether a checksum vouches for a chunk's contents."""
+    return chunk.crc != 0 and read_contents(file, chunk)[1] is None

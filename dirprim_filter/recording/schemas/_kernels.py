@@ -1,0 +1,71 @@
+"""What the compiled walks over messages share: tables of cells, and where texts stand.
+
+A batch is one array of bytes and where each message starts. A walk writes *tables*: table 0 has a row for each
+message, another one a row for each element of a repeated field. A row is `width` cells of 64 bits: the message,
+the row above it, then the columns, as bits. Texts are cells of (offset << 32 | length). A message that cannot be
+read leaves no row in any table but its own in table 0, and a status.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from tessellation.arrays import AnyArray, IntArray
+
+OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY = range(6)
+MAX_ELEMENTS = 1 << 17
+"""More elements of one repeated field than this in one message are no objects of traffic."""
+
+
+class Tables(NamedTuple):
+    """Tables under way: their cells one after the other, and for each where it starts, and its row of defaults."""
+
+    cells: IntArray  # (sum of capacity * width,)
+    base: IntArray  # (n_tables,)
+    width: IntArray  # (n_tables,)
+    capacity: IntArray  # (n_tables,) rows
+    n_rows: IntArray  # (n_tables,) so far
+    defaults: IntArray  # (sum of width,)
+    default_base: IntArray  # (n_tables,)
+
+
+@njit(cache=True)
+def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
+    """`size` bytes as an unsigned number."""
+    value = np.uint64(0)
+    if little:
+        for i in range(size - 1, -1, -1):
+            value = (value << np.uint64(8)) | np.uint64(data[at + i])
+    else:
+        for i in range(size):
+            value = (value << np.uint64(8)) | np.uint64(data[at + i])
+    return value
+
+
+@njit(cache=True)
+def new_row(tables: Tables, table: int, message: int, parent: int) -> int:
+    """Append a row of defaults to a table; its number, or -1 where the table is full."""
+    row = tables.n_rows[table]
+    if row >= tables.capacity[table]:
+        return -1
+    at = tables.base[table] + row * tables.width[table]
+    for column in range(tables.width[table]):
+        tables.cells[at + column] = tables.defaults[tables.default_base[table] + column]
+    tables.cells[at] = message
+    tables.cells[at + 1] = parent
+    tables.n_rows[table] = row + 1
+    return int(row)
+
+
+@njit(cache=True)
+def gather_texts(data: AnyArray, cells: IntArray, width: int) -> AnyArray:
+    """(n, width) the bytes of each text cell, cut at `width`, padded with zeros."""
+    out = np.zeros((cells.size, width), np.uint8)
+    for i in range(cells.size):
+        start = cells[i] >> 32
+        for j in range(min(cells[i] & 0xFFFFFFFF, width)):
+            out[i, j] = data[start + j]
+    return out

@@ -1,0 +1,64 @@
+"""How bodies are turned: unit quaternions (x, y, z, w), which turn a vector of the body's axes into its frame's.
+
+Body axes: x forward, y left, z up (REP 103); the heading is the direction of x on the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dirprim_filter.recording.schemas.fields import Field
+from tessellation.arrays import FloatArray
+
+STANDING_SPEED = 1e-3
+"""Below this speed, m/s, the direction of a velocity is rounding error."""
+
+
+def xyz(prefix: str, path: str) -> Mapping[str, Field]:
+    """The three numbers of a point or a vector, under labels such as `v.x`."""
+    return {f"{prefix}.{axis}": Field(path=f"{path}.{axis}") for axis in "xyz"}
+
+
+def pose(path: str) -> Mapping[str, Field]:
+    """Position `p.x` to `p.z` and orientation `q.x` to `q.w` of a pose."""
+    turned = {f"q.{axis}": Field(path=f"{path}.orientation.{axis}") for axis in "xyzw"}
+    return {**xyz("p", f"{path}.position"), **turned}
+
+
+POSITION = ("p.x", "p.y", "p.z")
+ORIENTATION = ("q.x", "q.y", "q.z", "q.w")
+VELOCITY = ("v.x", "v.y", "v.z")
+
+
+def rotated(orientation: FloatArray, vector: FloatArray) -> FloatArray:
+    """(n, 3) vectors of the bodies' axes in the axes of their frame.
+
+    Args:
+        orientation: (n, 4) quaternions of any length; one of length 0, which is not set, turns nothing.
+        vector: (n, 3).
+    """
+    length = np.sqrt(np.square(orientation).sum(axis=-1))
+    unset = length == 0
+    x, y, z, w = orientation.T / np.where(unset, 1.0, length)
+    w = np.where(unset, 1.0, w)
+    a, b, c = vector.T
+    # v + 2 u x (u x v + w v), written out: numpy's cross is slow
+    p, q, r = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
+    return np.stack([a + 2 * (y * r - z * q), b + 2 * (z * p - x * r), c + 2 * (x * q - y * p)], axis=-1)
+
+
+def heading(orientation: FloatArray) -> FloatArray:
+    """(n,) direction of the body's x axis, radians; NaN where the orientation is not set or points up."""
+    forward = rotated(orientation, np.broadcast_to([1.0, 0.0, 0.0], (len(orientation), 3)))
+    angle = np.arctan2(forward[:, 1], forward[:, 0])
+    angle[(orientation == 0).all(axis=-1) | (np.hypot(forward[:, 0], forward[:, 1]) == 0)] = np.nan
+    return angle
+
+
+def course(velocity: FloatArray, standing: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) direction and (n,) speed of velocities (n, 3); who stands has no course, `standing` stands in."""
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    direction = np.arctan2(velocity[:, 1], velocity[:, 0])
+    return np.where(speed < STANDING_SPEED, standing, direction), speed

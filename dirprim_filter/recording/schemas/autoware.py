@@ -1,0 +1,81 @@
+"""Autoware's perceived objects: tracked, detected and predicted.
+
+The pose is that of the shape's centre in the header's frame. The twist is over ground and in the axes of the
+object's body. `orientation_availability` says whether the orientation is measured (2), measured up to front and
+back (1), or not at all (0); a body whose orientation is not measured has no heading while it stands. A detection
+has no name; it has a twist only where `has_twist` says so.
+
+Source: https://github.com/autowarefoundation/autoware_msgs, autoware_perception_msgs; the names before 2024 were
+autoware_auto_perception_msgs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dirprim_filter.recording.schemas.attitude import (
+    ORIENTATION,
+    POSITION,
+    VELOCITY,
+    course,
+    heading,
+    pose,
+    rotated,
+    xyz,
+)
+from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
+
+_PACKAGES = ("autoware_perception_msgs", "autoware_auto_perception_msgs")
+UNAVAILABLE = 0
+_KINEMATICS = ".objects[].kinematics"
+
+
+def _fields(pose_name: str, twist_name: str) -> dict[str, Field]:
+    return {
+        "stamp": Field(path=".header.stamp", kind="time"),
+        "frame": Field(path=".header.frame_id", kind="name"),
+        "id": Field(path=".objects[].object_id.uuid", kind="name", optional=True),
+        "known": Field(path=f"{_KINEMATICS}.orientation_availability", optional=True),
+        "moves": Field(path=f"{_KINEMATICS}.has_twist", optional=True),
+        **pose(f"{_KINEMATICS}.{pose_name}.pose"),
+        **xyz("v", f"{_KINEMATICS}.{twist_name}.twist.linear"),
+    }
+
+
+def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
+    message = shredded.message_of(".objects[]")
+    orientation = numbers(shredded, *ORIENTATION)
+    standing = np.where(shredded.integers("known", default=2) == UNAVAILABLE, np.nan, heading(orientation))
+    velocity = rotated(orientation, numbers(shredded, *VELOCITY))
+    direction, speed = course(velocity, standing)
+    untold = shredded.integers("moves", default=1) == 0
+    return rows_of(
+        message,
+        track_id=shredded.names("id"),
+        stamp_ns=shredded.times("stamp")[message],
+        frame_id=shredded.names("frame")[message],
+        place=numbers(shredded, *POSITION),
+        direction=np.where(untold, np.nan, direction),
+        speed=np.where(untold, np.nan, speed),
+        climb=velocity[:, 2],
+    )
+
+
+TRACKED = Family(
+    schemas=tuple(f"{package}/msg/TrackedObjects" for package in _PACKAGES),
+    fields=_fields("pose_with_covariance", "twist_with_covariance"),
+    objects=_objects,
+)
+DETECTED = Family(
+    schemas=tuple(f"{package}/msg/DetectedObjects" for package in _PACKAGES),
+    fields=TRACKED.fields,
+    objects=_objects,
+)
+PREDICTED = Family(
+    schemas=tuple(f"{package}/msg/PredictedObjects" for package in _PACKAGES),
+    fields=_fields("initial_pose_with_covariance", "initial_twist_with_covariance"),
+    objects=_objects,
+)

@@ -1,0 +1,51 @@
+"""`derived_object_msgs/ObjectArray`, as CARLA's ROS bridge and radar drivers write it.
+
+Pose and twist are both in the axes of the header's frame: the bridge turns no velocity into the body's axes. A
+twist over ground; a standing object's course is its body's heading.
+
+Source: https://github.com/astuff/astuff_sensor_msgs, derived_object_msgs; carla_ros_bridge, `TrafficParticipant`.
+"""
+
+from __future__ import annotations
+
+from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, VELOCITY, course, heading, pose, xyz
+from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
+
+
+def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
+    message = shredded.message_of(".objects[]")
+    velocity = numbers(shredded, *VELOCITY)
+    direction, speed = course(velocity, heading(numbers(shredded, *ORIENTATION)))
+    return rows_of(
+        message,
+        track_id=shredded.names("id"),
+        stamp_ns=shredded.times("stamp")[message],
+        frame_id=shredded.names("frame")[message],
+        place=numbers(shredded, *POSITION),
+        direction=direction,
+        speed=speed,
+        climb=velocity[:, 2],
+    )
+
+
+def _family(schema: str, pose_path: str, twist_path: str) -> Family:
+    return Family(
+        schemas=(schema,),
+        fields={
+            "stamp": Field(path=".header.stamp", kind="time"),
+            "frame": Field(path=".header.frame_id", kind="name"),
+            "id": Field(path=".objects[].id", kind="name"),
+            **pose(f".objects[]{pose_path}"),
+            **xyz("v", f".objects[]{twist_path}.linear"),
+        },
+        objects=_objects,
+    )
+
+
+FAMILIES = (
+    _family("derived_object_msgs/msg/ObjectArray", ".pose", ".twist"),
+    _family("derived_object_msgs/msg/ObjectWithCovarianceArray", ".pose.pose", ".twist.twist"),
+)

@@ -1,0 +1,52 @@
+"""Satellite fixes of one vehicle: `foxglove.LocationFix`, `foxglove.LocationFixes`, `sensor_msgs/NavSatFix`.
+
+Degrees on WGS 84, to be projected to a local plane. The vehicle is named after the topic: the frame is that of the
+antenna. A receiver without a fix (status below 0) tells no position.
+
+Sources: foxglove/LocationFix.proto of the Foxglove SDK; sensor_msgs/msg/NavSatFix.msg, NavSatStatus.msg of ROS 2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
+
+GEODETIC = "WGS 84"
+"""The frame of positions (longitude, latitude) in degrees and a height above the ellipsoid in metres."""
+
+
+def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
+    message = shredded.message_of(shredded.fields["latitude"].table)
+    stamp = shredded.times("stamp")
+    place = numbers(shredded, "longitude", "latitude", "altitude")
+    place[shredded.integers("status") < 0] = np.nan
+    return rows_of(
+        message,
+        track_id=topics[message],
+        stamp_ns=stamp,
+        frame_id=np.full(message.size, GEODETIC),
+        place=place,
+    )
+
+
+def _family(*schemas: str, at: str, stamp: str) -> Family:
+    return Family(
+        schemas=schemas,
+        fields={
+            "stamp": Field(path=f"{at}{stamp}", kind="time"),
+            "status": Field(path=f"{at}.status.status", optional=True),
+            **{name: Field(path=f"{at}.{name}") for name in ("latitude", "longitude", "altitude")},
+        },
+        objects=_objects,
+    )
+
+
+FAMILIES = (
+    _family("foxglove.LocationFix", "foxglove_msgs/msg/LocationFix", at="", stamp=".timestamp"),
+    _family("foxglove.LocationFixes", "foxglove_msgs/msg/LocationFixes", at=".fixes[]", stamp=".timestamp"),
+    _family("sensor_msgs/msg/NavSatFix", at="", stamp=".header.stamp"),
+)

@@ -1,0 +1,70 @@
+"""One body's own motion: `nav_msgs/Odometry` and `foxglove.Odometry`.
+
+Both give the pose of the body's frame in the header's frame, and the velocity in the axes of the body. The body's
+frame (`base_link`) is the vehicle's name, the topic where it is not told.
+
+Sources: https://docs.ros.org/en/api/nav_msgs/html/msg/Odometry.html; foxglove/Odometry.proto of the Foxglove SDK.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dirprim_filter.recording.schemas.attitude import (
+    ORIENTATION,
+    POSITION,
+    VELOCITY,
+    course,
+    heading,
+    pose,
+    rotated,
+    xyz,
+)
+from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.shredded import Shredded
+from tessellation.arrays import AnyArray
+
+
+def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
+    body = shredded.names("id")
+    orientation = numbers(shredded, *ORIENTATION)
+    velocity = rotated(orientation, numbers(shredded, *VELOCITY))
+    velocity[~shredded.marks("moves")] = np.nan
+    direction, speed = course(velocity, heading(orientation))
+    return rows_of(
+        shredded.message_of(""),
+        track_id=np.where(body == "", topics, body),
+        stamp_ns=shredded.times("stamp"),
+        frame_id=shredded.names("frame"),
+        place=numbers(shredded, *POSITION),
+        direction=direction,
+        speed=speed,
+        climb=velocity[:, 2],
+    )
+
+
+ROS = Family(
+    schemas=("nav_msgs/msg/Odometry",),
+    fields={
+        "stamp": Field(path=".header.stamp", kind="time"),
+        "frame": Field(path=".header.frame_id", kind="name"),
+        "id": Field(path=".child_frame_id", kind="name"),
+        "moves": Field(path=".twist", kind="mark"),
+        **pose(".pose.pose"),
+        **xyz("v", ".twist.twist.linear"),
+    },
+    objects=_objects,
+)
+FOXGLOVE = Family(
+    schemas=("foxglove.Odometry", "foxglove_msgs/msg/Odometry"),
+    fields={
+        "stamp": Field(path=".timestamp", kind="time"),
+        "frame": Field(path=".frame_id", kind="name"),
+        "id": Field(path=".body_frame_id", kind="name"),
+        "moves": Field(path=".linear_velocity", kind="mark"),
+        **pose(".pose"),
+        **xyz("v", ".linear_velocity"),
+    },
+    objects=_objects,
+)

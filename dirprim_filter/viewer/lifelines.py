@@ -1,0 +1,111 @@
+"""Births, sights lost, recoveries and deaths of tracked vehicles: a chart of who is tracked when, and a diary.
+
+A lane is one entity, and the viewer slows down with hundreds of them: so there are few, and a vehicle takes the lowest
+that is free. Whoever finds none stands in the diary alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.viewer.colors import track_color
+
+N_LANES = 16
+UNSEEN_S = 0.5
+"""A vehicle is out of sight when it was not measured for longer: one report that fails to come says nothing."""
+ANEW_COLOR = (240, 228, 66)
+UNSEEN_COLOR = (80, 86, 100)
+
+
+class Change(NamedTuple):
+    """A vehicle's state from a time on; an empty state where it has ended."""
+
+    time_ns: int
+    state: str
+
+
+class Entry(NamedTuple):
+    """A line of the diary."""
+
+    time_ns: int
+    level: str
+    text: str
+
+
+class Lifelines:
+    """Takes frames; what has changed since it was last asked is in `changes`, `entries` and `states`.
+
+    A vehicle enters when it is measured for the second time, and its line then begins at the first: of what a sensor
+    saw but once, most was no vehicle.
+
+    Attributes:
+        changes: by lane, ascending in time.
+        entries: of the diary, ascending in time.
+        states: by lane, each state that was ever in it, and its colour.
+    """
+
+    def __init__(self) -> None:
+        self.changes: dict[int, list[Change]] = {}
+        self.entries: list[Entry] = []
+        self.states: dict[int, dict[str, tuple[int, int, int]]] = {}
+        self._lane: dict[str, int] = {}
+        self._state: dict[str, str] = {}
+        self._first_ns: dict[str, int] = {}
+
+    def see(self, frame: TrackedFrame) -> None:
+        """Compare a frame with the one before."""
+        believed, time_ns = frame.estimates, frame.time_ns
+        unseen = dict(zip(map(str, believed.track_id), believed.unseen_s.tolist(), strict=True))
+        taken = set(self._lane.values())  # a lane that is left now is free from the next frame on
+        for name in [name for name in self._state if name not in unseen]:
+            self._tell(time_ns, name, "", "INFO", f"{name} ended")
+            self._state.pop(name)
+            self._lane.pop(name, None)
+        self._first_ns = {name: first_ns for name, first_ns in self._first_ns.items() if name in unseen}
+        free = (lane for lane in range(N_LANES) if lane not in taken)
+        anew = set(frame.begun_anew)
+        for name, unseen_s in unseen.items():
+            if name not in self._state:
+                first_ns = self._first_ns.setdefault(name, time_ns)
+                if unseen_s > 0 or first_ns == time_ns:
+                    continue
+                lane = next(free, None)
+                if lane is not None:
+                    self._lane[name] = lane
+                self._tell(first_ns, name, name, "INFO", f"{name} begun")
+                self._state[name] = name
+            for level, state, text in self._news(name, unseen_s, is_anew=name in anew):
+                self._tell(time_ns, name, state, level, text)
+                self._state[name] = state
+
+    def _news(self, name: str, unseen_s: float, *, is_anew: bool) -> Iterator[tuple[str, str, str]]:
+        state = self._state[name]
+        if is_anew:
+            yield "WARN", f"{name} anew", f"{name} begun anew: its belief did not explain what was measured"
+        elif unseen_s > UNSEEN_S:
+            if state != f"{name} unseen":
+                yield "INFO", f"{name} unseen", f"{name} out of sight"
+        elif state == f"{name} unseen":
+            yield "INFO", name, f"{name} in sight again"
+        elif state == f"{name} anew":
+            yield "INFO", name, f"{name} explained again"
+
+    def _tell(self, time_ns: int, name: str, state: str, level: str, text: str) -> None:
+        self.entries.append(Entry(time_ns, level, text))
+        lane = self._lane.get(name)
+        if lane is None:
+            return
+        self.changes.setdefault(lane, []).append(Change(time_ns, state))
+        if state:
+            colors = self.states.setdefault(lane, {})
+            if state.endswith(" anew"):
+                colors[state] = ANEW_COLOR
+            elif state.endswith(" unseen"):
+                colors[state] = UNSEEN_COLOR
+            else:
+                red, green, blue, _ = track_color(np.array([name]))[0].tolist()
+                colors[state] = (red, green, blue)

@@ -1,0 +1,138 @@
+"""The rerun viewer as a program: started with a file, or as a server of the web viewer."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Self
+from urllib.parse import quote, urlsplit
+
+VIEWER_PORT = 9876
+VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
+WEB_PORT = 9090
+STARTING_S = 2.0
+"""A viewer that still runs after this time has found a screen."""
+SERVING_WITHIN_S = 20.0
+ANY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - they are what a user may ask for
+
+
+def viewer_program() -> str | None:
+    """The viewer that came with the SDK: the search path may lack it, or hold one of another version."""
+    package = find_spec("rerun_cli")
+    program = Path(package.origin).with_name("rerun") if package and package.origin else None
+    return str(program) if program and program.exists() else None
+
+
+def show_files(paths: list[Path]) -> None:
+    """Open recordings in the viewer that runs on this machine, or in a new one, and leave it open.
+
+    Raises:
+        ConnectionError: no viewer could be started.
+    """
+    command = [viewer_program() or "rerun", *map(str, paths)]
+    told = ", ".join(map(str, paths))
+    try:
+        viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
+        failed = viewer.wait(timeout=STARTING_S) != 0
+    except subprocess.TimeoutExpired:  # it runs
+        return
+    except OSError as error:
+        raise ConnectionError(f"{told}: the viewer {command[0]} did not start ({error})") from error
+    if failed:
+        raise ConnectionError(f"{told}: the viewer did not start; it needs a screen")
+
+
+def require_listener(url: str, way_out: str) -> None:
+    """Make sure that a viewer answers: the SDK would retry for seconds and then lose what was logged.
+
+    Raises:
+        ConnectionError: none does, or that is no address.
+    """
+    place = urlsplit(url)
+    if place.hostname is None:
+        raise ConnectionError(f"{url}: expected an address such as {VIEWER_URL}")
+    try:
+        socket.create_connection((place.hostname, place.port or VIEWER_PORT), timeout=5.0).close()
+    except OSError as error:
+        raise ConnectionError(f"{url}: no viewer answers ({error}); {way_out}") from error
+
+
+class WebServer:
+    """A server of the web viewer and of what is streamed to it; a context manager.
+
+    Args:
+        address: the machine's own address to answer at; 127.0.0.1 is reached from this machine alone.
+        data_port: where streams come in and the viewer takes them from.
+        web_port: where the browser asks for the viewer.
+
+    Attributes:
+        stream_url: to stream to.
+        page_url: to open in a browser.
+
+    Raises:
+        ConnectionError: it does not start; most often a port is taken.
+    """
+
+    def __init__(self, address: str, *, data_port: int = VIEWER_PORT, web_port: int = WEB_PORT) -> None:
+        reached = "127.0.0.1" if address in ANY_ADDRESS else address
+        self.stream_url = f"rerun+http://{reached}:{data_port}/proxy"
+        self.page_url = f"http://{reached}:{web_port}/?url={quote(self.stream_url, safe='')}"
+        for port in (data_port, web_port):
+            _require_free(address, port)
+        self._process = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
+            [viewer_program() or "rerun", "--serve-web", "--bind", address, "--port", str(data_port),
+             "--web-viewer-port", str(web_port)],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+        try:
+            self._wait_for(reached, (data_port, web_port))
+        except BaseException:
+            self.stop()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def wait(self) -> None:
+        """Serve until Ctrl-C, or until the server ends."""
+        try:
+            self._process.wait()
+        except KeyboardInterrupt:
+            return
+
+    def stop(self) -> None:
+        """End the server."""
+        self._process.terminate()
+        self._process.wait()
+
+    def _wait_for(self, host: str, ports: tuple[int, ...]) -> None:
+        until = time.monotonic() + SERVING_WITHIN_S
+        for port in ports:
+            while True:
+                if self._process.poll() is not None or time.monotonic() > until:
+                    raise ConnectionError(f"{host}:{port}: the web viewer's server did not start")
+                try:
+                    socket.create_connection((host, port), timeout=1.0).close()
+                    break
+                except OSError:
+                    time.sleep(0.05)
+
+
+def _require_free(address: str, port: int) -> None:
+    try:
+        with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((address, port))
+    except OSError as error:
+        raise ConnectionError(
+            f"{address}:{port}: cannot serve there ({error.strerror or error}); end what serves"
+        ) from error

@@ -1,0 +1,326 @@
+"""Maps, beliefs and forecasts as they come, to the rerun viewer and into .rrd files.
+
+One entity for each kind of thing, its instances batched: the viewer slows down with hundreds of entities.
+What is true for the whole log is static; all else stands on the log's own time line, exact to the nanosecond.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import rerun as rr
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.viewer import marks, shapes
+from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
+from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
+from dirprim_filter.viewer.curves import Tally, Truth, metrics
+from dirprim_filter.viewer.focus import Focus
+from dirprim_filter.viewer.legend import Legend
+from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
+from dirprim_filter.viewer.program import WebServer
+from dirprim_filter.viewer.report import run_report
+from dirprim_filter.viewer.scenery import scenery
+from dirprim_filter.viewer.timeline import time_column
+from tessellation.arrays import FloatArray, IntArray
+
+logger = logging.getLogger(__name__)
+
+BATCH_FRAMES = 64
+"""Frames that a file gets at a time; a viewer gets each as it comes."""
+BUSY_SHARE = 0.75
+"""The view is fitted to the square that holds this share of the traffic."""
+BOX_PATH = "/view"
+"""Tells which part of the plane the view is fitted to."""
+SURE_FROM = 0.5
+"""Resultant of a belief's direction; a forecast of a vehicle that may go anywhere tells nothing."""
+
+
+class Outlet:
+    """Where a sink's frames go, and how it ends.
+
+    Args:
+        stream: to a file, a viewer or both.
+        file: an .rrd under its temporary name, and its own.
+        live: somebody may be watching.
+        server: of the web viewer, which ends with the stream.
+    """
+
+    def __init__(
+        self,
+        stream: rr.RecordingStream,
+        *,
+        file: tuple[Path, Path] | None,
+        live: bool,
+        server: WebServer | None = None,
+    ) -> None:
+        self.stream = stream
+        self.live = live
+        self.server = server
+        self._file = file
+
+    def close(self, *, whole: bool) -> None:
+        """A file gets its name if it is whole, else keeps its temporary one."""
+        self.stream.flush()
+        self.stream.disconnect()
+        if self.server is not None:
+            self.server.stop()
+        if self._file is None:
+            return
+        part, save = self._file
+        self._file = None
+        if whole:
+            part.replace(save)
+        else:
+            logger.warning("%s: holds what was written before the error", part)
+
+
+class RerunSink:
+    """An `EstimateSink` that shows frames in rerun; use it in a `with` block, frames in order of time.
+
+    Args:
+        outlet: where they go.
+        particle_stride: show one particle in so many.
+        particle_color: what the colour of particles tells.
+        focus: id of the vehicle to look at closely; None for whichever is understood least.
+
+    Attributes:
+        outlet: as given.
+        stream: its stream.
+    """
+
+    def __init__(
+        self,
+        outlet: Outlet,
+        *,
+        particle_stride: int = 1,
+        particle_color: marks.ParticleColor = "direction",
+        focus: str | None = None,
+    ) -> None:
+        self.outlet = outlet
+        self.stream = outlet.stream
+        self._particle_stride, self._particle_color = particle_stride, particle_color
+        self._box: FloatArray | None = None
+        self._laid_out = False
+        self._primitives: PrimitiveMap | None = None
+        self._truth: Truth | None = None
+        self._batch = self._new_batch()
+        self._focus, self._lines, self._tally = Focus(focus), Lifelines(), Tally()
+        self._last_seen: dict[str, tuple[int, FloatArray]] = {}
+        self._unsure: set[str] = set()
+        self._forecasts: dict[str, FloatArray] = {}
+        self._forecast_ns = 0
+        self._forecasts_pending = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close(whole=kind is None or issubclass(kind, KeyboardInterrupt))
+
+    def flush(self) -> None:
+        """Send what is left."""
+        self._send_batch()
+        self._show_pending_forecasts()
+        if not self._laid_out:
+            self._begin(tracked=False)
+        self.stream.flush()
+
+    def close(self, *, whole: bool = True) -> None:
+        """Send what is left and close; a file gets its name if it is whole, else keeps its temporary one."""
+        try:
+            self.flush()
+        except BaseException:
+            whole = False
+            raise
+        finally:
+            self.outlet.close(whole=whole)
+
+    # --- What holds for the whole log -----------------------------------------------------------------------
+
+    def log_map(self, primitives: PrimitiveMap) -> None:
+        """The cells, their roses coloured by mean speed, and the legend; the view is fitted to them."""
+        self._primitives = primitives
+        petals = shapes.rose_petals(primitives)
+        fastest = shapes.fastest_speed(petals)
+        box = shapes.busy_box(primitives, share=BUSY_SHARE)
+        legend = Legend(extent=box, fastest=fastest)
+        self._static("/map/cells", marks.cells(primitives.tessellation))
+        self._static("/map/roses", marks.roses(petals, fastest=fastest))
+        self._static("/map/legend", legend.bar(), legend.ticks())
+        self._static("/legend", legend.text())
+        self._box = box
+
+    def log_truth(self, tracks: Tracks) -> None:
+        """Outlines and trails of the vehicles where they truly were, by which the estimates' errors are told."""
+        if len(tracks) == 0:
+            return
+        self._truth = Truth(tracks)
+        if self._box is None:
+            self._box = shapes.extent(tracks.position)
+        times, counts = np.unique(tracks.time_ns, return_counts=True)
+        # One empty instant after the last: otherwise the last vehicles would stand there for ever.
+        after = times[-1] + (int(np.median(np.diff(times))) if len(times) > 1 else 1)
+        outlines = marks.truth(tracks).partition(np.append(counts, 0))
+        self.stream.send_columns("/truth", [time_column([*times.tolist(), int(after)])], outlines)
+        start, end = _steps_of(tracks)
+        when, counts = np.unique(tracks.time_ns[end], return_counts=True)
+        if when.size:
+            trails = marks.true_trails(np.stack([tracks.position[start], tracks.position[end]], axis=1))
+            self.stream.send_columns("/truth/trails", [time_column(when.tolist())], trails.partition(counts))
+
+    def log_detections(self, detections: Detections) -> None:
+        """Where vehicles were reported, of a log that nobody has tracked."""
+        frames = list(detections.frames())
+        if not frames:
+            return
+        if self._box is None:
+            self._box = shapes.extent(detections.position)
+        places = marks.detections(np.concatenate([frame.position for frame in frames]))
+        times = time_column([int(frame.time_ns[0]) for frame in frames])
+        self.stream.send_columns("/detections", [times], places.partition([len(frame) for frame in frames]))
+
+    def log_report(self, markdown: str) -> None:
+        """A text about the run: configuration, results."""
+        self._static("/report", rr.TextDocument(markdown, media_type="text/markdown"))
+
+    def log_run(self, made_with: Mapping[str, str], results: Mapping[str, str]) -> None:
+        """What the run was made with and what came of it, in figures of its own and in those given; may come again."""
+        self.log_report(run_report(made_with, self._tally.results() | dict(results)))
+
+    # --- What changes with time -----------------------------------------------------------------------------
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Show one frame; vehicles that it does not name vanish."""
+        believed = frame.estimates
+        if not self._laid_out:
+            if self._box is None:
+                self._box = shapes.extent(np.concatenate([believed.position, frame.detections.position]))
+            self._begin(tracked=True)
+            self._batch = self._new_batch()
+        self._forget_forecasts(frame.time_ns)
+        values = metrics(frame, float("nan") if self._truth is None else self._truth.nees(frame))
+        self._tally.add(values)
+        self._batch.add(frame, steps=self._steps(believed), look=self._focus.see(frame), metrics=values)
+        self._lines.see(frame)
+        self._see(frame.time_ns, believed)
+        if self.outlet.live or len(self._batch) >= BATCH_FRAMES:
+            self._send_batch()
+
+    def write_forecast(self, time_ns: int, track_id: Sequence[str], paths: FloatArray) -> None:
+        """Sampled futures and their fans; a vehicle's stay until it goes or forecasts of another time come.
+
+        Vehicles that are out of sight, or of which nobody knows yet where they head, get none.
+
+        Args:
+            time_ns: when the forecasts were made; after `write` of the frame of that time.
+            track_id: n ids of the vehicles.
+            paths: (n, n_samples, n_steps, 2) metres, of one shape for one time; lines begin at the vehicle's last
+                estimate.
+        """
+        if time_ns != self._forecast_ns:
+            self._show_pending_forecasts()
+            self._forecasts = {}
+        for name, futures in zip(map(str, track_id), paths, strict=True):
+            if name in self._unsure:
+                continue
+            start = (
+                np.full((len(futures), 1, 2), self._last_seen[name][1]) if name in self._last_seen else futures[:, :1]
+            )
+            self._forecasts[name] = np.concatenate([start, futures], axis=1)
+        self._forecast_ns = time_ns
+        self._forecasts_pending = True
+
+    def _steps(self, believed: Estimates) -> tuple[list[str], FloatArray]:
+        """The step of each vehicle since it was last seen; the layout shows the steps of the last seconds."""
+        names = [str(name) for name in believed.track_id]
+        known = [row for row, name in enumerate(names) if name in self._last_seen]
+        start = np.array([self._last_seen[names[row]][1] for row in known]).reshape(-1, 2)
+        return [names[row] for row in known], np.stack([start, believed.position[known]], axis=1)
+
+    def _see(self, time_ns: int, believed: Estimates) -> None:
+        oldest_ns = time_ns - int(TRAIL_S * 1e9)
+        self._last_seen = {name: seen for name, seen in self._last_seen.items() if seen[0] >= oldest_ns}
+        names = [str(name) for name in believed.track_id]
+        self._last_seen |= {name: (time_ns, place) for name, place in zip(names, believed.position, strict=True)}
+        is_unsure = (believed.unseen_s > UNSEEN_S) | (believed.direction_resultant < SURE_FROM)
+        self._unsure = {names[row] for row in np.flatnonzero(is_unsure)}
+
+    def _forget_forecasts(self, time_ns: int) -> None:
+        """Drop the forecasts of vehicles that have gone."""
+        self._show_pending_forecasts()
+        since_ns = time_ns - int(UNSEEN_S * 1e9)
+        here = {name for name, (seen_ns, _) in self._last_seen.items() if seen_ns >= since_ns} - self._unsure
+        kept = {name: paths for name, paths in self._forecasts.items() if name in here}
+        if len(kept) < len(self._forecasts):
+            self._forecasts = kept
+            self._show_forecasts(time_ns)
+
+    def _show_pending_forecasts(self) -> None:
+        if self._forecasts_pending:
+            self._show_forecasts(self._forecast_ns)
+        self._forecasts_pending = False
+
+    def _show_forecasts(self, time_ns: int) -> None:
+        names = list(self._forecasts)
+        paths = np.stack(list(self._forecasts.values())) if names else np.empty((0, 1, 1, 2))
+        lines = marks.forecasts(names, paths).partition([len(names) * min(paths.shape[1], marks.PATHS_DRAWN)])
+        times = time_column([time_ns])
+        self.stream.send_columns("/forecasts/paths", [times], lines)
+        for entity, fan in marks.fans(names, paths):
+            self.stream.send_columns(entity, [times], fan)
+
+    # --- The stream -----------------------------------------------------------------------------------------
+
+    def _new_batch(self) -> FrameBatch:
+        depth = 100.0 if self._box is None else float(np.ptp(self._box[:, 1]))
+        return FrameBatch(
+            particle_stride=self._particle_stride, particle_color=self._particle_color, primitives=self._primitives,
+            depth=depth,
+        )  # fmt: skip
+
+    def _send_batch(self) -> None:
+        for entity, times, columns in self._batch.columns():
+            self.stream.send_columns(entity, [times], columns)
+        for entity, times, columns in lane_columns(self._lines):
+            self.stream.send_columns(entity, [times], columns)
+        for entity, style in lane_styles(self._lines):
+            self._static(entity, style)
+        self._lines.changes, self._lines.entries = {}, []
+        self._batch = self._new_batch()
+
+    def _static(self, path: str, *what: rr.AsComponents) -> None:
+        self.stream.log(path, *what, static=True)
+
+    def lay_out(self, layout: Layout) -> None:
+        """Arrange the viewer's window."""
+        self.stream.send_blueprint(layout.blueprint())
+        self._laid_out = True
+
+    def _begin(self, *, tracked: bool) -> None:
+        box = shapes.extent(np.empty((0, 2))) if self._box is None else self._box
+        for path, style in scenery():
+            self._static(path, style)
+        self._static(BOX_PATH, rr.AnyValues(box=box.ravel()))
+        self.lay_out(Layout(box=box, live=self.outlet.live, tracked=tracked))
+
+
+def _steps_of(tracks: Tracks) -> tuple[IntArray, IntArray]:
+    """Rows of each vehicle's neighbouring instants, ascending in the time of the later."""
+    _, vehicle = np.unique(as_texts(tracks.track_id), return_inverse=True)
+    order = np.lexsort((tracks.time_ns, vehicle))
+    same = np.diff(vehicle[order]) == 0
+    near = np.diff(tracks.time_ns[order]) <= TRAIL_S * 1e9
+    start, end = order[:-1][same & near], order[1:][same & near]
+    by_time = np.argsort(tracks.time_ns[end], kind="stable")
+    return start[by_time], end[by_time]

@@ -1,0 +1,129 @@
+"""Reading and writing MCAP against the stock library: the decision to have a scan and a writer of our own.
+
+Usage: python tests/benchmarks/scanning.py [LONG_LOG_MIB]. Prints messages a second of processor time, the best of
+several runs that take turns, for 200,000 messages of 60 bytes on 50 topics; with a size, also the memory for a log of
+that many MiB and how long `dirprim info` takes on it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from dirprim_filter.recording.mcap_writer import McapWriter
+from dirprim_filter.recording.partial_file import PartialFile
+from dirprim_filter.recording.records import NO_SCHEMA, Channel
+from dirprim_filter.recording.scan import scan
+
+N, N_TOPICS, SIZE = 200_000, 50, 60
+RUNS = 5
+MEMORY = """
+import resource, sys
+from collections import deque
+from dirprim_filter.recording.scan import scan
+def height():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+deque(scan(sys.argv[1]), maxlen=0)
+before = height()
+n = sum(1 for _ in scan(sys.argv[2]))
+print(f"{n} messages, {height() - before:.0f} MiB beyond what a small log needs")
+"""
+
+
+def payloads(rng: np.random.Generator, size: int) -> list[bytes]:
+    return [rng.bytes(size // 2) + bytes(size - size // 2) for _ in range(200)]
+
+
+def write_stock(
+    path: Path, data: list[bytes], *, n: int = N, jitter_ns: int = 0, compression=CompressionType.ZSTD
+) -> None:
+    rng = np.random.default_rng(1)
+    jitter = rng.integers(0, jitter_ns + 1, n).tolist()
+    with path.open("wb") as file:
+        writer = Writer(file, compression=compression)
+        writer.start()
+        channels = [writer.register_channel(f"/t{i}", "blob", 0) for i in range(N_TOPICS)]
+        for i in range(n):
+            time_ns = i * 100_000 + jitter[i]
+            writer.add_message(channels[i % N_TOPICS], time_ns, data[i % 200], time_ns, i)
+        writer.finish()
+
+
+def write_ours(path: Path, data: list[bytes], *, n: int = N) -> None:
+    with PartialFile(path, force=True) as file:
+        writer = McapWriter(file, library="benchmark")
+        channels = [
+            writer.define(Channel(topic=f"/t{i}", message_encoding="blob", schema=NO_SCHEMA, metadata=()))
+            for i in range(N_TOPICS)
+        ]
+        for i in range(n):
+            writer.add(channels[i % N_TOPICS], i, i * 100_000, i * 100_000, data[i % 200])
+        writer.finish()
+
+
+def read_stock(path: Path) -> None:
+    with path.open("rb") as file:
+        deque(make_reader(file, validate_crcs=True).iter_messages(), maxlen=0)
+
+
+def read_ours(path: Path) -> None:
+    with scan(path) as log:
+        deque(log, maxlen=0)
+        assert not log.damage
+
+
+def compare(what: str, ours: Callable[[], None], stock: Callable[[], None], n: int) -> None:
+    best = [np.inf, np.inf]
+    for _ in range(RUNS):
+        for i, run in enumerate((ours, stock)):
+            begun = time.process_time()
+            run()
+            best[i] = min(best[i], time.process_time() - begun)
+    rates = [n / seconds / 1000 for seconds in best]
+    print(f"{what:44} {rates[0]:8.0f} k/s {rates[1]:8.0f} k/s {rates[0] / rates[1]:6.1f} times")
+
+
+def main(long_mib: int = 0) -> None:
+    data = payloads(np.random.default_rng(0), SIZE)
+    with tempfile.TemporaryDirectory() as folder:
+        small = Path(folder) / "small.mcap"
+        print(f"{'':44} {'ours':>12} {'stock':>12}")
+        for name, options in {
+            "read in order of time, zstd": {},
+            "read in order of time, lz4": {"compression": CompressionType.LZ4},
+            "read in order of time, chunks overlap 50 ms": {"jitter_ns": 50_000_000},
+        }.items():
+            write_stock(small, data, **options)
+            compare(name, lambda: read_ours(small), lambda: read_stock(small), N)
+        other = Path(folder) / "other.mcap"
+        compare("write, zstd", lambda: write_ours(other, data), lambda: write_stock(other, data), N)
+        if long_mib:
+            measure_long(Path(folder), small, long_mib)
+
+
+def measure_long(folder: Path, small: Path, mib: int) -> None:
+    long = folder / "long.mcap"
+    n = mib * (1 << 20) // 3000
+    write_ours(long, [np.random.default_rng(i).bytes(3000) for i in range(200)], n=n)
+    print(f"a log of {long.stat().st_size >> 20} MiB: ", end="", flush=True)
+    told = subprocess.run([sys.executable, "-c", MEMORY, small, long], capture_output=True, text=True, check=True)
+    print(told.stdout.strip())
+    seconds = []
+    for _ in range(5):
+        begun = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "dirprim_filter.cli", "info", long], capture_output=True, check=True)
+        seconds.append(time.perf_counter() - begun)
+    print(f"dirprim info on it, the whole process: {min(seconds):.2f} s")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -1,0 +1,150 @@
+"""`dirprim view` and the watching options of `dirprim track`: what is shown is what the files hold."""
+
+import functools
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from dirprim_filter import save_map, write_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.viewer import program, stream
+
+DONE, FAILED, USAGE = 0, 1, 2
+
+
+def dirprim(*arguments):
+    return run([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(ring, ring_map, tmp_path_factory):
+    """A map, a log, and two runs of tracking it, one of them also as .rrd."""
+    folder = tmp_path_factory.mktemp("view")
+    few = ring[(ring.track_id < 4) & (ring.time_ns < 2_000_000_000)]
+    save_map(ring_map, folder / "map.mcap")
+    write_tracks(few, folder / "log.mcap")
+    common = ("track", folder / "log.mcap", "--map", folder / "map.mcap", "--particles", 100)
+    watched = ("--save", folder / "prior.rrd", "--truth", folder / "log.mcap", "--forecast", 1, "--focus", "2",
+               "--color-by", "mode")  # fmt: skip
+    assert dirprim(*common, "-o", folder / "prior.mcap", *watched) == DONE
+    assert dirprim(*common, "-o", folder / "free.mcap", "--place-free") == DONE
+    return folder
+
+
+def entities(path, *, styled=True):
+    subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", path], check=True, capture_output=True)
+    chunks = [chunk for chunk in RrdReader(path).stream() if styled or not chunk.is_static]
+    return {chunk.entity_path for chunk in chunks}
+
+
+def test_a_tracked_run_has_every_layer_curve_and_text(folder):
+    wanted = {
+        "/map/cells", "/map/roses", "/map/legend", "/detections", "/truth", "/truth/trails",
+        "/tracks/estimates", "/tracks/ids", "/tracks/motion", "/tracks/covariance", "/tracks/unseen",
+        "/tracks/trails", "/tracks/particles", "/forecasts/paths", "/forecasts/region_50", "/forecasts/region_90",
+        "/focus/ring", "/focus/speed", "/polar/prior", "/polar/cue", "/polar/posterior", "/polar/belief",
+        "/metrics/ess", "/metrics/consistency", "/metrics/innovation", "/metrics/existence", "/metrics/log_evidence",
+        "/vehicles/01", "/events", "/report", "/legend",
+    }  # fmt: skip
+    assert wanted <= entities(folder / "prior.rrd")
+    (report,) = [
+        chunk.to_record_batch().column("TextDocument:text").to_pylist()[-1][0]
+        for chunk in RrdReader(folder / "prior.rrd").stream()
+        if chunk.entity_path == "/report"
+        and "TextDocument:text" in chunk.to_record_batch().schema.names
+        and "| frames | 20 |" in str(chunk.to_record_batch().column("TextDocument:text").to_pylist())
+    ]
+    for told in ("mean NEES", "mean NIS", "| config: n_particles | 100 |", "| seed | 0 |"):
+        assert told in report
+
+
+@pytest.mark.parametrize(
+    ("files", "holds", "lacks"),
+    [
+        (("map.mcap",), {"/map/roses"}, {"/tracks/estimates"}),
+        (("log.mcap",), {"/truth", "/detections"}, {"/tracks/estimates"}),
+        (("map.mcap", "log.mcap"), {"/map/roses", "/truth"}, set()),
+        (("prior.mcap",), {"/tracks/estimates", "/report", "/metrics/existence"}, {"/truth"}),
+        (("prior.mcap", "map.mcap", "log.mcap"), {"/map/roses", "/tracks/trails", "/metrics/consistency"}, set()),
+        (("prior.mcap", "free.mcap"), {"/prior/tracks/estimates", "/free/tracks/estimates"}, {"/prior/truth"}),
+        (
+            ("map.mcap", "prior.rrd", "free.mcap"),
+            {"/prior/tracks/particles", "/prior/map/roses", "/free/map/roses", "/free/metrics/ess"},
+            set(),
+        ),
+    ],
+)  # fmt: skip
+def test_files_are_shown_together(folder, tmp_path, files, holds, lacks):
+    out = tmp_path / "shown.rrd"
+    assert dirprim("view", *(folder / file for file in files), "--save", out) == DONE
+    shown = entities(out)
+    assert holds <= shown
+    assert not lacks & entities(out, styled=False)
+    assert len(RrdReader(out).blueprints()) == 1
+
+
+def test_runs_of_one_name_are_told_apart_by_their_folders(folder, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.mcap").write_bytes((folder / "prior.mcap").read_bytes())
+    runs = [tmp_path / name / "run.mcap" for name in ("a", "b")]
+    assert dirprim("view", *runs, "--save", tmp_path / "shown.rrd") == DONE
+    assert {"/a_run/tracks/estimates", "/b_run/tracks/estimates"} <= entities(tmp_path / "shown.rrd")
+
+
+def test_what_cannot_be_shown_together_is_said(folder, tmp_path, capsys):
+    runs = []
+    for i in range(3):
+        runs.append(tmp_path / f"{i}.mcap")
+        runs[-1].write_bytes((folder / "free.mcap").read_bytes())
+    for files, error in [
+        (runs, "expected at most 2 runs, got 3"),
+        ((folder / "prior.rrd", folder / "map.mcap"), "prior.rrd: an .rrd holds its own map and log"),
+    ]:
+        assert dirprim("view", *files, "--save", tmp_path / "no.rrd") == FAILED
+        assert error in capsys.readouterr().err
+        assert not (tmp_path / "no.rrd").exists()
+
+
+def test_recordings_go_to_the_viewer_as_they_are(folder, monkeypatch):
+    shown = []
+    monkeypatch.setattr(program, "show_files", shown.extend)
+    assert dirprim("view", folder / "prior.rrd") == DONE
+    assert shown == [folder / "prior.rrd"]
+
+
+def test_serving_answers_a_browser_until_it_is_ended(folder, monkeypatch, capsys):
+    with socket.socket() as first, socket.socket() as second:
+        first.bind(("127.0.0.1", 0))
+        second.bind(("127.0.0.1", 0))
+        data, web = first.getsockname()[1], second.getsockname()[1]
+    server = functools.partial(program.WebServer, data_port=data, web_port=web)
+    pages = []
+
+    def look(self):
+        with urllib.request.urlopen(self.page_url) as answer:  # noqa: S310 - our own server's
+            pages.append(answer.read().decode())
+
+    monkeypatch.setattr(stream, "WebServer", server)
+    monkeypatch.setattr(program.WebServer, "wait", look)
+    assert dirprim("view", folder / "map.mcap", "--serve") == DONE
+    assert f"serving at http://127.0.0.1:{web}/" in capsys.readouterr().err
+    assert "<html" in pages[0]
+    with socket.socket() as after, pytest.raises(ConnectionRefusedError):
+        after.connect(("127.0.0.1", web))
+
+
+def test_time_is_the_logs_own_to_the_nanosecond(folder):
+    times = {
+        int(t)
+        for chunk in RrdReader(folder / "prior.rrd").stream()
+        if chunk.entity_path == "/tracks/estimates" and not chunk.is_static
+        for t in chunk.to_record_batch().column("message_log_time").to_numpy().astype(np.int64)
+    }
+    assert times == set((np.arange(20) * 100_000_000).tolist())

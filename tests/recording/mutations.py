@@ -1,0 +1,159 @@
+"""Logs broken at random, and what must be true of what is read from them.
+
+Shared by a test, which runs a few rounds, and `tests/benchmarks/fuzz.py`, which runs thousands.
+"""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from dataclasses import dataclass
+
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
+from mcap_files import CHUNK, log_bytes, records
+
+from dirprim_filter.recording.errors import NotMcapError
+from dirprim_filter.recording.recovery import recover
+from dirprim_filter.recording.scan import scan
+
+KINDS = ("truncate", "flip", "zero", "splice", "grow")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """A whole log: its bytes, and its chunks with their messages (topic, log time, data)."""
+
+    name: str
+    data: bytes
+    chunks: list[tuple[bytes, Counter]]
+
+    @property
+    def messages(self):
+        return sum((messages for _, messages in self.chunks), Counter())
+
+
+def subject(name, data):
+    chunks = [(data[start:end], Counter()) for opcode, start, end in records(data) if opcode == CHUNK]
+    stream = StreamReader(io.BytesIO(data), emit_chunks=False)
+    channels, flat = {}, []
+    for record in stream.records:
+        kind = type(record).__name__
+        if kind == "Channel":
+            channels[record.id] = record.topic
+        elif kind == "Message":
+            flat.append((channels[record.channel_id], record.log_time, record.data))
+    sizes = [_n_messages(data, start) for opcode, start, _ in records(data) if opcode == CHUNK]
+    for (_, messages), n in zip(chunks, sizes, strict=True):
+        messages.update(flat[:n])
+        flat = flat[n:]
+    return Subject(name=name, data=data, chunks=chunks)
+
+
+def _n_messages(data, start):
+    one = next(r for r in StreamReader(io.BytesIO(data[start:]), skip_magic=True, emit_chunks=True).records)
+    return sum(type(r).__name__ == "Message" for r in breakup_chunk(one))
+
+
+def subjects(rng):
+    """Three logs: small chunks with a channel each; overlapping in time, lz4; attachments, metadata, checksums."""
+    plain = [(f"/topic{i % 3}", 1000 * i, rng.bytes(int(rng.integers(1, 60)))) for i in range(300)]
+    jumping = [(f"/t{i % 5}", int(rng.integers(0, 200_000)), rng.bytes(40)) for i in range(300)]
+    buffer = io.BytesIO()
+    writer = Writer(buffer, compression=CompressionType.NONE, chunk_size=1500, enable_data_crcs=True)
+    writer.start()
+    writer.add_metadata("made", {"by": "the fuzzer"})
+    schema = writer.register_schema("Blob", "none", b"definition")
+    channels = [writer.register_channel(f"/a{i}", "blob", schema) for i in range(2)]
+    for i in range(200):
+        writer.add_message(channels[i % 2], 10 * i, rng.bytes(30), 10 * i, i)
+        if i == 100:
+            writer.add_attachment(1, 2, "notes.txt", "text/plain", rng.bytes(500))
+    writer.finish()
+    return [
+        subject("zstd", log_bytes(plain, chunk_size=900)),
+        subject("lz4, overlapping", log_bytes(jumping, compression=CompressionType.LZ4, chunk_size=1200)),
+        subject("uncompressed, attached", buffer.getvalue()),
+    ]
+
+
+def mutated(data, rng):
+    """The log with one to three places broken. -> its bytes, and what was done."""
+    data = bytearray(data)
+    done = []
+    starts = [start for _, start, _ in records(bytes(data))]
+    for _ in range(int(rng.integers(1, 4))):
+        kind = KINDS[int(rng.integers(0, len(KINDS)))]
+        at = int(rng.integers(0, max(len(data), 1)))
+        done.append(kind)
+        if kind == "truncate":
+            del data[at:]
+        elif kind == "flip" and data:
+            data[min(at, len(data) - 1)] ^= 1 << int(rng.integers(0, 8))
+        elif kind == "zero":
+            n = int(rng.integers(1, 400))
+            data[at : at + n] = bytes(len(data[at : at + n]))
+        elif kind == "splice":
+            source = int(rng.integers(0, max(len(data), 1)))
+            piece = bytes(data[source : source + int(rng.integers(1, 3000))])
+            data[at : at + int(rng.integers(0, 3000))] = piece
+        elif kind == "grow":
+            at = starts[int(rng.integers(0, len(starts)))] + int(rng.choice([1, 9 + 16, 9 + 32, 9 + 2]))
+            if at + 8 <= len(data):
+                n = int.from_bytes(data[at : at + 8], "little") + int(rng.choice([1, 300, 5000, 1 << 33, 1 << 62]))
+                data[at : at + 8] = (n % (1 << 64)).to_bytes(8, "little")
+    return bytes(data), done
+
+
+def check(whole, data, path):
+    """Read a broken log and hold what was read against what is still there. -> whether damage was reported."""
+    path.write_bytes(data)
+    try:
+        log = scan(path)
+    except NotMcapError:
+        assert data[:5] != whole.data[:5], "a log that starts like one is refused"
+        return True
+    with log:
+        got = Counter((m.topic, m.log_time_ns, m.data) for m in log)
+        kinds = {damage.kind for damage in log.damage}
+    if got != whole.messages:
+        assert kinds, "messages were lost, or came twice, without a word"
+    named = "summary" not in kinds  # a broken summary may be all that is left to name a topic by
+    if not kinds & {"truncated", "unknown_channel", "data_crc"}:  # what has no checksum, or a wrong one, may be wrong
+        assert set(_told(got, named)) <= set(_told(whole.messages, named)), f"messages were invented: {kinds}"
+    if "unknown_channel" not in kinds:
+        for chunk, messages in whole.chunks:
+            if chunk in data:
+                intact = _told(messages, named)
+                assert intact <= _told(got, named), (
+                    f"an intact chunk of {messages.total()} messages is missing: {kinds}"
+                )
+    return bool(kinds)
+
+
+def _told(messages, named):
+    """The messages as they are compared: with or without their topic."""
+    if named:
+        return messages
+    unnamed = Counter()
+    for key, n in messages.items():
+        unnamed[key[1:]] += n
+    return unnamed
+
+
+def check_recovery(path, fixed):
+    """What is recovered passes the stock reader with checksums, and is what the scan reads."""
+    try:
+        recovery = recover(path, fixed, force=True)
+    except NotMcapError:
+        return
+    with scan(path) as log:
+        expected = Counter((m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data) for m in log)
+    stock = make_reader(io.BytesIO(fixed.read_bytes()), validate_crcs=True)
+    got = Counter((c.topic, m.log_time, m.publish_time, m.sequence, m.data) for _, c, m in stock.iter_messages())
+    assert got == expected
+    assert recovery.saved == expected.total()
+    with scan(fixed) as log:
+        assert Counter((m.topic, m.log_time_ns, m.publish_time_ns, m.sequence, m.data) for m in log) == expected
+        assert log.damage == []

@@ -1,0 +1,138 @@
+"""ROS 2 definitions of the messages that tests write, from their packages, and a log of them by independent writers.
+
+Sources: common_interfaces, unique_identifier_msgs, geometry2, vision_msgs, autoware_msgs, astuff_sensor_msgs; comments
+and what no test fills are left out where the layout of the rest does not depend on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from mcap_ros2.writer import Writer
+
+BASIC = {
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "std_msgs/ColorRGBA": "float32 r\nfloat32 g\nfloat32 b\nfloat32 a",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Point32": "float32 x\nfloat32 y\nfloat32 z",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1",
+    "geometry_msgs/Pose": "Point position\nQuaternion orientation",
+    "geometry_msgs/PoseWithCovariance": "Pose pose\nfloat64[36] covariance",
+    "geometry_msgs/Twist": "Vector3 linear\nVector3 angular",
+    "geometry_msgs/TwistWithCovariance": "Twist twist\nfloat64[36] covariance",
+    "geometry_msgs/Accel": "Vector3 linear\nVector3 angular",
+    "geometry_msgs/AccelWithCovariance": "Accel accel\nfloat64[36] covariance",
+    "geometry_msgs/Polygon": "geometry_msgs/Point32[] points",
+    "geometry_msgs/Transform": "Vector3 translation\nQuaternion rotation",
+    "geometry_msgs/TransformStamped": "std_msgs/Header header\nstring child_frame_id\nTransform transform",
+    "unique_identifier_msgs/UUID": "uint8[16] uuid",
+    "shape_msgs/SolidPrimitive": (
+        "uint8 BOX=1\nuint8 SPHERE=2\nuint8 type\nfloat64[<=3] dimensions\nuint8 BOX_X=0\ngeometry_msgs/Polygon polygon"
+    ),
+    "nav_msgs/Odometry": (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
+        "geometry_msgs/TwistWithCovariance twist"
+    ),
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "visualization_msgs/Marker": (
+        "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n"
+        "geometry_msgs/Vector3 scale\nstd_msgs/ColorRGBA color\nbuiltin_interfaces/Duration lifetime\n"
+        "bool frame_locked\ngeometry_msgs/Point[] points\nstd_msgs/ColorRGBA[] colors\nstring text\n"
+        "string mesh_resource\nbool mesh_use_embedded_materials"
+    ),
+    "visualization_msgs/MarkerArray": "visualization_msgs/Marker[] markers",
+    "vision_msgs/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
+    "vision_msgs/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "vision_msgs/Detection3D": (
+        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox3D bbox\nstring id"
+    ),
+    "vision_msgs/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
+    "derived_object_msgs/Object": (
+        "std_msgs/Header header\nuint32 id\nuint8 detection_level\nbool object_classified\ngeometry_msgs/Pose pose\n"
+        "geometry_msgs/Twist twist\ngeometry_msgs/Accel accel\ngeometry_msgs/Polygon polygon\n"
+        "shape_msgs/SolidPrimitive shape\nuint8 classification\nuint8 classification_certainty\n"
+        "uint32 classification_age"
+    ),
+    "derived_object_msgs/ObjectArray": "std_msgs/Header header\nderived_object_msgs/Object[] objects",
+    "sensor_msgs/NavSatStatus": "int8 status\nuint16 service",
+    "sensor_msgs/NavSatFix": (
+        "std_msgs/Header header\nNavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"
+        "float64[9] position_covariance\nuint8 position_covariance_type"
+    ),
+}
+
+
+def autoware(package: str) -> dict[str, str]:
+    """Definitions of Autoware's perception messages, by the name of their package."""
+    p = package
+    return {
+        f"{p}/ObjectClassification": "uint8 UNKNOWN = 0\nuint8 CAR = 1\nuint8 label\nfloat32 probability",
+        f"{p}/Shape": "uint8 type\ngeometry_msgs/Polygon footprint\ngeometry_msgs/Vector3 dimensions",
+        f"{p}/TrackedObjectKinematics": (
+            "uint8 UNAVAILABLE=0\nuint8 SIGN_UNKNOWN=1\nuint8 AVAILABLE=2\n"
+            "geometry_msgs/PoseWithCovariance pose_with_covariance\nuint8 orientation_availability\n"
+            "geometry_msgs/TwistWithCovariance twist_with_covariance\n"
+            "geometry_msgs/AccelWithCovariance acceleration_with_covariance\nbool is_stationary"
+        ),
+        f"{p}/TrackedObject": (
+            f"unique_identifier_msgs/UUID object_id\nfloat32 existence_probability\n"
+            f"{p}/ObjectClassification[] classification\n{p}/TrackedObjectKinematics kinematics\n{p}/Shape shape"
+        ),
+        f"{p}/TrackedObjects": f"std_msgs/Header header\n{p}/TrackedObject[] objects",
+        f"{p}/DetectedObjectKinematics": (
+            "geometry_msgs/PoseWithCovariance pose_with_covariance\nbool has_position_covariance\n"
+            "uint8 orientation_availability\ngeometry_msgs/TwistWithCovariance twist_with_covariance\n"
+            "bool has_twist\nbool has_twist_covariance"
+        ),
+        f"{p}/DetectedObject": (
+            f"float32 existence_probability\n{p}/ObjectClassification[] classification\n"
+            f"{p}/DetectedObjectKinematics kinematics\n{p}/Shape shape"
+        ),
+        f"{p}/DetectedObjects": f"std_msgs/Header header\n{p}/DetectedObject[] objects",
+    }
+
+
+DEFINITIONS = BASIC | autoware("autoware_perception_msgs") | autoware("autoware_auto_perception_msgs")
+_PLAIN = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} | {
+    "bool", "byte", "char", "float32", "float64", "string", "time", "duration",
+}  # fmt: skip
+
+
+def full_definition(name: str) -> str:
+    """The ros2msg definition of package/Name with all that it depends on, as rosbag2 writes it."""
+    pending, parts = [name], {}
+    while pending:
+        one = pending.pop(0)
+        if one in parts:
+            continue
+        parts[one] = DEFINITIONS[one]
+        for line in DEFINITIONS[one].splitlines():
+            kind = line.split()[0].partition("[")[0]
+            if kind.partition("<")[0] not in _PLAIN and "=" not in line:
+                pending.append(kind if "/" in kind else f"{one.partition('/')[0]}/{kind}")
+    rest = "".join(f"\n{'=' * 80}\nMSG: {other}\n{text}" for other, text in parts.items() if other != name)
+    return parts[name] + rest
+
+
+def write_ros2_log(path: Path, messages: Iterable[tuple[str, int, str, Any]]) -> Path:
+    """A log of (topic, log time, package/msg/Name, message as a dictionary), by mcap-ros2-support's writer."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        schemas: dict[str, Any] = {}
+        for topic, time_ns, name, message in messages:
+            if name not in schemas:
+                schemas[name] = writer.register_msgdef(name, full_definition(name.replace("/msg/", "/")))
+            writer.write_message(topic, schemas[name], message, log_time=time_ns, publish_time=time_ns)
+        writer.finish()
+    return path
+
+
+def header(time_ns: int, frame: str = "map") -> dict[str, Any]:
+    """A std_msgs/Header."""
+    return {"stamp": {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9}, "frame_id": frame}

@@ -1,0 +1,348 @@
+"""Any definition, any values, any wanted fields: a plan reads what an independent library wrote."""
+
+import json
+import math
+import struct
+
+import numpy as np
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from dirprim_filter.recording.schemas.cdr_plan import cdr_plan
+from dirprim_filter.recording.schemas.fields import Field, SchemaError, steps_of
+from dirprim_filter.recording.schemas.json_plan import JsonPlan
+from dirprim_filter.recording.schemas.protobuf_plan import protobuf_plan
+from dirprim_filter.recording.schemas.shredded import NO_TIME
+
+INTEGERS = {"int8": 8, "uint8": 8, "int16": 16, "uint16": 16, "int32": 32, "uint32": 32, "int64": 64, "uint64": 64}
+NUMBERS = (*INTEGERS, "float32", "float64", "bool")
+
+
+def values_of(kind):
+    if kind in INTEGERS:
+        bits = INTEGERS[kind]
+        return st.integers(0, 2**bits - 1) if kind[0] == "u" else st.integers(-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    if kind == "bool":
+        return st.booleans()
+    if kind == "string":
+        return st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=6)
+    return st.floats(width=int(kind[5:]), allow_nan=False)
+
+
+@st.composite
+def definitions(draw):
+    """Inner and outer message: names and types of fields; the outer holds the inner bare, fixed and repeated."""
+    inner = draw(st.lists(st.sampled_from([*NUMBERS, "string"]), min_size=1, max_size=4))
+    kinds = st.sampled_from(
+        [*NUMBERS, "string", "Inner", "Inner[]", "Inner[2]", "Inner[<=3]", "float64[]", "int16[3]", "string[]"]
+    )
+    return inner, [*draw(st.lists(kinds, max_size=6)), "Inner[]", *draw(st.lists(kinds, max_size=3))]
+
+
+def value_strategy(kind, inner):
+    base = kind.partition("[")[0]
+    one = st.tuples(*[values_of(k) for k in inner]) if base == "Inner" else values_of(base)
+    if "[" not in kind:
+        return one
+    inside = kind[kind.index("[") + 1 : -1]
+    if inside.isdigit():
+        return st.lists(one, min_size=int(inside), max_size=int(inside))
+    return st.lists(one, max_size=3)
+
+
+@settings(max_examples=80, deadline=None)
+@given(data=st.data())
+def test_cdr_of_any_definition_reads_as_rosbags_wrote_it(data):
+    inner, outer = data.draw(definitions())
+    text = "\n".join(f"{kind.replace('Inner', 'pkg/Inner')} f{i}" for i, kind in enumerate(outer))
+    text += f"\n{'=' * 80}\nMSG: pkg/Inner\n" + "\n".join(f"{kind} g{i}" for i, kind in enumerate(inner))
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, "pkg/msg/Outer"))
+    make_inner, make_outer = store.types["pkg/msg/Inner"], store.types["pkg/msg/Outer"]
+    written = [data.draw(st.tuples(*[value_strategy(kind, inner) for kind in outer])) for _ in range(2)]
+
+    def built(kind, value):
+        base = kind.partition("[")[0]
+        if base == "Inner":
+            return [make_inner(*v) for v in value] if "[" in kind else make_inner(*value)
+        return np.array(value, np.dtype(base)) if "[" in kind and base != "string" else value
+
+    messages = [make_outer(*[built(k, v) for k, v in zip(outer, row, strict=True)]) for row in written]
+    fields, expected = {}, {}
+    for i, kind in enumerate(outer):
+        if not data.draw(st.booleans()):
+            continue
+        base, steps = kind.partition("[")[0], "[]" if "[" in kind else ""
+        parts = [(f".g{j}", k, j) for j, k in enumerate(inner)] if base == "Inner" else [("", base, None)]
+        for suffix, k, j in parts:
+            label = f"f{i}{suffix}"
+            fields[label] = Field(path=f".f{i}{steps}{suffix}", kind="name" if k == "string" else "number")
+            flat = [v for row in written for v in (row[i] if steps else [row[i]])]
+            expected[label] = [v if j is None else v[j] for v in flat]
+    for little in (True, False):
+        payloads = [bytes(store.serialize_cdr(m, "pkg/msg/Outer", little_endian=little)) for m in messages]
+        read = cdr_plan("pkg/Outer", "ros2msg", text.encode(), fields).run(payloads)
+        assert read.failures == {}
+        for label, values in expected.items():
+            if fields[label].kind == "name":
+                assert read.names(label).tolist() == values
+            elif isinstance(values[0] if values else 0, float):
+                assert read.numbers(label).tolist() == values
+            else:
+                assert read.columns[label].values.tolist() == [int(v) for v in values]
+
+
+IDL = """================================================================================
+IDL: pkg/msg/Outer
+#include "pkg/msg/Inner.idl"
+module pkg { module msg {
+  typedef double double__3[3];
+  struct Outer { boolean ok; sequence<pkg::msg::Inner, 4> items; double__3 fixed; string name; uint16 last; };
+}; };
+
+================================================================================
+IDL: pkg/msg/Inner
+module pkg { module msg { struct Inner { int8 small; double x; string<9> name; }; }; };
+"""
+
+
+def test_an_idl_definition_reads_as_its_msg_twin():
+    text = "bool ok\npkg/Inner[<=4] items\nfloat64[3] fixed\nstring name\nuint16 last\n" + "=" * 80
+    text += "\nMSG: pkg/Inner\nint8 small\nfloat64 x\nstring<=9 name"
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, "pkg/msg/Outer"))
+    items = [store.types["pkg/msg/Inner"](-3, 2.5, "ä"), store.types["pkg/msg/Inner"](4, -1.0, "")]
+    whole = store.types["pkg/msg/Outer"](True, items, np.array([1.0, 2.0, 3.0]), "end", 65535)
+    payload = bytes(store.serialize_cdr(whole, "pkg/msg/Outer"))
+    fields = {
+        "x": Field(path=".items[].x"), "name": Field(path=".items[].name", kind="name"),
+        "second": Field(path=".fixed[1]"), "last": Field(path=".last"), "third": Field(path=".items[2].x"),
+        "other": Field(path=".missing", optional=True),
+    }  # fmt: skip
+    third = fields.pop("third")
+    for encoding, definition in (("ros2msg", text), ("ros2idl", IDL)):
+        read = cdr_plan("pkg/msg/Outer", encoding, definition.encode(), fields).run([payload, payload[:9]])
+        assert read.numbers("x").tolist() == [2.5, -1.0]
+        assert read.names("name").tolist() == ["ä", ""]
+        assert read.numbers("second")[0] == 2.0
+        assert read.numbers("last")[0] == 65535
+        assert np.isnan(read.numbers("other")).all()
+        assert list(read.failures) == [1]
+        alone = cdr_plan("pkg/msg/Outer", encoding, definition.encode(), {"third": third}).run([payload])
+        assert math.isnan(alone.numbers("third")[0])
+
+
+def test_cdr2_aligns_to_four_bytes():
+    plan = cdr_plan("p/M", "ros2msg", b"uint8 a\nfloat64 b", {"b": Field(path=".b")})
+    packed = struct.pack("<BxxxI", 7, 0)[:4] + struct.pack("<d", 2.5)
+    read = plan.run(
+        [b"\x00\x07\x00\x00" + packed, b"\x00\x01\x00\x00" + bytes(8) + struct.pack("<d", 3.5), b"\x00\x03\0\0"]
+    )
+    assert read.numbers("b")[:2].tolist() == [2.5, 3.5]
+    assert read.failures == {2: "an encapsulation other than plain CDR or CDR2"}
+
+
+@pytest.mark.parametrize(
+    ("definition", "path", "told"),
+    [
+        (b"uint8 a", ".b", "expected the fields .b, which its definition lacks"),
+        (b"p/Lost a\nfloat64 b", ".b", "expected a definition of p/msg/Lost"),
+        (b"wstring a\nfloat64 b", ".b", "wstring"),
+        (b"p/M a\nfloat64 b", ".b", "messages within each other"),
+        (b"string b", ".b", "expected a number at .b, got text"),
+        (b"float64[2000000000] a\nstring[99999999] c\nfloat64 b", ".b", "at most"),
+        (b"\xff\xfe", ".b", "does not parse"),
+        (b"float64[] b", ".b", "behind the repeated .b"),
+    ],
+)  # fmt: skip
+def test_a_ros2_schema_that_cannot_be_read_says_why(definition, path, told):
+    with pytest.raises(SchemaError, match="p/M: ") as error:
+        cdr_plan("p/M", "ros2msg", definition, {"b": Field(path=path)})
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_length_that_a_message_claims_is_not_allocated():
+    plan = cdr_plan("p/M", "ros2msg", b"p/I[] a\n" + b"=" * 80 + b"\nMSG: p/I\nuint8 x", {"x": Field(path=".a[].x")})
+    head = b"\x00\x01\x00\x00"
+    read = plan.run(
+        [
+            head + b"\xff\xff\xff\x7f" + bytes(8),
+            head + struct.pack("<I", 1 << 18) + bytes(1 << 18),
+            head + b"\x02\0\0\0ab",
+        ]
+    )
+    assert sorted(read.failures) == [0, 1]
+    assert read.numbers("x").tolist() == [97.0, 98.0]
+    assert read.message_of(".a[]").tolist() == [2, 2]
+
+
+# ------------------------------------------------------------------------------------------ protobuf
+
+_F = descriptor_pb2.FieldDescriptorProto
+KINDS = {
+    "double": st.floats(allow_nan=False), "float": st.floats(width=32, allow_nan=False),
+    "int32": values_of("int32"), "int64": values_of("int64"), "uint32": values_of("uint32"),
+    "uint64": values_of("uint64"), "sint32": values_of("int32"), "sint64": values_of("int64"),
+    "fixed32": values_of("uint32"), "fixed64": values_of("uint64"), "sfixed32": values_of("int32"),
+    "sfixed64": values_of("int64"), "bool": st.booleans(), "string": values_of("string"),
+}  # fmt: skip
+
+
+def protobuf_class():
+    """A proto2 message of every kind of field, single, repeated and packed, and of itself within itself."""
+    file = descriptor_pb2.FileDescriptorProto(name="all.proto", package="p")
+    message = file.message_type.add(name="M")
+    for i, kind in enumerate(KINDS):
+        code = getattr(_F, f"TYPE_{kind.upper()}")
+        message.field.add(name=kind, number=3 * i + 1, type=code, label=_F.LABEL_OPTIONAL)
+        message.field.add(name=f"many_{kind}", number=3 * i + 2, type=code, label=_F.LABEL_REPEATED)
+        if kind != "string":
+            packed = message.field.add(name=f"packed_{kind}", number=3 * i + 3, type=code, label=_F.LABEL_REPEATED)
+            packed.options.packed = True
+    for name, number, label in (("one", 200, _F.LABEL_OPTIONAL), ("items", 201, _F.LABEL_REPEATED)):
+        message.field.add(name=name, number=number, type=_F.TYPE_MESSAGE, type_name=".p.M", label=label)
+    files = descriptor_pb2.FileDescriptorSet(file=[file])
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName("p.M")), files.SerializeToString()
+
+
+CLASS, DEFINITION = protobuf_class()
+
+
+@st.composite
+def messages(draw, kinds=("double", "string"), depth=2):
+    message = CLASS()
+    for kind in kinds:
+        values = KINDS[kind]
+        if draw(st.booleans()):
+            setattr(message, kind, draw(values))
+        getattr(message, f"many_{kind}").extend(draw(st.lists(values, max_size=2)))
+        if kind != "string":
+            getattr(message, f"packed_{kind}").extend(draw(st.lists(values, max_size=2)))
+    if depth:
+        if draw(st.booleans()):
+            message.one.CopyFrom(draw(messages(kinds, depth=0)))
+        message.items.extend(draw(st.lists(messages(kinds, depth=depth - 1), max_size=2)))
+    return message
+
+
+@settings(max_examples=60, deadline=None)
+@given(kind=st.sampled_from(sorted(KINDS)), data=st.data())
+def test_protobuf_of_any_kind_reads_as_the_stock_parser_reads_it(kind, data):
+    written = data.draw(st.lists(messages((kind, "int32")), min_size=1, max_size=2))
+    form = "name" if kind == "string" else "number"
+    paths = {
+        "top": f".{kind}", "many": f".many_{kind}[]", "first": f".many_{kind}[0]", "second": f".many_{kind}[1]",
+        "one": f".one.{kind}", "item": f".items[].{kind}", "deep": f".items[].items[].{kind}",
+        "of_one": f".one.many_{kind}[]",
+    }  # fmt: skip
+    if kind != "string":
+        paths["packed"] = f".packed_{kind}[]"
+    paths = {label: path for label, path in paths.items() if data.draw(st.booleans())}
+    fields = {label: Field(path=path, kind=form) for label, path in paths.items()}
+    fields["is_set"] = Field(path=".one", kind="mark")
+    expected = {
+        "top": [getattr(m, kind) for m in written],
+        "many": [v for m in written for v in getattr(m, f"many_{kind}")],
+        "packed": [v for m in written for v in getattr(m, f"packed_{kind}", ())],
+        "one": [getattr(m.one, kind) for m in written],
+        "item": [getattr(i, kind) for m in written for i in m.items],
+        "deep": [getattr(j, kind) for m in written for i in m.items for j in i.items],
+        "of_one": [v for m in written for v in getattr(m.one, f"many_{kind}")],
+    }
+    none = "" if form == "name" else math.nan
+    for k, label in enumerate(("first", "second")):
+        expected[label] = [([*getattr(m, f"many_{kind}"), none, none])[k] for m in written]
+    read = protobuf_plan("p.M", DEFINITION, fields).run([m.SerializeToString() for m in written])
+    assert read.failures == {}
+    assert read.marks("is_set").tolist() == [m.HasField("one") for m in written]
+    for label in paths:
+        got = read.names(label) if form == "name" else read.numbers(label)
+        np.testing.assert_array_equal(got, np.array(expected[label], dtype=got.dtype))
+    if "deep" in paths and len(read.message_of(".items[].items[]")):
+        parents = read.parent_of(".items[].items[]")
+        of_item = read.parent_of(".items[]") if ".items[]" in read.rows else None
+        if of_item is not None and of_item.size:
+            np.testing.assert_array_equal(of_item[parents], read.message_of(".items[].items[]"))
+
+
+@settings(max_examples=60, deadline=None)
+@given(message=messages(), cut=st.integers(0, 300), flips=st.lists(st.tuples(st.integers(0, 300), st.integers(1, 255))))
+def test_a_broken_protobuf_message_costs_only_itself(message, cut, flips):
+    whole = message.SerializeToString()
+    broken = bytearray(whole[:cut])
+    for at, bits in flips:
+        if at < len(broken):
+            broken[at] ^= bits
+    fields = {
+        "x": Field(path=".items[].packed_double[]"),
+        "y": Field(path=".double"),
+        "s": Field(path=".string", kind="name"),
+    }
+    plan = protobuf_plan("p.M", DEFINITION, fields)
+    alone, between = plan.run([whole]), plan.run([whole, bytes(broken), whole])
+    values, of = between.numbers("x"), between.message_of(".items[].packed_double[]")
+    between.names("s")
+    for place in (0, 2):
+        assert place not in between.failures
+        np.testing.assert_array_equal(values[of == place], alone.numbers("x"))
+        np.testing.assert_array_equal(between.numbers("y")[place], alone.numbers("y")[0])
+
+
+def test_a_protobuf_schema_that_cannot_be_read_says_why():
+    for definition, path, told in (
+        (b"\xff\xff", ".double", "FileDescriptorSet"),
+        (b"", ".double", "defines it"),
+        (DEFINITION, ".nothing", "lacks"),
+        (DEFINITION, ".items.double", "repeated"),
+        (DEFINITION, ".one[].double", "single"),
+        (DEFINITION, ".one", "expected a time at .one"),
+        (DEFINITION, ".string", "got text"),
+    ):
+        with pytest.raises(SchemaError, match=r"p\.M: ") as error:
+            protobuf_plan("p.M", definition, {"x": Field(path=path)})
+        assert told in str(error.value)
+
+
+# ---------------------------------------------------------------------------------------------- JSON
+
+
+def test_json_reads_what_is_there_and_says_what_is_not():
+    fields = {
+        "id": Field(path=".objects[].id", kind="name"), "x": Field(path=".objects[].at[0]"),
+        "t": Field(path=".stamp", kind="time"), "set": Field(path=".more", kind="mark"),
+        "deep": Field(path=".objects[].parts[].y"),
+    }  # fmt: skip
+    told = [
+        {
+            "stamp": {"sec": 1, "nsec": 5},
+            "more": {},
+            "objects": [{"id": 7, "at": [1.5]}, {"id": "b", "parts": [{"y": 2}]}],
+        },
+        {"stamp": "2020-01-01T00:00:00.000000001Z", "objects": None},
+        {"stamp": 12, "objects": [{"id": None, "at": [3, 4], "parts": [{"y": 5}, {}]}]},
+        {"objects": 5},
+        [],
+        {"objects": [{"id": {}}]},
+    ]
+    payloads = [json.dumps(one).encode() for one in told] + [b"{", b"\xff", b"[" * 100_000]
+    read = JsonPlan(fields).run(payloads)
+    assert sorted(read.failures) == [3, 4, 5, 6, 7, 8]
+    assert read.names("id").tolist() == ["7", "b", ""]
+    np.testing.assert_array_equal(read.numbers("x"), [1.5, math.nan, 3.0])
+    np.testing.assert_array_equal(read.numbers("deep"), [2.0, 5.0, math.nan])
+    assert read.parent_of(".objects[].parts[]").tolist() == [1, 2, 2]
+    assert read.times("t").tolist()[:4] == [10**9 + 5, 1_577_836_800_000_000_001, 12, NO_TIME]
+    assert read.marks("set").tolist()[:3] == [True, False, False]
+    assert read.message_of("").tolist() == list(range(9))
+
+
+@pytest.mark.parametrize("path", ["", "x", ".x[", ".x[-1]", ".x..y", ".x[99999999]", ".9"])
+def test_what_is_no_path_is_refused(path):
+    with pytest.raises(ValueError, match="field path"):
+        steps_of(path)

@@ -1,0 +1,292 @@
+"""Foxglove's schemas in protobuf, JSON and ROS 2, by independent writers; fields of any schema by their paths."""
+
+import json
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.LocationFixes_pb2 import LocationFixes
+from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from mcap.writer import Writer
+from mcap_files import write_protobuf_log
+from ros_messages import header, write_ros2_log
+from scipy.spatial.transform import Rotation
+
+from dirprim_filter.recording.errors import MissingExtraError, NoTracksError
+from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.geodesy import Origin
+from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks
+
+START_NS = 1_700_000_000_000_000_000
+STEP_NS = 100_000_000
+N = 20
+ANGLE = 0.05 * np.arange(N)
+PLACE = np.column_stack([20 * np.cos(ANGLE), 20 * np.sin(ANGLE)])
+TIMES = (START_NS + STEP_NS * np.arange(N)).tolist()
+
+
+def json_log(path, schema, messages, topic="/objects"):
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        number = writer.register_schema(schema, "jsonschema", b'{"type": "object"}')
+        channel = writer.register_channel(topic, "json", number)
+        for time_ns, message in messages:
+            writer.add_message(channel, time_ns + 7, json.dumps(message).encode(), time_ns)
+        writer.finish()
+    return path
+
+
+def seconds(time_ns):
+    return {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
+
+
+def check_circle(tracks, times=TIMES):
+    assert tracks.time_ns.tolist() == times
+    np.testing.assert_array_equal(tracks.position, PLACE)
+    tangent = ANGLE + np.pi / 2
+    np.testing.assert_allclose(np.cos(tracks.direction - tangent)[5:-5], 1.0, atol=1e-6)
+    np.testing.assert_allclose(tracks.speed[5:-5], 10.0, rtol=5e-3)
+
+
+def stamped(message, k):
+    message.timestamp.FromNanoseconds(TIMES[k])
+    message.frame_id = "map"
+    return message
+
+
+def test_poses_are_one_vehicle_each_topic(tmp_path):
+    messages = []
+    for k, (x, y) in enumerate(PLACE.tolist()):
+        for i, topic in enumerate(("/ego", "/other")):
+            pose = stamped(PoseInFrame(), k)
+            pose.pose.position.x, pose.pose.position.y = x + 100 * i, y
+            messages.append((topic, TIMES[k], pose))
+    path = write_protobuf_log(tmp_path / "log.mcap", messages)
+    both = read_tracks(path, topics="/ego|/other", time_source="header")
+    assert set(both.track_id) == {"/ego", "/other"}
+    check_circle(both[both.track_id == "/ego"])
+    poses = []
+    for k, (x, y) in enumerate(PLACE.tolist()):
+        several = stamped(PosesInFrame(), k)
+        for i in range(2):
+            pose = several.poses.add()
+            pose.position.x, pose.position.y = x + 100 * i, y
+        poses.append(("/cars", TIMES[k], several))
+    tracks = read_tracks(write_protobuf_log(tmp_path / "several.mcap", poses), time_source="header")
+    assert set(tracks.track_id) == {"/cars/0", "/cars/1"}
+    check_circle(tracks[tracks.track_id == "/cars/0"])
+
+
+def test_odometry_turns_its_velocity_from_the_body(tmp_path):
+    messages, told = [], []
+    for k, (x, y) in enumerate(PLACE.tolist()):
+        turn = Rotation.from_euler("ZYX", [ANGLE[k] + np.pi / 2, 0.0, 0.1]).as_quat().tolist()
+        one = stamped(Odometry(body_frame_id="car"), k)
+        one.pose.position.x, one.pose.position.y = x, y
+        one.pose.orientation.x, one.pose.orientation.y, one.pose.orientation.z, one.pose.orientation.w = turn
+        one.linear_velocity.x = 10.0
+        messages.append(("/odom", TIMES[k], one))
+        told.append((TIMES[k], {
+            "timestamp": seconds(TIMES[k]), "frame_id": "map", "body_frame_id": "car",
+            "pose": {"position": {"x": x, "y": y, "z": 0}, "orientation": dict(zip("xyzw", turn, strict=True))},
+            "linear_velocity": {"x": 10, "y": 0, "z": 0},
+        }))  # fmt: skip
+    for path in (
+        write_protobuf_log(tmp_path / "log.mcap", messages),
+        json_log(tmp_path / "json.mcap", "foxglove.Odometry", told),
+    ):
+        tracks = read_tracks(path, time_source="header")
+        check_circle(tracks)
+        assert set(tracks.track_id) == {"car"}
+        np.testing.assert_allclose(tracks.speed, 10.0)
+    for _, _, one in messages:
+        one.ClearField("linear_velocity")
+    check_circle(read_tracks(write_protobuf_log(tmp_path / "still.mcap", messages), time_source="header"))
+
+
+def scene_dict(k):
+    x, y = PLACE[k].tolist()
+    return {
+        "deletions": [],
+        "entities": [
+            {"id": "lane", "lines": [{"points": []}], "cubes": []},
+            {
+                "timestamp": seconds(TIMES[k]), "frame_id": "map", "id": "car 1",
+                "metadata": [{"key": "group", "value": "3"}],
+                "cubes": [{"pose": {"position": {"x": x, "y": y, "z": 1}}}],
+            },
+        ],
+    }  # fmt: skip
+
+
+def test_scenes_in_json_and_by_the_sdk_read_the_same(tmp_path):
+    foxglove = pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    path = json_log(tmp_path / "log.mcap", "foxglove.SceneUpdate", [(TIMES[k], scene_dict(k)) for k in range(N)])
+    tracks = read_tracks(path, time_source="header")
+    check_circle(tracks)
+    assert set(tracks.group) == {3}
+    (topic,) = inspect(path).topics
+    assert (topic.encoding, topic.tracks) == ("json", 1)
+    from foxglove.channels import SceneUpdateChannel
+    from foxglove.messages import (
+        CubePrimitive,
+        KeyValuePair,
+        Pose,
+        Quaternion,
+        SceneEntity,
+        SceneUpdate,
+        Timestamp,
+        Vector3,
+    )
+
+    with foxglove.open_mcap(str(tmp_path / "sdk.mcap")):
+        channel = SceneUpdateChannel("/objects")
+        for k, (x, y) in enumerate(PLACE.tolist()):
+            pose = Pose(position=Vector3(x=x, y=y, z=1.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+            stamp = Timestamp(sec=TIMES[k] // 10**9, nsec=TIMES[k] % 10**9)
+            entity = SceneEntity(
+                id="car 1", frame_id="map", timestamp=stamp, cubes=[CubePrimitive(pose=pose)],
+                metadata=[KeyValuePair(key="group", value="3")],
+            )  # fmt: skip
+            channel.log(SceneUpdate(entities=[entity]), log_time=TIMES[k])
+    sdk = read_tracks(tmp_path / "sdk.mcap")
+    check_circle(sdk)
+    assert set(sdk.group) == {3}
+
+
+def test_broken_json_costs_only_itself(tmp_path):
+    messages = [(TIMES[k], scene_dict(k)) for k in range(N)]
+    messages.insert(3, (TIMES[3], {"entities": 5}))
+    messages.insert(9, (TIMES[9], {"entities": [{"cubes": [{"pose": {"position": {"x": "east"}}}]}]}))
+    log = read_track_logs(json_log(tmp_path / "log.mcap", "foxglove.SceneUpdate", messages), time_source="header")
+    check_circle(log.tracks)
+    assert log.dropped.undecodable == 2
+    assert "expected a list at .entities, got int" in str(log.dropped)
+
+
+def fix(k, kind=LocationFix):
+    """On a circle of 20 m about a place in Munich, by the radii of curvature there: an independent formula."""
+    latitude, a, e2 = np.radians(48.137), 6378137.0, 6.69437999014e-3
+    w = np.sqrt(1 - e2 * np.sin(latitude) ** 2)
+    one = kind()
+    one.latitude = 48.137 + np.degrees(PLACE[k, 1] / (a * (1 - e2) / w**3))
+    one.longitude = 11.575 + np.degrees(PLACE[k, 0] / (a / w * np.cos(latitude)))
+    return one
+
+
+def test_satellite_fixes_come_on_a_local_plane(tmp_path, caplog, monkeypatch):
+    pytest.importorskip("pyproj", reason="the extra geo is not installed")
+    fixes, several = [], []
+    for k in range(N):
+        one = stamped(fix(k), k)
+        fixes.append(("/gps", TIMES[k], one))
+        several.append(("/gps", TIMES[k], LocationFixes(fixes=[one])))
+    ros = [
+        ("/gps", TIMES[k], "sensor_msgs/msg/NavSatFix", {
+            "header": header(TIMES[k], "gps"), "status": {"status": 0 if k else -1, "service": 1},
+            "latitude": fix(k).latitude, "longitude": fix(k).longitude, "altitude": 0.0,
+            "position_covariance": [0.0] * 9, "position_covariance_type": 0,
+        })
+        for k in range(N)
+    ]  # fmt: skip
+    origin = Origin.parse("48.137,11.575")
+    path = write_protobuf_log(tmp_path / "log.mcap", fixes)
+    for log in (path, write_protobuf_log(tmp_path / "several.mcap", several)):
+        tracks = read_tracks(log, origin=origin, time_source="header")
+        np.testing.assert_allclose(tracks.position, PLACE, atol=1e-3)
+        assert set(tracks.track_id) == {"/gps"}
+    assert caplog.text == ""
+    started = read_tracks(path)
+    np.testing.assert_allclose(started.position, PLACE - PLACE[0], atol=1e-3)
+    assert "--origin 48.13" in caplog.text
+    log = read_track_logs(write_ros2_log(tmp_path / "ros.mcap", ros), origin=origin)
+    np.testing.assert_allclose(log.tracks.position, PLACE[1:], atol=1e-3)
+    assert log.dropped.invalid == 1
+    monkeypatch.setitem(__import__("sys").modules, "pyproj", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'dirprim-filter\[geo\]'"):
+        read_tracks(path)
+
+
+@pytest.mark.parametrize("text", ["48", "a,b", "91,0", "48,11,3", "nan,0"])
+def test_what_is_no_origin_is_refused(text):
+    with pytest.raises(ValueError, match="origin: expected latitude,longitude"):
+        Origin.parse(text)
+
+
+def private(k):
+    x, y = PLACE[k].tolist()
+    course = np.degrees(ANGLE[k]) + 90
+    return {
+        "when": k * 0.1, "frame": "map",
+        "list": [
+            {"name": 4, "at": [x, y], "course": course, "v": 36.0},
+            {"name": 5, "at": [0, 1], "course": 0, "v": 0},
+        ],
+    }  # fmt: skip
+
+
+def test_fields_of_a_private_schema_are_found_by_their_paths(tmp_path):
+    path = json_log(tmp_path / "log.mcap", "acme.Objects", [(TIMES[k], private(k)) for k in range(N)])
+    with pytest.raises(NoTracksError, match=r"/objects \(acme.Objects\)"):
+        read_tracks(path)
+    mapping = FieldMapping.parse(
+        "id=.list[].name, x=.list[].at[0],y=.list[].at[1],direction_deg=.list[].course,speed_kmh=.list[].v,"
+        "time_s=.when,frame=.frame"
+    )
+    tracks = read_tracks(path, mapping=mapping, time_source="header")
+    car = tracks[tracks.track_id == 4]
+    np.testing.assert_allclose(car.speed, 10.0)
+    np.testing.assert_allclose(np.cos(car.direction - ANGLE - np.pi / 2), 1.0)
+    check_circle(car, [k * STEP_NS for k in range(N)])
+    assert FieldMapping.parse(str(mapping)) == mapping
+
+
+def test_a_mapping_reads_protobuf_and_ros_2_alike(tmp_path):
+    poses = []
+    for k, (x, y) in enumerate(PLACE.tolist()):
+        pose = stamped(PoseInFrame(), k)
+        pose.pose.position.x, pose.pose.position.y = x, y
+        poses.append(("/ego", TIMES[k], pose))
+    by_path = FieldMapping(x=".pose.position.x", y=".pose.position.y", time=".timestamp")
+    path = write_protobuf_log(tmp_path / "log.mcap", poses)
+    check_circle(read_tracks(path, mapping=by_path, time_source="header"))
+    with pytest.raises(NoTracksError, match=r"fields x=.pose.lost,y=.pose.position.y.*lacks"):
+        read_tracks(path, mapping=FieldMapping(x=".pose.lost", y=".pose.position.y"))
+    markers = [
+        ("/tf", TIMES[k], "tf2_msgs/msg/TFMessage", {"transforms": [{
+            "header": header(TIMES[k]), "child_frame_id": "car",
+            "transform": {"translation": {"x": PLACE[k, 0], "y": PLACE[k, 1], "z": 0.0},
+                          "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
+        }]})
+        for k in range(N)
+    ]  # fmt: skip
+    mapping = FieldMapping.parse(
+        "x=.transforms[].transform.translation.x,y=.transforms[].transform.translation.y,id=.transforms[].child_frame_id"
+    )
+    tracks = read_tracks(write_ros2_log(tmp_path / "ros.mcap", markers), mapping=mapping)
+    check_circle(tracks)
+    assert set(tracks.track_id) == {"car"}
+
+
+def test_columns_beside_each_other_are_read_and_unlike_lengths_fail(tmp_path):
+    messages = [(TIMES[k], {"x": [PLACE[k, 0], 1.0], "y": [PLACE[k, 1], 2.0], "id": ["a", "b"]}) for k in range(N)]
+    messages[4][1]["y"].append(3.0)
+    path = json_log(tmp_path / "log.mcap", "acme.Columns", messages)
+    log = read_track_logs(path, mapping=FieldMapping.parse("x=.x[],y=.y[],id=.id[]"), time_source="publish")
+    assert log.dropped.undecodable == 1
+    assert "expected as many of .y[] as of .x[]" in str(log.dropped)
+    car = log.tracks[log.tracks.track_id == "a"]
+    np.testing.assert_array_equal(car.position, np.delete(PLACE, 4, axis=0))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["x=.a", "x=.a,y=b", "x=.a,y=.b,z", "x=.a,y=.b,x=.c", "x=.a,y=.b,colour=.c", "x=.a,y=.b,vx=.c", "",
+     "x=.a,y=.b,speed=.c,speed_kmh=.d"],
+)  # fmt: skip
+def test_what_is_no_mapping_is_refused(text):
+    with pytest.raises(ValueError, match="field"):
+        FieldMapping.parse(text)

@@ -1,0 +1,75 @@
+"""`info`: the same of a log by its index as by reading it; odd times counted; quick where a log is long."""
+
+import json
+
+import pytest
+from mcap_files import CHUNK, log_bytes, records
+
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording.inspection import inspect
+from dirprim_filter.recording.summary import Stamps, summarise_by_index
+
+SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]
+
+
+@pytest.fixture
+def log(tmp_path):
+    def write(data):
+        path = tmp_path / "log.mcap"
+        path.write_bytes(data)
+        return path
+
+    return write
+
+
+def test_the_index_tells_what_reading_tells(log):
+    path = log(log_bytes(SENT, chunk_size=900))
+    told, read = summarise_by_index(path, from_bytes=0), inspect(path)
+    assert (told.topics, told.messages, told.start_ns, told.end_ns) == (
+        read.topics, read.messages, read.start_ns, read.end_ns,
+    )  # fmt: skip
+    assert (told.is_checked, read.is_checked) == (False, True)
+    assert told.stamps is None
+    assert summarise_by_index(path) is None  # a short log is read
+
+
+def test_an_index_that_is_not_whole_tells_nothing(log):
+    data = log_bytes(SENT, chunk_size=900)
+    summary = next(start for opcode, start, _ in records(data) if opcode == 0x0F)
+    for at in range(summary, len(data), 37):
+        broken = bytearray(data)
+        broken[at] ^= 4
+        assert summarise_by_index(log(broken), from_bytes=0) is None, at
+    assert summarise_by_index(log(data[:-9]), from_bytes=0) is None
+
+
+def test_a_long_log_is_told_by_its_index_unless_it_is_to_be_checked(log, capsys, monkeypatch):
+    data = bytearray(log_bytes(SENT, chunk_size=900))
+    chunk = next(start for opcode, start, _ in records(bytes(data)) if opcode == CHUNK)
+    data[chunk + 60] ^= 1
+    path = log(data)
+    monkeypatch.setattr("dirprim_filter.recording.summary.summarise_by_index.__kwdefaults__", {
+        "topics": None, "from_bytes": 0,
+    })  # fmt: skip
+    assert run(["info", str(path)]) == 0
+    assert "its chunks were not checked" in capsys.readouterr().out
+    assert run(["info", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["is_checked"] is False
+    assert run(["info", str(path), "--check"]) == 3
+    assert "damage: chunk" in capsys.readouterr().out
+    assert run(["info", str(path), "--strict"]) == 1
+
+
+def test_filters(log, capsys):
+    path = log(log_bytes(SENT, chunk_size=900))
+    assert run(["info", str(path), "--topics", "/topic[01]", "--start", "60000", "--end", "90000", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert {topic["name"]: topic["messages"] for topic in told["topics"]} == {"/topic0": 10, "/topic1": 10}
+    assert (told["start_ns"], told["end_ns"]) == (60_000, 88_000)
+
+
+@pytest.mark.parametrize("chunk_size", [100, 1 << 20])
+def test_odd_times_are_counted_by_topic_in_the_order_of_the_file(log, chunk_size):
+    sent = [("/a", 0), ("/a", 5), ("/b", 4), ("/a", 5), ("/a", 3), ("/b", 4), ("/a", 3), ("/a", 9), ("/b", 0)]
+    path = log(log_bytes([(topic, time_ns, b"x" * 30) for topic, time_ns in sent], chunk_size=chunk_size))
+    assert inspect(path).stamps == Stamps(zero=2, backward=2, duplicate=3)

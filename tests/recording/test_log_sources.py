@@ -1,0 +1,161 @@
+"""Pipes, standard input and URLs read as files do; seeking opens no more chunks than needed; memory is bounded."""
+
+import io
+import os
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType
+from mcap_files import log_bytes
+
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording import merge, source
+from dirprim_filter.recording.errors import NotMcapError, RecordingError
+from dirprim_filter.recording.message_columns import MessageColumns
+from dirprim_filter.recording.scan import scan
+
+SENT = [(f"/topic{i // 100}", 1000 * i, str(i).encode() * 9) for i in range(300)]
+
+
+def rows(log):
+    return [(m.topic, m.log_time_ns, m.data) for m in log]
+
+
+@pytest.fixture(autouse=True)
+def forget_copies(monkeypatch):
+    monkeypatch.setattr(source, "_copies", {})
+
+
+def test_a_fifo(tmp_path):
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    writer = threading.Thread(target=fifo.write_bytes, args=(log_bytes(SENT),))
+    writer.start()
+    assert rows(scan(fifo)) == SENT
+    writer.join()
+    assert rows(scan(fifo)) == SENT  # a pipe gives its bytes once; the copy stays
+
+
+def test_standard_input(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT)[:-40])))
+    log = scan("-")
+    assert rows(log) == SENT
+    assert log.damage
+
+
+def test_the_command_line_reads_a_pipe(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "dirprim_filter.cli", "info", "-"],
+        input=log_bytes(SENT),
+        capture_output=True,
+        check=True,
+    )
+    assert b"300 messages" in done.stdout
+
+
+def test_urls(tmp_path):
+    fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
+    with fsspec.open("memory://folder/log.mcap", "wb") as file:
+        file.write(log_bytes(SENT))
+    assert rows(scan("memory://folder/log.mcap")) == SENT
+    assert run(["info", "memory://folder/log.mcap"]) == 0
+    (tmp_path / "log.mcap").write_bytes(log_bytes(SENT))
+    assert rows(scan((tmp_path / "log.mcap").as_uri())) == SENT
+    with pytest.raises(RecordingError, match="fsspec can read"):
+        scan("nosuchscheme://log.mcap")
+    with pytest.raises(FileNotFoundError):
+        scan("memory://none.mcap")
+
+
+def test_what_is_no_log_is_said_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"hello")))
+    with pytest.raises(NotMcapError, match=r"^-: expected an MCAP log"):
+        scan("-")
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"start_ns": 120_000},
+        {"end_ns": 50_000},
+        {"start_ns": 99_000, "end_ns": 101_001},
+        {"start_ns": 10**9},
+        {"start_ns": -5, "end_ns": 0},
+        {"topics": lambda topic: topic == "/topic1"},
+        {"topics": lambda topic: topic == "/topic1", "start_ns": 150_000},
+    ],
+)
+def test_filters_give_what_filtering_afterwards_would_and_leave_chunks_closed(tmp_path, asked, compression):
+    path = tmp_path / "log.mcap"
+    path.write_bytes(log_bytes(SENT, chunk_size=500, compression=compression))
+    log = scan(path, **asked)
+    opened = []
+    read = log._messages
+    log._messages = lambda chunk: opened.append(chunk) or read(chunk)
+    start_ns, end_ns = asked.get("start_ns", 0), asked.get("end_ns", 1 << 62)
+    wanted = [m for m in SENT if start_ns <= m[1] < end_ns and asked.get("topics", bool)(m[0])]
+    assert rows(log) == wanted
+    assert len(opened) <= len(wanted) * 60 / 500 + 3 < len(log.layout.chunks)
+
+
+def test_without_an_index_that_can_be_trusted_every_chunk_is_opened(tmp_path):
+    """A chunk's own times have no checksum: alone they are no reason to pass over it."""
+    path = tmp_path / "log.mcap"
+    data = bytearray(log_bytes(SENT, chunk_size=500)[:-60])
+    path.write_bytes(data)
+    log = scan(path, start_ns=120_000)
+    assert rows(log) == SENT[120:]
+    assert log.damage
+
+
+def test_overlapping_chunks_are_merged_from_disk_when_they_are_many(tmp_path, monkeypatch):
+    rng = np.random.default_rng(0)
+    sent = [("/a", int(rng.integers(0, 500)), rng.bytes(20)) for _ in range(3000)]  # all overlap; many of one time
+    path = tmp_path / "log.mcap"
+    path.write_bytes(log_bytes(sent, chunk_size=1000))
+    spilled = []
+    real = MessageColumns.spilled
+    monkeypatch.setattr(merge, "HELD_BYTES", 20_000)
+    monkeypatch.setattr(merge, "WINDOW_ROWS", 50)
+    monkeypatch.setattr(MessageColumns, "spilled", lambda self, file: spilled.append(1) or real(self, file))
+    expected = sorted(sent, key=lambda row: row[1])
+    assert rows(scan(path)) == expected
+    assert len(spilled) > 10
+
+
+def test_a_log_of_one_time_stays_in_the_order_of_the_file_without_being_held(tmp_path):
+    sent = [("/a", 7, i.to_bytes(40, "big")) for i in range(2000)]
+    path = tmp_path / "log.mcap"
+    path.write_bytes(log_bytes(sent, chunk_size=1000))
+    log = scan(path)
+    opened = []
+    read = log._messages
+    log._messages = lambda chunk: opened.append(chunk) or read(chunk)
+    messages = iter(log)
+    first = [next(messages) for _ in range(20)]
+    assert len(opened) <= 4
+    assert [m.data for m in first] + [m.data for m in messages] == [row[2] for row in sent]
+
+
+def test_memory_stays_bounded_when_everything_overlaps(tmp_path):
+    """100 MB of contents, every chunk over the whole time: a process of its own stays within 70 MB more."""
+    code = """
+import resource, sys
+from collections import deque
+from dirprim_filter.recording.scan import scan
+deque(scan(sys.argv[1]), maxlen=0)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+deque(scan(sys.argv[2]), maxlen=0)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)
+"""
+    payload = bytes(20_000)
+    few = [("/a", 1000 * (i % 100), payload) for i in range(100)]
+    many = [("/a", 1000 * (i % 250), payload) for i in range(5000)]
+    for name, sent in (("few", few), ("many", many)):
+        (tmp_path / f"{name}.mcap").write_bytes(log_bytes(sent))
+    arguments = [sys.executable, "-c", code, tmp_path / "few.mcap", tmp_path / "many.mcap"]
+    assert int(subprocess.run(arguments, capture_output=True, text=True, check=True).stdout) < 70

@@ -1,0 +1,147 @@
+"""What a sensor measures besides the place reaches the stream of detections: motion, errors, names or none."""
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from mcap_files import scene, write_protobuf_log
+from test_ros2_schemas import N_TIMES, array_log
+
+from dirprim_filter import Tracks, write_tracks
+from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.recording import decoding
+from dirprim_filter.recording.playback import Playback
+from dirprim_filter.recording.reader import read_tracks, stream_detections
+from dirprim_filter.recording.schemas import dirprim_pb2
+
+N = 40
+COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "covariance")
+
+
+def seen(*, named=True):
+    """Of two vehicles, one measured whole, the other's position alone."""
+    rng = np.random.default_rng(2)
+    whole = np.tile([True, False], N)
+    root = rng.normal(size=(2 * N, 2, 2))
+    covariance = root @ root.transpose(0, 2, 1)
+    covariance[:, 0, 1] = covariance[:, 1, 0]
+    return Detections(
+        track_id=np.where(whole, "a", "b") if named else np.full(2 * N, NO_ID),
+        time_ns=np.repeat(np.arange(N) * 100_000_000, 2),
+        position=rng.normal(scale=100.0, size=(2 * N, 2)),
+        direction=np.where(whole, rng.uniform(-np.pi, np.pi, 2 * N), np.nan),
+        speed=np.where(whole, rng.gamma(2.0, 5.0, 2 * N), np.nan),
+        covariance=np.where(whole[:, None, None], covariance, np.nan),
+    )
+
+
+def written(path, detections):
+    tracks = Tracks(
+        track_id=np.zeros(N, np.int64), time_ns=np.arange(N) * 100_000_000, position=np.zeros((N, 2)),
+        direction=np.zeros(N), speed=np.zeros(N),
+    )  # fmt: skip
+    write_tracks(tracks, path, detections=detections)
+    return path
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("batch", [1, 3, 1 << 14])
+def test_what_was_measured_reads_back_to_the_last_bit(tmp_path, monkeypatch, named, batch):
+    monkeypatch.setattr(decoding, "BATCH_MESSAGES", batch)
+    sent = seen(named=named)
+    stream = stream_detections(written(tmp_path / "log.mcap", sent), motion=True)
+    frames = list(stream)
+    assert [len(frame) for frame in frames] == [2] * N
+    back = Detections.concatenate(frames)
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(back, name), getattr(sent, name), err_msg=name)
+    assert stream.dropped.total == 0
+
+
+def test_directions_and_speeds_are_measurements_on_request_only(tmp_path):
+    back = Detections.concatenate(stream_detections(written(tmp_path / "log.mcap", seen())))
+    assert np.isnan(back.direction).all()
+    assert np.isnan(back.speed).all()
+    np.testing.assert_array_equal(back.covariance, seen().covariance)
+
+
+@pytest.mark.parametrize("batch", [1, 2, 3, 1 << 14])
+def test_an_instant_may_come_in_several_batches(tmp_path, monkeypatch, batch):
+    monkeypatch.setattr(decoding, "BATCH_MESSAGES", batch)
+    messages = [
+        (topic, time_ns, scene([(name, float(time_ns), 0.0), ("both", place, 0.0), ("", place, 0.0)]))
+        for time_ns in (10, 20)
+        for topic, name, place in (("/left", "l", 1.0), ("/mid", "m", 2.0), ("/right", "r", 3.0))
+    ]
+    stream = stream_detections(write_protobuf_log(tmp_path / "log.mcap", messages), topics="/.*")
+    frames = list(stream)
+    assert [frame.track_id.tolist() for frame in frames] == [["l", "both", "", "m", "", "r", ""]] * 2
+    assert [frame.position[1, 0] for frame in frames] == [1.0, 1.0]
+    assert stream.dropped.repeated == stream.dropped.total == 4
+
+
+def observations(frame, covariance, **columns):
+    message = dirprim_pb2.Observations(frame_id=frame, track_id=["a"], x=[1.0], y=[2.0], **columns)
+    message.covariance_xx.append(covariance[0][0])
+    message.covariance_xy.append(covariance[0][1])
+    message.covariance_yy.append(covariance[1][1])
+    return message
+
+
+def turned(yaw_deg, roll_deg=0.0):
+    from scipy.spatial.transform import Rotation
+
+    one = FrameTransform(parent_frame_id="map", child_frame_id="sensor")
+    turn = Rotation.from_euler("ZX", [yaw_deg, roll_deg], degrees=True).as_quat().tolist()
+    one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = turn
+    return one
+
+
+def test_errors_turn_with_the_frame_they_are_told_in(tmp_path):
+    """The ellipse of a sensor that looks 30 degrees to the left, beside the eigenvectors that it must then have."""
+    path = write_protobuf_log(
+        tmp_path / "log.mcap",
+        [("/tf", 0, turned(30.0)), ("/objects", 5, observations("sensor", [[4.0, 0.0], [0.0, 0.25]], direction=[0.1]))],
+    )
+    (frame,) = stream_detections(path, motion=True)
+    values, vectors = np.linalg.eigh(frame.covariance[0])
+    np.testing.assert_allclose(values, [0.25, 4.0])
+    assert abs(vectors[:, 1] @ [np.cos(np.pi / 6), 0.5]) == pytest.approx(1.0)
+    assert frame.direction[0] == pytest.approx(0.1 + np.pi / 6)
+
+
+@pytest.mark.parametrize(
+    ("transform", "covariance"),
+    [
+        (turned(0.0), [[0.0, 0.0], [0.0, 0.0]]),
+        (turned(0.0), [[1.0, 2.0], [2.0, 1.0]]),
+        (turned(0.0), [[np.inf, 0.0], [0.0, 1.0]]),
+        (turned(10.0), [[1e300, 1e300], [1e300, 1e300]]),
+        (turned(20.0, 90.0), [[4.0, 0.0], [0.0, 0.25]]),  # seen from the side the ellipse is a line
+    ],
+)
+def test_errors_that_cannot_be_are_unknown(tmp_path, transform, covariance):
+    path = write_protobuf_log(
+        tmp_path / "log.mcap", [("/tf", 0, transform), ("/objects", 5, observations("sensor", covariance))]
+    )
+    (frame,) = stream_detections(path)
+    assert np.isnan(frame.covariance).all()
+
+
+def test_columns_of_errors_are_as_long_as_the_others(tmp_path):
+    messages = [("/objects", t, observations("map", np.eye(2))) for t in range(3)]
+    messages[1][2].covariance_xy.append(0.5)
+    stream = stream_detections(write_protobuf_log(tmp_path / "log.mcap", messages))
+    assert [int(frame.time_ns[0]) for frame in stream] == [0, 2]
+    (reason,) = stream.dropped.reasons
+    assert "covariance_xy: expected 1 numbers, got 2" in reason
+
+
+def test_who_has_no_name_is_nobody_in_the_stream_and_someone_each_time_as_a_track(tmp_path):
+    path = array_log(tmp_path, "autoware_perception_msgs/msg/DetectedObjects")
+    frames = list(stream_detections(path))
+    assert [frame.track_id.tolist() for frame in frames] == [[NO_ID] * 3] * N_TIMES
+    tracks = read_tracks(path)
+    assert tracks.n_tracks == len(tracks) == 3 * N_TIMES
+    for frame in Playback(path):
+        assert len(frame.detections) == 3
+        assert len(frame.estimates) == 0

@@ -1,0 +1,111 @@
+"""What a moving sensor perceives arrives in the world."""
+
+import numpy as np
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.writer import Writer
+from scipy.spatial.transform import Rotation
+
+from dirprim_filter.recording.reader import read_track_logs
+
+# The part of OSI 3.7 that matters here: message -> field -> (number, type, repeated).
+OSI = {
+    "Vector3d": {"x": (1, "double"), "y": (2, "double"), "z": (3, "double")},
+    "Orientation3d": {"roll": (1, "double"), "pitch": (2, "double"), "yaw": (3, "double")},
+    "Identifier": {"value": (1, "uint64")},
+    "Timestamp": {"seconds": (1, "int64"), "nanos": (2, "uint32")},
+    "MountingPosition": {"position": (1, "Vector3d"), "orientation": (2, "Orientation3d")},
+    "BaseMoving": {"position": (2, "Vector3d"), "orientation": (3, "Orientation3d"), "velocity": (4, "Vector3d")},
+    "DetectedItemHeader": {"tracking_id": (2, "Identifier")},
+    "DetectedMovingObject": {"header": (1, "DetectedItemHeader"), "base": (2, "BaseMoving")},
+    "Attributes": {"bbcenter_to_rear": (6, "Vector3d")},
+    "MovingObject": {"id": (1, "Identifier"), "base": (2, "BaseMoving"), "vehicle_attributes": (5, "Attributes")},
+    "GroundTruth": {"host_vehicle_id": (3, "Identifier"), "moving_object": (5, "MovingObject", True)},
+    "SensorView": {"global_ground_truth": (7, "GroundTruth")},
+    "SensorData": {
+        "timestamp": (2, "Timestamp"), "mounting_position": (6, "MountingPosition"),
+        "sensor_view": (8, "SensorView", True), "last_measurement_time": (9, "Timestamp"),
+        "moving_object": (13, "DetectedMovingObject", True),
+    },
+}  # fmt: skip
+F = descriptor_pb2.FieldDescriptorProto
+N, STEP_NS = 20, 100_000_000
+
+
+def sensor_data_class():
+    file = descriptor_pb2.FileDescriptorProto(name="osi.proto", package="osi3")
+    for name, fields in OSI.items():
+        message = file.message_type.add(name=name)
+        for field, (number, kind, *repeated) in fields.items():
+            label = F.LABEL_REPEATED if repeated else F.LABEL_OPTIONAL
+            if kind in OSI:
+                message.field.add(
+                    name=field, number=number, label=label, type=F.TYPE_MESSAGE, type_name=f".osi3.{kind}"
+                )
+            else:
+                message.field.add(name=field, number=number, label=label, type=getattr(F, f"TYPE_{kind.upper()}"))
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    found = message_factory.GetMessageClass(pool.FindMessageTypeByName("osi3.SensorData"))
+    return found, descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
+
+
+def put(message, values):
+    for axis, value in zip("xyz", values, strict=True):
+        setattr(message, axis, value)
+
+
+def turn(message, yaw, pitch, roll):
+    message.yaw, message.pitch, message.roll = yaw, pitch, roll
+
+
+def homogeneous(place, angles):
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("ZYX", angles).as_matrix()
+    matrix[:3, 3] = place
+    return matrix
+
+
+def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
+    kind, definition = sensor_data_class()
+    rear, mount, mounted = [-1.4, 0.0, -0.3], [3.6, 0.5, 0.4], [0.3, 0.02, -0.01]
+    cars = np.array([[50.0, 5.0, 0.5], [-20.0, 8.0, 0.5]])
+    velocity = np.array([[-6.0, 2.0, 0.0], [0.0, 9.0, 0.0]])
+    with (tmp_path / "log.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("osi3.SensorData", "protobuf", definition)
+        channel = writer.register_channel("/sensor", "protobuf", schema)
+        for k in range(N):
+            message = kind()
+            message.timestamp.seconds, message.last_measurement_time.nanos = 1000 + k, k * STEP_NS % 10**9
+            message.last_measurement_time.seconds = k * STEP_NS // 10**9
+            put(message.mounting_position.position, mount)
+            turn(message.mounting_position.orientation, *mounted)
+            place, angles = [10.0 + k, 0.1 * k * k, 0.7], [0.2 * k, 0.03, -0.02]
+            truth = message.sensor_view.add().global_ground_truth
+            truth.host_vehicle_id.value = 77
+            other, host = truth.moving_object.add(), truth.moving_object.add()
+            other.id.value = 3
+            host.id.value = 77
+            put(host.base.position, place)
+            turn(host.base.orientation, *angles)
+            put(host.vehicle_attributes.bbcenter_to_rear, rear)
+            vehicle = homogeneous(place, angles) @ homogeneous(rear, [0, 0, 0])
+            back = np.linalg.inv(vehicle @ homogeneous(mount, mounted))
+            for i in range(2):
+                seen = message.moving_object.add()
+                seen.header.tracking_id.value = i
+                put(seen.base.position, (back @ [*(cars[i] + velocity[i] * k * 0.1), 1.0])[:3])
+            if k == 4:
+                truth.host_vehicle_id.value = 5
+            writer.add_message(channel, k * STEP_NS, message.SerializeToString(), k * STEP_NS)
+        writer.finish()
+    log = read_track_logs(tmp_path / "log.mcap", time_source="header")
+    assert log.dropped.undecodable == 1
+    assert "without the host vehicle" in str(log.dropped)
+    when = np.delete(np.arange(N), 4)
+    for i in range(2):
+        track = log.tracks[log.tracks.track_id == i]
+        assert track.time_ns.tolist() == (when * STEP_NS).tolist()
+        np.testing.assert_allclose(track.position, (cars[i] + velocity[i] * when[:, None] * 0.1)[:, :2], atol=1e-9)
+        np.testing.assert_allclose(track.speed, np.hypot(*velocity[i, :2]))

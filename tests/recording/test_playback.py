@@ -1,0 +1,112 @@
+"""Playing a log: the frames that were written, each when its time has come."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter import Tracks, read_estimates, write_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.recording.errors import DamagedRecordingError
+from dirprim_filter.recording.playback import Playback, paced
+from dirprim_filter.recording.writer import EstimateLog
+
+N, STEP_NS = 30, 100_000_000
+
+
+@pytest.fixture
+def straight(tmp_path):
+    """Two vehicles, east at 10 m/s and north at 5 m/s."""
+    time_ns = np.repeat(np.arange(N) * STEP_NS, 2)
+    east = np.tile([True, False], N)
+    travelled = time_ns * 1e-9 * np.where(east, 10.0, 5.0)
+    tracks = Tracks(
+        track_id=np.where(east, 1, 2), time_ns=time_ns,
+        position=np.column_stack([np.where(east, travelled, 0.0), np.where(east, 0.0, travelled)]),
+        direction=np.where(east, 0.0, np.pi / 2), speed=np.where(east, 10.0, 5.0),
+    )  # fmt: skip
+    write_tracks(tracks, tmp_path / "objects.mcap")
+    return tmp_path / "objects.mcap"
+
+
+@pytest.fixture
+def tracked(straight, tmp_path):
+    """The same as a tracker would have written it."""
+    none = np.empty(0)
+    empty = Particles(position=np.empty((0, 2)), direction=none, speed=none, weight=none, vehicle=np.empty(0, np.int64))
+    with EstimateLog(tmp_path / "tracked.mcap", metadata={}) as log:
+        for frame in Playback(straight):
+            log.write(
+                TrackedFrame(
+                    time_ns=frame.time_ns, detections=frame.detections, estimates=frame.estimates, particles=empty
+                )
+            )
+    return tmp_path / "tracked.mcap"
+
+
+def test_objects_are_seen_to_move(straight):
+    frames = list(Playback(straight))
+    assert [frame.time_ns for frame in frames] == [i * STEP_NS for i in range(N)]
+    assert (frames[0].estimates.speed == 0).all()
+    assert (frames[0].estimates.direction_resultant == 0).all()
+    for frame in frames[1:]:
+        np.testing.assert_allclose(frame.estimates.speed, [10.0, 5.0])
+        np.testing.assert_allclose(frame.estimates.direction, [0.0, np.pi / 2])
+        np.testing.assert_array_equal(frame.estimates.position, frame.detections.position)
+
+
+def test_estimates_are_those_of_the_log(tracked):
+    played = Estimates.concatenate([frame.estimates for frame in Playback(tracked)])
+    expected = read_estimates(tracked)
+    np.testing.assert_array_equal(played.time_ns, expected.time_ns)
+    np.testing.assert_array_equal(played.position, expected.position)
+    np.testing.assert_array_equal(played.direction, expected.direction)
+
+
+def test_a_part_of_it(straight, tracked):
+    for path in (straight, tracked):
+        frames = list(Playback(path, start_ns=5 * STEP_NS, end_ns=9 * STEP_NS))
+        assert [frame.time_ns for frame in frames] == [i * STEP_NS for i in range(5, 9)]
+
+
+def test_damage_is_told(tracked):
+    tracked.write_bytes(tracked.read_bytes()[:-30])
+    playback = Playback(tracked)
+    assert len(list(playback)) == N
+    assert playback.damage
+    with pytest.raises(DamagedRecordingError):
+        list(Playback(tracked, strict=True))
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 4.0, float("inf")])
+def test_each_frame_comes_when_its_time_has_come(rate):
+    now, came = [100.0], []
+    busy = {3: 0.31}  # the fourth frame takes the viewer long: the next comes late, those behind it in time again
+    none, nobody = Detections.none(), Estimates.concatenate([])
+    frames = [TrackedFrame(time_ns=i * STEP_NS, detections=none, estimates=nobody, particles=None) for i in range(10)]
+
+    def sleep(seconds):
+        now[0] += seconds
+
+    for i, _ in enumerate(paced(frames, rate, clock=lambda: now[0], sleep=sleep)):
+        came.append(now[0] - 100.0)
+        now[0] += busy.get(i, 0.0)
+    due = np.arange(10) * 0.1 / rate
+    ready = came[3] + 0.31
+    expected = np.where(np.arange(10) > 3, np.maximum(due, ready), due)
+    np.testing.assert_allclose(came, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
+def test_a_rate_must_be_positive(rate):
+    with pytest.raises(ValueError, match="rate: expected more than 0"):
+        list(paced([], rate))
+
+
+def test_the_command_writes_what_rerun_reads(tracked, tmp_path, capsys):
+    rrd = tmp_path / "played.rrd"
+    assert run(["replay", str(tracked), "--rate", "inf", "--start", str(10 * STEP_NS), "--save", str(rrd)]) == 0
+    assert "20 frames of /dirprim/tracks" in capsys.readouterr().out
+    assert rrd.read_bytes().startswith(b"RRF")
+    assert run(["replay", str(tracked)]) == 1  # nowhere to play to
+    assert run(["replay", str(tracked), "--rate", "0", "--save", str(tmp_path / "b.rrd")]) == 1

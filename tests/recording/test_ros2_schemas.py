@@ -1,0 +1,300 @@
+"""What independent writers write of ROS 2's objects, we read right."""
+
+import numpy as np
+import pytest
+from ros_messages import header, write_ros2_log
+
+from dirprim_filter.recording.errors import DecodeError
+from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks, stream_detections
+
+STEP_NS = 100_000_000
+START_NS = 1_700_000_000_000_000_000
+N_TIMES = 12
+NAMES = ("a", "b", "c")
+
+
+def quaternion(roll, pitch, yaw):
+    """Of a body turned by yaw, then pitch, then roll, by scipy, which knows nothing of ours."""
+    from scipy.spatial.transform import Rotation
+
+    return dict(zip("xyzw", Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat().tolist(), strict=True))
+
+
+def point(x, y, z):
+    return {"x": float(x), "y": float(y), "z": float(z)}
+
+
+class Scene:
+    """Three vehicles on arcs, the last standing: place, heading and velocity at each time."""
+
+    def __init__(self):
+        rng = np.random.default_rng(3)
+        self.place = rng.normal(scale=50, size=(N_TIMES, 3, 3))
+        self.yaw = rng.uniform(-3, 3, size=(N_TIMES, 3))
+        self.speed = np.array([5.0, 12.5, 0.0]) * np.ones((N_TIMES, 1))
+
+    def pose(self, k, i):
+        return {"position": point(*self.place[k, i]), "orientation": quaternion(0, 0, self.yaw[k, i])}
+
+    def body_twist(self, k, i):
+        return {"linear": point(self.speed[k, i], 0, 0), "angular": point(0, 0, 0)}
+
+    def frame_twist(self, k, i):
+        v, a = self.speed[k, i], self.yaw[k, i]
+        return {"linear": point(v * np.cos(a), v * np.sin(a), 0), "angular": point(0, 0, 0)}
+
+
+SCENE = Scene()
+ZEROS = [0.0] * 36
+NO_ACCELERATION = {"linear": point(0, 0, 0), "angular": point(0, 0, 0)}
+
+
+def tracked(k, i):
+    return {
+        "object_id": {"uuid": [i + 1] * 16},
+        "existence_probability": 0.75,
+        "classification": [{"label": 1, "probability": 0.5}] * (i + k % 2),
+        "kinematics": {
+            "pose_with_covariance": {"pose": SCENE.pose(k, i), "covariance": ZEROS},
+            "orientation_availability": 2,
+            "twist_with_covariance": {"twist": SCENE.body_twist(k, i), "covariance": ZEROS},
+            "acceleration_with_covariance": {"accel": NO_ACCELERATION, "covariance": ZEROS},
+            "is_stationary": False,
+        },
+        "shape": {"type": 0, "footprint": {"points": [point(1, 2, 3)] * k}, "dimensions": point(4, 2, 1)},
+    }
+
+
+def detected(k, i, *, has_twist=True, availability=2):
+    one = {key: value for key, value in tracked(k, i).items() if key != "object_id"}
+    kinematics = {key: one["kinematics"][key] for key in ("pose_with_covariance", "twist_with_covariance")}
+    flags = {"has_position_covariance": False, "has_twist": has_twist, "has_twist_covariance": False}
+    return one | {"kinematics": kinematics | flags | {"orientation_availability": availability}}
+
+
+def carla(k, i):
+    return {
+        "header": header(0), "id": i + 1, "detection_level": 0, "object_classified": True,
+        "pose": SCENE.pose(k, i), "twist": SCENE.frame_twist(k, i), "accel": NO_ACCELERATION,
+        "polygon": {"points": [point(0, 0, 0)] * i},
+        "shape": {"type": 1, "dimensions": [4.0, 2.0, 1.5], "polygon": {"points": []}},
+        "classification": 6, "classification_certainty": 255, "classification_age": k,
+    }  # fmt: skip
+
+
+def detection(k, i):
+    hypothesis = {"hypothesis": {"class_id": "car" * i, "score": 0.5}}
+    hypothesis["pose"] = {"pose": SCENE.pose(k, i), "covariance": ZEROS}
+    return {
+        "header": header(0), "results": [hypothesis] * (k % 3), "id": NAMES[i],
+        "bbox": {"center": SCENE.pose(k, i), "size": point(4, 2, 1)},
+    }  # fmt: skip
+
+
+def marker(k, i, *, kind=1, action=0):
+    return {
+        "header": header(START_NS + k * STEP_NS), "ns": "cars", "id": i, "type": kind, "action": action,
+        "pose": SCENE.pose(k, i), "scale": point(4, 2, 1), "color": {"r": 1.0, "g": 0.0, "b": 0.0, "a": 1.0},
+        "lifetime": {"sec": 0, "nanosec": 0}, "frame_locked": False, "points": [point(0, 0, 0)] * i, "colors": [],
+        "text": "t" * k, "mesh_resource": "", "mesh_use_embedded_materials": False,
+    }  # fmt: skip
+
+
+ARRAYS = {
+    "autoware_perception_msgs/msg/TrackedObjects": ("objects", tracked),
+    "autoware_auto_perception_msgs/msg/TrackedObjects": ("objects", tracked),
+    "autoware_perception_msgs/msg/DetectedObjects": ("objects", detected),
+    "autoware_auto_perception_msgs/msg/DetectedObjects": ("objects", detected),
+    "derived_object_msgs/msg/ObjectArray": ("objects", carla),
+    "vision_msgs/msg/Detection3DArray": ("detections", detection),
+    "visualization_msgs/msg/MarkerArray": ("markers", marker),
+}
+TELLS_MOTION = {name for name in ARRAYS if "Objects" in name or "ObjectArray" in name}
+
+
+def array_log(tmp_path, schema, items=lambda k, make: [make(k, i) for i in range(3)]):
+    field, make = ARRAYS[schema]
+    return write_ros2_log(
+        tmp_path / "log.mcap",
+        [
+            (
+                "/objects", START_NS + k * STEP_NS + 5, schema,
+                ({} if field == "markers" else {"header": header(START_NS + k * STEP_NS)}) | {field: items(k, make)},
+            )
+            for k in range(N_TIMES)
+        ],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("schema", ARRAYS)
+@pytest.mark.parametrize("time_source", ["log", "header"])
+def test_objects_are_those_that_were_written(tmp_path, schema, time_source):
+    log = read_track_logs(array_log(tmp_path, schema), time_source=time_source)
+    assert log.dropped.total == 0
+    tracks = log.tracks
+    assert tracks.time_ns.tolist() == [
+        START_NS + k * STEP_NS + 5 * (time_source == "log") for k in range(N_TIMES) for _ in range(3)
+    ]
+    np.testing.assert_array_equal(tracks.position, SCENE.place[..., :2].reshape(-1, 2))
+    if schema in TELLS_MOTION:
+        np.testing.assert_allclose(tracks.speed, SCENE.speed.ravel(), atol=1e-12)
+        np.testing.assert_allclose(np.exp(1j * tracks.direction), np.exp(1j * SCENE.yaw.ravel()), atol=1e-12)
+    if "DetectedObjects" not in schema:
+        assert tracks.n_tracks == 3
+
+
+def test_names_are_those_of_each_schema(tmp_path):
+    expected = {
+        "autoware_perception_msgs/msg/TrackedObjects": {"01" * 16, "02" * 16, "03" * 16},
+        "derived_object_msgs/msg/ObjectArray": {1, 2, 3},
+        "vision_msgs/msg/Detection3DArray": set(NAMES),
+        "visualization_msgs/msg/MarkerArray": {"cars/0", "cars/1", "cars/2"},
+    }
+    for schema, names in expected.items():
+        assert set(read_tracks(array_log(tmp_path, schema)).track_id.tolist()) == names
+
+
+def test_objects_without_a_name_are_never_one_vehicle(tmp_path):
+    tracks = read_tracks(array_log(tmp_path, "autoware_perception_msgs/msg/DetectedObjects"))
+    assert tracks.n_tracks == len(tracks) == 3 * N_TIMES
+
+
+def test_a_twist_that_is_not_told_is_no_standstill(tmp_path):
+    path = array_log(
+        tmp_path, "autoware_perception_msgs/msg/DetectedObjects",
+        lambda k, _: [detected(k, i, has_twist=i != 0) for i in range(3)],
+    )  # fmt: skip
+    log = read_track_logs(path)
+    assert (len(log.tracks), log.dropped.alone) == (2 * N_TIMES, N_TIMES)
+    assert sum(len(frame) for frame in stream_detections(path)) == 3 * N_TIMES
+
+
+def test_a_standing_object_of_unknown_orientation_has_no_direction(tmp_path):
+    path = array_log(
+        tmp_path, "autoware_perception_msgs/msg/DetectedObjects",
+        lambda k, _: [detected(k, 1, availability=0), detected(k, 2, availability=0)],
+    )  # fmt: skip
+    tracks = read_tracks(path)
+    assert len(tracks) == N_TIMES
+    np.testing.assert_allclose(tracks.speed, 12.5)
+
+
+def test_markers_that_draw_no_body_are_no_objects(tmp_path):
+    def items(k, make):
+        return [make(k, 0), make(k, 1, kind=0), make(k, 2, kind=9), make(k, 2, action=2), make(k, 1, kind=4)]
+
+    assert read_tracks(array_log(tmp_path, "visualization_msgs/msg/MarkerArray", items)).n_tracks == 1
+
+
+def odometry(k, i=1):
+    attitude = quaternion(0.1, -0.2, SCENE.yaw[k, i])
+    return {
+        "header": header(START_NS + k * STEP_NS, "odom"), "child_frame_id": "base_link",
+        "pose": {"pose": {"position": point(*SCENE.place[k, i]), "orientation": attitude}, "covariance": ZEROS},
+        "twist": {"twist": {"linear": point(3.0, 1.0, 0.5), "angular": point(0, 0, 1)}, "covariance": ZEROS},
+    }  # fmt: skip
+
+
+def expected_velocity():
+    from scipy.spatial.transform import Rotation
+
+    turned = Rotation.from_euler("ZYX", [(SCENE.yaw[k, 1], -0.2, 0.1) for k in range(N_TIMES)])
+    return turned.apply([3.0, 1.0, 0.5])[:, :2]
+
+
+def check_odometry(tracks):
+    velocity = tracks.speed[:, None] * np.stack([np.cos(tracks.direction), np.sin(tracks.direction)], -1)
+    assert set(tracks.track_id) == {"base_link"}
+    np.testing.assert_array_equal(tracks.position, SCENE.place[:, 1, :2])
+    np.testing.assert_allclose(velocity, expected_velocity(), atol=1e-12)
+
+
+def test_odometry_is_turned_from_the_body_into_its_frame(tmp_path):
+    messages = [("/odom", START_NS + k * STEP_NS, "nav_msgs/msg/Odometry", odometry(k)) for k in range(N_TIMES)]
+    check_odometry(read_tracks(write_ros2_log(tmp_path / "log.mcap", messages)))
+
+
+def test_a_bag_that_rosbags_wrote_reads_the_same(tmp_path):
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+
+    def message(name, **values):
+        return types[name](**values)
+
+    def xyz(kind, values):
+        return message(f"geometry_msgs/msg/{kind}", **dict(zip("xyz", values, strict=True)))
+
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
+        for k in range(N_TIMES):
+            told = odometry(k)
+            pose = message(
+                "geometry_msgs/msg/Pose", position=xyz("Point", SCENE.place[k, 1].tolist()),
+                orientation=message("geometry_msgs/msg/Quaternion", **told["pose"]["pose"]["orientation"]),
+            )  # fmt: skip
+            twist = message(
+                "geometry_msgs/msg/Twist",
+                linear=xyz("Vector3", (3.0, 1.0, 0.5)),
+                angular=xyz("Vector3", (0.0, 0.0, 1.0)),
+            )
+            stamp = message("builtin_interfaces/msg/Time", sec=k, nanosec=7)
+            whole = message(
+                "nav_msgs/msg/Odometry",
+                header=message("std_msgs/msg/Header", stamp=stamp, frame_id="odom"), child_frame_id="base_link",
+                pose=message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+                twist=message("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+            )  # fmt: skip
+            bag.write(topic, START_NS + k * STEP_NS, store.serialize_cdr(whole, "nav_msgs/msg/Odometry"))
+    (path,) = (tmp_path / "bag").glob("*.mcap")
+    check_odometry(read_tracks(path))
+    assert read_tracks(path, time_source="header").time_ns.tolist() == [k * 10**9 + 7 for k in range(N_TIMES)]
+
+
+def test_messages_cut_anywhere_lose_only_themselves_and_say_why(tmp_path):
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    schema = "autoware_perception_msgs/msg/TrackedObjects"
+    with array_log(tmp_path, schema).open("rb") as file:
+        (definition,) = make_reader(file).get_summary().schemas.values()
+        payloads = [message.data for _, _, message in make_reader(file).iter_messages()]
+    rng = np.random.default_rng(0)
+    cut = [payload[: rng.integers(0, len(payload) - 1)] for payload in payloads for _ in range(20)]
+    cut += [payload[:20] + b"\xff\xff\xff\xff" + payload[24:] for payload in payloads]
+    path = tmp_path / "cut.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        number = writer.register_schema(definition.name, definition.encoding, definition.data)
+        channel = writer.register_channel("/objects", "cdr", number)
+        for i, payload in enumerate([*payloads, *cut]):
+            writer.add_message(channel, START_NS + i, payload, START_NS)
+        writer.finish()
+    log = read_track_logs(path)
+    assert log.dropped.undecodable == len(cut)
+    assert sum(log.dropped.reasons.values()) == len(cut)
+    np.testing.assert_array_equal(log.tracks.position, SCENE.place[..., :2].reshape(-1, 2))
+    assert "a message that ends within a field" in str(log.dropped)
+    with pytest.raises(DecodeError, match="/objects"):
+        read_tracks(path, strict=True)
+
+
+def test_info_counts_the_objects(tmp_path):
+    (topic,) = inspect(array_log(tmp_path, "derived_object_msgs/msg/ObjectArray")).topics
+    assert (topic.messages, topic.tracks, topic.encoding) == (N_TIMES, 3, "cdr")
+
+
+def test_odd_stamps_are_counted_and_told(tmp_path, caplog):
+    stamps = [START_NS, START_NS + 10, START_NS + 10, START_NS + 5, 0, 0, START_NS + 20, START_NS + 20 * 10**9]
+    messages = []
+    for k, stamp in enumerate(stamps):
+        told = odometry(k) | {"header": header(stamp)}
+        messages.append(("/odom", START_NS + k * STEP_NS, "nav_msgs/msg/Odometry", told))
+    path = write_ros2_log(tmp_path / "log.mcap", messages)
+    clock = read_track_logs(path, time_source="header").clock
+    assert (clock.zero, clock.backward, clock.duplicate, clock.jumps) == (2, 2, 2, 2)
+    assert "2 times of zero, 2 that go back" in caplog.text
+    assert not read_track_logs(path).clock.is_odd

@@ -1,0 +1,194 @@
+"""Objects in the frame of a moving vehicle arrive in the map's; pytransform3d is the oracle."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from mcap_files import scene, write_protobuf_log
+from ros_messages import header, write_ros2_log
+from scipy.spatial.transform import Rotation
+from test_ros2_schemas import carla, point, quaternion
+
+from dirprim_filter.recording.errors import MissingTransformError
+from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
+from dirprim_filter.recording.transforms import TransformTree
+
+START_NS = 1_700_000_000_000_000_000
+STEP_NS = 100_000_000
+N = 12
+
+
+def ego(time_s):
+    """The vehicle on a circle, in odom."""
+    angle = 0.4 * time_s
+    return np.array([30 * np.cos(angle), 30 * np.sin(angle), 0.5]), angle + np.pi / 2
+
+
+MAP_TO_ODOM = (np.array([100.0, -20.0, 1.0]), 0.7)
+BASE_TO_SENSOR = (np.array([1.5, 0.2, 1.8]), -0.1)
+
+
+def ros_transform(time_ns, parent, child, place, yaw):
+    return {
+        "header": header(time_ns, parent), "child_frame_id": child,
+        "transform": {"translation": point(*place), "rotation": quaternion(0, 0, yaw)},
+    }  # fmt: skip
+
+
+def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False):
+    """A log of moving objects and the transforms of all its frames; the moving one at other times than objects."""
+    messages = [
+        ("/tf_static", START_NS - STEP_NS, "tf2_msgs/msg/TFMessage", {"transforms": [
+            ros_transform(START_NS - STEP_NS, "map", "odom", *MAP_TO_ODOM),
+            ros_transform(START_NS - STEP_NS, "base_link", "sensor", *BASE_TO_SENSOR),
+        ]}),
+    ]  # fmt: skip
+    if not static_only:
+        for k in transforms:
+            time_ns = START_NS + k * STEP_NS + STEP_NS // 2
+            moving = ros_transform(time_ns, "odom", "base_link", *ego((time_ns - START_NS) * 1e-9))
+            messages.append(("/tf", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [moving]}))
+    messages += [
+        ("/objects", START_NS + k * STEP_NS + 30_000_000, "derived_object_msgs/msg/ObjectArray",
+         {"header": header(START_NS + k * STEP_NS, frame), "objects": told})
+        for k, (frame, told) in enumerate(objects)
+    ]  # fmt: skip
+    return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))
+
+
+def homogeneous(place, yaw):
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("Z", yaw).as_matrix()
+    matrix[:3, 3] = place
+    return matrix
+
+
+def sensor_in_map(time_s):
+    return homogeneous(*MAP_TO_ODOM) @ homogeneous(*ego(time_s)) @ homogeneous(*BASE_TO_SENSOR)
+
+
+def test_objects_of_a_sensor_arrive_in_the_map(tmp_path):
+    """A parked and a moving car, told in the sensor's axes: in the map one stands, the other goes straight."""
+    parked, start, velocity = np.array([5.0, 9.0, 0.0]), np.array([-40.0, 3.0, 0.0]), np.array([8.0, -6.0, 0.0])
+    frames = []
+    for k in range(N):
+        back = np.linalg.inv(sensor_in_map(k * 0.1))
+        told = []
+        for i, (place, v) in enumerate([(parked, np.zeros(3)), (start + velocity * k * 0.1, velocity)]):
+            one = carla(k, i)
+            yaw = np.arctan2(*(back[:3, :3] @ (velocity / 10 if i else [0.0, 1.0, 0.0]))[1::-1])
+            one["pose"] = {"position": point(*(back @ [*place, 1.0])[:3]), "orientation": quaternion(0, 0, yaw)}
+            one["twist"] = {"linear": point(*(back[:3, :3] @ v)), "angular": point(0, 0, 0)}
+            told.append(one)
+        frames.append(("sensor", told))
+    path = write_ros(tmp_path / "log.mcap", frames)
+    tracks = read_tracks(path)
+    still, moving = tracks[tracks.track_id == 1], tracks[tracks.track_id == 2]
+    # between two transforms 0.1 s apart the chord leaves the circle by 30 m * (0.04 rad)^2 / 8 = 6 mm
+    np.testing.assert_allclose(still.position, np.broadcast_to(parked[:2], (N, 2)), atol=0.02)
+    np.testing.assert_allclose(moving.position, (start + velocity * np.arange(N)[:, None] * 0.1)[:, :2], atol=0.02)
+    np.testing.assert_allclose(moving.speed, 10.0)
+    np.testing.assert_allclose(moving.direction, np.arctan2(-6, 8), atol=1e-6)
+    np.testing.assert_allclose(still.direction, np.pi / 2, atol=1e-6)
+    streamed = np.concatenate([frame.position for frame in stream_detections(path)])
+    np.testing.assert_array_equal(streamed, tracks.position)
+    in_base = read_tracks(path, frame="base_link")
+    expected = np.linalg.inv(homogeneous(*BASE_TO_SENSOR))
+    first = in_base.position[in_base.track_id == 1][0]
+    told = np.linalg.inv(expected) @ np.linalg.inv(sensor_in_map(0.0)) @ [*parked, 1.0]
+    np.testing.assert_allclose(first, told[:2], atol=1e-9)
+
+
+def test_the_tree_agrees_with_pytransform3d(tmp_path):
+    from pytransform3d.transform_manager import NumpyTimeseriesTransform, TemporalTransformManager
+
+    rng = np.random.default_rng(5)
+    times = np.sort(rng.choice(10**9, 20, replace=False)).astype(np.int64)
+    names = ["map", "odom", "base", "head", "camera"]
+    messages, poses = [], {}
+    for parent, child in pairwise(names):
+        place = np.cumsum(rng.normal(size=(20, 3)), axis=0)
+        turn = Rotation.from_rotvec(np.cumsum(rng.normal(scale=0.1, size=(20, 3)), axis=0)).as_quat()
+        poses[parent, child] = np.column_stack([place, turn[:, [3, 0, 1, 2]]])
+        for t, p, q in zip(times.tolist(), place.tolist(), turn.tolist(), strict=True):
+            one = FrameTransform(parent_frame_id=parent, child_frame_id=child)
+            one.timestamp.FromNanoseconds(t)
+            one.translation.x, one.translation.y, one.translation.z = p
+            one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = q
+            messages.append((f"/{child}", t, FrameTransforms(transforms=[one]) if child == "head" else one))
+    tree = TransformTree.of_log(write_protobuf_log(tmp_path / "tf.mcap", sorted(messages, key=lambda m: m[1])))
+    assert tree.root_of("camera") == "map"
+    # at the times of the transforms no interpolation enters, where pytransform3d's (screws) differs from ours
+    manager = TemporalTransformManager()
+    for (parent, child), pose in poses.items():
+        manager.add_transform(child, parent, NumpyTimeseriesTransform(times.astype(float), pose))
+    for source, target in (("camera", "map"), ("map", "camera"), ("head", "odom")):
+        ours = tree.placement(source, target, times)
+        assert ours.known.all()
+        expected = manager.get_transform_at_time(source, target, times.astype(float))
+        np.testing.assert_allclose(ours.rotation.as_matrix(), expected[:, :3, :3], atol=1e-9)
+        np.testing.assert_allclose(ours.translation, expected[:, :3, 3], atol=1e-9)
+
+
+def test_rotation_is_at_a_constant_rate_the_short_way(tmp_path):
+    messages = []
+    for time_ns, yaw in ((0, 3.0), (1_000_000_000, -3.0)):
+        one = FrameTransform(parent_frame_id="map", child_frame_id="car")
+        one.timestamp.FromNanoseconds(time_ns + 10**9)
+        one.translation.x = yaw
+        one.rotation.z, one.rotation.w = np.sin(yaw / 2), np.cos(yaw / 2)
+        messages.append(("/tf", time_ns, one))
+    tree = TransformTree.of_log(write_protobuf_log(tmp_path / "tf.mcap", messages))
+    at = tree.placement("car", "map", 10**9 + np.array([250_000_000, 1_050_000_000, 1_200_000_000, -200_000_000]))
+    yaw = at.rotation.as_euler("ZYX")[:, 0] % (2 * np.pi)
+    turn = 2 * np.pi - 6.0
+    np.testing.assert_allclose(yaw[:2], [3.0 + 0.25 * turn, 3.0 + 1.05 * turn])
+    assert at.translation[0, 0] == pytest.approx(1.5)
+    assert at.known.tolist() == [True, True, False, False]
+
+
+def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
+    frames = [("base_link", [carla(k, 1)]) for k in range(N)]
+    path = write_ros(tmp_path / "log.mcap", frames, static_only=True)
+    with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns") as error:
+        read_tracks(path, frame="map")
+    assert "\n" not in str(error.value)
+    with pytest.raises(MissingTransformError, match="'base_link' to frame 'moon'"):
+        list(stream_detections(path, frame="moon"))
+    assert len(read_tracks(path)) == N  # alone in its tree, base_link is the root
+    two = write_ros(
+        tmp_path / "two.mcap", [(("base_link", "camera")[k % 2], [carla(k, 1)]) for k in range(N)], static_only=True
+    )
+    with pytest.raises(MissingTransformError, match="'camera' to frame 'base_link'"):
+        read_tracks(two)
+    early = write_ros(tmp_path / "early.mcap", frames, transforms=range(100, 110))
+    with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns"):
+        read_tracks(early)
+
+
+def test_objects_of_a_time_without_transforms_are_counted(tmp_path, caplog):
+    frames = [("base_link", [carla(k, 1)]) for k in range(N)]
+    log = read_track_logs(write_ros(tmp_path / "log.mcap", frames, transforms=range(4, N)))
+    assert log.dropped.unplaced == 4  # the fourth is within 0.1 s before the first transform
+    assert len(log.tracks) == N - 4
+    assert "no transform from 'base_link' to 'map' at" in caplog.text
+    gap = read_track_logs(write_ros(tmp_path / "gap.mcap", frames, transforms=[-1, 0, 30]))
+    assert 0 < gap.dropped.unplaced < N
+
+
+def test_a_log_in_one_frame_without_transforms_is_left_alone(tmp_path):
+    path = write_protobuf_log(
+        tmp_path / "log.mcap", [("/m", k * STEP_NS, scene([("7", k, 2.0 * k)])) for k in range(5)]
+    )
+    assert read_tracks(path).position.tolist() == [[k, 2.0 * k] for k in range(5)]
+    assert read_tracks(path, frame="map").position.tolist() == [[k, 2.0 * k] for k in range(5)]
+
+
+def test_transforms_themselves_are_objects_where_named(tmp_path):
+    path = write_ros(tmp_path / "log.mcap", [("map", [carla(k, 1)]) for k in range(N)])
+    tracks = read_tracks(path, topics="/tf", frame="map")
+    place = np.array([(homogeneous(*MAP_TO_ODOM) @ homogeneous(*ego(k * 0.1 + 0.05)))[:2, 3] for k in range(-1, N + 1)])
+    assert set(tracks.track_id) == {"base_link"}
+    np.testing.assert_allclose(tracks.position, place, atol=1e-9)

@@ -1,0 +1,230 @@
+"""Cells learned together with a model that has nothing to do with roads."""
+
+import logging
+import logging.handlers
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from toy_model import GaussianCells
+
+from tessellation import OUTSIDE, JointFit, fit_jointly
+from tessellation.gates import members_of
+
+TRUE = np.array([[0.0, 0.0], [20.0, 4.0], [6.0, 18.0], [26.0, 22.0], [-14.0, 14.0]])
+LEVEL = np.array([0.0, 3.0, -3.0, 6.0, -6.0])
+
+
+def world(n=2500, seed=0, generators=TRUE, level=LEVEL):
+    """Positions all over a square, and numbers around the level of the true cell that they lie in."""
+    rng = np.random.default_rng(seed)
+    position = rng.uniform([-20, -6], [34, 30], (n, 2))
+    cell = cKDTree(generators).query(position)[1]
+    return position, level[cell] + rng.standard_normal(n), cell
+
+
+def learned(position, value, seed=0, **options):
+    return fit_jointly(GaussianCells(), position, value, reach=5.0, rng=np.random.default_rng(seed), **options)
+
+
+def held_out(found, position, value):
+    """Mean log density of data that the cells have not seen."""
+    cell = cKDTree(found.tessellation.generators).query(position)[1]
+    return GaussianCells().log_density(found.cells, position, value, np.arange(len(value)), cell).mean()
+
+
+@pytest.fixture(scope="module")
+def found() -> JointFit:
+    return learned(*world()[:2])
+
+
+def test_the_known_optimum_is_found(found):
+    position, value, _ = world(20_000, seed=9)
+    best = -0.5 * np.log(2 * np.pi * np.e)  # minus the entropy of a unit normal distribution
+    four_errors = 4 * np.sqrt(0.5 / 20_000)
+    asked_for = learned(*world()[:2], n_cells=5)
+    assert best - 0.15 < held_out(asked_for, position, value) < best + four_errors
+    assert best - 0.18 < held_out(found, position, value) < best + four_errors
+    single = learned(*world()[:2], n_cells=1)
+    assert held_out(single, position, value) < best - 1.0  # what is lost without cells: the test can tell
+
+
+def test_borders_lie_where_the_true_ones_are(found):
+    """Cells are of one true cell each, but for slivers: few data share a learned cell with another true one's."""
+    position, _, true = world(20_000, seed=9)
+    cell = found.tessellation.cell_of(position)
+    assert (cell != OUTSIDE).all()
+    table = np.zeros((found.tessellation.n_cells, len(TRUE)))
+    np.add.at(table, (cell, true), 1)
+    astray = 1.0 - table.max(axis=1).sum() / len(position)
+    assert astray < 0.03
+    even = learned(*world()[:2], n_cells=3)
+    table = np.zeros((3, len(TRUE)))
+    np.add.at(table, (even.tessellation.cell_of(position), true), 1)
+    assert 1.0 - table.max(axis=1).sum() / len(position) > 0.2
+
+
+def test_where_all_is_alike_one_cell_is_found():
+    for seed in range(5):
+        position, value, _ = world(1500, seed=seed, generators=TRUE[:1], level=LEVEL[:1])
+        assert learned(position, value, seed=seed).tessellation.n_cells == 1
+
+
+def test_the_trace_never_rises_and_ends_with_the_cells(found):
+    assert found.trace.size == found.n_cells.size > 3
+    assert (np.diff(found.trace) <= 0).all()
+    assert found.trace[-1] < found.trace[0] - 0.1
+    assert found.n_cells[-1] >= found.tessellation.n_cells == len(found.cells.mean)  # empty ones are dropped
+    nearest = cKDTree(found.tessellation.generators).query(world()[0])[1]
+    assert np.bincount(nearest, minlength=found.tessellation.n_cells).min() > 0
+
+
+def test_the_cells_are_fitted_to_all_data(found):
+    position, value, _ = world()
+    generators = found.tessellation.generators
+    members, _ = members_of(position, generators, softness=found.softness)
+    for mine, theirs in zip(found.cells, GaussianCells().fit(position, value, members), strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9)
+
+
+def test_a_seed_decides_everything(found):
+    again = learned(*world()[:2])
+    np.testing.assert_array_equal(again.tessellation.generators, found.tessellation.generators)
+    np.testing.assert_array_equal(again.cells.mean, found.cells.mean)
+    other = learned(*world()[:2], seed=1)
+    assert other.tessellation.generators.shape != found.tessellation.generators.shape or not np.array_equal(
+        other.tessellation.generators, found.tessellation.generators
+    )
+
+
+def turned(position):
+    return np.stack([-position[:, 1], position[:, 0]], axis=1)
+
+
+@pytest.mark.parametrize("moved", [turned, lambda p: p + np.array([1e6, -1e6])])
+def test_data_that_are_moved_or_turned_have_the_same_cells(found, moved):
+    position, value, _ = world()
+    there = learned(moved(position), value)
+    assert there.tessellation.n_cells == found.tessellation.n_cells
+    apart, _ = cKDTree(there.tessellation.generators).query(moved(found.tessellation.generators))
+    assert apart.max() < 1e-4
+    np.testing.assert_allclose(there.trace, found.trace, atol=1e-6)
+
+
+def test_as_many_cells_as_asked_for():
+    position, value, _ = world(1000)
+    for n in (1, 2, 7, 20):
+        assert learned(position, value, n_cells=n).tessellation.n_cells == n
+
+
+def test_a_datum_of_weight_two_counts_as_two_of_its_group():
+    position, value, _ = world(400)
+    twice = np.repeat(np.arange(400), 2)
+    group = np.arange(400)
+    weighted = learned(position, value, weight=np.full(400, 2.0), group=group, n_cells=6)
+    repeated = learned(position[twice], value[twice], group=group[twice], n_cells=6)
+    np.testing.assert_allclose(repeated.trace, weighted.trace, rtol=1e-9)
+    np.testing.assert_allclose(repeated.tessellation.generators, weighted.tessellation.generators, atol=1e-6)
+
+
+def test_data_of_weight_zero_change_nothing():
+    position, value, _ = world(400)
+    far = np.vstack([position, position + 1e5])
+    weight = np.repeat([1.0, 0.0], 400)
+    group = np.tile(np.arange(400), 2)
+    one = learned(position, value, group=group[:400])
+    two = learned(far, np.tile(value, 2), weight=weight, group=group)
+    np.testing.assert_allclose(two.trace, one.trace, rtol=1e-9)
+    assert two.tessellation.area.sum() == pytest.approx(one.tessellation.area.sum())
+
+
+def test_groups_are_held_out_whole():
+    """Rows that repeat each other say nothing of others: by single rows each vehicle would have cells of its own."""
+    rng = np.random.default_rng(2)
+    group = np.repeat(np.arange(60), 30)
+    position = rng.uniform(0, 30, (60, 2))[group] + rng.normal(0, 0.5, (1800, 2))
+    value = rng.normal(0, 3, 60)[group] + rng.normal(0, 0.1, 1800)
+    assert learned(position, value, group=group).tessellation.n_cells <= 8
+    assert learned(position, value).tessellation.n_cells > 20
+
+
+def test_a_sample_lays_out_the_cells_when_there_are_many_data():
+    position, value, _ = world(6000)
+    some = learned(position, value, max_rows=2000)
+    unseen = world(20_000, seed=9)[:2]
+    assert held_out(some, *unseen) > -1.42 - 0.2
+    members, _ = members_of(position, some.tessellation.generators, softness=some.softness)
+    mass = np.add.reduceat(members.weight, members.start[:-1])
+    expected = np.add.reduceat(members.weight * value[members.row], members.start[:-1]) / (mass + 1)
+    np.testing.assert_allclose(some.cells.mean, expected, rtol=1e-6)  # of all 6,000, not of 2,000
+
+
+def test_progress_is_told_step_by_step():
+    told = []
+    found = learned(*world(600)[:2], progress=lambda n, objective: told.append((n, objective)))
+    assert [n for n, _ in told] == found.n_cells.tolist()
+    assert [objective for _, objective in told] == found.trace.tolist()
+
+
+ODD = {
+    "one datum": np.zeros((1, 2)),
+    "two data": np.array([[0.0, 0.0], [1.0, 0.0]]),
+    "all at one point": np.full((50, 2), 3.0),
+    "on a line": np.stack([np.linspace(0, 100, 300), np.zeros(300)], axis=1),
+    "on a slanting line": np.linspace(0, 100, 300)[:, None] * [1.0, 0.3],
+    "two points": np.repeat([[0.0, 0.0], [50.0, 0.0]], 40, axis=0),
+    "far away": np.random.default_rng(0).uniform(0, 30, (300, 2)) + 1e7,
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("n_cells", [None, 10])
+def test_little_or_odd_data_give_cells(name, n_cells):
+    position = ODD[name]
+    value = np.where(np.arange(len(position)) < len(position) // 2, 0.0, 9.0)
+    found = learned(position, value, n_cells=n_cells)
+    assert 1 <= found.tessellation.n_cells <= max(len(np.unique(position, axis=0)), 1)
+    assert (found.tessellation.cell_of(position) != OUTSIDE).all()
+    assert np.isfinite(found.cells.mean).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"weight": np.zeros(50)}, "weight: expected at least one datum of positive weight, got none"),
+        ({"weight": -np.ones(50)}, "weight: expected no negative number, got -1.0 at 0"),
+        ({"weight": np.full(50, np.nan)}, "weight: expected finite numbers"),
+        ({"weight": np.ones(49)}, r"weight: expected shape \(50,\)"),
+        ({"group": np.ones(49, int)}, r"group: expected shape \(50,\)"),
+        ({"n_cells": 0}, "n_cells: expected at least 1, got 0"),
+        ({"softness": ()}, "softness: expected one or more numbers"),
+        ({"softness": (-0.1,)}, "softness: expected one or more numbers"),
+        ({"max_rows": 0}, "max_rows: expected at least 1, got 0"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    position, value, _ = world(50)
+    with pytest.raises(ValueError, match=message):
+        learned(position, value, **options)
+
+
+@pytest.mark.parametrize("position", [np.zeros((0, 2)), np.full((5, 2), np.nan), np.zeros((5, 3))])
+def test_bad_positions_are_refused(position):
+    with pytest.raises(ValueError, match=r"position|weight"):
+        learned(position, np.zeros(len(position)))
+
+
+def test_the_library_prints_nothing_but_logs(monkeypatch, capsys):
+    said = logging.handlers.BufferingHandler(100)
+    logger = logging.getLogger("tessellation")
+    monkeypatch.setattr(logger, "propagate", False)
+    before = logger.level
+    logger.addHandler(said)
+    logger.setLevel(logging.INFO)
+    try:
+        learned(*world(300)[:2])
+    finally:
+        logger.removeHandler(said)
+        logger.setLevel(before)
+    assert "joint cells" in said.buffer[0].getMessage()
+    assert capsys.readouterr() == ("", "")

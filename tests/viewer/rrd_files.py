@@ -1,0 +1,22 @@
+"""What stands in an .rrd file, as arrays."""
+
+from pathlib import Path
+
+import numpy as np
+from rerun.chunk import RrdReader
+
+from dirprim_filter.viewer.timeline import TIMELINE
+
+
+def rows_of(path: Path, entity: str, column: str) -> list[tuple[int | None, np.ndarray]]:
+    """(time, values) of each row of one entity, ascending in time; None is static."""
+    rows: list[tuple[int | None, np.ndarray]] = []
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path != entity or column not in batch.schema.names:
+            continue
+        timed = TIMELINE in batch.schema.names
+        times = batch.column(TIMELINE).to_numpy().astype(np.int64).tolist() if timed else [None] * batch.num_rows
+        values = [np.array(v) for v in batch.column(column).to_pylist()]
+        rows += [(t, v) for t, v in zip(times, values, strict=True) if v.ndim]
+    return sorted(rows, key=lambda row: row[0] or 0)

@@ -1,0 +1,81 @@
+"""Laws of fans: at every instant they hold the share of the futures that they say, and they split where futures do."""
+
+import numpy as np
+import pytest
+from matplotlib.path import Path as Outline
+
+from dirprim_filter.viewer.fans import CORNER, FINEST_M, KERNEL_SQUARES, N_SQUARES, fan_triangles
+
+SHARES = (0.9, 0.5)
+
+
+def area_of(triangles: np.ndarray) -> np.ndarray:
+    (ax, ay), (bx, by) = (triangles[:, 1] - triangles[:, 0]).T, (triangles[:, 2] - triangles[:, 0]).T
+    return 0.5 * (ax * by - ay * bx)
+
+
+def holds(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n,) whether each point lies in one of the triangles, by matplotlib."""
+    return np.any([Outline(t).contains_points(points, radius=1e-6) for t in triangles], axis=0)
+
+
+def fork(n: int, *, seed: int) -> np.ndarray:
+    """Futures that go on to the east or turn off to the north, at 10 m/s; (n, 16, 2)."""
+    rng = np.random.default_rng(seed)
+    turn = np.where(rng.random(n) < 0.5, 0.0, 0.35)[:, None] + rng.normal(0, 0.03, (n, 1))
+    heading = np.cumsum(np.broadcast_to(turn, (n, 16)), axis=1) * 0.25
+    step = 2.5 * rng.gamma(100.0, 0.01, (n, 1, 1)) * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    return np.cumsum(step, axis=1)
+
+
+def test_at_every_instant_the_fan_holds_its_share_of_the_futures() -> None:
+    paths = fork(60, seed=1)
+    for share, fan in zip(SHARES, fan_triangles(paths, SHARES), strict=True):
+        for step in range(paths.shape[1]):
+            # A sample counts as the middle of its square: one at the very edge may lie half a square outside.
+            assert holds(fan, paths[:, step]).mean() >= share - 0.1
+
+
+def test_a_smaller_share_is_a_smaller_area_within_the_larger() -> None:
+    wide, narrow = fan_triangles(fork(60, seed=2), SHARES)
+    assert 0.0 < area_of(narrow).sum() < 0.8 * area_of(wide).sum()
+    assert holds(wide, narrow.mean(axis=1)).mean() > 0.98
+
+
+def test_triangles_do_not_overlap_and_all_turn_one_way() -> None:
+    (fan,) = fan_triangles(fork(40, seed=3), (0.9,))
+    assert (area_of(fan) >= -1e-9).all()
+    rng = np.random.default_rng(4)
+    points = rng.uniform(fan.min(axis=(0, 1)), fan.max(axis=(0, 1)), (3000, 2))
+    inside = np.sum([Outline(t).contains_points(points) for t in fan], axis=0)
+    assert inside.max() == 1
+    box = np.prod(np.ptp(fan, axis=(0, 1)))
+    assert inside.mean() * box == pytest.approx(area_of(fan).sum(), rel=0.1)
+
+
+def test_a_fan_splits_where_futures_do() -> None:
+    (fan,) = fan_triangles(fork(60, seed=5), (0.9,))
+    ends = fork(60, seed=5)[:, -1]
+    north = ends[:, 1] > 10
+    between = 0.5 * (ends[north].mean(axis=0) + ends[~north].mean(axis=0))
+    assert holds(fan, np.stack([ends[north].mean(axis=0), ends[~north].mean(axis=0)])).all()
+    assert not holds(fan, between[None]).any()  # where an ellipse around all would lie
+
+
+def test_the_area_is_that_of_the_highest_density_region() -> None:
+    rng = np.random.default_rng(6)
+    cloud = np.array([40.0, 25.0]) + 12.0 * rng.normal(size=(4000, 1, 2))
+    kernel = KERNEL_SQUARES * np.ptp(cloud, axis=0).max() / N_SQUARES
+    for share, fan in zip(SHARES, fan_triangles(cloud, SHARES), strict=True):
+        # A normal law, blurred by the kernel; the level is lowered by what lies between the middle of a square and its
+        # corner, and a twentieth of the area is what 4,000 samples and straight edges may cost.
+        squared = (-2.0 * np.log(1.0 - share) * 144.0 / (144.0 + kernel**2) - 2.0 * np.log(CORNER)) * (144 + kernel**2)
+        assert area_of(fan).sum() == pytest.approx(np.pi * squared, rel=0.07)
+
+
+@pytest.mark.parametrize("paths", [np.full((5, 3, 2), 7.0), np.zeros((1, 1, 2)), np.arange(4.0).reshape(1, 2, 2)])
+def test_futures_that_agree_have_a_small_fan(paths: np.ndarray) -> None:
+    for fan in fan_triangles(paths, SHARES):
+        assert 0.0 < area_of(fan).sum() < 40.0
+        away = np.linalg.norm(fan.reshape(-1, 1, 2) - paths[0], axis=-1)
+        assert (away.min(axis=0) < FINEST_M).all()

@@ -1,0 +1,104 @@
+"""Whom to look at, and what is told of it: quantiles of the prior's speeds, and Eq. 4 around the circle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.viewer.focus import KEPT_S, Focus, Look, polar_curves, speed_rows
+
+
+def looks_of(focus: Focus, frames: list[TrackedFrame]) -> list[str | None]:
+    return [None if (look := focus.see(frame)) is None else look.track_id for frame in frames]
+
+
+def with_evidence(frame: TrackedFrame, seven: float, eight: float) -> TrackedFrame:
+    return replace(frame, estimates=replace(frame.estimates, log_evidence=np.array([seven, eight])))
+
+
+def test_the_vehicle_that_is_understood_least_is_looked_at_and_kept(scene_frames: list[TrackedFrame]) -> None:
+    frames = [with_evidence(frame, -1.0, -5.0) for frame in scene_frames[:3]]
+    frames += [with_evidence(frame, -50.0, -5.0) for frame in scene_frames[3:5]]
+    assert looks_of(Focus(None), frames) == [None, "8", "8", "8", "8"]  # nobody is followed before a second frame
+    assert looks_of(Focus("7"), frames) == ["7"] * 5
+    assert looks_of(Focus("nobody"), frames) == [None] * 5
+
+
+def test_after_a_while_it_may_be_another(scene_frames: list[TrackedFrame]) -> None:
+    focus = Focus(None)
+    assert looks_of(focus, [with_evidence(frame, -1.0, -5.0) for frame in scene_frames[:2]]) == [None, "8"]
+    later_ns = scene_frames[1].time_ns + int(1.1e9 * KEPT_S)
+    later = with_evidence(replace(scene_frames[2], time_ns=later_ns), -50.0, -5.0)
+    assert looks_of(focus, [later]) == ["7"]
+
+
+def look_at(position: tuple[float, float], *, course: tuple[float, float] = (0.0, 0.0), direction: float = 0.3) -> Look:
+    return Look(
+        time_ns=0, track_id="a", position=np.array(position), speed=(8.0, 1.0), direction=direction, course=course,
+        belief=np.full(72, 1 / 72),
+    )  # fmt: skip
+
+
+def test_the_speeds_prior_is_that_of_the_modes_that_fit_the_direction(scene_map: PrimitiveMap) -> None:
+    look = look_at((15.0, 15.0))
+    ((estimate, low, high, *quantiles),) = speed_rows([look], scene_map)
+    assert (estimate, low, high) == (8.0, 7.0, 9.0)
+    rng = np.random.default_rng(1)
+    prior = scene_map.primitive_at(look.position)
+    fit = np.exp(prior.direction.mode_log_density(np.array(look.direction)))
+    mode = rng.choice(fit.size, 200_000, p=fit / fit.sum())
+    speed = rng.gamma(prior.speed.shape[mode], 1.0 / prior.speed.rate[mode])
+    assert quantiles == pytest.approx(np.quantile(speed, (0.05, 0.5, 0.95)), abs=0.2)
+    other = replace(look, direction=2.0)  # the negative control: the other mode is half as fast
+    assert speed_rows([other], scene_map)[0, 4] < 0.8 * quantiles[1]
+
+
+def test_a_curve_of_speed_breaks_where_the_vehicle_changes(scene_map: PrimitiveMap) -> None:
+    looks = [look_at((5.0, 5.0)), None, replace(look_at((5.0, 5.0)), track_id="b"), look_at((5.0, 5.0))]
+    rows = speed_rows(looks, scene_map)
+    assert np.isnan(rows).all(axis=1).tolist() == [True, True, True, False]
+    assert np.isnan(speed_rows([None, None], scene_map)).all()
+    assert np.isnan(speed_rows([look_at((5.0, 5.0))], None)[0, 3:]).all()
+
+
+def density_of(line: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """What a closed polar line says of the density at angles, to a factor: its radius squared."""
+    angle, radius = np.arctan2(line[:-1, 1], line[:-1, 0]), np.hypot(*line[:-1].T)
+    return np.interp(theta, angle, radius**2, period=2 * np.pi)
+
+
+def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map: PrimitiveMap) -> None:
+    look = look_at((15.0, 15.0), course=(1.2, 6.0))
+    curves = polar_curves(look, scene_map)
+    theta = np.linspace(-np.pi, np.pi, 721)
+    prior = np.exp(scene_map.primitive_at(look.position).direction.log_density(theta))
+    product = prior * np.exp(6.0 * np.cos(theta - 1.2))
+    posterior, told = density_of(curves.posterior, theta), density_of(curves.prior, theta)
+    assert posterior / posterior.max() == pytest.approx(product / product.max(), abs=0.02)
+    assert told / told.max() == pytest.approx(prior / prior.max(), abs=0.02)
+    assert np.abs(posterior / posterior.max() - prior / prior.max()).max() > 0.2  # the cue counts
+    # One scale for all: integrals around the circle are the same.
+    assert posterior.mean() == pytest.approx(told.mean(), rel=0.02)
+    assert max(np.hypot(*line.T).max() for line in (curves.prior, curves.cue, curves.posterior)) == pytest.approx(1.0)
+
+
+def test_without_a_course_the_posterior_is_the_prior(scene_map: PrimitiveMap) -> None:
+    curves = polar_curves(look_at((15.0, 15.0)), scene_map)
+    theta = np.linspace(-np.pi, np.pi, 181)
+    assert density_of(curves.posterior, theta) == pytest.approx(density_of(curves.prior, theta), abs=1e-3)
+    assert np.ptp(density_of(curves.cue, theta)) < 1e-9
+
+
+def test_the_course_is_where_a_vehicle_came_from(scene_frames: list[TrackedFrame]) -> None:
+    focus = Focus("7")
+    frames = [replace(f, time_ns=scene_frames[0].time_ns + i * 300_000_000) for i, f in enumerate(scene_frames[:5])]
+    looks = [focus.see(frame) for frame in frames]
+    assert looks[0] is not None
+    assert looks[0].course == (0.0, 0.0)
+    last = looks[-1]
+    assert last is not None
+    assert last.course[0] == pytest.approx(np.pi / 4)
+    assert 1.0 < last.course[1] < 1 / 0.09
+    assert last.belief.sum() == pytest.approx(1.0)
