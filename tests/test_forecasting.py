@@ -56,7 +56,7 @@ def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
         return np.abs(np.hypot(*last.T) - 20.0).mean()
 
     by_primitives = replace(learned, journeys=Journeys.none())
-    assert off_the_ring(learned) < 0.9  # the radii at which they drive are 0.7 m off, 0.56 m in the mean
+    assert off_the_ring(learned) < 1.0  # the radii at which they drive are 0.7 m off, 0.56 m in the mean
     with_places, without = off_the_ring(by_primitives), off_the_ring(by_primitives.without_places())
     assert with_places < 1.0
     assert without > 9.0  # straight on for 24 m ends 11 m outside
