@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,10 +29,12 @@ from dirprim_filter.viewer.layers import (
     draw_tracks,
     draw_wheel,
 )
-from tessellation.arrays import FloatArray
+from tessellation.arrays import BoolArray, FloatArray
 
 WAY_S = 5.0
 """Seconds of the way that vehicles have come, in the demo."""
+IN_SIGHT_S = 0.5
+"""Vehicles that were not seen for longer are left out."""
 CLOSE_UP = 3.0
 """Metres from the vehicle to the border of the close-up of its particles, at least."""
 
@@ -63,6 +65,7 @@ def demo_figure(
     """
     forecasts = forecasts or {}
     row = _focus_row(frame, forecasts, focus)
+    seen = replace(frame, estimates=frame.estimates[_in_sight(frame.estimates, row)])
     name = str(frame.estimates.track_id[row])
     color = {name: FOCUS_COLOR}
     figure = Figure(figsize=(13.0, 5.0), dpi=DOTS_PER_INCH)
@@ -75,10 +78,13 @@ def demo_figure(
 
     tracked = add_axes(figure, (5.02, 0.5, 4.2, 4.2))
     draw_map(tracked, primitives, opacity=0.3)
-    draw_estimates(tracked, _recent(estimates, frame.time_ns), color)
-    for other, paths in _from_here(forecasts, frame.estimates).items():
+    recent = _recent(estimates, frame.time_ns)
+    draw_estimates(
+        tracked, recent[np.isin(recent.track_id.astype(np.str_), seen.estimates.track_id.astype(np.str_))], color
+    )
+    for other, paths in _from_here(forecasts, seen.estimates).items():
         draw_forecast(tracked, paths, color.get(other, OTHER_COLOR), opacity=0.5 if other == name else 0.15)
-    draw_frame(tracked, frame, truth, color, marker=3.5)
+    draw_frame(tracked, seen, truth, color, marker=3.5)
     dress_map(tracked, window)
     tracked.set(ylabel="", yticklabels=[])
     tracked.set_title(f"(b)  Tracked: vehicle {name} and its futures", loc="left", fontsize=10)
@@ -149,16 +155,21 @@ def _window(primitives: PrimitiveMap, position: FloatArray) -> FloatArray:
     return np.asarray(box + shift)
 
 
+def _in_sight(estimates: Estimates, row: int) -> BoolArray:
+    """Vehicles seen lately, and that in `row`: what is left of false detections is everywhere, and hides the others."""
+    seen = estimates.unseen_s <= IN_SIGHT_S
+    seen[row] = True
+    return seen
+
+
 def _from_here(forecasts: Forecasts, estimates: Estimates) -> Forecasts:
-    """Forecasts begin one step ahead; these begin at the vehicle, where it is known."""
+    """Forecasts of these vehicles begin one step ahead; what is returned begins at the vehicle."""
     place = {str(name): position for name, position in zip(estimates.track_id, estimates.position, strict=True)}
-    return {
-        name: np.insert(paths, 0, place[name], axis=1) if name in place else paths for name, paths in forecasts.items()
-    }
+    return {name: np.insert(paths, 0, place[name], axis=1) for name, paths in forecasts.items() if name in place}
 
 
 def _recent(estimates: Estimates, time_ns: int) -> Estimates:
     """Of the last `WAY_S` before an instant."""
     age_ns = time_ns - estimates.time_ns
     kept = (age_ns >= 0) & (age_ns <= WAY_S * 1e9)
-    return Estimates(**{f.name: getattr(estimates, f.name)[kept] for f in fields(Estimates)})
+    return estimates[kept]
