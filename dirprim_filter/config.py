@@ -44,7 +44,7 @@ class LearningConfig:
     max_concentration: float = 1e4
     max_shape: float = 1e4
     cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
-    rows_per_cell: tuple[float, ...] = (40.0, 10.0, 20.0, 80.0, 160.0)
+    rows_per_cell: tuple[float, ...] = (40.0, 8.0, 18.0, 90.0)
     softness: tuple[float, ...] = (0.25, 0.1, 0.5)
 
     def __post_init__(self) -> None:

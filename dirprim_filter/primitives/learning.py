@@ -243,7 +243,7 @@ def fit_cells(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree) 
 
 def _with_usual(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree) -> Recipe:
     """The recipe whose modes lean on what is usual in these cells."""
-    alone = recipe._replace(prior_strength=WEAK, usual=Usual(0.0, free.speed_spread))
+    alone = recipe._replace(prior_strength=WEAK, usual=Usual(0.0, free.speed_spread), thorough=False)
     return recipe._replace(usual=usual_of(fit_cells(rows, layout, alone, free), alone))
 
 
@@ -305,7 +305,7 @@ def _choose(
     def score(i: int, prior_strength: float, cost: float) -> float:
         tried = i, prior_strength, cost
         if tried not in scores:
-            trial = recipes[i]._replace(prior_strength=prior_strength, parameter_cost=cost)
+            trial = recipes[i]._replace(prior_strength=prior_strength, parameter_cost=cost, thorough=False)
             of_folds = [_held_out_scores(rows, held_out, layouts[i], trial, free) for held_out in folds]
             scores[tried] = np.mean(of_folds, axis=0)
         return float(scores[tried].max())
