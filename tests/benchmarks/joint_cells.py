@@ -104,7 +104,7 @@ def table(logs, by, n_folds, *, also_moved, field):
         of_field(folds, by)
     if also_moved:
         for name, change in (("moved by (1e6, -1e6) m", moved), ("turned by 90 degrees", turned)):
-            there = [replace(f, train=change(f.train), test=change(f.test)) for f in folds]
+            there = [f._replace(train=change(f.train), test=change(f.test)) for f in folds]
             tell(f"joint, curved, {name}", *in_all_folds(there))
 
 

@@ -15,6 +15,9 @@ from dirprim_filter.recording.scan import scan
 
 DONE, FAILED, USAGE, INPUT_LOST = 0, 1, 2, 3
 
+GRID = ("--tessellation", "grid")
+"""Learned in a moment: where any map will do."""
+
 
 def dirprim(*arguments):
     return run([str(argument) for argument in arguments])
@@ -33,7 +36,7 @@ def log(few, tmp_path):
 
 @pytest.fixture
 def learned(log, tmp_path):
-    assert dirprim("learn", log, "-o", tmp_path / "map.mcap", "--cell-size", 6) == DONE
+    assert dirprim("learn", log, "-o", tmp_path / "map.mcap", *GRID, "--cell-size", 6) == DONE
     return tmp_path / "map.mcap"
 
 
@@ -72,7 +75,7 @@ def test_the_way_from_a_table_to_tracked_vehicles(few, tmp_path, capsys):
     table = csv_of(few, tmp_path / "few.csv", noise_m=0.5, rng=np.random.default_rng(0))
     write_tracks(few, tmp_path / "truth.mcap")
     assert dirprim("convert", table, "-o", tmp_path / "noisy.mcap") == DONE
-    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap") == DONE
+    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap", *GRID) == DONE
     assert (
         dirprim("track", tmp_path / "noisy.mcap", "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap") == DONE
     )
@@ -115,7 +118,7 @@ def test_what_exists_is_not_overwritten_without_force(log, learned, tmp_path, ca
 
 
 def test_options_reach_the_library(log, tmp_path):
-    square = ("--tessellation", "grid", "--cell-size", 9)
+    square = (*GRID, "--cell-size", 9)
     assert dirprim("learn", log, "-o", tmp_path / "m", *square, "--modes", "dbscan", "--seed", 3) == DONE
     assert load_map(tmp_path / "m").tessellation.cell_size == 9.0
     assert dirprim("learn", log, "-o", tmp_path / "n", *square, "--end", "2000000000") == DONE
@@ -252,7 +255,7 @@ def test_ids_that_are_no_numbers_stay_as_they_are(few, tmp_path):
         speed=few.speed,
     )
     write_tracks(named, tmp_path / "named.mcap")
-    assert dirprim("learn", tmp_path / "named.mcap", "-o", tmp_path / "m") == DONE
+    assert dirprim("learn", tmp_path / "named.mcap", "-o", tmp_path / "m", *GRID) == DONE
     assert dirprim("track", tmp_path / "named.mcap", "--map", tmp_path / "m", "-o", tmp_path / "o") == DONE
     assert set(read_estimates(tmp_path / "o").track_id) == set(named.track_id)
 
@@ -264,7 +267,7 @@ def test_lankershim_from_table_to_estimates(real_data, tmp_path):
     some = np.isin(truth.track_id, np.unique(truth.track_id)[::20])
     noisy = csv_of(truth[some], tmp_path / "noisy.csv", noise_m=0.5, rng=np.random.default_rng(1))
     assert dirprim("convert", noisy, "-o", tmp_path / "noisy.mcap") == DONE
-    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap") == DONE
+    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap", *GRID) == DONE
     assert (
         dirprim("track", tmp_path / "noisy.mcap", "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap") == DONE
     )
@@ -284,7 +287,7 @@ def test_logs_of_asam_osi_straight_away(name, real_data, tmp_path, capsys):
     log = real_data / "mcap_osi" / f"{name}.mcap"
     assert dirprim("info", log) == DONE
     assert "tracks in: " in capsys.readouterr().out
-    assert dirprim("learn", log, "-o", tmp_path / "map.mcap") == DONE
+    assert dirprim("learn", log, "-o", tmp_path / "map.mcap", *GRID) == DONE
     assert dirprim("track", log, "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap") == DONE
     truth = read_tracks(log)
     assert score(read_estimates(tmp_path / "out.mcap"), truth).n_vehicles == truth.n_tracks
