@@ -5,9 +5,15 @@ else. Reduction as Cody and Waite (1980), then the series to the last bit: error
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
+
+EXACT: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+"""Additions stay in order: rounding by a large constant depends on it. Division by zero gives infinity."""
+SUMMING: dict[str, Any] = EXACT | {"fastmath": {"contract", "reassoc", "nsz"}}
+"""For loops that sum: the compiler may add in any order, always the same one. What they call stays exact."""
 
 _ROUND = 1.5 * 2.0**52  # adding it rounds to an integer, which then stands in the low bits of the sum
 _LOG2_E = 1.0 / math.log(2.0)
@@ -21,10 +27,11 @@ _L3, _L5, _L7, _L9, _L11, _L13, _L15, _L17, _L19, _L21 = (2.0 / n for n in range
 _MANTISSA, _SHIFT = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(52)
 _SQRT_HALF = np.uint64(0x3FE6A09E667F3BCD)  # the bits of sqrt(1/2)
 _ONE_ABOVE = np.uint64(0x3FF0000000000000 - 0x3FE6A09E667F3BCD)  # from there to the bits of 1
+_TO_SIGN = np.uint64(63)
 _EXPONENT_ONLY, _EXPONENT_OF_ONE = np.uint64(0x4330000000000000), 2.0**52 + 1023.0
 
 
-@njit(fastmath={"contract"}, inline="always")
+@njit(**EXACT)
 def exp(x: float) -> float:
     """The exponential; below -650 that of -650, 5e-283: products of it stay clear of the slow subnormal numbers."""
     x = min(max(x, -650.0), 709.0)
@@ -37,7 +44,27 @@ def exp(x: float) -> float:
     return times_2_to_n.view(np.float64)
 
 
-@njit(fastmath={"contract"}, inline="always")
+@njit(**EXACT)
+def sin(x: float) -> float:
+    """The sine, for |x| up to a million: of the distance to the nearest multiple of pi, negated by the odd ones."""
+    rounded = x * (1.0 / math.pi) + _ROUND
+    n = rounded - _ROUND
+    y = (x - n * _PI_HIGH) - n * _PI_LOW
+    t = y * y
+    p = ((((_S21 * t + _S19) * t + _S17) * t + _S15) * t + _S13) * t + _S11
+    p = (((p * t + _S9) * t + _S7) * t + _S5) * t + _S3
+    s = y + y * t * p
+    sign = np.float64(rounded).view(np.uint64) << _TO_SIGN
+    return np.uint64(np.float64(s).view(np.uint64) ^ sign).view(np.float64)
+
+
+@njit(**EXACT)
+def cos(x: float) -> float:
+    """The cosine, likewise: 1 - 2 sin(x / 2)^2."""
+    return 1.0 - 2.0 * squared_sine(0.5 * x)
+
+
+@njit(**EXACT)
 def squared_sine(x: float) -> float:
     """sin(x)^2, for |x| up to a million: by the distance to the nearest multiple of pi."""
     n = (x * (1.0 / math.pi) + _ROUND) - _ROUND
@@ -49,7 +76,7 @@ def squared_sine(x: float) -> float:
     return s * s
 
 
-@njit(fastmath={"contract"}, inline="always", error_model="numpy")
+@njit(**EXACT)
 def log(x: float) -> float:
     """The natural logarithm of a normal positive number: x = 2^n m, m from sqrt(1/2) to sqrt(2); anything of others."""
     bits = np.uint64(np.float64(x).view(np.uint64) + _ONE_ABOVE)

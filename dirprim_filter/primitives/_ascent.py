@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
-from dirprim_filter.primitives._elementary import EXACT
+from dirprim_filter.distributions._elementary import EXACT
 from dirprim_filter.primitives._expectation import CURVED_SUMS, SUMS, expectation
 from dirprim_filter.primitives._maximisation import bend, log_prior, maximisation
 from dirprim_filter.primitives._modes import (

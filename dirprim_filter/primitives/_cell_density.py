@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from dirprim_filter.primitives._elementary import EXACT, cos_of, exp_of
+from dirprim_filter.distributions._elementary import EXACT, cos, exp
 from tessellation.arrays import FloatArray, IntArray
 
 CONSTANT, WEIGHT, MEAN, CONCENTRATION, SHAPE, RATE, BEND_EAST, BEND_NORTH, GAIN_EAST, GAIN_NORTH = range(10)
@@ -48,7 +48,7 @@ def log_densities(
                 gained = mode[GAIN_EAST] * east + mode[GAIN_NORTH] * north
                 log_p[n] = (
                     mode[CONSTANT]
-                    + mode[CONCENTRATION] * (cos_of(off) - 1.0)
+                    + mode[CONCENTRATION] * (cos(off) - 1.0)
                     + (mode[SHAPE] - 1.0) * log_v
                     - mode[SHAPE] * gained
                     - mode[RATE] * v * math.exp(-gained)
@@ -57,7 +57,7 @@ def log_densities(
                 n += 1
         moving = 0.0
         for m in range(n):
-            moving += exp_of(log_p[m] - top)
+            moving += exp(log_p[m] - top)
         still = standing[c] * standing_rate * math.exp(-standing_rate * v - _LOG_TWO_PI)
         share = place_free_share[c]
         rest = share * math.exp(place_free[i]) + (1.0 - share) * still

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
-from dirprim_filter.primitives._elementary import EXACT, SUMMING, cos_of, exp_of, log_of, sin_of
+from dirprim_filter.distributions._elementary import EXACT, SUMMING, cos, exp, log, sin
 from dirprim_filter.primitives._modes import (
     BEND_EAST,
     BEND_NORTH,
@@ -97,9 +97,9 @@ def _take_back(seen: FloatArray, mode: FloatArray, n: int, out: FloatArray) -> N
     c, s, v, log_v, east, north = seen[COSINE], seen[SINE], seen[SPEED], seen[LOG_SPEED], seen[EAST], seen[NORTH]
     cosine, sine, speed, log_speed = out[COSINE], out[SINE], out[SPEED], out[LOG_SPEED]
     for i in range(n):
-        cosine[i] = cos_of(bend_east * east[i] + bend_north * north[i])
+        cosine[i] = cos(bend_east * east[i] + bend_north * north[i])
     for i in range(n):
-        sine[i] = sin_of(bend_east * east[i] + bend_north * north[i])
+        sine[i] = sin(bend_east * east[i] + bend_north * north[i])
     for i in range(n):
         cos_turned, sin_turned = cosine[i], sine[i]
         cosine[i] = c[i] * cos_turned + s[i] * sin_turned
@@ -107,7 +107,7 @@ def _take_back(seen: FloatArray, mode: FloatArray, n: int, out: FloatArray) -> N
     for i in range(n):
         log_speed[i] = log_v[i] - (gain_east * east[i] + gain_north * north[i])
     for i in range(n):
-        speed[i] = v[i] * exp_of(log_speed[i] - log_v[i])
+        speed[i] = v[i] * exp(log_speed[i] - log_v[i])
 
 
 @njit(**SUMMING)
@@ -122,12 +122,12 @@ def _normalise(p: FloatArray, w: FloatArray, n: int, rest: FloatArray) -> float:
             top[i] = p[m, i] if p[m, i] > top[i] else top[i]
     for m in range(p.shape[0]):
         for i in range(n):
-            p[m, i] = exp_of(p[m, i] - top[i])
+            p[m, i] = exp(p[m, i] - top[i])
         for i in range(n):
             norm[i] += p[m, i]
     log_likelihood = 0.0
     for i in range(n):
-        log_likelihood += w[i] * (top[i] + log_of(norm[i]))
+        log_likelihood += w[i] * (top[i] + log(norm[i]))
     for i in range(n):
         norm[i] = w[i] / norm[i]
     for m in range(p.shape[0]):

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
+from dirprim_filter.distributions._elementary import EXACT
 from dirprim_filter.primitives._ascent import MAX_ITERATIONS, ascend
-from dirprim_filter.primitives._elementary import EXACT
 from dirprim_filter.primitives._maximisation import shape_from
 from dirprim_filter.primitives._modes import (
     COSINE,

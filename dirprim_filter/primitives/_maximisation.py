@@ -12,7 +12,7 @@ from scipy import special
 
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.primitives._elementary import EXACT
+from dirprim_filter.distributions._elementary import EXACT
 from dirprim_filter.primitives._modes import (
     BEND_EAST,
     BEND_NORTH,

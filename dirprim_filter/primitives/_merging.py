@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
-from dirprim_filter.primitives._elementary import EXACT, log_of
+from dirprim_filter.distributions._elementary import EXACT, log
 from dirprim_filter.primitives._modes import COSINE, EAST, LOG_SPEED, NORTH, SINE, SPEED, WEIGHT
 from tessellation.arrays import FloatArray, IntArray
 
@@ -90,7 +90,7 @@ def merge(
             i = row[b + j]
             off[j], v[j] = direction[i], speed[i]
         for j in range(n):
-            log_v[j] = log_of(v[j])
+            log_v[j] = log(v[j])
         for j in range(n):  # to 32 bits: there are vector instructions for that
             fine_theta[j] = np.int32((off[j] + math.pi) * (FINE / density.TWO_PI))
         for j in range(n):

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from dirprim_filter.primitives._elementary import EXACT
+from dirprim_filter.distributions._elementary import EXACT
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 

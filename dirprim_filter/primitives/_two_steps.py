@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
+from dirprim_filter.distributions._elementary import EXACT
 from dirprim_filter.primitives._ascent import MAX_ITERATIONS, ascend
-from dirprim_filter.primitives._elementary import EXACT
 from dirprim_filter.primitives._expectation import SUMS
 from dirprim_filter.primitives._kernels import ON_CIRCLE, quantiles, start_evenly
 from dirprim_filter.primitives._maximisation import maximisation

@@ -15,8 +15,12 @@ def applied(which, x):
             out[i] = _elementary.exp(x[i])
         elif which == 1:
             out[i] = _elementary.log(x[i])
-        else:
+        elif which == 2:
             out[i] = _elementary.squared_sine(x[i])
+        elif which == 3:
+            out[i] = _elementary.sin(x[i])
+        else:
+            out[i] = _elementary.cos(x[i])
     return out
 
 
@@ -41,6 +45,25 @@ def test_the_squared_sine_errs_by_less_than_1e_15_even_after_many_turns():
     np.testing.assert_allclose(applied(2, x), np.sin(x) ** 2, atol=1e-15)
     small = np.geomspace(1e-150, 1e-3, 99)
     np.testing.assert_allclose(applied(2, small), np.sin(small) ** 2, rtol=1e-14)
+
+
+@pytest.mark.parametrize(("which", "expected"), [(3, np.sin), (4, np.cos)])
+def test_sine_and_cosine_err_by_less_than_1e_15_even_after_many_turns(which, expected):
+    quarters = np.pi / 2 * np.arange(-9, 10)
+    x = np.concatenate([np.linspace(-7.0, 7.0, 20_001), np.linspace(-1e6, 1e6, 999), quarters])
+    np.testing.assert_allclose(applied(which, x), expected(x), rtol=0, atol=1e-15)
+
+
+def test_a_sum_in_any_order_leaves_the_functions_exact():
+    @njit(**{**_elementary.SUMMING, "cache": False})
+    def mean(x):
+        total = 0.0
+        for i in range(x.size):
+            total += _elementary.exp(x[i]) * _elementary.cos(x[i])
+        return total / x.size
+
+    x = np.linspace(-3.0, 3.0, 10_001)
+    np.testing.assert_allclose(mean(x), np.mean(np.exp(x) * np.cos(x)), rtol=1e-14)
 
 
 def test_the_exponential_is_clamped_where_doubles_end():
