@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import evaluate_forecast, evaluate_tracking, losses
-from dirprim_filter.cli.options import Force, Logs, Seed
+from dirprim_filter.cli.options import Cells, Force, Logs, Seed, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
@@ -100,6 +100,7 @@ def cues(
         WholeVehicles | None, typer.Option(help="Hold out so; left out, by group if there are several.")
     ] = None,
     folds: Folds = 5,
+    tessellation: Tessellation = Cells.JOINT,
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
     reading: Reading = Reading(),
@@ -120,9 +121,11 @@ def cues(
     log = reading.tracks(logs)
     deal, learn, draw = np.random.default_rng(seed).spawn(3)
     table = evaluate_cues(
-        log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed, rng=deal
-    )
-    example = turn_signal_example(learn_primitives(log.tracks, rng=learn), rng=draw)
+        log.tracks, split_by=None if split is None else split.value, n_folds=folds, tessellation=tessellation.value,
+        min_speed=min_speed, rng=deal,
+    )  # fmt: skip
+    learned = learn_primitives(log.tracks, tessellation=tessellation.value, rng=learn)
+    example = turn_signal_example(learned, rng=draw)
     if plot is not None:
         from dirprim_filter.viewer.figures import cue_table_figure, save_figure
 

@@ -8,16 +8,8 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Force, Logs, Output, Seed
+from dirprim_filter.cli.options import Cells, Force, Logs, Output, Seed, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
-
-
-class Cells(StrEnum):
-    """How the plane is divided."""
-
-    JOINT = "joint"
-    VORONOI = "voronoi"
-    GRID = "grid"
 
 
 class Modes(StrEnum):
@@ -38,10 +30,7 @@ class Shape(StrEnum):
 def learn(
     logs: Logs,
     output: Output,
-    tessellation: Annotated[
-        Cells,
-        typer.Option(help="joint: cells learned with the primitives; voronoi: by positions alone; grid: squares."),
-    ] = Cells.JOINT,
+    tessellation: Tessellation = Cells.JOINT,
     cell_size: Annotated[float | None, typer.Option(help="Metres; chosen by held-out vehicles if left out.")] = None,
     cells: Annotated[int | None, typer.Option(help="About how many cells, instead of their size.")] = None,
     modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,

@@ -10,6 +10,14 @@ from typing import Annotated
 import typer
 
 
+class Cells(StrEnum):
+    """How the plane is divided."""
+
+    JOINT = "joint"
+    VORONOI = "voronoi"
+    GRID = "grid"
+
+
 class ParticleColor(StrEnum):
     """What the colour of particles tells."""
 
@@ -51,6 +59,9 @@ Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wro
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
+Tessellation = Annotated[
+    Cells, typer.Option(help="joint: cells learned with the primitives; voronoi: by positions alone; grid: squares.")
+]
 Topics = Annotated[
     str | None,
     typer.Option("--topics", help="Topic name or regular expression; left out, the best there is."),

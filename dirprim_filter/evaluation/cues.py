@@ -33,6 +33,7 @@ from dirprim_filter.evaluation.density import rows_to_judge
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.primitives.cues import TURN_RIGHT, Cue
+from dirprim_filter.primitives.recipe import CellsRule
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -118,6 +119,7 @@ def evaluate_cues(
     *,
     split_by: SplitBy | None = None,
     n_folds: int = 5,
+    tessellation: CellsRule = "joint",
     min_speed: float = 0.5,
     rng: np.random.Generator,
 ) -> CueTable:
@@ -127,6 +129,7 @@ def evaluate_cues(
         tracks: observed motion.
         split_by: "vehicle" or "group"; left out, by group if there are several.
         n_folds: how many times.
+        tessellation: the cells to learn, which are what vehicles step between; the paper's are "grid".
         min_speed: m/s; rows that are not faster have no direction of their own.
         rng: deals the folds and feeds the learning.
 
@@ -140,7 +143,7 @@ def evaluate_cues(
     parts = []
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
     for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
-        learned = learn_primitives(fold.train, rng=child)
+        learned = learn_primitives(fold.train, tessellation=tessellation, rng=child)
         parts.append(_follow(learned, fold))
     joined = Followed(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     if joined.vehicle.size == 0:

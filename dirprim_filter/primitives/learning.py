@@ -21,7 +21,7 @@ from dirprim_filter.primitives.journeys import Journeys
 from dirprim_filter.primitives.likeness import learn_likeness
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.recipe import ModesRule, Recipe, Usual
+from dirprim_filter.primitives.recipe import CellsRule, ModesRule, Recipe, Usual
 from dirprim_filter.primitives.relaxation import FALLBACK, learn_relaxation
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
@@ -49,7 +49,7 @@ Progress = Callable[[int, float], None]
 def learn_primitives(
     tracks: Tracks | Iterable[Tracks],
     *,
-    tessellation: Literal["joint", "voronoi", "grid"] | Tessellation = "joint",
+    tessellation: CellsRule | Tessellation = "joint",
     cell_size: float | None = None,
     n_cells: int | None = None,
     modes: ModesRule = "bic",

@@ -9,6 +9,7 @@ from dirprim_filter.primitives._modes import Bounds
 from dirprim_filter.primitives.fitting import bounds_of
 
 ModesRule = Literal["bic", "dbscan"]
+CellsRule = Literal["joint", "voronoi", "grid"]
 
 
 class Usual(NamedTuple):
