@@ -7,29 +7,46 @@ from tessellation.arrays import FloatArray, IntArray
 
 
 @njit(cache=True, nogil=True)
-def count_members(cell: IntArray, share: FloatArray, n_cells: int) -> IntArray:
-    """Where each cell's members begin, (n_cells + 1,). cell, share: (n, k)."""
-    start = np.zeros(n_cells + 1, np.int64)
-    for i in range(cell.shape[0]):
-        for j in range(cell.shape[1]):
-            if share[i, j] > 0.0:
-                start[cell[i, j] + 1] += 1
-    for c in range(n_cells):
-        start[c + 1] += start[c]
-    return start
+def border_distance(generators: FloatArray, distance: FloatArray, cell: IntArray) -> tuple[FloatArray, FloatArray]:
+    """How far beyond its border with the first cell each of the others is, and half the distance of the generators.
+
+    Args:
+        generators: (n_cells, 2) metres.
+        distance: (n, k) to the nearest generators, metres.
+        cell: (n, k) which they are.
+
+    Returns:
+        (n, k) metres, 0 for the first cell; (n, k) metres, infinite for the first cell.
+    """
+    beyond, half_apart = np.zeros(distance.shape), np.full(distance.shape, np.inf)
+    for i in range(distance.shape[0]):
+        x, y = generators[cell[i, 0], 0], generators[cell[i, 0], 1]
+        for j in range(1, distance.shape[1]):
+            apart = np.hypot(generators[cell[i, j], 0] - x, generators[cell[i, j], 1] - y)
+            half_apart[i, j] = 0.5 * apart
+            beyond[i, j] = (distance[i, j] ** 2 - distance[i, 0] ** 2) / (2.0 * apart) if apart > 0.0 else np.inf
+    return beyond, half_apart
+
+
+def sort_by_cell(
+    shares: list[tuple[IntArray, IntArray, FloatArray]], n_cells: int
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Rows, cells and shares (n,), in order of the rows, as the rows and shares of each cell, from start to start."""
+    count = sum((np.bincount(cell, minlength=n_cells) for _, cell, _ in shares), np.zeros(n_cells, np.int64))
+    start = np.concatenate([[0], np.cumsum(count)])
+    row, weight, place = np.empty(start[-1], np.int64), np.empty(start[-1]), start[:-1].copy()
+    for part in shares:
+        _sort_in(*part, place, row, weight)
+    return start, row, weight
 
 
 @njit(cache=True, nogil=True)
-def fill_members(cell: IntArray, share: FloatArray, start: IntArray) -> tuple[IntArray, FloatArray]:
-    """The data of each cell, ascending, and the cell's share in each."""
-    row, weight = np.empty(start[-1], np.int64), np.empty(start[-1])
-    place = start.copy()
-    for i in range(cell.shape[0]):
-        for j in range(cell.shape[1]):
-            if share[i, j] > 0.0:
-                row[place[cell[i, j]]], weight[place[cell[i, j]]] = i, share[i, j]
-                place[cell[i, j]] += 1
-    return row, weight
+def _sort_in(
+    row: IntArray, cell: IntArray, share: FloatArray, place: IntArray, kept: IntArray, weight: FloatArray
+) -> None:
+    for a in range(cell.size):
+        kept[place[cell[a]]], weight[place[cell[a]]] = row[a], share[a]
+        place[cell[a]] += 1
 
 
 @njit(cache=True, nogil=True)

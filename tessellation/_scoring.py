@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from tessellation._gating import border_distance
 from tessellation.arrays import FloatArray, IntArray
-from tessellation.gates import border_distance, nearest_generators
+from tessellation.gates import nearest_generators
 
 N_RIVALS = 4
 """Cells that compete for a datum."""

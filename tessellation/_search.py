@@ -8,9 +8,10 @@ from typing import Generic
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
-from tessellation._gating import count_members, fill_members, halve, leave_out, unite
+from tessellation._gating import halve, leave_out, sort_by_cell, unite
 from tessellation._scoring import N_RIVALS, Scoring, scoring_step
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from tessellation._state import State, joined, known, sums, taken
+from tessellation.arrays import FloatArray, IntArray
 from tessellation.gates import LEAST_SHARE, members_of, nearest_generators, part_of_members
 from tessellation.protocols import CellModel, Cells, Data_contra, Members
 
@@ -27,38 +28,6 @@ ANNEALING_WIDTHS = (0.25, 0.12, 0.06, 0.03)
 ANNEALING_STEPS = 3
 LEAST_GAIN = 5e-3
 """Of the objective per datum: a round that gains less is the last."""
-
-
-class State(Generic[Cells]):
-    """Cells, as fitted without each of the folds, and what they give to the rows held out."""
-
-    __slots__ = (
-        "cell",
-        "fits",
-        "generators",
-        "members",
-        "objective",
-        "refused",
-        "score",
-        "settled",
-        "signature",
-        "softness",
-    )
-
-    def __init__(
-        self, *, generators: FloatArray, softness: float, members: Members, cell: IntArray, signature: FloatArray,
-        fits: Cells, score: FloatArray, objective: float, settled: BoolArray, refused: FloatArray,
-    ) -> None:  # fmt: skip
-        self.generators = generators  # (n_cells, 2)
-        self.softness = softness
-        self.members = members
-        self.cell = cell  # (n,) of each row
-        self.signature = signature  # (n_cells,) the same for the same members
-        self.fits = fits  # cell c without fold f is number c * n_folds + f
-        self.score = score  # (n,) log density of each row as held out
-        self.objective = objective  # minus the weighted mean of the scores
-        self.settled = settled  # (n_cells,) cells that are known not to gain by a split
-        self.refused = refused  # (n,) sums of two signatures, of cells that are known not to gain by being one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,14 +69,14 @@ class Search(Generic[Data_contra, Cells]):
     def evaluate(self, generators: FloatArray, softness: float, *before: State[Cells]) -> State[Cells]:
         """The state of these generators; cells that one of `before` has with the same members are taken from it."""
         members, cell = members_of(self.position[self.row], generators, softness=softness)
-        signature = _sums(members.weight * self.salt[self.row[members.row]], members.start)
-        source, number = _known(generators, signature, before)
+        signature = sums(members.weight * self.salt[self.row[members.row]], members.start)
+        source, number = known(generators, signature, before)
         new = np.flatnonzero(source < 0)
         fitted = self._fit(part_of_members(members, new))
         source[new], number[new] = len(before), np.arange(new.size)
         first = np.cumsum([0, *(len(state.generators) for state in before)])
-        taken = (first[source] + number)[:, None] * self.n_folds + np.arange(self.n_folds)
-        fits = _taken(_joined([*(state.fits for state in before), fitted]), taken.ravel())
+        held_out = (first[source] + number)[:, None] * self.n_folds + np.arange(self.n_folds)
+        fits = taken(joined([*(state.fits for state in before), fitted]), held_out.ravel())
         score = np.empty(self.row.size)
         again = np.ones(self.row.size, np.bool_)
         settled = np.zeros(len(generators), np.bool_)
@@ -248,9 +217,9 @@ class Search(Generic[Data_contra, Cells]):
                 )
                 scoring = self._scoring(generators, width, fits, held_out=False)
                 generators = generators + scoring.step
-                share = np.where(scoring.responsibility < LEAST_SHARE, 0.0, scoring.responsibility)
-                start = count_members(scoring.cell, share, len(generators))
-                members = Members(start, *fill_members(scoring.cell, share, start), generators)
+                datum, rival = np.nonzero(scoring.responsibility >= LEAST_SHARE)
+                share = datum, scoring.cell[datum, rival], scoring.responsibility[datum, rival]
+                members = Members(*sort_by_cell([share], len(generators)), generators)
         return self._helpful(state, generators) or state
 
     def _scoring(self, generators: FloatArray, width: float, fits: Cells, *, held_out: bool) -> Scoring:
@@ -318,36 +287,6 @@ class Search(Generic[Data_contra, Cells]):
         return state
 
 
-def _sums(value: FloatArray, start: IntArray) -> FloatArray:
-    """The sum of each cell's values."""
-    total = np.concatenate([value, [0.0]])
-    return np.where(np.diff(start) > 0, np.add.reduceat(total, start[:-1]), 0.0)
-
-
-def _known(
-    generators: FloatArray, signature: FloatArray, before: tuple[State[Cells], ...]
-) -> tuple[IntArray, IntArray]:
-    """Which of the states before has each cell with the same members, and its number there; -1 where none has."""
-    known = {
-        key: (i, c)
-        for i, state in enumerate(before)
-        for c, key in enumerate(zip(*state.generators.T.tolist(), state.signature.tolist(), strict=True))
-    }
-    keys = zip(*generators.T.tolist(), signature.tolist(), strict=True)
-    found = np.array([known.get(key, (-1, -1)) for key in keys], dtype=np.int64).reshape(-1, 2)
-    return found[:, 0].copy(), found[:, 1].copy()
-
-
-def _taken(cells: Cells, index: IntArray) -> Cells:
-    """The parameters of some cells."""
-    return type(cells)(*(column[index] for column in cells))
-
-
-def _joined(parts: list[Cells]) -> Cells:
-    """The parameters of the first cells, then of the next."""
-    return type(parts[0])(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
 def _neighbors(generators: FloatArray) -> IntArray:
     """(n, 2) generators whose cells share a border, and each with its nearest; every pair once."""
     nearest = nearest_generators(generators, generators, k=2)[1][:, 1]
@@ -362,10 +301,10 @@ def _neighbors(generators: FloatArray) -> IntArray:
 
 def _disjoint(pair: IntArray, gain: FloatArray) -> IntArray:
     """Which pairs gain, best first, none with a cell that a better one has."""
-    taken: set[int] = set()
+    used: set[int] = set()
     chosen = []
     for p in np.argsort(-gain, kind="stable"):
-        if gain[p] > 0 and not taken.intersection(pair[p].tolist()):
+        if gain[p] > 0 and not used.intersection(pair[p].tolist()):
             chosen.append(p)
-            taken.update(pair[p].tolist())
+            used.update(pair[p].tolist())
     return np.array(chosen, dtype=np.int64)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tessellation._gating import count_members, fill_members
+from tessellation._gating import border_distance, sort_by_cell
 from tessellation.arrays import FloatArray, IntArray
 from tessellation.protocols import Members
 
@@ -19,6 +19,8 @@ N_NEAREST = 8
 """Cells that may have a share in a datum."""
 LEAST_SHARE = 0.02
 """A lesser share is none."""
+BLOCK = 65_536
+"""So many data at a time, lest what they need in between outgrow them."""
 
 
 def nearest_generators(position: FloatArray, generators: FloatArray, *, k: int) -> tuple[FloatArray, IntArray]:
@@ -26,24 +28,6 @@ def nearest_generators(position: FloatArray, generators: FloatArray, *, k: int) 
     k = min(k, len(generators))
     distance, cell = cKDTree(generators).query(position, k=k, workers=-1)
     return np.asarray(distance, np.float64).reshape(-1, k), np.asarray(cell, dtype=np.int64).reshape(-1, k)
-
-
-def border_distance(generators: FloatArray, distance: FloatArray, cell: IntArray) -> tuple[FloatArray, FloatArray]:
-    """How far beyond its border with the first cell each of the others is, and half the distance of the generators.
-
-    Args:
-        generators: (n_cells, 2) metres.
-        distance: (n, k) to the nearest generators, metres.
-        cell: (n, k) which they are.
-
-    Returns:
-        (n, k) metres, 0 for the first cell; (n, k) metres, infinite for the first cell.
-    """
-    apart = np.linalg.norm(generators[cell] - generators[cell[:, :1]], axis=2)
-    apart[:, 0] = np.inf
-    beyond = np.zeros_like(distance)
-    beyond[:, 1:] = (distance[:, 1:] ** 2 - distance[:, :1] ** 2) / (2.0 * apart[:, 1:])
-    return beyond, 0.5 * apart
 
 
 def members_of(position: FloatArray, generators: FloatArray, *, softness: float) -> tuple[Members, IntArray]:
@@ -54,15 +38,19 @@ def members_of(position: FloatArray, generators: FloatArray, *, softness: float)
         generators: (n_cells, 2) metres, no two the same.
         softness: reach of a cell beyond its border, as a share of half the distance to the next; 0 for hard cells.
     """
-    distance, cell = nearest_generators(position, generators, k=N_NEAREST if softness > 0 else 1)
-    beyond, half_apart = border_distance(generators, distance, cell)
-    with np.errstate(invalid="ignore", divide="ignore"):
+    if softness == 0:
+        home = nearest_generators(position, generators, k=1)[1][:, 0]
+        return residents(home, generators), home
+    shares = []
+    nearest = np.empty(len(position), np.int64)
+    for first in range(0, len(position), BLOCK):
+        distance, cell = nearest_generators(position[first : first + BLOCK], generators, k=N_NEAREST)
+        beyond, half_apart = border_distance(generators, distance, cell)
         share = np.exp(-0.5 * (beyond / (softness * half_apart)) ** 2)
-    share[:, 0] = 1.0
-    share[share < LEAST_SHARE] = 0.0
-    start = count_members(cell, share, len(generators))
-    row, weight = fill_members(cell, share, start)
-    return Members(start, row, weight, generators), np.ascontiguousarray(cell[:, 0])
+        row, column = np.nonzero(share >= LEAST_SHARE)
+        nearest[first : first + BLOCK] = cell[:, 0]
+        shares.append((row + first, cell[row, column], share[row, column]))
+    return Members(*sort_by_cell(shares, len(generators)), generators), nearest
 
 
 def residents(cell: IntArray, center: FloatArray) -> Members:
@@ -72,9 +60,9 @@ def residents(cell: IntArray, center: FloatArray) -> Members:
         cell: (n,) of each datum; a negative one has none.
         center: (n_cells, 2) metres.
     """
-    column, share = cell[:, None], (cell[:, None] >= 0).astype(np.float64)
-    start = count_members(column, share, len(center))
-    return Members(start, *fill_members(column, share, start), np.array(center, dtype=np.float64))
+    row = np.flatnonzero(cell >= 0)
+    by_cell = sort_by_cell([(row, cell[row], np.ones(row.size))], len(center))
+    return Members(*by_cell, np.array(center, dtype=np.float64))
 
 
 def part_of_members(members: Members, cells: IntArray) -> Members:

@@ -28,7 +28,8 @@ from typing import Generic
 
 import numpy as np
 
-from tessellation._search import Search, State
+from tessellation._search import Search
+from tessellation._state import State
 from tessellation.arrays import FloatArray, IntArray, as_floats
 from tessellation.gates import members_of, nearest_generators
 from tessellation.protocols import CellModel, Cells, Data_contra

@@ -35,7 +35,7 @@ MAX_HALVINGS = 12
 _REACH = 5.0  # metres by which a slope is weighed against the mean: half a cell
 
 
-@njit(**EXACT)
+@njit(nogil=True, **EXACT)
 def ascend(
     columns: FloatArray,
     at: int,

@@ -290,11 +290,14 @@ def hallucinate(
         path: is filled.
     """
     state, alike = np.empty(4, np.uint64), np.empty((table.most_alike, 3))
+    alike_at_start = np.empty((table.most_alike, 3))
     for i in range(len(start)):
         random.seed_state(key[i], state)
+        x, y, direction, speed = start[i, 0], start[i, 1], start[i, 2], start[i, 3]
+        n_alike, total = look_around(table, x, y, direction, speed, but[i], alike_at_start)
         for p in range(path.shape[1]):
             x, y, direction, speed = start[i, 0], start[i, 1], start[i, 2], start[i, 3]
-            row, since = find(table, x, y, direction, speed, but[i], alike, state)
+            row, since = take_up(table, n_alike, total, alike_at_start, speed, but[i], state)
             before = 0.0
             for t in range(time_s.size):
                 n = math.ceil((time_s[t] - before) / step_s - 1e-9)

@@ -167,27 +167,21 @@ def fit_all(
     def fit_share(first: int) -> None:
         fit(columns, start, in_cells.n_vehicles, bounds, first, min(first + CELLS_PER_SHARE, n_cells), table)
 
-    threads = n_threads or os.cpu_count() or 1
-    if threads == 1 or n_cells <= CELLS_PER_SHARE:
-        fit(columns, start, in_cells.n_vehicles, bounds, 0, n_cells, table)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(fit_share, range(0, n_cells, CELLS_PER_SHARE)))
-    if at_once and bounds.curved:
-        for c in np.flatnonzero(merged):
-            _finish(in_cells, int(c), bounds, table[c])
+    with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
+        list(pool.map(fit_share, range(0, n_cells, CELLS_PER_SHARE)))
+        if at_once and bounds.curved:
+            list(pool.map(lambda c: _finish(in_cells, c, bounds, table[c]), np.flatnonzero(merged)))
     return Modes.of(table, bounds)
 
 
 def _finish(in_cells: CellRows, c: int, bounds: Bounds, table: FloatArray) -> None:
     """Some iterations on the rows themselves: merged, they blur what bends by some thousandths of a nat."""
-    alone = np.arange(in_cells.n_vehicles.size) == c
-    columns, start = _unmerged(in_cells, alone)
+    columns, _ = _unmerged(in_cells.alone(c))
     k = int((table[:, LOG_WEIGHT] > NO_MODE / 2).sum())
     order = np.argsort(-table[:, LOG_WEIGHT], kind="stable")
     table[:] = table[order]
     _ascent.ascend(
-        columns, int(start[c]), int(start[c + 1] - start[c]), float(in_cells.n_vehicles[c]), True,
+        columns, 0, columns.shape[1], float(in_cells.n_vehicles[c]), True,
         bool(table[:k, N_FLAT:].any()), -np.inf, 0.0, FINISHING_ITERATIONS, bounds, table[:k],
     )  # fmt: skip
 

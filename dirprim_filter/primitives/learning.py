@@ -40,6 +40,8 @@ WEAK = 0.002
 """Pseudo-vehicles that lean on nothing, while it is found out what is usual."""
 MANY_ROWS = 5000
 """From so many on, joint cells are better than even ones."""
+TRIAL_ROWS = 100_000
+"""So many rows are enough to find out what is usual, and how strongly cells lean on it: vehicles drawn at random."""
 REACH_M = 3.0
 """Metres around the data that Voronoi cells cover: about a lane."""
 
@@ -92,9 +94,10 @@ def learn_primitives(
     layouts = _layouts(
         rows, tessellation, recipe, free, cell_size=cell_size, n_cells=n_cells, progress=progress, rng=rng
     )
-    layout, recipe, place_free_strength = _choose(rows, layouts, recipe, free, rng=rng)
+    few = rows.some(TRIAL_ROWS, rng=rng)
+    layout, recipe, place_free_strength = _choose(few, layouts, recipe, free, rng=rng)
     learned = assemble(layout.cells, fit_cells(rows, layout, recipe, free), free, place_free_strength)
-    relaxation = learn_relaxation(learned, rows, standing_speed=config.standing_speed)
+    relaxation = learn_relaxation(learned, few, standing_speed=config.standing_speed)
     logger.info(
         "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
         layout.cells.n_cells, rows.n_vehicles, place_free_strength,
@@ -208,9 +211,10 @@ def _lay_out_jointly(
 ) -> Layout:  # fmt: skip
     """Cells learned together with the primitives."""
     config = recipe.config
-    n_even = _even_cells(rows, config.rows_per_cell[0])
-    even = VoronoiTessellation.lloyd(rows.position, n_cells=n_even, rng=rng, reach=REACH_M)
-    recipe = _with_usual(rows, Layout(even, config.softness[0]), recipe, free)
+    few = rows.some(TRIAL_ROWS, rng=rng)
+    n_even = _even_cells(few, config.rows_per_cell[0])
+    even = VoronoiTessellation.lloyd(few.position, n_cells=n_even, rng=rng, reach=REACH_M)
+    recipe = _with_usual(few, Layout(even, config.softness[0]), recipe, free)
     model = PrimitiveModel.of(rows, recipe._replace(thorough=False), free)
     found = fit_jointly(
         model, rows.position, rows, group=rows.group, reach=REACH_M, n_cells=n_cells, softness=config.softness,

@@ -8,6 +8,7 @@ journeys all cost.
 from __future__ import annotations
 
 import logging
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,8 @@ CANDIDATES: dict[str, tuple[float, ...]] = {
 LAGS_S = np.array([0.5, 1.0, 2.0, 3.0, 5.0])
 MOST_STARTS = 300
 FEWEST_STARTS = 20
+STARTS_AT_ONCE = 32
+"""On one thread."""
 N_SAMPLES = 32
 STEP_S = 0.25
 SPREADS = {
@@ -55,8 +58,13 @@ def learn_likeness(journeys: Journeys, *, rng: np.random.Generator) -> Journeys:
     state = np.column_stack([journeys.position, journeys.direction, journeys.speed])[start]
 
     def score(trial: Journeys) -> float:
-        path = np.empty((len(start), N_SAMPLES, LAGS_S.size, 2))
-        _following.hallucinate(trial.table(**SPREADS), state, vehicle, LAGS_S, STEP_S, key, path)
+        table, path = trial.table(**SPREADS), np.empty((len(start), N_SAMPLES, LAGS_S.size, 2))
+
+        def follow(part: slice) -> None:
+            _following.hallucinate(table, state[part], vehicle[part], LAGS_S, STEP_S, key[part], path[part])
+
+        with ThreadPoolExecutor() as threads:
+            list(threads.map(follow, [slice(i, i + STARTS_AT_ONCE) for i in range(0, len(start), STARTS_AT_ONCE)]))
         return float(np.log(np.nanmean(_energy(path, later), axis=0)).mean())
 
     best, least = journeys, score(journeys)

@@ -65,6 +65,13 @@ class TrackRows:
             group=self.group[rows],
         )
 
+    def some(self, most_rows: int, *, rng: np.random.Generator) -> TrackRows:
+        """All rows, or those of vehicles drawn at random, of about so many rows together."""
+        if len(self) <= most_rows:
+            return self
+        n = int(self.vehicle[-1]) + 1
+        return self[(rng.random(n) < most_rows / len(self))[self.vehicle]]
+
     @property
     def n_vehicles(self) -> int:
         """Number of vehicles that have a row."""
@@ -150,6 +157,15 @@ class CellRows:
             n_vehicles=np.array([float(n_vehicles)]),
             n_standing=np.zeros(1),
         )
+
+    def alone(self, c: int) -> CellRows:
+        """Cell `c` by itself."""
+        members = slice(self.start[c], self.start[c + 1])
+        return replace(
+            self, start=np.array([0, members.stop - members.start]), row=self.row[members],
+            weight=self.weight[members], center=self.center[c : c + 1], n_vehicles=self.n_vehicles[c : c + 1],
+            n_standing=self.n_standing[c : c + 1],
+        )  # fmt: skip
 
     @property
     def n_moving(self) -> FloatArray:

@@ -1,0 +1,70 @@
+"""Where a search for cells stands, and what one state can take over from another."""
+
+from __future__ import annotations
+
+from typing import Generic
+
+import numpy as np
+
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+from tessellation.protocols import Cells, Members
+
+
+class State(Generic[Cells]):
+    """Cells, as fitted without each of the folds, and what they give to the rows held out."""
+
+    __slots__ = (
+        "cell",
+        "fits",
+        "generators",
+        "members",
+        "objective",
+        "refused",
+        "score",
+        "settled",
+        "signature",
+        "softness",
+    )
+
+    def __init__(
+        self, *, generators: FloatArray, softness: float, members: Members, cell: IntArray, signature: FloatArray,
+        fits: Cells, score: FloatArray, objective: float, settled: BoolArray, refused: FloatArray,
+    ) -> None:  # fmt: skip
+        self.generators = generators  # (n_cells, 2)
+        self.softness = softness
+        self.members = members
+        self.cell = cell  # (n,) of each row
+        self.signature = signature  # (n_cells,) the same for the same members
+        self.fits = fits  # cell c without fold f is number c * n_folds + f
+        self.score = score  # (n,) log density of each row as held out
+        self.objective = objective  # minus the weighted mean of the scores
+        self.settled = settled  # (n_cells,) cells that are known not to gain by a split
+        self.refused = refused  # (n,) sums of two signatures, of cells that are known not to gain by being one
+
+
+def sums(value: FloatArray, start: IntArray) -> FloatArray:
+    """The sum of each cell's values."""
+    total = np.concatenate([value, [0.0]])
+    return np.where(np.diff(start) > 0, np.add.reduceat(total, start[:-1]), 0.0)
+
+
+def known(generators: FloatArray, signature: FloatArray, before: tuple[State[Cells], ...]) -> tuple[IntArray, IntArray]:
+    """Which of the states before has each cell with the same members, and its number there; -1 where none has."""
+    numbers = {
+        key: (i, c)
+        for i, state in enumerate(before)
+        for c, key in enumerate(zip(*state.generators.T.tolist(), state.signature.tolist(), strict=True))
+    }
+    keys = zip(*generators.T.tolist(), signature.tolist(), strict=True)
+    found = np.array([numbers.get(key, (-1, -1)) for key in keys], dtype=np.int64).reshape(-1, 2)
+    return found[:, 0].copy(), found[:, 1].copy()
+
+
+def taken(cells: Cells, index: IntArray) -> Cells:
+    """The parameters of some cells."""
+    return type(cells)(*(column[index] for column in cells))
+
+
+def joined(parts: list[Cells]) -> Cells:
+    """The parameters of the first cells, then of the next."""
+    return type(parts[0])(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
