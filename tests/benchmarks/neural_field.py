@@ -17,6 +17,8 @@ except ImportError as error:
 N_MODES, WIDTH = 6, 128
 VALIDATION_SHARE = 0.2
 BATCH, MOST_EPOCHS, PATIENCE = 512, 150, 20
+FEWEST_STEPS = 5000
+"""Of the optimiser: small logs are gone through more often."""
 ENCODINGS = (0.0, 1.0, 3.0)
 """Standard deviation of the frequencies of random Fourier features, per unit of the scaled position; 0 for none."""
 LEAST_SPEED = 1e-3
@@ -64,9 +66,10 @@ def _train(frequency, fitted, validation, seed):
     rows, kept = _tensors(fitted), _tensors(validation)
     field = Field(frequency, fitted.position.mean(axis=0), float(np.ptp(fitted.position, axis=0).max()) / 2)
     optimiser = torch.optim.Adam(field.parameters(), lr=2e-3, weight_decay=1e-6)
-    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimiser, mode="max", factor=0.5, patience=8)
     best, state, since = -np.inf, None, 0
-    for _ in range(MOST_EPOCHS):
+    more = max(1.0, FEWEST_STEPS / (MOST_EPOCHS * -(-len(rows[0]) // BATCH)))
+    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimiser, mode="max", factor=0.5, patience=int(0.4 * PATIENCE * more))
+    for _ in range(int(more * MOST_EPOCHS)):
         for batch in torch.randperm(len(rows[0])).split(BATCH):
             optimiser.zero_grad()
             loss = -field.log_density(*(column[batch] for column in rows)).mean()
@@ -79,7 +82,7 @@ def _train(frequency, fitted, validation, seed):
         since += 1
         if reached > best:
             best, state, since = reached, {k: v.clone() for k, v in field.state_dict().items()}, 0
-        if since > PATIENCE:
+        if since > more * PATIENCE:
             break
     field.load_state_dict(state)
     return best, field
