@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.options import End, Fields, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
+    from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import DetectionStream, TrackLog
 
 Result = TypeVar("Result")
@@ -44,10 +45,7 @@ class Reading:
     frame: Annotated[
         str | None, typer.Option("--frame", help="Frame of the positions; left out, the root of the log's transforms.")
     ] = None
-    fields: Annotated[
-        str | None,
-        typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
-    ] = None
+    fields: Fields = None
     origin: Annotated[
         str | None,
         typer.Option("--origin", help="Latitude,longitude of the plane for satellite fixes; left out, the first."),
@@ -67,6 +65,12 @@ class Reading:
         from dirprim_filter.recording.reader import stream_detections
 
         return stream_detections(log, motion=motion, **self._arguments())
+
+    def playback(self, log: Path) -> Playback:
+        """The frames of a log: what a tracker believed, else the objects."""
+        from dirprim_filter.recording.playback import Playback
+
+        return Playback(log, **self._arguments())
 
     def said(self) -> dict[str, object]:
         """The options as an output's metadata repeats them."""

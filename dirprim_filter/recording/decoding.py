@@ -41,17 +41,6 @@ def schema_name(channel: Channel) -> str:
     return full_name(name) if channel.message_encoding == "cdr" else name
 
 
-def is_decodable(channel: Channel) -> bool:
-    """Whether the channel's messages can be read as objects."""
-    return family_of(channel) is not None
-
-
-def carries_objects(channel: Channel) -> bool:
-    """Whether the channel's messages tell of objects by themselves; transforms do so only where they are named."""
-    family = family_of(channel)
-    return family is not None and any(family in kind for kind in KINDS)
-
-
 def plan_of(channel: Channel, family: Family) -> Plan:
     """A plan for the messages of a channel.
 
@@ -79,8 +68,13 @@ class Decoders:
     def reads(self, channel: Channel) -> bool:
         """Whether the channel's messages can be read as objects; without a mapping a broken definition counts."""
         if self._mapped is None:
-            return is_decodable(channel)
+            return family_of(channel) is not None
         return channel.message_encoding in ENCODINGS and not isinstance(self._plan(channel), SchemaError)
+
+    def carries_objects(self, channel: Channel) -> bool:
+        """Whether the channel's messages tell of objects unasked; transforms do so only where they are named."""
+        family = family_of(channel)
+        return self.reads(channel) and (self._mapped is not None or any(family in kind for kind in KINDS))
 
     def unreadable(self) -> list[str]:
         """Why schemas that were looked at cannot be read."""
@@ -102,7 +96,7 @@ class Decoders:
         """The objects of messages, and by number why a message cannot be read.
 
         Args:
-            messages: of one schema and encoding, that `is_decodable`; of one channel or of several.
+            messages: of one schema and encoding, that it `reads`; of one channel or of several.
         """
         try:
             shredded = self.shredded(messages)
@@ -126,7 +120,7 @@ class Decoders:
         return plan.run([message.data for message in messages])
 
     def decode(self, message: Message) -> ObservedRows:
-        """The objects of one message whose channel `is_decodable`.
+        """The objects of one message whose channel it `reads`.
 
         Raises:
             PayloadError: the message or its schema is not what it should be.

@@ -57,7 +57,6 @@ from dirprim_filter.recording.resync import (
 
 RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
-FOOTER_SIZE = 20
 
 
 @dataclass(slots=True, kw_only=True)

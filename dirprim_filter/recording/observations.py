@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypedDict
 
 import numpy as np
 
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.decoding import Decoders, batches, by_schema
-from dirprim_filter.recording.drops import ClockFaults, Drops, Numbers
+from dirprim_filter.recording.drops import Clock, ClockFaults, Drops
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.geodesy import Origin
@@ -30,6 +30,18 @@ TimeSource = Literal["log", "publish", "header"]
 TIME_END_NS = 1 << 63
 
 
+class Reading(TypedDict, total=False):
+    """How the objects of a log are read; what is left out is as `Observations` has it."""
+
+    time_source: TimeSource
+    start_ns: int | None
+    end_ns: int | None
+    strict: bool
+    frame: str | None
+    mapping: FieldMapping | None
+    origin: Origin | None
+
+
 class TimedRows(NamedTuple):
     """Objects, and the time of each."""
 
@@ -40,9 +52,10 @@ class TimedRows(NamedTuple):
 class Observations:
     """Reads the objects of one log once through, and counts what it leaves out.
 
+    What its arguments mean is told by `read_tracks`.
+
     Attributes:
         drops: what was left out so far.
-        clock: what is odd about the times so far.
     """
 
     def __init__(
@@ -58,14 +71,18 @@ class Observations:
         origin: Origin | None = None,
     ) -> None:
         self.drops = Drops()
-        self.clock = ClockFaults()
+        self._clock = Clock()
         self._log = log
         self._time_source = time_source
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict = strict
         self._decoders = Decoders(mapping)
-        self._topics = Numbers()
         self._frame = FrameChange(log.path, frame, origin)
+
+    @property
+    def clock(self) -> ClockFaults:
+        """What is odd about the times so far."""
+        return self._clock.faults
 
     @property
     def origin(self) -> Origin | None:
@@ -100,7 +117,7 @@ class Observations:
             for i, reason in failures.items():
                 self._undecodable(messages[i], reason)
             time_ns = self._times(messages, rows)
-            self._watch(messages, time_ns, rows)
+            self._clock.watch_objects([m.topic for m in messages], rows.message, time_ns)
             parts.append((places, time_ns, rows))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
         order = np.argsort(number, kind="stable")
@@ -129,11 +146,6 @@ class Observations:
         times = [message.log_time_ns if is_log else message.publish_time_ns for message in messages]
         time_ns = np.array([time if time < TIME_END_NS else NO_TIME for time in times], np.int64)
         return time_ns[rows.message]
-
-    def _watch(self, messages: Sequence[Message], time_ns: IntArray, rows: ObservedRows) -> None:
-        of, first = np.unique(rows.message, return_index=True)
-        topics = [messages[i].channel.topic for i in of.tolist()]
-        self.clock.watch(np.fromiter(map(self._topics.__getitem__, topics), np.int64, len(topics)), time_ns[first])
 
     def _wanted(self, message: IntArray, time_ns: IntArray) -> BoolArray:
         timed = time_ns != NO_TIME

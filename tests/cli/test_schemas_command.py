@@ -118,7 +118,12 @@ def test_learn_and_track_run(tmp_path, name):
     np.testing.assert_allclose(estimates.position, PLACE, atol=2.0)
 
 
-READERS = (["learn"], ["track"], ["evaluate", "density"], ["evaluate", "cues"], ["evaluate", "tracking"])
+READERS = (
+    ["learn"], ["track"], ["forecast"], ["replay"],
+    ["evaluate", "density"], ["evaluate", "cues"], ["evaluate", "tracking"], ["evaluate", "forecast"],
+)  # fmt: skip
+OUTPUTS = {"learn": ["-o", "out.mcap"], "replay": ["--rate", "inf", "--save", "out.rrd"]}
+NEED_A_MAP = (["track"], ["forecast"])
 
 
 @pytest.mark.parametrize("command", READERS, ids=" ".join)
@@ -129,10 +134,10 @@ def test_whatever_reads_a_log_has_the_options_of_reading(capsys, command):
         assert f"--{option} " in told
 
 
-@pytest.mark.parametrize("command", [command for command in READERS if command != ["track"]], ids=" ".join)
+@pytest.mark.parametrize("command", [command for command in READERS if command not in NEED_A_MAP], ids=" ".join)
 @pytest.mark.parametrize("option", [("--fields", "nonsense"), ("--origin", "north"), ("--start", "soon")])
-def test_the_options_of_reading_reach_the_library(tmp_path, capsys, command, option):
+def test_the_options_of_reading_reach_the_library(tmp_path, capsys, monkeypatch, command, option):
+    monkeypatch.chdir(tmp_path)
     private_json(tmp_path / "log.mcap")
-    output = ["-o", str(tmp_path / "out.mcap")] if command == ["learn"] else []
-    assert run([*command, str(tmp_path / "log.mcap"), *output, *option]) == 1
+    assert run([*command, "log.mcap", *OUTPUTS.get(command[-1], []), *option]) == 1
     assert option[1] in capsys.readouterr().err

@@ -31,6 +31,7 @@ OSI_LOGS = [
     "omega_prime/osi_centerline_example",
 ]
 STEP_NS = 100_000_000
+SOURCES = ("log", "publish", "header")
 
 
 def osi_log(name):
@@ -299,7 +300,7 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "end_ns": stock.message_end_time,
         "damage": [],
         "is_checked": True,
-        "stamps": {"zero": 1, "backward": 0, "duplicate": 0},
+        "stamps": {source: {"zero": 1, "backward": 0, "duplicate": 0, "jumps": 0} for source in SOURCES},
         "attachments": [],
         "metadata": [],
     }  # fmt: skip
