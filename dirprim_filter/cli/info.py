@@ -11,7 +11,7 @@ from dirprim_filter.cli import losses
 from dirprim_filter.cli.options import End, Fields, Logs, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from dirprim_filter.recording.summary import LogSummary
@@ -34,10 +34,10 @@ def info(
 
     Example: dirprim info recordings/roundabout_track.mcap
     """
+    from dirprim_filter.recording.name_patterns import matching
     from dirprim_filter.recording.summary import summarise_by_index
-    from dirprim_filter.recording.topic_names import matching
 
-    wanted = None if topics is None else matching(topics)
+    wanted = None if topics is None else matching(topics, of="topics")
     by_index = not (check or strict or fields or start or end)
     worst = losses.DONE
     for path in logs:
@@ -90,12 +90,18 @@ def _text(path: Path, summary: LogSummary) -> str:
     if summary.is_checked:
         carrying = [t.name for t in summary.topics if t.tracks]
         lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else "  no topic carries tracks")
+    lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
     if summary.attachments:
         lines.append(f"  attachments: {', '.join(summary.attachments)}")
     odd = {source: faults for source, faults in (summary.stamps or {}).items() if faults.is_odd or faults.duplicate}
     lines += [f"  {source} times by topic, as they stand in the file: {faults}" for source, faults in odd.items()]
     lines += [f"  damage: {d.kind} at byte {d.offset}: {d.detail}" for d in summary.damage]
     return "\n".join(lines)
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    most = sorted(counts.items(), key=lambda item: -item[1])
+    return ", ".join(f"{label or 'none'} {n}" for label, n in most)
 
 
 def _span(summary: LogSummary) -> str:

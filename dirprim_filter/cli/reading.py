@@ -50,6 +50,10 @@ class Reading:
         str | None,
         typer.Option("--origin", help="Latitude,longitude of the plane for satellite fixes; left out, the first."),
     ] = None
+    labels: Annotated[
+        str | None,
+        typer.Option("--labels", help="What the objects are, such as car|truck; `dirprim info` tells; left out, all."),
+    ] = None
     start: Start = None
     end: End = None
     strict: Strict = False
@@ -86,6 +90,7 @@ class Reading:
             "frame": self.frame,
             "mapping": FieldMapping.parse(self.fields) if self.fields else None,
             "origin": Origin.parse(self.origin) if self.origin else None,
+            "labels": self.labels,
             "start_ns": time_ns(self.start),
             "end_ns": time_ns(self.end),
             "strict": self.strict,

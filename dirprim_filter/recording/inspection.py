@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -86,6 +87,7 @@ def inspect(
         damage=damage,
         is_checked=True,
         stamps={source: clock.faults for source, clock in reading.clocks.items()},
+        labels={topic: dict(counts) for topic, counts in sorted(reading.labels.items()) if set(counts) != {""}},
         attachments=attachments,
         metadata=metadata,
     )
@@ -96,6 +98,7 @@ class _Inspection:
 
     def __init__(self, log: Scan, decoders: Decoders) -> None:
         self.clocks: Mapping[str, Clock] = {"log": Clock(), "publish": Clock(), "header": Clock()}
+        self.labels: dict[str, Counter[str]] = {}
         self.undecodable = 0
         self.start_ns: int | None = None
         self.end_ns: int | None = None
@@ -141,6 +144,11 @@ class _Inspection:
             if (known := names[number]) is not None:
                 known.add(name)
         self.clocks["header"].watch_objects([message.topic for message in messages], rows.message, rows.stamp_ns)
+        topic_of = np.array([message.topic for message in messages])[rows.message]
+        for topic in np.unique(topic_of).tolist():
+            labels, n = np.unique(rows.label[topic_of == topic], return_counts=True)
+            counts = dict(zip(labels.tolist(), n.tolist(), strict=True))
+            self.labels.setdefault(topic, Counter()).update(counts)
         self.undecodable += len(failures)
 
     def _take_estimates(self, messages: Sequence[Message]) -> None:

@@ -15,12 +15,13 @@ from dirprim_filter.recording.drops import Clock, ClockFaults, Drops
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.geodesy import Origin
+from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.records import Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.observed import ObservedRows, concatenated
 from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NO_TIME
 from dirprim_filter.recording.transforms import FrameChange
-from tessellation.arrays import BoolArray, IntArray
+from tessellation.arrays import AnyArray, BoolArray, IntArray
 
 logger = logging.getLogger(__name__)
 
@@ -40,6 +41,7 @@ class Reading(TypedDict, total=False):
     frame: str | None
     mapping: FieldMapping | None
     origin: Origin | None
+    labels: str | None
 
 
 class TimedRows(NamedTuple):
@@ -69,6 +71,7 @@ class Observations:
         frame: str | None = None,
         mapping: FieldMapping | None = None,
         origin: Origin | None = None,
+        labels: str | None = None,
     ) -> None:
         self.drops = Drops()
         self._clock = Clock()
@@ -77,6 +80,7 @@ class Observations:
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict = strict
         self._decoders = Decoders(mapping)
+        self._labels = None if labels is None else matching(labels, of="labels")
         self._frame = FrameChange(log.path, frame, origin)
 
     @property
@@ -123,7 +127,7 @@ class Observations:
         order = np.argsort(number, kind="stable")
         time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])[order]
         rows = concatenated([rows for _, _, rows in parts])[order]
-        wanted = self._wanted(number[order], time_ns)
+        wanted = self._wanted(number[order], time_ns, rows.label)
         wanted[wanted] = self._valid(rows[wanted])
         rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
         self.drops.unplaced += int((~placed).sum())
@@ -147,7 +151,7 @@ class Observations:
         time_ns = np.array([time if time < TIME_END_NS else NO_TIME for time in times], np.int64)
         return time_ns[rows.message]
 
-    def _wanted(self, message: IntArray, time_ns: IntArray) -> BoolArray:
+    def _wanted(self, message: IntArray, time_ns: IntArray, label: AnyArray) -> BoolArray:
         timed = time_ns != NO_TIME
         self.drops.untimed += int(np.unique(message[~timed]).size)
         wanted: BoolArray = timed
@@ -155,6 +159,9 @@ class Observations:
             wanted = wanted & (time_ns >= self._start_ns)
         if self._end_ns is not None:
             wanted = wanted & (time_ns < self._end_ns)
+        if self._labels is not None:
+            names, of = np.unique(label, return_inverse=True)
+            wanted = wanted & np.array([self._labels(name) for name in names.tolist()], np.bool_)[of]
         return wanted
 
     def _valid(self, rows: ObservedRows) -> BoolArray:

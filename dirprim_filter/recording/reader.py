@@ -62,6 +62,8 @@ def read_tracks(
                 transforms all objects must be of one frame.
             mapping: where to find the fields of objects, for schemas that are not known.
             origin: of the plane for satellite positions; left out: the first position.
+            labels: what the wanted objects are, such as "car|truck": a name or a regular expression for the label that
+                their schema gives them, which is empty where it gives none.
 
     Raises:
         NotMcapError: a file is no MCAP log.

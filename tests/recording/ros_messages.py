@@ -27,6 +27,7 @@ BASIC = {
     "geometry_msgs/TwistWithCovariance": "Twist twist\nfloat64[36] covariance",
     "geometry_msgs/Accel": "Vector3 linear\nVector3 angular",
     "geometry_msgs/AccelWithCovariance": "Accel accel\nfloat64[36] covariance",
+    "geometry_msgs/PoseWithCovarianceStamped": "std_msgs/Header header\nPoseWithCovariance pose",
     "geometry_msgs/Polygon": "geometry_msgs/Point32[] points",
     "geometry_msgs/Transform": "Vector3 translation\nQuaternion rotation",
     "geometry_msgs/TransformStamped": "std_msgs/Header header\nstring child_frame_id\nTransform transform",

@@ -301,6 +301,7 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "damage": [],
         "is_checked": True,
         "stamps": {source: {"zero": 1, "backward": 0, "duplicate": 0, "jumps": 0} for source in SOURCES},
+        "labels": {"ground_truth": {"car": len(list(decoded(path)))}},
         "attachments": [],
         "metadata": [],
     }  # fmt: skip
