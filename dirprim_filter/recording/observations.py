@@ -124,10 +124,12 @@ class Observations:
             self._clock.watch_objects([m.topic for m in messages], rows.message, time_ns)
             parts.append((places, time_ns, rows))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
-        order = np.argsort(number, kind="stable")
-        time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])[order]
-        rows = concatenated([rows for _, _, rows in parts])[order]
-        wanted = self._wanted(number[order], time_ns, rows.label)
+        time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])
+        rows = concatenated([rows for _, _, rows in parts])
+        if len(parts) > 1:
+            order = np.argsort(number, kind="stable")
+            number, time_ns, rows = number[order], time_ns[order], rows[order]
+        wanted = self._wanted(number, time_ns, rows.label)
         wanted[wanted] = self._valid(rows[wanted])
         rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
         self.drops.unplaced += int((~placed).sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,13 +10,14 @@ from dirprim_filter.recording.schemas.shredded import Shredded
 from tessellation.arrays import AnyArray, IntArray
 
 UNTOLD = -1
+"""The number of an object whose class is not told; as an index, the last of the names."""
 
 
-def label_names(numbers: IntArray, names: Sequence[str] | Mapping[int, str]) -> AnyArray:
+def label_names(numbers: IntArray, names: Sequence[str]) -> AnyArray:
     """(n,) str: the names of (n,) numbers, a number that has none in decimal; empty for `UNTOLD`."""
-    named = dict(names if isinstance(names, Mapping) else enumerate(names)) | {UNTOLD: ""}
-    found, of = np.unique(numbers, return_inverse=True)
-    return np.array([named.get(number, str(number)) for number in found.tolist()] or [""], dtype=np.str_)[of]
+    is_named = (numbers >= UNTOLD) & (numbers < len(names))
+    named = np.array([*names, ""])[np.where(is_named, numbers, UNTOLD)]
+    return named if is_named.all() else np.where(is_named, named, numbers.astype(np.str_))
 
 
 def most_probable(shredded: Shredded, label: str, probability: str) -> tuple[IntArray, IntArray]:
@@ -31,6 +32,8 @@ def most_probable(shredded: Shredded, label: str, probability: str) -> tuple[Int
         (k,) rows of the guesses, and (k,) the rows of their objects, each once.
     """
     of = shredded.parent_of(shredded.fields[label].table)
+    if (np.diff(of) > 0).all():  # one guess at each, as is usual
+        return np.arange(of.size), of
     order = np.lexsort((-np.nan_to_num(shredded.numbers(probability)), of))
     objects, first = np.unique(of[order], return_index=True)
     return order[first], objects

@@ -49,7 +49,9 @@ class ObservedRows:
         return int(self.message.size)
 
     def __getitem__(self, rows: BoolArray | IntArray) -> Self:
-        """The rows of a mask or of indices."""
+        """The rows of a mask or of indices; the same rows where a mask leaves out none."""
+        if rows.dtype == np.bool_ and rows.all():
+            return self
         return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
