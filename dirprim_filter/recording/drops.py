@@ -130,7 +130,7 @@ class Clock:
             time_ns: (n,) nanoseconds, `NO_TIME` where there is none.
         """
         of, first = np.unique(message, return_index=True)
-        numbers = (self._topics[topics[i]] for i in of.tolist())
+        numbers = map(self._topics.__getitem__, map(topics.__getitem__, of.tolist()))
         self.watch(np.fromiter(numbers, np.int64, of.size), time_ns[first])
 
     def watch(self, topic: IntArray, time_ns: IntArray) -> None:

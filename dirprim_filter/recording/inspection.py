@@ -11,19 +11,17 @@ from os import PathLike
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from dirprim_filter.recording.decoding import Decoders, by_schema
+from dirprim_filter.recording.decoding import TOPIC, Decoders, by_schema
 from dirprim_filter.recording.drops import Clock
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.message_columns import MessageColumns
-from dirprim_filter.recording.observations import TIME_END_NS
+from dirprim_filter.recording.observations import signed
 from dirprim_filter.recording.records import Channel, Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.schemas.shredded import NO_TIME
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
-from tessellation.arrays import AnyArray
 
 logger = logging.getLogger(__name__)
 
@@ -116,8 +114,8 @@ class _Inspection:
         self.start_ns = first_ns if self.start_ns is None else min(self.start_ns, first_ns)
         self.end_ns = last_ns if self.end_ns is None else max(self.end_ns, last_ns)
         columns = columns[np.argsort(columns.start, kind="stable")]
-        self.clocks["log"].watch(columns.channel, _signed(columns.log_time_ns))
-        self.clocks["publish"].watch(columns.channel, _signed(columns.publish_time_ns))
+        self.clocks["log"].watch(columns.channel, signed(columns.log_time_ns))
+        self.clocks["publish"].watch(columns.channel, signed(columns.publish_time_ns))
         counts = np.bincount(columns.channel, minlength=len(channels)).tolist()
         for channel, n in zip(channels, counts, strict=True):
             self._tally(channel).messages += n
@@ -139,12 +137,13 @@ class _Inspection:
 
     def _take_objects(self, messages: Sequence[Message]) -> None:
         rows, failures = self._decoders.rows(messages)
+        topics = list(map(TOPIC, messages))
         names = [self._tally(message.channel).track_ids for message in messages]
         for number, name in zip(rows.message.tolist(), rows.track_id.tolist(), strict=True):
             if (known := names[number]) is not None:
                 known.add(name)
-        self.clocks["header"].watch_objects([message.topic for message in messages], rows.message, rows.stamp_ns)
-        topic_of = np.array([message.topic for message in messages])[rows.message]
+        self.clocks["header"].watch_objects(topics, rows.message, rows.stamp_ns)
+        topic_of = np.array(topics)[rows.message]
         for topic in np.unique(topic_of).tolist():
             labels, n = np.unique(rows.label[topic_of == topic], return_counts=True)
             counts = dict(zip(labels.tolist(), n.tolist(), strict=True))
@@ -161,8 +160,3 @@ class _Inspection:
                 continue
             if known is not None:
                 known.update(map(str, names))
-
-
-def _signed(time_ns: AnyArray) -> AnyArray:
-    """(n,) int64 of uint64 nanoseconds; `NO_TIME` where they do not fit."""
-    return np.where(time_ns < TIME_END_NS, time_ns.astype(np.int64), NO_TIME)

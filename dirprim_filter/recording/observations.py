@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Literal, NamedTuple, TypedDict
 
 import numpy as np
 
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.decoding import Decoders, batches, by_schema
+from dirprim_filter.recording.decoding import TOPIC, Decoders, batches, by_schema
 from dirprim_filter.recording.drops import Clock, ClockFaults, Drops
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.field_mapping import FieldMapping
@@ -121,7 +122,7 @@ class Observations:
             for i, reason in failures.items():
                 self._undecodable(messages[i], reason)
             time_ns = self._times(messages, rows)
-            self._clock.watch_objects([m.topic for m in messages], rows.message, time_ns)
+            self._clock.watch_objects(list(map(TOPIC, messages)), rows.message, time_ns)
             parts.append((places, time_ns, rows))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
         time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])
@@ -148,10 +149,8 @@ class Observations:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
         if self._time_source == "header":
             return rows.stamp_ns
-        is_log = self._time_source == "log"
-        times = [message.log_time_ns if is_log else message.publish_time_ns for message in messages]
-        time_ns = np.array([time if time < TIME_END_NS else NO_TIME for time in times], np.int64)
-        return time_ns[rows.message]
+        times = map(attrgetter(f"{self._time_source}_time_ns"), messages)
+        return signed(np.fromiter(times, np.uint64, len(messages)))[rows.message]
 
     def _wanted(self, message: IntArray, time_ns: IntArray, label: AnyArray) -> BoolArray:
         timed = time_ns != NO_TIME
@@ -172,6 +171,11 @@ class Observations:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
         self.drops.invalid += int((~valid).sum())
         return valid
+
+
+def signed(time_ns: AnyArray) -> IntArray:
+    """(n,) int64 of uint64 nanoseconds; `NO_TIME` where they do not fit."""
+    return np.where(time_ns < TIME_END_NS, time_ns.astype(np.int64), NO_TIME)
 
 
 def log_losses(path: Path, damage: Sequence[Damage], drops: Drops, clock: ClockFaults | None = None) -> None:
