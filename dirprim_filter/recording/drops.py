@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.recording.schemas.shredded import NO_TIME
+from dirprim_filter.tracks import Numbers
 from tessellation.arrays import IntArray
 
 LONG_STEP_NS = 10_000_000_000
@@ -24,14 +25,6 @@ _WORDS = {
     "alone": "rows too far from others in time to derive a velocity",
     "unplaced": "rows of a time for which no transform of their frame is known",
 }
-
-
-class Numbers(dict[str, int]):
-    """Names, numbered as they first come."""
-
-    def __missing__(self, name: str) -> int:
-        self[name] = len(self)
-        return len(self) - 1
 
 
 @dataclass(slots=True, kw_only=True)
