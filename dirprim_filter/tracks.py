@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -107,7 +108,7 @@ class Tracks:
         if (speed < 0).any():
             row = int(np.argmax(speed < 0))
             raise ValueError(f"speed: expected at least 0 m/s, got {speed[row]} in row {row}")
-        if (np.diff(columns["time_ns"]) < 0).any():  # else long columns are not copied
+        if (columns["time_ns"][1:] < columns["time_ns"][:-1]).any():  # else long columns are not copied
             order = np.argsort(columns["time_ns"], kind="stable")
             columns = {name: column[order] for name, column in columns.items()}
         for name, column in columns.items():
@@ -241,10 +242,16 @@ def check_not_repeated(track_id: AnyArray, time_ns: IntArray) -> None:
 def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:
     """(n,) where a row repeats the vehicle and the time of an earlier row."""
     _, vehicle = numbered(track_id)
-    order = np.lexsort((time_ns, vehicle))  # stable, so the first of equals stays first
-    same = (np.diff(vehicle[order]) == 0) & (np.diff(time_ns[order]) == 0)
-    repeated = np.zeros(len(time_ns), np.bool_)
-    repeated[order[1:][same]] = True
+    n = len(time_ns)
+    cuts = np.array([0, n])
+    if not (time_ns[1:] < time_ns[:-1]).any():  # then in pieces, so that no more is needed than a piece
+        cuts = np.unique(np.append(np.searchsorted(time_ns, time_ns[::BLOCK_ROWS]), n))
+    repeated = np.zeros(n, np.bool_)
+    for start, end in pairwise(cuts.tolist()):
+        who, when = vehicle[start:end], time_ns[start:end]
+        order = np.lexsort((when, who))  # stable, so the first of equals stays first
+        same = (np.diff(who[order]) == 0) & (np.diff(when[order]) == 0)
+        repeated[start + order[1:][same]] = True
     return repeated
 
 
