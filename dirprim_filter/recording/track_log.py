@@ -34,6 +34,25 @@ class TrackLog:
     clock: ClockFaults
 
 
+class _Column:
+    """A column under way, one block that grows: of many small ones the system would not get its memory back."""
+
+    def __init__(self, kind: type, *width: int) -> None:
+        self._values: AnyArray = np.empty((0, *width), kind)
+        self._n = 0
+
+    def extend(self, values: AnyArray) -> None:
+        end = self._n + len(values)
+        if end > len(self._values):
+            self._values.resize((end + end // 8, *self._values.shape[1:]), refcheck=False)
+        self._values[self._n : end] = values
+        self._n = end
+
+    def whole(self) -> AnyArray:
+        self._values.resize((self._n, *self._values.shape[1:]), refcheck=False)
+        return self._values
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
     """Rows as logs tell them, not yet tracks.
@@ -65,9 +84,9 @@ class Columns:
         """
         nameless = count()
         numbers = Numbers()
-        kept: dict[str, list[AnyArray]] = {
-            "vehicle": [np.empty(0, np.int64)], "time_ns": [np.empty(0, np.int64)], "position": [np.empty((0, 2))],
-            "direction": [np.empty(0)], "speed": [np.empty(0)], "group": [np.empty(0, np.int64)],
+        kept = {
+            "vehicle": _Column(np.int64), "time_ns": _Column(np.int64), "position": _Column(np.float64, 2),
+            "direction": _Column(np.float64), "speed": _Column(np.float64), "group": _Column(np.int64),
         }  # fmt: skip
         for time_ns, rows in parts:
             names = rows.track_id.tolist()
@@ -77,9 +96,10 @@ class Columns:
             vehicle = np.fromiter(map(numbers.__getitem__, names), np.int64, len(names))
             of_batch = (vehicle, time_ns, rows.position, rows.direction, rows.speed, rows.group)
             for column, values in zip(kept.values(), of_batch, strict=True):
-                column.append(values)
-        columns = {name: np.concatenate(kept.pop(name)) for name in list(kept)}  # each part is let go on the way
-        return cls(names=np.array(list(numbers), dtype=np.str_), **columns)
+                column.extend(values)
+        return cls(
+            names=np.array(list(numbers), dtype=np.str_), **{name: column.whole() for name, column in kept.items()}
+        )
 
     @classmethod
     def of_logs(cls, logs: Sequence[Columns], names: Sequence[str]) -> Columns:
