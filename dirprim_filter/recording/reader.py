@@ -91,7 +91,7 @@ def read_track_logs(
     columns: list[Columns] = []
     for path in paths:
         chosen = choose_topics(path, topics, strict=reading.get("strict", False), mapping=reading.get("mapping"))
-        with Scan(path, chosen.__contains__) as log:
+        with _scan(path, chosen, reading) as log:
             observations = Observations(log, **reading)
             columns.append(Columns.of_rows(observations).without_repeats(observations.drops))
             damage += [(path, broken) for broken in log.damage]
@@ -131,7 +131,14 @@ def stream_detections(
         strict=reading.get("strict", False),
         mapping=reading.get("mapping"),
     )
-    return DetectionStream(Scan(Path(path), chosen.__contains__), topics=chosen, motion=motion, **reading)
+    return DetectionStream(_scan(Path(path), chosen, reading), topics=chosen, motion=motion, **reading)
+
+
+def _scan(path: Path, topics: frozenset[str], reading: Reading) -> Scan:
+    """The messages of topics; chunks of log times that are not wanted stay closed."""
+    if reading.get("time_source", "log") != "log":
+        return Scan(path, topics.__contains__)
+    return Scan(path, topics.__contains__, start_ns=reading.get("start_ns"), end_ns=reading.get("end_ns"))
 
 
 def read_estimates(path: PathOrText, *, topic: str = ESTIMATES_TOPIC) -> Estimates:

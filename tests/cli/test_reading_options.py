@@ -5,6 +5,7 @@ import json
 import pytest
 from mcap.writer import Writer
 
+from dirprim_filter import write_tracks
 from dirprim_filter.cli.main import run
 
 
@@ -22,6 +23,7 @@ READERS = (
     ["learn"], ["track"], ["forecast"], ["replay"],
     ["evaluate", "density"], ["evaluate", "cues"], ["evaluate", "tracking"], ["evaluate", "forecast"],
 )  # fmt: skip
+GRID = ["--tessellation", "grid", "--cell-size", "8"]
 OUTPUTS = {"learn": ["-o", "out.mcap"], "replay": ["--rate", "inf", "--save", "out.rrd"]}
 NEED_A_MAP = (["track"], ["forecast"])
 
@@ -41,3 +43,24 @@ def test_the_options_of_reading_reach_the_library(tmp_path, capsys, monkeypatch,
     private_json(tmp_path / "log.mcap")
     assert run([*command, "log.mcap", *OUTPUTS.get(command[-1], []), *option]) == 1
     assert option[1] in capsys.readouterr().err
+
+
+ON_DAMAGE = {
+    "learn": ["log.mcap", *GRID, "-o"],
+    "track": ["log.mcap", "--map", "map.mcap", "--particles", "20", "-o"],
+    "forecast": ["--log", "log.mcap", "--map", "map.mcap", "--samples", "2", "-o"],
+    "replay": ["log.mcap", "--rate", "inf", "--save"],
+}
+
+
+def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(tmp_path, ring, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_tracks(ring[ring.track_id < 8], tmp_path / "whole.mcap")
+    assert run(["learn", "whole.mcap", "-o", "map.mcap", *GRID]) == 0
+    (tmp_path / "log.mcap").write_bytes((tmp_path / "whole.mcap").read_bytes()[:-30])
+    for command, arguments in ON_DAMAGE.items():
+        assert run([command, *arguments, f"{command}.out"]) == 3
+        capsys.readouterr()
+        assert run([command, *arguments, "strict", "--strict"]) == 1
+        assert "expected an undamaged log" in capsys.readouterr().err
+        assert not (tmp_path / "strict").exists()

@@ -20,6 +20,7 @@ from dirprim_filter.recording.reader import (
     read_tracks,
     stream_detections,
 )
+from dirprim_filter.recording.scan import Scan, scan
 from dirprim_filter.recording.writer import write_tracks
 from dirprim_filter.tracks import Tracks
 
@@ -174,6 +175,23 @@ def test_header_time_is_that_of_the_contents_and_going_back_in_it_is_counted(tmp
     stream = stream_detections(path, time_source="header")
     assert [int(f.time_ns[0]) // 1_000_000_000 for f in stream] == [0, 1, 2, 4, 5, 6, 7, 8]
     assert (stream.dropped.backward, stream.dropped.untimed) == (1, 1)
+
+
+@pytest.mark.parametrize("source", ["log", "publish", "header"])
+def test_of_the_log_times_that_are_not_wanted_chunks_stay_closed(tmp_path, monkeypatch, source):
+    path = write_protobuf_log(tmp_path / "log.mcap", circling(n=200), chunk_size=1000)
+    opened = []
+    real = Scan._messages
+    monkeypatch.setattr(Scan, "_messages", lambda self, chunk: opened.append(chunk) or real(self, chunk))
+    step_ns = 1_000_000_000 if source == "header" else STEP_NS
+    wanted = {"topics": "/markers", "time_source": source, "start_ns": 50 * step_ns, "end_ns": 60 * step_ns}
+    tracks = read_tracks(path, **wanted)
+    assert tracks.time_ns.tolist() == [k * step_ns for k in range(50, 60)]
+    n_opened = len(opened)
+    assert len(list(stream_detections(path, **wanted))) == 10
+    assert (len(opened) - n_opened) == n_opened
+    n_chunks = len(scan(path).layout.chunks)
+    assert n_opened < n_chunks / 4 if source == "log" else n_opened == n_chunks > 10
 
 
 def test_messages_of_one_time_are_one_instant(tmp_path):
