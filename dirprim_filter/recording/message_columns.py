@@ -5,7 +5,6 @@ from __future__ import annotations
 import mmap
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
-from functools import partial
 from itertools import repeat
 from operator import getitem
 from typing import Any, BinaryIO, Self
@@ -107,7 +106,7 @@ def _made(
 ) -> Iterator[Message]:
     """Messages of times and sequence number, channel, and where the data stand; no step of Python for each."""
     data = map(getitem, contents, map(slice, start, stop))
-    return map(partial(tuple.__new__, Message), zip(*told, channels, data, strict=True))
+    return map(tuple.__new__, repeat(Message), zip(*told, channels, data, strict=True))
 
 
 def _padded(n_bytes: int, to: int = 8) -> int:
