@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
     from dirprim_filter.recording.summary import LogSummary
 
+LABELS_TOLD = 12
+"""Of a topic, to people; to machines all."""
+
 
 def info(
     logs: Logs,
@@ -101,7 +104,8 @@ def _text(path: Path, summary: LogSummary) -> str:
 
 def _counts(counts: Mapping[str, int]) -> str:
     most = sorted(counts.items(), key=lambda item: -item[1])
-    return ", ".join(f"{label or 'none'} {n}" for label, n in most)
+    told = [f"{label or 'none'} {n}" for label, n in most[:LABELS_TOLD]]
+    return ", ".join(told) + (f" and {len(most) - LABELS_TOLD} more" if len(most) > LABELS_TOLD else "")
 
 
 def _span(summary: LogSummary) -> str:
