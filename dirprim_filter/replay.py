@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-
-import numpy as np
+from collections.abc import Iterable, Sequence
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Estimates, EstimateSink, Particles, TrackedFrame
+from dirprim_filter.estimates import EstimateSink, TrackedFrame
 from dirprim_filter.filtering import Tracker
 
 
@@ -42,26 +40,3 @@ def replay(stream: Iterable[Detections], tracker: Tracker, sinks: Sequence[Estim
             sink.write(frame)
         n_frames += 1
     return n_frames
-
-
-def recorded_frames(estimates: Estimates, detections: Detections) -> Iterator[TrackedFrame]:
-    """The frames of a run that was written down, ascending in time; its particles are gone.
-
-    Args:
-        estimates: of the whole run.
-        detections: what was reported; of times at which nothing is believed there is no frame.
-    """
-    reported = {int(frame.time_ns[0]): frame for frame in detections.frames()}
-    order = np.argsort(estimates.time_ns, kind="stable")
-    times, starts = np.unique(estimates.time_ns[order], return_index=True)
-    empty = np.empty(0)
-    gone = Particles(
-        position=np.empty((0, 2)), direction=empty, speed=empty, weight=empty, vehicle=np.empty(0, np.int64)
-    )
-    for time_ns, rows in zip(times.tolist(), np.split(order, starts[1:]), strict=True):
-        yield TrackedFrame(
-            time_ns=time_ns,
-            detections=reported.get(time_ns, Detections.none()),
-            estimates=estimates[rows],
-            particles=gone,
-        )

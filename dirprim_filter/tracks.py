@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,32 @@ DIFFERENCE_HALF_WINDOW_S = 0.25
 """Velocity is differenced over this time to either side: two rows of 10 Hz data, which halves their jitter."""
 MAX_DIFFERENCE_GAP_S = 2.0
 """Across a longer gap nothing is differenced: the vehicle may have turned and come back."""
+BLOCK_ROWS = 1 << 14
+"""So many ids at a time are Python's own texts."""
+
+
+class Numbers(dict[str, int]):
+    """Names, numbered as they first come."""
+
+    def __missing__(self, name: str) -> int:
+        self[name] = len(self)
+        return len(self) - 1
+
+
+def numbered(track_id: AnyArray) -> tuple[list[str], IntArray]:
+    """The ids as text, each once, and (n,) the place of each row's among them.
+
+    Text is hashed block by block: sorting it would hold it twice, and take ten times as long.
+    """
+    if track_id.dtype.kind != "U":
+        ids, place = np.unique(track_id, return_inverse=True)
+        return as_texts(ids).tolist(), place
+    numbers = Numbers()
+    place = np.empty(track_id.size, np.int64)
+    for start in range(0, track_id.size, BLOCK_ROWS):
+        block = track_id[start : start + BLOCK_ROWS]
+        place[start : start + BLOCK_ROWS] = np.fromiter(map(numbers.__getitem__, block.tolist()), np.int64, block.size)
+    return list(numbers), place
 
 
 def as_track_ids(value: npt.ArrayLike) -> AnyArray:
@@ -27,10 +54,9 @@ def as_track_ids(value: npt.ArrayLike) -> AnyArray:
     """
     array = np.asarray(value)
     if array.dtype.kind == "i" or (array.dtype.kind == "u" and array.dtype.itemsize < 8):
-        return array.astype(np.int64)
-    text = array.astype(np.str_)
-    names = np.unique(text)
-    if all(_is_decimal_int64(str(name)) for name in names):
+        return array.astype(np.int64, copy=False)
+    text = as_texts(array)
+    if all(map(_is_decimal_int64, numbered(text)[0])):
         return text.astype(np.int64)
     return text
 
@@ -82,9 +108,11 @@ class Tracks:
         if (speed < 0).any():
             row = int(np.argmax(speed < 0))
             raise ValueError(f"speed: expected at least 0 m/s, got {speed[row]} in row {row}")
-        order = np.argsort(columns["time_ns"], kind="stable")
+        if (columns["time_ns"][1:] < columns["time_ns"][:-1]).any():  # else long columns are not copied
+            order = np.argsort(columns["time_ns"], kind="stable")
+            columns = {name: column[order] for name, column in columns.items()}
         for name, column in columns.items():
-            object.__setattr__(self, name, column[order])
+            object.__setattr__(self, name, column)
         check_not_repeated(self.track_id, self.time_ns)
 
     def __len__(self) -> int:
@@ -156,6 +184,8 @@ class Tracks:
         parts = list(parts)
         if not parts:
             raise ValueError("parts: expected at least one Tracks, got none")
+        if len(parts) == 1:
+            return parts[0]
         return cls(
             track_id=np.concatenate([as_texts(p.track_id) for p in parts])
             if len({p.track_id.dtype.kind for p in parts}) > 1
@@ -182,7 +212,7 @@ def as_times(name: str, value: npt.ArrayLike) -> IntArray:
     array = np.asarray(value)
     if array.size and array.dtype.kind not in "iu":
         raise ValueError(f"{name}: expected whole nanoseconds (int64), got {array.dtype}")
-    return array.astype(np.int64)
+    return array.astype(np.int64, copy=False)
 
 
 def check_lengths(columns: dict[str, AnyArray]) -> None:
@@ -211,11 +241,17 @@ def check_not_repeated(track_id: AnyArray, time_ns: IntArray) -> None:
 
 def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:
     """(n,) where a row repeats the vehicle and the time of an earlier row."""
-    _, vehicle = np.unique(track_id, return_inverse=True)
-    order = np.lexsort((time_ns, vehicle))  # stable, so the first of equals stays first
-    same = (np.diff(vehicle[order]) == 0) & (np.diff(time_ns[order]) == 0)
-    repeated = np.zeros(len(time_ns), np.bool_)
-    repeated[order[1:][same]] = True
+    _, vehicle = numbered(track_id)
+    n = len(time_ns)
+    cuts = np.array([0, n])
+    if not (time_ns[1:] < time_ns[:-1]).any():  # then in pieces, so that no more is needed than a piece
+        cuts = np.unique(np.append(np.searchsorted(time_ns, time_ns[::BLOCK_ROWS]), n))
+    repeated = np.zeros(n, np.bool_)
+    for start, end in pairwise(cuts.tolist()):
+        who, when = vehicle[start:end], time_ns[start:end]
+        order = np.lexsort((when, who))  # stable, so the first of equals stays first
+        same = (np.diff(who[order]) == 0) & (np.diff(when[order]) == 0)
+        repeated[start + order[1:][same]] = True
     return repeated
 
 
@@ -225,7 +261,7 @@ def differenced_velocity(track_id: AnyArray, time_ns: IntArray, position: FloatA
     Differences reach `DIFFERENCE_HALF_WINDOW_S` to either side, at least to the next row, and never across a gap of
     more than `MAX_DIFFERENCE_GAP_S`; at the ends of a track they are one-sided.
     """
-    _, vehicle = np.unique(track_id, return_inverse=True)
+    _, vehicle = numbered(track_id)
     order = np.lexsort((time_ns, vehicle))
     time = time_ns[order]
     gap_ns = int(MAX_DIFFERENCE_GAP_S * 1e9)

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import End, Logs, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.options import End, Fields, Logs, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from dirprim_filter.recording.summary import LogSummary
+
+LABELS_TOLD = 12
+"""Of a topic, to people; to machines all."""
 
 
 def info(
@@ -22,37 +25,47 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each log.")] = False,
     check: Annotated[bool, typer.Option("--check", help="Read every chunk of a long log too.")] = False,
     topics: Topics = None,
+    fields: Fields = None,
     start: Start = None,
     end: End = None,
     strict: Strict = False,
 ) -> int:
     """Tell what logs hold: topics, which of them carry tracks, times, damage.
 
-    Of a log of more than 32 MiB that has an index only this is read, unless with --check, --strict, --start or --end.
+    Of a log of more than 32 MiB that has an index only this is read, unless with --check, --strict, --fields, --start
+    or --end.
 
     Example: dirprim info recordings/roundabout_track.mcap
     """
+    from dirprim_filter.recording.name_patterns import matching
     from dirprim_filter.recording.summary import summarise_by_index
-    from dirprim_filter.recording.topic_names import matching
 
-    wanted = None if topics is None else matching(topics)
-    by_index = not (check or strict or start or end)
+    wanted = None if topics is None else matching(topics, of="topics")
+    by_index = not (check or strict or fields or start or end)
     worst = losses.DONE
     for path in logs:
         summary = summarise_by_index(path, topics=wanted) if by_index else None
         if summary is None:
-            summary = _whole(path, wanted, time_ns(start), time_ns(end), strict=strict)
+            summary = _whole(path, wanted, fields, time_ns(start), time_ns(end), strict=strict)
         typer.echo(json.dumps(summary.as_json()) if as_json else _text(path, summary))
         worst = max(worst, losses.exit_code(summary.damage))
     return worst
 
 
 def _whole(
-    path: Path, topics: Callable[[str], bool] | None, start_ns: int | None, end_ns: int | None, *, strict: bool
+    path: Path,
+    topics: Callable[[str], bool] | None,
+    fields: str | None,
+    start_ns: int | None,
+    end_ns: int | None,
+    *,
+    strict: bool,
 ) -> LogSummary:
+    from dirprim_filter.recording.field_mapping import FieldMapping
     from dirprim_filter.recording.inspection import inspect
 
-    return inspect(path, topics=topics, start_ns=start_ns, end_ns=end_ns, strict=strict)
+    mapping = FieldMapping.parse(fields) if fields else None
+    return inspect(path, topics=topics, start_ns=start_ns, end_ns=end_ns, mapping=mapping, strict=strict)
 
 
 def _text(path: Path, summary: LogSummary) -> str:
@@ -80,12 +93,19 @@ def _text(path: Path, summary: LogSummary) -> str:
     if summary.is_checked:
         carrying = [t.name for t in summary.topics if t.tracks]
         lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else "  no topic carries tracks")
+    lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
     if summary.attachments:
         lines.append(f"  attachments: {', '.join(summary.attachments)}")
-    if summary.stamps and (summary.stamps.zero or summary.stamps.backward or summary.stamps.duplicate):
-        lines.append(f"  log times by topic, as they stand in the file: {summary.stamps}")
+    odd = {source: faults for source, faults in (summary.stamps or {}).items() if faults.is_odd or faults.duplicate}
+    lines += [f"  {source} times by topic, as they stand in the file: {faults}" for source, faults in odd.items()]
     lines += [f"  damage: {d.kind} at byte {d.offset}: {d.detail}" for d in summary.damage]
     return "\n".join(lines)
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    most = sorted(counts.items(), key=lambda item: -item[1])
+    told = [f"{label or 'none'} {n}" for label, n in most[:LABELS_TOLD]]
+    return ", ".join(told) + (f" and {len(most) - LABELS_TOLD} more" if len(most) > LABELS_TOLD else "")
 
 
 def _span(summary: LogSummary) -> str:

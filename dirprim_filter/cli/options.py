@@ -68,6 +68,10 @@ Topics = Annotated[
 ]
 Start = Annotated[str | None, typer.Option("--start", help="First time wanted, ns or RFC 3339.")]
 End = Annotated[str | None, typer.Option("--end", help="First time no longer wanted, ns or RFC 3339.")]
+Fields = Annotated[
+    str | None,
+    typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
+]
 Strict = Annotated[bool, typer.Option("--strict", help="Damage in a log is an error.")]
 Particles = Annotated[int, typer.Option("--particles", min=1, help="Samples for each vehicle.")]
 Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of a measured position, metres.")]

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.options import End, Fields, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
+    from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import DetectionStream, TrackLog
 
 Result = TypeVar("Result")
@@ -44,13 +45,14 @@ class Reading:
     frame: Annotated[
         str | None, typer.Option("--frame", help="Frame of the positions; left out, the root of the log's transforms.")
     ] = None
-    fields: Annotated[
-        str | None,
-        typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
-    ] = None
+    fields: Fields = None
     origin: Annotated[
         str | None,
         typer.Option("--origin", help="Latitude,longitude of the plane for satellite fixes; left out, the first."),
+    ] = None
+    labels: Annotated[
+        str | None,
+        typer.Option("--labels", help="What the objects are, such as car|truck; `dirprim info` tells; left out, all."),
     ] = None
     start: Start = None
     end: End = None
@@ -68,6 +70,12 @@ class Reading:
 
         return stream_detections(log, motion=motion, **self._arguments())
 
+    def playback(self, log: Path) -> Playback:
+        """The frames of a log: what a tracker believed, else the objects."""
+        from dirprim_filter.recording.playback import Playback
+
+        return Playback(log, **self._arguments())
+
     def said(self) -> dict[str, object]:
         """The options as an output's metadata repeats them."""
         told = {field.name: getattr(self, field.name) for field in fields(self)}
@@ -82,6 +90,7 @@ class Reading:
             "frame": self.frame,
             "mapping": FieldMapping.parse(self.fields) if self.fields else None,
             "origin": Origin.parse(self.origin) if self.origin else None,
+            "labels": self.labels,
             "start_ns": time_ns(self.start),
             "end_ns": time_ns(self.end),
             "strict": self.strict,

@@ -7,29 +7,28 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Connect, End, Force, Log, Save, Spawn, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.options import Connect, Force, Log, Save, Spawn
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 
+@reads_logs
 def replay(
     log: Log,
     rate: Annotated[float, typer.Option("--rate", help="Speed: 2 is twice as fast; inf does not wait.")] = 1.0,
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
-    topics: Topics = None,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    reading: Reading = Reading(),
     force: Force = False,
 ) -> int:
     """Play the tracks of a log into rerun: the estimates that `dirprim track` wrote, else the objects.
 
     Example: dirprim replay tracks.mcap --rate 2 --spawn
     """
-    from dirprim_filter.recording.playback import Playback, paced
+    from dirprim_filter.recording.playback import paced
     from dirprim_filter.viewer.stream import open_stream
 
-    playback = Playback(log, topics=topics, start_ns=time_ns(start), end_ns=time_ns(end), strict=strict)
+    playback = reading.playback(log)
     n_frames = 0
     with open_stream(save=save, spawn=spawn, connect=connect, force=force) as viewer:
         for frame in paced(playback, rate):

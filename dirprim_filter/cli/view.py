@@ -144,10 +144,10 @@ def _titles(runs: Sequence[Path]) -> list[str]:
 def _together(given: _Given, viewer: RerunSink, *, truth: Path | None) -> None:
     """Maps, logs and at most one run in one view."""
     from dirprim_filter.detections import Detections
-    from dirprim_filter.recording import load_map, read_estimates, read_tracks
+    from dirprim_filter.recording import load_map, read_tracks
+    from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import stream_detections
     from dirprim_filter.recording.scan import scan
-    from dirprim_filter.replay import recorded_frames
 
     for path in given.maps:
         viewer.log_map(load_map(path))
@@ -159,6 +159,6 @@ def _together(given: _Given, viewer: RerunSink, *, truth: Path | None) -> None:
         return
     with scan(given.runs[0]) as log:
         said = {key: value for _, entries in log.metadata for key, value in entries.items()}
-    for frame in recorded_frames(read_estimates(given.runs[0]), detections):
+    for frame in Playback(given.runs[0], seen=detections):
         viewer.write(frame)
     viewer.log_run(said, {})

@@ -13,9 +13,12 @@ def wrap(angle: FloatArray) -> FloatArray:
     `arctan2(sin, cos)` and `mod(a + pi, 2 pi) - pi` give -pi for some inputs, and round inside the interval.
     """
     angle = np.asarray(angle, dtype=np.float64)
+    inside = (angle > -np.pi) & (angle <= np.pi)
+    if inside.all():
+        return angle.copy()
     turned = np.pi - np.mod(np.pi - angle, TWO_PI)
     turned = np.where(turned <= -np.pi, np.pi, turned)
-    return np.where((angle > -np.pi) & (angle <= np.pi), angle, turned)
+    return np.where(inside, angle, turned)
 
 
 def difference(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 from operator import attrgetter
 
 import numpy as np
@@ -21,7 +22,9 @@ from tessellation.arrays import IntArray
 
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
-"""Messages are decoded together up to so many: memory is bounded by a batch."""
+"""Messages are decoded together up to about so many: memory is bounded by a batch."""
+CHANNEL, DATA, TOPIC = attrgetter("channel"), attrgetter("data"), attrgetter("channel.topic")
+"""Of a message; mapped over many, faster than a loop."""
 
 
 class PayloadError(SchemaError):
@@ -39,17 +42,6 @@ def schema_name(channel: Channel) -> str:
     """The name of a channel's schema; that of a ROS 2 message in full."""
     name = channel.schema.name
     return full_name(name) if channel.message_encoding == "cdr" else name
-
-
-def is_decodable(channel: Channel) -> bool:
-    """Whether the channel's messages can be read as objects."""
-    return family_of(channel) is not None
-
-
-def carries_objects(channel: Channel) -> bool:
-    """Whether the channel's messages tell of objects by themselves; transforms do so only where they are named."""
-    family = family_of(channel)
-    return family is not None and any(family in kind for kind in KINDS)
 
 
 def plan_of(channel: Channel, family: Family) -> Plan:
@@ -79,8 +71,13 @@ class Decoders:
     def reads(self, channel: Channel) -> bool:
         """Whether the channel's messages can be read as objects; without a mapping a broken definition counts."""
         if self._mapped is None:
-            return is_decodable(channel)
+            return family_of(channel) is not None
         return channel.message_encoding in ENCODINGS and not isinstance(self._plan(channel), SchemaError)
+
+    def carries_objects(self, channel: Channel) -> bool:
+        """Whether the channel's messages tell of objects unasked; transforms do so only where they are named."""
+        family = family_of(channel)
+        return self.reads(channel) and (self._mapped is not None or any(family in kind for kind in KINDS))
 
     def unreadable(self) -> list[str]:
         """Why schemas that were looked at cannot be read."""
@@ -102,13 +99,13 @@ class Decoders:
         """The objects of messages, and by number why a message cannot be read.
 
         Args:
-            messages: of one schema and encoding, that `is_decodable`; of one channel or of several.
+            messages: of one schema and encoding, that it `reads`; of one channel or of several.
         """
         try:
             shredded = self.shredded(messages)
         except SchemaError as error:
             return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
-        topics = np.array([message.channel.topic for message in messages], dtype=np.str_)
+        topics = np.array(list(map(TOPIC, messages)), dtype=np.str_)
         rows = self._family(messages[0].channel).objects(shredded, topics)
         if shredded.failures:
             rows = rows[~np.isin(rows.message, list(shredded.failures))]
@@ -123,10 +120,10 @@ class Decoders:
         plan = self._plan(messages[0].channel)
         if isinstance(plan, SchemaError):
             raise plan
-        return plan.run([message.data for message in messages])
+        return plan.run(list(map(DATA, messages)))
 
     def decode(self, message: Message) -> ObservedRows:
-        """The objects of one message whose channel `is_decodable`.
+        """The objects of one message whose channel it `reads`.
 
         Raises:
             PayloadError: the message or its schema is not what it should be.
@@ -140,25 +137,32 @@ class Decoders:
 def batches(messages: Iterable[Message], decoders: Decoders) -> Iterator[list[Message]]:
     """The messages that can be decoded, some together."""
     batch: list[Message] = []
-    size = 0
+    size, n = 0, 1
     readable: dict[int, tuple[Channel, bool]] = {}  # by identity: hashing the channels themselves is slow
-    for message in messages:
-        channel = message.channel
-        if id(channel) not in readable:
-            readable[id(channel)] = (channel, decoders.reads(channel))
-        if readable[id(channel)][1]:
-            batch.append(message)
-            size += len(message.data)
-            if size >= BATCH_BYTES or len(batch) >= BATCH_MESSAGES:
+    messages = iter(messages)
+    while block := list(islice(messages, n)):  # blocks grow while they are small: a step for each message is slow
+        channels = list(map(CHANNEL, block))
+        numbers = list(map(id, channels))
+        for number in set(numbers) - readable.keys():
+            channel = channels[numbers.index(number)]
+            readable[number] = (channel, decoders.reads(channel))
+        length = sum(map(len, map(DATA, block)))
+        n = max(1, min(2 * n, BATCH_MESSAGES // 4, BATCH_BYTES // 4 * len(block) // max(length, 1)))
+        if not all(readable[number][1] for number in set(numbers)):
+            block = [message for message, number in zip(block, numbers, strict=True) if readable[number][1]]
+        batch += block
+        size += length
+        if size >= BATCH_BYTES or len(batch) >= BATCH_MESSAGES:
+            if batch:
                 yield batch
-                batch, size = [], 0
+            batch, size = [], 0
     if batch:
         yield batch
 
 
 def by_schema(batch: Sequence[Message]) -> Iterator[tuple[IntArray, list[Message]]]:
     """The messages of each schema and encoding together, with where they stand in the batch."""
-    channels = list(map(attrgetter("channel"), batch))
+    channels = list(map(CHANNEL, batch))
     number = np.fromiter(map(id, channels), np.int64, len(batch))  # hashing the channels themselves is slow
     _, first, of = np.unique(number, return_index=True, return_inverse=True)
     keys: dict[tuple[str, Schema], int] = {}

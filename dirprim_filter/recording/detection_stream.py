@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Unpack
 
 import numpy as np
 
 from dirprim_filter.detections import NO_ID, Detections, is_covariance
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
-from dirprim_filter.recording.field_mapping import FieldMapping
-from dirprim_filter.recording.geodesy import Origin
-from dirprim_filter.recording.observations import Observations, TimedRows, TimeSource, log_losses
+from dirprim_filter.recording.observations import Observations, Reading, TimedRows, log_losses
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.tracks import repeated_rows
 
@@ -31,21 +30,13 @@ class DetectionStream:
         log: Scan,
         *,
         topics: frozenset[str],
-        time_source: TimeSource,
-        start_ns: int | None,
-        end_ns: int | None,
-        strict: bool,
-        frame: str | None,
-        mapping: FieldMapping | None,
-        origin: Origin | None,
         motion: bool,
+        **reading: Unpack[Reading],
     ) -> None:
         self._log = log
         self.topics = topics
-        self._time_source: TimeSource = time_source
-        self._start_ns, self._end_ns = start_ns, end_ns
-        self._strict, self._motion = strict, motion
-        self._frame, self._mapping, self._origin = frame, mapping, origin
+        self._motion = motion
+        self._reading = reading
         self.dropped = Drops()
         self.clock = ClockFaults()
 
@@ -61,10 +52,7 @@ class DetectionStream:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
         """
-        observations = Observations(
-            self._log, time_source=self._time_source, start_ns=self._start_ns, end_ns=self._end_ns, strict=self._strict,
-            frame=self._frame, mapping=self._mapping, origin=self._origin,
-        )  # fmt: skip
+        observations = Observations(self._log, **self._reading)
         self.dropped, self.clock = observations.drops, observations.clock
         came_ns = -(1 << 63)
         rest = Detections.none()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 
 from dirprim_filter.recording.schemas.shredded import NO_TIME
+from dirprim_filter.tracks import Numbers
 from tessellation.arrays import IntArray
 
 LONG_STEP_NS = 10_000_000_000
@@ -23,14 +25,6 @@ _WORDS = {
     "alone": "rows too far from others in time to derive a velocity",
     "unplaced": "rows of a time for which no transform of their frame is known",
 }
-
-
-class Numbers(dict[str, int]):
-    """Names, numbered as they first come."""
-
-    def __missing__(self, name: str) -> int:
-        self[name] = len(self)
-        return len(self) - 1
 
 
 @dataclass(slots=True, kw_only=True)
@@ -89,7 +83,6 @@ class ClockFaults:
     backward: int = 0
     duplicate: int = 0
     jumps: int = 0
-    _last_ns: IntArray = field(default_factory=lambda: np.empty(0, np.int64), repr=False, compare=False)
 
     def __iadd__(self, other: Self) -> Self:
         for name in ("zero", "backward", "duplicate", "jumps"):
@@ -107,6 +100,31 @@ class ClockFaults:
             f"{self.zero} times of zero, {self.backward} that go back, {self.duplicate} that repeat the last one, "
             f"{self.jumps} more than {seconds} s after it"
         )
+
+
+class Clock:
+    """Watches the times of a log's messages as they come.
+
+    Attributes:
+        faults: what was odd so far.
+    """
+
+    def __init__(self) -> None:
+        self.faults = ClockFaults()
+        self._topics = Numbers()
+        self._last_ns = np.empty(0, np.int64)
+
+    def watch_objects(self, topics: Sequence[str], message: IntArray, time_ns: IntArray) -> None:
+        """Count what is odd in the times of objects, of which those of a message share one.
+
+        Args:
+            topics: of each message.
+            message: (n,) which message each object is of, ascending.
+            time_ns: (n,) nanoseconds, `NO_TIME` where there is none.
+        """
+        of, first = np.unique(message, return_index=True)
+        numbers = map(self._topics.__getitem__, map(topics.__getitem__, of.tolist()))
+        self.watch(np.fromiter(numbers, np.int64, of.size), time_ns[first])
 
     def watch(self, topic: IntArray, time_ns: IntArray) -> None:
         """Count what is odd in the next times of topics.
@@ -126,8 +144,10 @@ class ClockFaults:
         topics, times = topics[order], times[order]
         same = topics[1:] == topics[:-1]
         before, after = times[:-1][same], times[1:][same]
-        self.zero += int((time_ns == 0).sum())
-        self.backward += int((after < before).sum())
-        self.duplicate += int((after == before).sum())
-        self.jumps += int((after.astype(np.float64) - before.astype(np.float64) > LONG_STEP_NS).sum())
+        self.faults += ClockFaults(
+            zero=int((time_ns == 0).sum()),
+            backward=int((after < before).sum()),
+            duplicate=int((after == before).sum()),
+            jumps=int((after.astype(np.float64) - before.astype(np.float64) > LONG_STEP_NS).sum()),
+        )
         self._last_ns[topics] = times  # the last of a topic is written last

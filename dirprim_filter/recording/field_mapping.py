@@ -12,7 +12,7 @@ from dirprim_filter.recording.schemas.observed import Family, ObservedRows, rows
 from dirprim_filter.recording.schemas.shredded import NANOSECONDS, NO_TIME, Shredded
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
-_KINDS: dict[str, Kind] = {"id": "name", "frame": "name", "time": "time"}
+_KINDS: dict[str, Kind] = {"id": "name", "frame": "name", "label": "name", "time": "time"}
 KMH = 3.6
 FARTHEST_S = float(1 << 63) / NANOSECONDS
 """Seconds from here on do not fit into int64 nanoseconds."""
@@ -43,6 +43,7 @@ class FieldMapping:
         heading: of the body, radians; stands in for the course.
         heading_deg: the same in degrees.
         group: a whole number.
+        label: what the object is.
     """
 
     x: str
@@ -61,6 +62,7 @@ class FieldMapping:
     heading: str | None = None
     heading_deg: str | None = None
     group: str | None = None
+    label: str | None = None
 
     def __post_init__(self) -> None:
         paths = self._paths()
@@ -179,4 +181,5 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         direction=np.where(np.isfinite(direction), direction, either["heading"]),
         speed=speed,
         group=np.where(np.isfinite(group), group, 0).astype(np.int64),
+        label=rows.name("label", np.full(rows.message.size, "")),
     )

@@ -78,7 +78,6 @@ class Index:
         end_ns: last log time.
         attachments: their names.
         metadata: their records' names.
-        has_checksum: a checksum vouches for it.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -89,7 +88,6 @@ class Index:
     end_ns: int = 0
     attachments: list[str] = field(default_factory=list)
     metadata: list[str] = field(default_factory=list)
-    has_checksum: bool = False
 
 
 def read_index(file: mmap) -> Index | None:
@@ -104,7 +102,7 @@ def read_index(file: mmap) -> Index | None:
     with memoryview(file) as view:
         if expected not in (0, zlib.crc32(view[start : footer + RECORD_HEADER_SIZE + 16])):
             return None
-    index = Index(has_checksum=expected != 0)
+    index = Index()
     try:
         _read_records(index, file, start, footer)
     except (MalformedRecordError, struct.error):

@@ -3,52 +3,35 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from os import PathLike
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from dirprim_filter.recording.decoding import Decoders, by_schema, carries_objects
+from dirprim_filter.recording.decoding import TOPIC, Decoders, by_schema
+from dirprim_filter.recording.drops import Clock
 from dirprim_filter.recording.errors import DamagedRecordingError
+from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.message_columns import MessageColumns
+from dirprim_filter.recording.observations import signed
 from dirprim_filter.recording.records import Channel, Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.summary import LogSummary, Stamps, TopicSummary
+from dirprim_filter.recording.summary import LogSummary, TopicSummary
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
 class _Tally:
+    """What was counted of a topic; no track ids where its schema carries none."""
+
     messages: int = 0
-    track_ids: set[str] = field(default_factory=set)
-
-
-class _StampCounter:
-    """Compares each log time with the one before of the same channel, chunk by chunk in the order of the file."""
-
-    def __init__(self) -> None:
-        self.zero = self.backward = self.duplicate = 0
-        self._last: dict[int, int] = {}
-
-    def take(self, columns: MessageColumns) -> None:
-        order = np.lexsort((columns.start, columns.channel))
-        times, channel = columns.log_time_ns[order], columns.channel[order]
-        first = np.flatnonzero(np.diff(channel, prepend=-1))
-        before = np.roll(times, 1)
-        for row, one in zip(first.tolist(), channel[first].tolist(), strict=True):
-            before[row] = self._last.get(one, 0)
-        known = np.ones(len(times), np.bool_)
-        known[first] = [one in self._last for one in channel[first].tolist()]
-        self.zero += int((times == 0).sum())
-        self.backward += int((known & (times < before)).sum())
-        self.duplicate += int((known & (times == before) & (times > 0)).sum())
-        last = np.append(first[1:], len(times)) - 1
-        self._last |= dict(zip(channel[first].tolist(), times[last].tolist(), strict=True))
+    track_ids: set[str] | None = None
 
 
 def inspect(
@@ -57,6 +40,7 @@ def inspect(
     topics: Callable[[str], bool] | None = None,
     start_ns: int | None = None,
     end_ns: int | None = None,
+    mapping: FieldMapping | None = None,
     strict: bool = False,
 ) -> LogSummary:
     """Read a log once and tell what is in it.
@@ -66,6 +50,7 @@ def inspect(
         topics: says whether a topic is wanted.
         start_ns: the first log time wanted.
         end_ns: the first log time no longer wanted.
+        mapping: where to find the fields of objects, for schemas that are not known.
         strict: raise where something is damaged.
 
     Raises:
@@ -73,77 +58,105 @@ def inspect(
         DamagedRecordingError: strict, and the log is damaged.
         OSError: it cannot be opened.
     """
-    decoders = Decoders()
-    stamps = _StampCounter()
-    undecodable = 0
-    first, last = [], []
     with Scan(path, topics, start_ns=start_ns, end_ns=end_ns) as log:
-        wanted = [channel for channel in log.channels() if topics is None or topics(channel.topic)]
-        tallies = {_key(channel): _Tally() for channel in wanted}
+        reading = _Inspection(log, Decoders(mapping))
         for _, columns in log.parts():
-            if not len(columns):
-                continue
-            first.append(int(columns.log_time_ns[0]))
-            last.append(int(columns.log_time_ns[-1]))
-            stamps.take(columns)
-            counts = np.bincount(columns.channel, minlength=len(log.channel_list)).tolist()
-            for channel, n in zip(log.channel_list, counts, strict=True):
-                tallies.setdefault(_key(channel), _Tally()).messages += n
-            carrying = np.array([_has_tracks(channel) for channel in log.channel_list])
-            told = list(columns[carrying[columns.channel]].messages(log.channel_list))
-            for _, messages in by_schema(told):
-                undecodable += _count_tracks(messages, decoders, tallies)
+            if len(columns):
+                reading.take(columns)
         damage = tuple(log.damage)
         attachments = tuple(attachment.name for attachment in log.layout.attachments)
         metadata = tuple(name for name, _ in log.metadata)
     if strict and damage:
         raise DamagedRecordingError(path, damage)
-    if undecodable:
-        logger.warning("%s: %d messages are not what their schema says", path, undecodable)
+    if reading.undecodable:
+        logger.warning("%s: %d messages are not what their schema says", path, reading.undecodable)
     summaries = tuple(
         TopicSummary(
             name=name, schema=schema, encoding=encoding, messages=tally.messages,
-            tracks=len(tally.track_ids) if has_tracks else None,
+            tracks=None if tally.track_ids is None else len(tally.track_ids),
         )
-        for (name, schema, encoding, has_tracks), tally in sorted(tallies.items())
+        for (name, schema, encoding), tally in sorted(reading.tallies.items(), key=lambda item: item[0])
     )  # fmt: skip
     return LogSummary(
         topics=summaries,
         messages=sum(topic.messages for topic in summaries),
-        start_ns=min(first, default=None),
-        end_ns=max(last, default=None),
+        start_ns=reading.start_ns,
+        end_ns=reading.end_ns,
         damage=damage,
         is_checked=True,
-        stamps=Stamps(zero=stamps.zero, backward=stamps.backward, duplicate=stamps.duplicate),
+        stamps={source: clock.faults for source, clock in reading.clocks.items()},
+        labels={topic: dict(counts) for topic, counts in sorted(reading.labels.items()) if set(counts) != {""}},
         attachments=attachments,
         metadata=metadata,
     )
 
 
-def _key(channel: Channel) -> tuple[str, str, str, bool]:
-    return channel.topic, channel.schema.name, channel.message_encoding, _has_tracks(channel)
+class _Inspection:
+    """Counts, chunk after chunk in the order of the file."""
 
+    def __init__(self, log: Scan, decoders: Decoders) -> None:
+        self.clocks: Mapping[str, Clock] = {"log": Clock(), "publish": Clock(), "header": Clock()}
+        self.labels: dict[str, Counter[str]] = {}
+        self.undecodable = 0
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+        self.tallies: dict[tuple[str, str, str], _Tally] = {}
+        self._log = log
+        self._decoders = decoders
+        for channel in log.channels():
+            if log.is_wanted(channel.topic):
+                self._tally(channel)
 
-def _has_tracks(channel: Channel) -> bool:
-    return carries_objects(channel) or channel.schema.name == ESTIMATES_SCHEMA
+    def take(self, columns: MessageColumns) -> None:
+        """The messages of a chunk, of which there is at least one."""
+        channels = self._log.channel_list
+        first_ns, last_ns = int(columns.log_time_ns[0]), int(columns.log_time_ns[-1])
+        self.start_ns = first_ns if self.start_ns is None else min(self.start_ns, first_ns)
+        self.end_ns = last_ns if self.end_ns is None else max(self.end_ns, last_ns)
+        columns = columns[np.argsort(columns.start, kind="stable")]
+        self.clocks["log"].watch(columns.channel, signed(columns.log_time_ns))
+        self.clocks["publish"].watch(columns.channel, signed(columns.publish_time_ns))
+        counts = np.bincount(columns.channel, minlength=len(channels)).tolist()
+        for channel, n in zip(channels, counts, strict=True):
+            self._tally(channel).messages += n
+        carrying = np.array([self._tally(channel).track_ids is not None for channel in channels])
+        for _, messages in by_schema(list(columns[carrying[columns.channel]].messages(channels))):
+            if messages[0].schema_name == ESTIMATES_SCHEMA:
+                self._take_estimates(messages)
+            else:
+                self._take_objects(messages)
 
+    def _tally(self, channel: Channel) -> _Tally:
+        key = (channel.topic, channel.schema.name, channel.message_encoding)
+        if key not in self.tallies:
+            self.tallies[key] = _Tally(track_ids=set() if self._has_tracks(channel) else None)
+        return self.tallies[key]
 
-def _count_tracks(
-    messages: Sequence[Message], decoders: Decoders, tallies: Mapping[tuple[str, str, str, bool], _Tally]
-) -> int:
-    """Tally the track ids of messages of one schema; -> how many messages could not be read."""
-    if carries_objects(messages[0].channel):
-        rows, failures = decoders.rows(messages)
-        topics = [tallies[_key(message.channel)].track_ids for message in messages]
+    def _has_tracks(self, channel: Channel) -> bool:
+        return channel.schema.name == ESTIMATES_SCHEMA or self._decoders.carries_objects(channel)
+
+    def _take_objects(self, messages: Sequence[Message]) -> None:
+        rows, failures = self._decoders.rows(messages)
+        topics = list(map(TOPIC, messages))
+        names = [self._tally(message.channel).track_ids for message in messages]
         for number, name in zip(rows.message.tolist(), rows.track_id.tolist(), strict=True):
-            topics[number].add(name)
-        return len(failures)
-    undecodable = 0
-    for message in messages:
-        try:
-            names = decode_estimates(message.data).track_id.tolist()
-        except DecodeError:
-            undecodable += 1
-            continue
-        tallies[_key(message.channel)].track_ids.update(str(name) for name in names)
-    return undecodable
+            if (known := names[number]) is not None:
+                known.add(name)
+        self.clocks["header"].watch_objects(topics, rows.message, rows.stamp_ns)
+        topic_of = np.array(topics)[rows.message]
+        for topic in np.unique(topic_of).tolist():
+            labels, n = np.unique(rows.label[topic_of == topic], return_counts=True)
+            counts = dict(zip(labels.tolist(), n.tolist(), strict=True))
+            self.labels.setdefault(topic, Counter()).update(counts)
+        self.undecodable += len(failures)
+
+    def _take_estimates(self, messages: Sequence[Message]) -> None:
+        for message in messages:
+            known = self._tally(message.channel).track_ids
+            try:
+                names = decode_estimates(message.data).track_id.tolist()
+            except DecodeError:
+                self.undecodable += 1
+                continue
+            if known is not None:
+                known.update(map(str, names))

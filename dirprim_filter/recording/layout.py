@@ -54,10 +54,12 @@ from dirprim_filter.recording.resync import (
     salvageable,
     starts_record,
 )
+from dirprim_filter.recording.source import let_go
 
 RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
-FOOTER_SIZE = 20
+HELD_BYTES = 1 << 28
+"""What the pass has touched of the file leaves this process's memory after so much of it."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -97,10 +99,14 @@ def read_layout(file: mmap) -> Layout:
     """The layout of a file that starts like an MCAP log."""
     walk = _Walk(file)
     walk.check_opening()
-    at = len(MAGIC)
+    at, held = len(MAGIC), 0
     while (after := walk.step(at)) is not None:
         walk.previous, at = at, after
+        if at - held > HELD_BYTES:  # the system maps what stands around each header too: 64 KiB of each chunk
+            let_go(file, held, at)
+            held = at
     walk.check_summary()
+    let_go(file, held, len(file))
     return walk.layout
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import mmap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
-from typing import BinaryIO, Self
+from itertools import repeat
+from operator import getitem
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
@@ -57,10 +59,8 @@ class MessageColumns:
 
     def messages(self, channels: list[Channel]) -> Iterator[Message]:
         """The messages, made one by one: many tuples at a time would keep the garbage collector busy."""
-        new, contents = tuple.__new__, self.contents
-        columns = (column.tolist() for column in self._columns().values())
-        for time_ns, publish_time_ns, sequence, channel, start, stop in zip(*columns, strict=True):
-            yield new(Message, (time_ns, publish_time_ns, sequence, channels[channel], contents[start:stop]))
+        *told, channel, start, stop = (column.tolist() for column in self._columns().values())
+        return _made(told, map(channels.__getitem__, channel), repeat(self.contents), start, stop)
 
     def spilled(self, file: BinaryIO) -> Self:
         """The same on disk: appended to `file` and mapped, so that the system may take the memory back."""
@@ -95,11 +95,18 @@ def interleaved(parts: list[MessageColumns], channels: list[Channel]) -> Iterato
     order = np.argsort(np.concatenate([part.log_time_ns for part in parts]), kind="stable")
     names = [f.name for f in fields(MessageColumns)[:-1]]
     columns = [np.concatenate([getattr(part, name) for part in parts])[order].tolist() for name in names]
+    *told, channel, start, stop = columns
     part_of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order].tolist()
     contents = [part.contents for part in parts]
-    new = tuple.__new__
-    for time_ns, publish_time_ns, sequence, channel, start, stop, part in zip(*columns, part_of, strict=True):
-        yield new(Message, (time_ns, publish_time_ns, sequence, channels[channel], contents[part][start:stop]))
+    return _made(told, map(channels.__getitem__, channel), map(contents.__getitem__, part_of), start, stop)
+
+
+def _made(
+    told: list[list[int]], channels: Iterable[Channel], contents: Iterable[Any], start: list[int], stop: list[int]
+) -> Iterator[Message]:
+    """Messages of times and sequence number, channel, and where the data stand; no step of Python for each."""
+    data = map(getitem, contents, map(slice, start, stop))
+    return map(tuple.__new__, repeat(Message), zip(*told, channels, data, strict=True))
 
 
 def _padded(n_bytes: int, to: int = 8) -> int:

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from operator import attrgetter
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypedDict
 
 import numpy as np
 
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.decoding import Decoders, batches, by_schema
-from dirprim_filter.recording.drops import ClockFaults, Drops, Numbers
+from dirprim_filter.recording.decoding import TOPIC, Decoders, batches, by_schema
+from dirprim_filter.recording.drops import Clock, ClockFaults, Drops
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.geodesy import Origin
+from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.records import Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.observed import ObservedRows, concatenated
 from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NO_TIME
 from dirprim_filter.recording.transforms import FrameChange
-from tessellation.arrays import BoolArray, IntArray
+from tessellation.arrays import AnyArray, BoolArray, IntArray
 
 logger = logging.getLogger(__name__)
 
@@ -28,6 +30,19 @@ TimeSource = Literal["log", "publish", "header"]
 """Which of a message's times counts: of logging, of publishing, or the one its contents carry."""
 
 TIME_END_NS = 1 << 63
+
+
+class Reading(TypedDict, total=False):
+    """How the objects of a log are read; what is left out is as `Observations` has it."""
+
+    time_source: TimeSource
+    start_ns: int | None
+    end_ns: int | None
+    strict: bool
+    frame: str | None
+    mapping: FieldMapping | None
+    origin: Origin | None
+    labels: str | None
 
 
 class TimedRows(NamedTuple):
@@ -40,9 +55,10 @@ class TimedRows(NamedTuple):
 class Observations:
     """Reads the objects of one log once through, and counts what it leaves out.
 
+    What its arguments mean is told by `read_tracks`.
+
     Attributes:
         drops: what was left out so far.
-        clock: what is odd about the times so far.
     """
 
     def __init__(
@@ -56,16 +72,22 @@ class Observations:
         frame: str | None = None,
         mapping: FieldMapping | None = None,
         origin: Origin | None = None,
+        labels: str | None = None,
     ) -> None:
         self.drops = Drops()
-        self.clock = ClockFaults()
+        self._clock = Clock()
         self._log = log
         self._time_source = time_source
         self._start_ns, self._end_ns = start_ns, end_ns
         self._strict = strict
         self._decoders = Decoders(mapping)
-        self._topics = Numbers()
+        self._labels = None if labels is None else matching(labels, of="labels")
         self._frame = FrameChange(log.path, frame, origin)
+
+    @property
+    def clock(self) -> ClockFaults:
+        """What is odd about the times so far."""
+        return self._clock.faults
 
     @property
     def origin(self) -> Origin | None:
@@ -100,13 +122,15 @@ class Observations:
             for i, reason in failures.items():
                 self._undecodable(messages[i], reason)
             time_ns = self._times(messages, rows)
-            self._watch(messages, time_ns, rows)
+            self._clock.watch_objects(list(map(TOPIC, messages)), rows.message, time_ns)
             parts.append((places, time_ns, rows))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
-        order = np.argsort(number, kind="stable")
-        time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])[order]
-        rows = concatenated([rows for _, _, rows in parts])[order]
-        wanted = self._wanted(number[order], time_ns)
+        time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])
+        rows = concatenated([rows for _, _, rows in parts])
+        if len(parts) > 1:
+            order = np.argsort(number, kind="stable")
+            number, time_ns, rows = number[order], time_ns[order], rows[order]
+        wanted = self._wanted(number, time_ns, rows.label)
         wanted[wanted] = self._valid(rows[wanted])
         rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
         self.drops.unplaced += int((~placed).sum())
@@ -125,17 +149,10 @@ class Observations:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
         if self._time_source == "header":
             return rows.stamp_ns
-        is_log = self._time_source == "log"
-        times = [message.log_time_ns if is_log else message.publish_time_ns for message in messages]
-        time_ns = np.array([time if time < TIME_END_NS else NO_TIME for time in times], np.int64)
-        return time_ns[rows.message]
+        times = map(attrgetter(f"{self._time_source}_time_ns"), messages)
+        return signed(np.fromiter(times, np.uint64, len(messages)))[rows.message]
 
-    def _watch(self, messages: Sequence[Message], time_ns: IntArray, rows: ObservedRows) -> None:
-        of, first = np.unique(rows.message, return_index=True)
-        topics = [messages[i].channel.topic for i in of.tolist()]
-        self.clock.watch(np.fromiter(map(self._topics.__getitem__, topics), np.int64, len(topics)), time_ns[first])
-
-    def _wanted(self, message: IntArray, time_ns: IntArray) -> BoolArray:
+    def _wanted(self, message: IntArray, time_ns: IntArray, label: AnyArray) -> BoolArray:
         timed = time_ns != NO_TIME
         self.drops.untimed += int(np.unique(message[~timed]).size)
         wanted: BoolArray = timed
@@ -143,6 +160,9 @@ class Observations:
             wanted = wanted & (time_ns >= self._start_ns)
         if self._end_ns is not None:
             wanted = wanted & (time_ns < self._end_ns)
+        if self._labels is not None:
+            names, of = np.unique(label, return_inverse=True)
+            wanted = wanted & np.array([self._labels(name) for name in names.tolist()], np.bool_)[of]
         return wanted
 
     def _valid(self, rows: ObservedRows) -> BoolArray:
@@ -151,6 +171,11 @@ class Observations:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
         self.drops.invalid += int((~valid).sum())
         return valid
+
+
+def signed(time_ns: AnyArray) -> IntArray:
+    """(n,) int64 of uint64 nanoseconds; `NO_TIME` where they do not fit."""
+    return np.where(time_ns < TIME_END_NS, time_ns.astype(np.int64), NO_TIME)
 
 
 def log_losses(path: Path, damage: Sequence[Damage], drops: Drops, clock: ClockFaults | None = None) -> None:

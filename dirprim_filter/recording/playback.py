@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from os import PathLike
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
@@ -15,7 +16,7 @@ from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import Drops
 from dirprim_filter.recording.errors import DamagedRecordingError
-from dirprim_filter.recording.observations import log_losses
+from dirprim_filter.recording.observations import Reading, log_losses
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
@@ -31,16 +32,15 @@ REMEMBERED_NS = 2 * SECOND_NS
 class Playback:
     """Iterates the frames of a log, ascending in time; then tells what was lost.
 
-    Where the log has estimates, on `/dirprim/tracks` or a topic named, these; else its objects. Their direction and
-    speed are the step since they were last seen, and their covariance is zero; those without a name are shown as
-    detected and no more.
+    Where the log has estimates on `/dirprim/tracks`, these, at the log times of their messages; else its objects. Their
+    direction and speed are the step since they were last seen, and their covariance is zero; those without a name are
+    shown as detected and no more.
 
     Args:
         path: the log.
+        seen: what was reported when the estimates were made; of times without estimates there is no frame.
         topics: of the objects, as for `read_tracks`; named, the log's estimates are passed over.
-        start_ns: the first log time wanted.
-        end_ns: the first log time no longer wanted.
-        strict: raise at the first damage instead of going on.
+        reading: as for `read_tracks`; of estimates only the wanted times and `strict` matter.
 
     Attributes:
         topics: what is played.
@@ -56,23 +56,23 @@ class Playback:
         self,
         path: str | PathLike[str],
         *,
+        seen: Detections | None = None,
         topics: str | None = None,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        strict: bool = False,
+        **reading: Unpack[Reading],
     ) -> None:
         self.path = Path(path)
-        self._times = (start_ns, end_ns)
-        self._strict = strict
+        self._times = (reading.get("start_ns"), reading.get("end_ns"))
+        self._strict = reading.get("strict", False)
         self.damage: list[Damage] = []
         self.dropped = Drops()
         with Scan(path) as log:
             named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
         self._is_estimated = ESTIMATES_TOPIC in named and topics in (None, ESTIMATES_TOPIC)
+        self._seen = {int(frame.time_ns[0]): frame for frame in seen.frames()} if seen is not None else {}
         if self._is_estimated:
             self.topics = frozenset({ESTIMATES_TOPIC})
         else:
-            self._stream = stream_detections(path, topics=topics, start_ns=start_ns, end_ns=end_ns, strict=strict)
+            self._stream = stream_detections(path, topics=topics, **reading)
             self.topics = self._stream.topics
 
     def __iter__(self) -> Iterator[TrackedFrame]:
@@ -93,9 +93,12 @@ class Playback:
                 if self._strict and log.damage:
                     raise DamagedRecordingError(self.path, log.damage)
                 try:
-                    yield _frame(message.log_time_ns, Detections.none(), decode_estimates(message.data))
+                    believed = decode_estimates(message.data)
                 except ProtobufDecodeError:
                     self.dropped.undecodable += 1
+                    continue
+                seen = self._seen.get(message.log_time_ns, Detections.none())
+                yield _frame(message.log_time_ns, seen, believed)
             self.damage = log.damage
         if self._strict and self.damage:
             raise DamagedRecordingError(self.path, self.damage)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Unpack
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
@@ -16,7 +17,7 @@ from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.geodesy import Origin
 from dirprim_filter.recording.inspection import inspect
-from dirprim_filter.recording.observations import Observations, TimeSource, log_losses
+from dirprim_filter.recording.observations import Observations, Reading, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -38,13 +39,7 @@ def read_tracks(
     source: PathOrText | Sequence[PathOrText],
     *,
     topics: str | None = None,
-    time_source: TimeSource = "log",
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-    strict: bool = False,
-    frame: str | None = None,
-    mapping: FieldMapping | None = None,
-    origin: Origin | None = None,
+    **reading: Unpack[Reading],
 ) -> Tracks:
     """The tracks of a log, or of several; what could not be read is logged, and is told by `read_track_logs`.
 
@@ -58,14 +53,17 @@ def read_tracks(
         topics: name of the topic, or a regular expression that matches topics in full. Left out: one topic,
             by what its schema tells: `dirprim.Observations` before ASAM OSI before `foxglove.SceneUpdate`; of
             several of one kind the one with most messages, `/detections...` last, `/dirprim/...` never.
-        time_source: which time of a message counts.
-        start_ns: the first time wanted, nanoseconds.
-        end_ns: the first time no longer wanted.
-        strict: raise at the first damage instead of going on.
-        frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
-            transforms all objects must be of one frame.
-        mapping: where to find the fields of objects, for schemas that are not known.
-        origin: of the plane for satellite positions; left out: the first position.
+        reading: any of these:
+            time_source: "log" (the default), "publish" or "header": which time of a message counts.
+            start_ns: the first time wanted, nanoseconds.
+            end_ns: the first time no longer wanted.
+            strict: raise at the first damage instead of going on.
+            frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
+                transforms all objects must be of one frame.
+            mapping: where to find the fields of objects, for schemas that are not known.
+            origin: of the plane for satellite positions; left out: the first position.
+            labels: what the wanted objects are, such as "car|truck": a name or a regular expression for the label that
+                their schema gives them, which is empty where it gives none.
 
     Raises:
         NotMcapError: a file is no MCAP log.
@@ -75,23 +73,14 @@ def read_tracks(
         MissingTransformError: no transform leads from an object's frame to the one asked for.
         ValueError: no log is given, or `topics` is neither a name nor a regular expression.
     """
-    return read_track_logs(
-        source, topics=topics, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
-        mapping=mapping, origin=origin,
-    ).tracks  # fmt: skip
+    return read_track_logs(source, topics=topics, **reading).tracks
 
 
 def read_track_logs(
     source: PathOrText | Sequence[PathOrText],
     *,
     topics: str | None = None,
-    time_source: TimeSource = "log",
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-    strict: bool = False,
-    frame: str | None = None,
-    mapping: FieldMapping | None = None,
-    origin: Origin | None = None,
+    **reading: Unpack[Reading],
 ) -> TrackLog:
     """As `read_tracks`, with what was lost."""
     paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
@@ -101,17 +90,15 @@ def read_track_logs(
     damage: list[tuple[Path, Damage]] = []
     columns: list[Columns] = []
     for path in paths:
-        with Scan(path, choose_topics(path, topics, strict=strict, mapping=mapping).__contains__) as log:
-            observations = Observations(
-                log, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
-                mapping=mapping, origin=origin,
-            )  # fmt: skip
+        chosen = choose_topics(path, topics, strict=reading.get("strict", False), mapping=reading.get("mapping"))
+        with _scan(path, chosen, reading) as log:
+            observations = Observations(log, **reading)
             columns.append(Columns.of_rows(observations).without_repeats(observations.drops))
             damage += [(path, broken) for broken in log.damage]
             log_losses(path, log.damage, observations.drops, observations.clock)
         dropped += observations.drops
         clock += observations.clock
-        origin = observations.origin  # one plane for all logs
+        reading["origin"] = observations.origin  # one plane for all logs
     tracks = Columns.of_logs(columns, [path.stem for path in paths]).as_tracks(dropped)
     return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
 
@@ -120,42 +107,38 @@ def stream_detections(
     path: PathOrText,
     *,
     topics: str | None = None,
-    time_source: TimeSource = "log",
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-    strict: bool = False,
-    frame: str | None = None,
-    mapping: FieldMapping | None = None,
-    origin: Origin | None = None,
     motion: bool = False,
+    **reading: Unpack[Reading],
 ) -> DetectionStream:
     """The detections of a log, an instant at a time, in bounded memory.
 
     Args:
         path: the log.
         topics: as for `read_tracks`; left out, `/detections` goes before all others.
-        time_source: which time of a message counts; messages that go back in it are left out and counted.
-        start_ns: the first time wanted, nanoseconds.
-        end_ns: the first time no longer wanted.
-        strict: raise at the first damage instead of going on.
-        frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
-            transforms all objects must be of one frame.
-        mapping: where to find the fields of objects, for schemas that are not known.
-        origin: of the plane for satellite positions; left out: the first position.
         motion: take the log's directions and speeds for measurements. Often they are no sensor's, but were derived from
             the positions, and would be believed twice.
+        reading: as for `read_tracks`; messages that go back in the time that counts are left out and counted.
 
     Raises:
         NotMcapError: the file is no MCAP log.
         NoTracksError: the log has no such topic, or none with moving objects.
         ValueError: `topics` is neither a name nor a regular expression.
     """
-    chosen = choose_topics(Path(path), topics, prefer_detections=True, strict=strict, mapping=mapping)
-    return DetectionStream(
-        Scan(Path(path), chosen.__contains__),
-        topics=chosen, time_source=time_source, start_ns=start_ns, end_ns=end_ns, strict=strict, frame=frame,
-        mapping=mapping, origin=origin, motion=motion,
-    )  # fmt: skip
+    chosen = choose_topics(
+        Path(path),
+        topics,
+        prefer_detections=True,
+        strict=reading.get("strict", False),
+        mapping=reading.get("mapping"),
+    )
+    return DetectionStream(_scan(Path(path), chosen, reading), topics=chosen, motion=motion, **reading)
+
+
+def _scan(path: Path, topics: frozenset[str], reading: Reading) -> Scan:
+    """The messages of topics; chunks of log times that are not wanted stay closed."""
+    if reading.get("time_source", "log") != "log":
+        return Scan(path, topics.__contains__)
+    return Scan(path, topics.__contains__, start_ns=reading.get("start_ns"), end_ns=reading.get("end_ns"))
 
 
 def read_estimates(path: PathOrText, *, topic: str = ESTIMATES_TOPIC) -> Estimates:

@@ -114,6 +114,10 @@ class Scan:
         """Let go of the file; no more messages come."""
         self.file.close()
 
+    def is_wanted(self, topic: str) -> bool:
+        """Whether messages of a topic are delivered."""
+        return self._topics is None or self._topics(topic)
+
     def channels(self) -> list[Channel]:
         """All channels of the log, from the summary where it repeats them, else from within the chunks."""
         return self.definitions.all_channels()
@@ -163,7 +167,7 @@ class Scan:
         if self._topics is None or not told.channels:
             return False
         channels = [self.layout.summary_channels.get(channel_id) for channel_id in told.channels]
-        return all(channel is not None and not self._topics(channel.topic) for channel in channels)
+        return all(channel is not None and not self.is_wanted(channel.topic) for channel in channels)
 
     def _messages(self, chunk: Chunk) -> MessageColumns:
         """The wanted messages of a chunk, sorted by log time, stably."""
@@ -235,7 +239,7 @@ class Scan:
         channel = self.definitions.channel(channel_id)
         if channel is None:
             return UNKNOWN
-        if self._topics is not None and not self._topics(channel.topic):
+        if not self.is_wanted(channel.topic):
             return UNWANTED
         if channel not in self._index_of:
             self._index_of[channel] = len(self.channel_list)

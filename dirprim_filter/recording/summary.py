@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.index import Index, read_index
 from dirprim_filter.recording.source import mapped
+
+if TYPE_CHECKING:
+    from dirprim_filter.recording.drops import ClockFaults
 
 LONG_LOG_BYTES = 1 << 25
 """Shorter logs are read in whole: that takes about a second, and tells more."""
@@ -35,24 +38,6 @@ class TopicSummary:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stamps:
-    """Log times that look wrong, compared with the message before of the same topic, in the order of the file.
-
-    Attributes:
-        zero: messages at 0 ns.
-        backward: messages earlier than the one before.
-        duplicate: messages at the time of the one before.
-    """
-
-    zero: int = 0
-    backward: int = 0
-    duplicate: int = 0
-
-    def __str__(self) -> str:
-        return f"{self.zero} zero, {self.backward} backward, {self.duplicate} duplicate"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LogSummary:
     """What stands in a log.
 
@@ -63,7 +48,9 @@ class LogSummary:
         end_ns: the last log time.
         damage: what could not be read.
         is_checked: every chunk was read; else all this is what the log's index says.
-        stamps: log times that look wrong; None where it is not checked.
+        stamps: what is odd about the times of messages in the order of the file, by their source: log, publish, and the
+            header of messages that tell of objects; None where it is not checked.
+        labels: by topic, how many rows each label of its objects has; of topics that have labels.
         attachments: names of the files attached.
         metadata: names of the metadata records.
     """
@@ -74,7 +61,8 @@ class LogSummary:
     end_ns: int | None
     damage: tuple[Damage, ...]
     is_checked: bool
-    stamps: Stamps | None
+    stamps: Mapping[str, ClockFaults] | None
+    labels: Mapping[str, Mapping[str, int]]
     attachments: tuple[str, ...]
     metadata: tuple[str, ...]
 
@@ -117,7 +105,7 @@ def _of(index: Index, counts: Mapping[int, int], wanted: Callable[[str], bool] |
     )
     n_messages = sum(messages.values())
     return LogSummary(
-        topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None,
+        topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={},
         start_ns=index.start_ns if n_messages else None, end_ns=index.end_ns if n_messages else None,
         attachments=tuple(index.attachments), metadata=tuple(index.metadata),
     )  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections import Counter, deque
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.decoding import Decoders, batches, by_schema, schema_name
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
 from dirprim_filter.recording.writer import DETECTIONS_TOPIC
@@ -73,11 +73,7 @@ def choose_topics(
 def _named(topics: str, schema_of: dict[str, str]) -> list[str]:
     if topics in schema_of:
         return [topics]
-    try:
-        pattern = re.compile(topics)
-    except re.error as error:
-        raise ValueError(f"topics: expected a topic or a regular expression, got {topics!r}: {error}") from error
-    return [topic for topic in schema_of if pattern.fullmatch(topic)]
+    return list(filter(matching(topics, of="topics"), schema_of))
 
 
 def _default(

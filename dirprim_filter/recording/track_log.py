@@ -11,10 +11,9 @@ import numpy as np
 
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.drops import ClockFaults, Drops, Numbers
+from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import TimedRows
-from dirprim_filter.recording.schemas.observed import NO_ROWS
-from dirprim_filter.tracks import Tracks, repeated_rows
+from dirprim_filter.tracks import Numbers, Tracks, as_track_ids, repeated_rows
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
@@ -35,12 +34,32 @@ class TrackLog:
     clock: ClockFaults
 
 
+class _Column:
+    """A column under way, one block that grows: of many small ones the system would not get its memory back."""
+
+    def __init__(self, kind: type, *width: int) -> None:
+        self._values: AnyArray = np.empty((0, *width), kind)
+        self._n = 0
+
+    def extend(self, values: AnyArray) -> None:
+        end = self._n + len(values)
+        if end > len(self._values):
+            self._values.resize((end + end // 8, *self._values.shape[1:]), refcheck=False)
+        self._values[self._n : end] = values
+        self._n = end
+
+    def whole(self) -> AnyArray:
+        self._values.resize((self._n, *self._values.shape[1:]), refcheck=False)
+        return self._values
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
     """Rows as logs tell them, not yet tracks.
 
     Attributes:
-        track_id: (n,) str.
+        names: (m,) str, of the vehicles.
+        vehicle: (n,) int64, the place of each row's vehicle among them: a column of text is as wide as its longest.
         time_ns: (n,) int64.
         position: (n, 2) metres.
         direction: (n,) radians; NaN where the log does not tell.
@@ -48,7 +67,8 @@ class Columns:
         group: (n,) int64.
     """
 
-    track_id: AnyArray
+    names: AnyArray
+    vehicle: IntArray
     time_ns: IntArray
     position: FloatArray
     direction: FloatArray
@@ -64,23 +84,21 @@ class Columns:
         """
         nameless = count()
         numbers = Numbers()
-        of: list[IntArray] = [np.empty(0, np.int64)]
-        kept = [TimedRows(np.empty(0, np.int64), NO_ROWS)]
-        for part in parts:
-            names = part.rows.track_id.tolist()  # as numbers at once: a column of text is as wide as its longest
+        kept = {
+            "vehicle": _Column(np.int64), "time_ns": _Column(np.int64), "position": _Column(np.float64, 2),
+            "direction": _Column(np.float64), "speed": _Column(np.float64), "group": _Column(np.int64),
+        }  # fmt: skip
+        for time_ns, rows in parts:
+            names = rows.track_id.tolist()
             if NO_ID in names:
-                times = part.time_ns.tolist()
-                names = [name or f"{time}/{next(nameless)}" for name, time in zip(names, times, strict=True)]
-            of.append(np.fromiter(map(numbers.__getitem__, names), np.int64, len(names)))
-            kept.append(part)
-        vehicles = np.array(list(numbers), dtype=np.str_)
+                named = zip(names, time_ns.tolist(), strict=True)
+                names = [name or f"{time}/{next(nameless)}" for name, time in named]
+            vehicle = np.fromiter(map(numbers.__getitem__, names), np.int64, len(names))
+            of_batch = (vehicle, time_ns, rows.position, rows.direction, rows.speed, rows.group)
+            for column, values in zip(kept.values(), of_batch, strict=True):
+                column.extend(values)
         return cls(
-            track_id=vehicles[np.concatenate(of)] if vehicles.size else np.empty(0, np.str_),
-            time_ns=np.concatenate([part.time_ns for part in kept]),
-            position=np.concatenate([part.rows.position for part in kept]),
-            direction=np.concatenate([part.rows.direction for part in kept]),
-            speed=np.concatenate([part.rows.speed for part in kept]),
-            group=np.concatenate([part.rows.group for part in kept]),
+            names=np.array(list(numbers), dtype=np.str_), **{name: column.whole() for name, column in kept.items()}
         )
 
     @classmethod
@@ -94,17 +112,18 @@ class Columns:
         if len(logs) == 1:
             return logs[0]
         names = [f"{name}-{i}" if names.count(name) > 1 else name for i, name in enumerate(names)]
-        own, n_logs = np.unique(np.concatenate([np.unique(log.track_id) for log in logs]), return_counts=True)
+        own, n_logs = np.unique(np.concatenate([log.names for log in logs]), return_counts=True)
         shared = own[n_logs > 1]
-        ids, groups, n_groups = [], [], 0
+        vehicles, groups, n_groups = [], [], 0
         for log, name in zip(logs, names, strict=True):
-            is_shared = np.isin(log.track_id, shared)
-            ids.append(np.where(is_shared, np.char.add(f"{name}/", log.track_id), log.track_id))
+            vehicles.append(np.where(np.isin(log.names, shared), np.char.add(f"{name}/", log.names), log.names))
             known, group = np.unique(log.group, return_inverse=True)
             groups.append(group.astype(np.int64) + n_groups)
             n_groups += known.size
+        first = np.cumsum([0, *(len(log.names) for log in logs)])
         return cls(
-            track_id=np.concatenate(ids),
+            names=np.concatenate(vehicles),
+            vehicle=np.concatenate([log.vehicle + start for log, start in zip(logs, first[:-1], strict=True)]),
             time_ns=np.concatenate([log.time_ns for log in logs]),
             position=np.concatenate([log.position for log in logs]),
             direction=np.concatenate([log.direction for log in logs]),
@@ -114,8 +133,11 @@ class Columns:
 
     def __getitem__(self, rows: BoolArray) -> Columns:
         """The rows of a mask."""
+        if rows.all():
+            return self
         return Columns(
-            track_id=self.track_id[rows],
+            names=self.names,
+            vehicle=self.vehicle[rows],
             time_ns=self.time_ns[rows],
             position=self.position[rows],
             direction=self.direction[rows],
@@ -125,23 +147,23 @@ class Columns:
 
     def without_repeats(self, drops: Drops) -> Columns:
         """The first of the rows of each vehicle and time; the others are counted."""
-        repeated = repeated_rows(self.track_id, self.time_ns)
+        repeated = repeated_rows(self.vehicle, self.time_ns)
         drops.repeated += int(repeated.sum())
-        return self[~repeated] if repeated.any() else self
+        return self[~repeated]
 
     def as_tracks(self, drops: Drops) -> Tracks:
         """Direction and speed as told where that is so in all rows of a vehicle, else from positions."""
-        names, vehicle = np.unique(self.track_id, return_inverse=True)
         told = np.isfinite(self.direction) & np.isfinite(self.speed) & (self.speed >= 0)
-        is_told = np.ones(names.size, np.bool_)
-        is_told[vehicle[~told]] = False
-        known, rest = self[is_told[vehicle]], self[~is_told[vehicle]]
+        is_told = np.ones(self.names.size, np.bool_)
+        is_told[self.vehicle[~told]] = False
+        known, rest = self[is_told[self.vehicle]], self[~is_told[self.vehicle]]
+        ids = as_track_ids(self.names)
         derived = Tracks.from_positions(
-            track_id=rest.track_id, time_ns=rest.time_ns, position=rest.position, group=rest.group
+            track_id=ids[rest.vehicle], time_ns=rest.time_ns, position=rest.position, group=rest.group
         )
         drops.alone += rest.time_ns.size - len(derived)
         taken = Tracks(
-            track_id=known.track_id, time_ns=known.time_ns, position=known.position,
+            track_id=ids[known.vehicle], time_ns=known.time_ns, position=known.position,
             direction=known.direction, speed=known.speed, group=known.group,
         )  # fmt: skip
         return Tracks.concatenate([part for part in (taken, derived) if len(part)] or [taken])

@@ -27,6 +27,7 @@ BASIC = {
     "geometry_msgs/TwistWithCovariance": "Twist twist\nfloat64[36] covariance",
     "geometry_msgs/Accel": "Vector3 linear\nVector3 angular",
     "geometry_msgs/AccelWithCovariance": "Accel accel\nfloat64[36] covariance",
+    "geometry_msgs/PoseWithCovarianceStamped": "std_msgs/Header header\nPoseWithCovariance pose",
     "geometry_msgs/Polygon": "geometry_msgs/Point32[] points",
     "geometry_msgs/Transform": "Vector3 translation\nQuaternion rotation",
     "geometry_msgs/TransformStamped": "std_msgs/Header header\nstring child_frame_id\nTransform transform",
@@ -60,6 +61,32 @@ BASIC = {
         "uint32 classification_age"
     ),
     "derived_object_msgs/ObjectArray": "std_msgs/Header header\nderived_object_msgs/Object[] objects",
+    "geometry_msgs/PoseStamped": "std_msgs/Header header\nPose pose",
+    "foxglove_msgs/PoseInFrame": "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose pose",
+    "foxglove_msgs/PosesInFrame": "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose[] poses",
+    "foxglove_msgs/Odometry": (
+        "builtin_interfaces/Time timestamp\nstring frame_id\nstring body_frame_id\ngeometry_msgs/Pose pose\n"
+        "geometry_msgs/Vector3 linear_velocity\ngeometry_msgs/Vector3 angular_velocity"
+    ),
+    "foxglove_msgs/FrameTransform": (
+        "builtin_interfaces/Time timestamp\nstring parent_frame_id\nstring child_frame_id\n"
+        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation"
+    ),
+    "foxglove_msgs/LocationFix": (
+        "builtin_interfaces/Time timestamp\nstring frame_id\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"
+        "float64[9] position_covariance\nuint8 position_covariance_type"
+    ),
+    "foxglove_msgs/KeyValuePair": "string key\nstring value",
+    "foxglove_msgs/CubePrimitive": ("geometry_msgs/Pose pose\ngeometry_msgs/Vector3 size\nstd_msgs/ColorRGBA color"),
+    "foxglove_msgs/SceneEntity": (  # what no test fills is an array of something
+        "builtin_interfaces/Time timestamp\nstring frame_id\nstring id\nbuiltin_interfaces/Duration lifetime\n"
+        "bool frame_locked\nKeyValuePair[] metadata\nKeyValuePair[] arrows\nCubePrimitive[] cubes\n"
+        "KeyValuePair[] spheres\nKeyValuePair[] cylinders\nKeyValuePair[] lines\nKeyValuePair[] triangles\n"
+        "KeyValuePair[] texts\nKeyValuePair[] models"
+    ),
+    "foxglove_msgs/SceneUpdate": "KeyValuePair[] deletions\nSceneEntity[] entities",
+    "acme/Detection": "uint8 kind\nfloat32[2] place\nstring id",
+    "acme/Detections": "string frame\nacme/Detection[] detections",
     "sensor_msgs/NavSatStatus": "int8 status\nuint16 service",
     "sensor_msgs/NavSatFix": (
         "std_msgs/Header header\nNavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"

@@ -1,13 +1,16 @@
 """`info`: the same of a log by its index as by reading it; odd times counted; quick where a log is long."""
 
 import json
+from dataclasses import replace
 
 import pytest
-from mcap_files import CHUNK, log_bytes, records
+from mcap.writer import Writer
+from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
 
 from dirprim_filter.cli.main import run
+from dirprim_filter.recording.drops import ClockFaults
 from dirprim_filter.recording.inspection import inspect
-from dirprim_filter.recording.summary import Stamps, summarise_by_index
+from dirprim_filter.recording.summary import summarise_by_index
 
 SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]
 
@@ -72,4 +75,41 @@ def test_filters(log, capsys):
 def test_odd_times_are_counted_by_topic_in_the_order_of_the_file(log, chunk_size):
     sent = [("/a", 0), ("/a", 5), ("/b", 4), ("/a", 5), ("/a", 3), ("/b", 4), ("/a", 3), ("/a", 9), ("/b", 0)]
     path = log(log_bytes([(topic, time_ns, b"x" * 30) for topic, time_ns in sent], chunk_size=chunk_size))
-    assert inspect(path).stamps == Stamps(zero=2, backward=2, duplicate=3)
+    odd = ClockFaults(zero=2, backward=2, duplicate=3)
+    assert inspect(path).stamps == {"log": odd, "publish": replace(odd, zero=0), "header": ClockFaults()}
+
+
+def test_odd_times_of_headers_and_jumps_are_told_too(tmp_path, capsys):
+    messages = []
+    for k, stamp_s in enumerate((5, 6, 6, 4, 0, 0, 90)):
+        update = scene([("a", k, 0.0)], stamp_s=stamp_s)
+        messages.append(("/objects", (k if k < 4 else k + 60) * 1_000_000_000, update))
+    path = write_protobuf_log(tmp_path / "log.mcap", messages)
+    assert inspect(path).stamps == {
+        "log": ClockFaults(zero=1, jumps=1),
+        "publish": ClockFaults(zero=1, jumps=1),
+        "header": ClockFaults(zero=2, backward=2, duplicate=2, jumps=1),
+    }
+    assert run(["info", str(path)]) == 0
+    assert (
+        "header times by topic, as they stand in the file: 2 times of zero, 2 that go back" in capsys.readouterr().out
+    )
+
+
+def test_tracks_of_a_private_schema_are_counted_by_the_paths_of_its_fields(tmp_path, capsys):
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, field in (("/cars", "cars"), ("/other", "doors")):
+            schema = writer.register_schema(f"acme.{field}", "jsonschema", b"{}")
+            channel = writer.register_channel(topic, "json", schema)
+            for k in range(3):
+                cars = [{"name": f"{field}{i}", "x": k, "y": i} for i in range(2)]
+                writer.add_message(channel, k, json.dumps({field: cars}).encode(), k)
+        writer.finish()
+    assert {topic.tracks for topic in inspect(path).topics} == {None}
+    assert run(["info", str(path), "--json", "--fields", "id=.cars[].name,x=.cars[].x,y=.cars[].y"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert {topic["name"]: topic["tracks"] for topic in told["topics"]}["/cars"] == 2
+    assert run(["info", str(path), "--fields", "nonsense"]) == 1

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from mcap_files import scene, write_protobuf_log
-from test_ros2_schemas import N_TIMES, array_log
+from ros_messages import header, write_ros2_log
+from test_ros2_schemas import ARRAYS, N_TIMES, array_log, point, quaternion
 
 from dirprim_filter import Tracks, write_tracks
 from dirprim_filter.detections import NO_ID, Detections
@@ -145,3 +148,73 @@ def test_who_has_no_name_is_nobody_in_the_stream_and_someone_each_time_as_a_trac
     for frame in Playback(path):
         assert len(frame.detections) == 3
         assert len(frame.estimates) == 0
+
+
+def covariance(k, *, n_rows=6):
+    """As a message tells it, row by row; of x and y [[4, 1], [1, 2 + k]]."""
+    matrix = np.diag(np.arange(1.0, n_rows + 1))
+    matrix[:2, :2] = [[4.0, 1.0], [1.0, 2.0 + k]]
+    return matrix.ravel().tolist()
+
+
+def with_errors(schema, k):
+    """The first object of `schema`, its errors told."""
+    one = ARRAYS[schema][1](k, 0)
+    one["kinematics"]["pose_with_covariance"]["covariance"] = covariance(k)
+    if "has_position_covariance" in one["kinematics"]:
+        one["kinematics"]["has_position_covariance"] = k % 2 == 0
+    return one
+
+
+@pytest.mark.parametrize(
+    "schema",
+    ["autoware_perception_msgs/msg/TrackedObjects", "autoware_perception_msgs/msg/DetectedObjects"],
+)
+def test_errors_of_autowares_objects_are_those_told(tmp_path, schema):
+    path = array_log(tmp_path, schema, lambda k, _: [with_errors(schema, k)])
+    for k, frame in enumerate(stream_detections(path)):
+        if "Detected" in schema and k % 2:
+            assert np.isnan(frame.covariance).all()
+        else:
+            np.testing.assert_array_equal(frame.covariance, [[[4.0, 1.0], [1.0, 2.0 + k]]])
+
+
+def test_errors_of_odometry_and_fixes_are_those_told(tmp_path):
+    def told(name, **fields):
+        return "/a", 7, name, {"header": header(7, "map")} | fields
+
+    place = {"position": point(1, 2, 3), "orientation": quaternion(0, 0, 0)}
+    still = {"linear": point(0, 0, 0), "angular": point(0, 0, 0)}
+    fix = {"status": {"status": 0, "service": 1}, "latitude": 48.0, "longitude": 11.0, "altitude": 0.0}
+    messages = {
+        "odometry": told(
+            "nav_msgs/msg/Odometry", child_frame_id="car", pose={"pose": place, "covariance": covariance(1)},
+            twist={"twist": still, "covariance": [0.0] * 36},
+        ),
+        "pose": told("geometry_msgs/msg/PoseWithCovarianceStamped", pose={"pose": place, "covariance": covariance(1)}),
+        "fix": told(
+            "sensor_msgs/msg/NavSatFix", position_covariance=covariance(1, n_rows=3), position_covariance_type=3, **fix
+        ),
+        "unsure": told(
+            "sensor_msgs/msg/NavSatFix", position_covariance=covariance(1, n_rows=3), position_covariance_type=0, **fix
+        ),
+    }  # fmt: skip
+    for name, message in messages.items():
+        if "fix" in name or name == "unsure":
+            pytest.importorskip("pyproj", reason="the extra geo is not installed")
+        (frame,) = stream_detections(write_ros2_log(tmp_path / f"{name}.mcap", [message]))
+        expected = np.full((1, 2, 2), np.nan) if name == "unsure" else [[[4.0, 1.0], [1.0, 3.0]]]
+        np.testing.assert_array_equal(frame.covariance, expected, err_msg=name)
+
+
+def test_errors_of_foxgloves_messages_are_those_told(tmp_path):
+    pytest.importorskip("pyproj", reason="the extra geo is not installed")
+    fix = LocationFix(latitude=48.0, longitude=11.0, position_covariance=covariance(1, n_rows=3))
+    fix.position_covariance_type = LocationFix.KNOWN
+    odometry = Odometry(frame_id="map", body_frame_id="car", pose_covariance=covariance(1))
+    for message in (fix, odometry):
+        (frame,) = stream_detections(write_protobuf_log(tmp_path / "log.mcap", [("/a", 7, message)]))
+        np.testing.assert_array_equal(frame.covariance, [[[4.0, 1.0], [1.0, 3.0]]])
+        message.ClearField("pose_covariance" if message is odometry else "position_covariance")
+        (frame,) = stream_detections(write_protobuf_log(tmp_path / "log.mcap", [("/a", 7, message)]))
+        assert np.isnan(frame.covariance).all()

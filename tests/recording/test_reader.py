@@ -20,6 +20,7 @@ from dirprim_filter.recording.reader import (
     read_tracks,
     stream_detections,
 )
+from dirprim_filter.recording.scan import Scan, scan
 from dirprim_filter.recording.writer import write_tracks
 from dirprim_filter.tracks import Tracks
 
@@ -31,6 +32,7 @@ OSI_LOGS = [
     "omega_prime/osi_centerline_example",
 ]
 STEP_NS = 100_000_000
+SOURCES = ("log", "publish", "header")
 
 
 def osi_log(name):
@@ -175,6 +177,23 @@ def test_header_time_is_that_of_the_contents_and_going_back_in_it_is_counted(tmp
     assert (stream.dropped.backward, stream.dropped.untimed) == (1, 1)
 
 
+@pytest.mark.parametrize("source", ["log", "publish", "header"])
+def test_of_the_log_times_that_are_not_wanted_chunks_stay_closed(tmp_path, monkeypatch, source):
+    path = write_protobuf_log(tmp_path / "log.mcap", circling(n=200), chunk_size=1000)
+    opened = []
+    real = Scan._messages
+    monkeypatch.setattr(Scan, "_messages", lambda self, chunk: opened.append(chunk) or real(self, chunk))
+    step_ns = 1_000_000_000 if source == "header" else STEP_NS
+    wanted = {"topics": "/markers", "time_source": source, "start_ns": 50 * step_ns, "end_ns": 60 * step_ns}
+    tracks = read_tracks(path, **wanted)
+    assert tracks.time_ns.tolist() == [k * step_ns for k in range(50, 60)]
+    n_opened = len(opened)
+    assert len(list(stream_detections(path, **wanted))) == 10
+    assert (len(opened) - n_opened) == n_opened
+    n_chunks = len(scan(path).layout.chunks)
+    assert n_opened < n_chunks / 4 if source == "log" else n_opened == n_chunks > 10
+
+
 def test_messages_of_one_time_are_one_instant(tmp_path):
     messages = [
         (topic, time_ns, scene([(name, float(time_ns), 0.0), ("both", 1.0, 0.0)]))
@@ -299,7 +318,8 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "end_ns": stock.message_end_time,
         "damage": [],
         "is_checked": True,
-        "stamps": {"zero": 1, "backward": 0, "duplicate": 0},
+        "stamps": {source: {"zero": 1, "backward": 0, "duplicate": 0, "jumps": 0} for source in SOURCES},
+        "labels": {"ground_truth": {"car": len(list(decoded(path)))}},
         "attachments": [],
         "metadata": [],
     }  # fmt: skip

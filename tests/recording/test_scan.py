@@ -1,6 +1,8 @@
 """The scan against the stock writer and reader, and against the MCAP project's own conformance files."""
 
+import io
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_files import CHUNK, DATA, log_bytes, records
 
+from dirprim_filter.recording import source
 from dirprim_filter.recording.scan import scan
 
 CONFORMANCE = DATA / "mcap_conformance"
@@ -129,7 +132,7 @@ def test_equals_the_stock_reader_on_real_logs():
         assert [row[1] for row in got] == sorted(row[1] for row in stock)
 
 
-def test_conformance_files_read_to_what_their_json_says():
+def test_conformance_files_read_to_what_their_json_says_streamed_and_sought(monkeypatch):
     described = sorted(path for path in CONFORMANCE.glob("*/*.json") if path.parent.name != "old_history")
     if not described:
         pytest.skip(f"conformance files are not at {CONFORMANCE}")
@@ -144,6 +147,12 @@ def test_conformance_files_read_to_what_their_json_says():
             for a in attached
         ], path.name
         assert [_as_row(message) for message in log] == expected, path.name
+        monkeypatch.setattr(source, "_copies", {})
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(path.with_suffix(".mcap").read_bytes())))
+        assert [_as_row(message) for message in scan("-")] == expected, path.name
+        middle = [row for row in expected if 3 <= row[0] < 7]
+        sought = scan(path.with_suffix(".mcap"), start_ns=3, end_ns=7, topics=bool)
+        assert [_as_row(message) for message in sought] == middle, path.name
         assert log.metadata == metadata, path.name
         assert log.damage == [], path.name
 

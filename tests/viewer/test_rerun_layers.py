@@ -13,7 +13,8 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Innovations, TrackedFrame
 from dirprim_filter.evaluation.tracking import score
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.replay import recorded_frames
+from dirprim_filter.recording.playback import Playback
+from dirprim_filter.recording.writer import EstimateLog
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import colors, marks
 from dirprim_filter.viewer.report import run_report
@@ -173,14 +174,16 @@ def test_true_trails_join_the_rows_of_one_vehicle(tmp_path: Path, scene_tracks: 
         assert np.linalg.norm(np.diff(step[..., :2], axis=1), axis=-1) == pytest.approx(1.0, rel=1e-3)
 
 
-def test_a_run_that_was_written_down_comes_back_frame_by_frame(scene_frames: list[TrackedFrame]) -> None:
-    kept = EstimateList()
-    for frame in scene_frames:
-        kept.write(frame)
+def test_a_run_that_was_written_down_comes_back_frame_by_frame(
+    tmp_path: Path, scene_frames: list[TrackedFrame]
+) -> None:
+    with EstimateLog(tmp_path / "run.mcap", metadata={}) as log:
+        for frame in scene_frames:
+            log.write(frame)
     seen = Detections.concatenate([frame.detections for frame in scene_frames])
-    back = list(recorded_frames(kept.all(), seen))
-    assert [frame.time_ns for frame in back] == [frame.time_ns for frame in scene_frames[:-1]]
-    for a, b in zip(back, scene_frames, strict=False):
+    back = list(Playback(tmp_path / "run.mcap", seen=seen))
+    assert [frame.time_ns for frame in back] == [frame.time_ns for frame in scene_frames]
+    for a, b in zip(back, scene_frames, strict=True):
         assert (a.estimates.position == b.estimates.position).all()
         assert (a.detections.position == b.detections.position).all()
 

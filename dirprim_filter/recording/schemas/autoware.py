@@ -1,9 +1,10 @@
 """Autoware's perceived objects: tracked, detected and predicted.
 
-The pose is that of the shape's centre in the header's frame. The twist is over ground and in the axes of the
-object's body. `orientation_availability` says whether the orientation is measured (2), measured up to front and
-back (1), or not at all (0); a body whose orientation is not measured has no heading while it stands. A detection
-has no name; it has a twist only where `has_twist` says so.
+The pose is that of the shape's centre in the header's frame, and so is its covariance. The twist is over ground and in
+the axes of the object's body. `orientation_availability` says whether the orientation is measured (2), measured up to
+front and back (1), or not at all (0); a body whose orientation is not measured has no heading while it stands. A
+detection has no name; it has a twist only where `has_twist` says so, and a covariance where `has_position_covariance`
+does. Of several classifications the most probable counts.
 
 Source: https://github.com/autowarefoundation/autoware_msgs, autoware_perception_msgs; the names before 2024 were
 autoware_auto_perception_msgs.
@@ -23,7 +24,9 @@ from dirprim_filter.recording.schemas.attitude import (
     rotated,
     xyz,
 )
+from dirprim_filter.recording.schemas.covariances import covariance, covariances
 from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.labels import UNTOLD, label_names, most_probable
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
 from tessellation.arrays import AnyArray
@@ -31,6 +34,9 @@ from tessellation.arrays import AnyArray
 _PACKAGES = ("autoware_perception_msgs", "autoware_auto_perception_msgs")
 UNAVAILABLE = 0
 _KINEMATICS = ".objects[].kinematics"
+_GUESSES = ".objects[].classification[]"
+LABELS = ("unknown", "car", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian")
+"""ObjectClassification.msg."""
 
 
 def _fields(pose_name: str, twist_name: str) -> dict[str, Field]:
@@ -40,7 +46,11 @@ def _fields(pose_name: str, twist_name: str) -> dict[str, Field]:
         "id": Field(path=".objects[].object_id.uuid", kind="name", optional=True),
         "known": Field(path=f"{_KINEMATICS}.orientation_availability", optional=True),
         "moves": Field(path=f"{_KINEMATICS}.has_twist", optional=True),
+        "unsure": Field(path=f"{_KINEMATICS}.has_position_covariance", optional=True),
+        "label": Field(path=f"{_GUESSES}.label", optional=True),
+        "probability": Field(path=f"{_GUESSES}.probability", optional=True),
         **pose(f"{_KINEMATICS}.{pose_name}.pose"),
+        **covariance(f"{_KINEMATICS}.{pose_name}.covariance", n_rows=6),
         **xyz("v", f"{_KINEMATICS}.{twist_name}.twist.linear"),
     }
 
@@ -52,6 +62,9 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     velocity = rotated(orientation, numbers(shredded, *VELOCITY))
     direction, speed = course(velocity, standing)
     untold = shredded.integers("moves", default=1) == 0
+    label = np.full(message.size, UNTOLD)
+    guesses, objects = most_probable(shredded, "label", "probability")
+    label[objects] = shredded.integers("label")[guesses]
     return rows_of(
         message,
         track_id=shredded.names("id"),
@@ -61,6 +74,8 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         direction=np.where(untold, np.nan, direction),
         speed=np.where(untold, np.nan, speed),
         climb=velocity[:, 2],
+        covariance=covariances(shredded, shredded.integers("unsure", default=1) > 0),
+        label=label_names(label, LABELS),
     )
 
 

@@ -183,7 +183,11 @@ class _Program:
             self._member(element, {None: want[EACH]}, inner)
             self._close_loop(start)
             return
-        selected = {k: self.layout.column(at.table) for k in sorted(k for k in want if k is not None)}
+        chosen = {k: want[k] for k in sorted(k for k in want if k is not None)}
+        if fixed and self._evenly(description) and max(chosen) < length:
+            self._elements(element, length, chosen, at)
+            return
+        selected = {k: self.layout.column(at.table) for k in chosen}
         start = self._open_loop(description, -1, at.path)
         jumps = []
         for k, mark in selected.items():
@@ -197,6 +201,17 @@ class _Program:
         for jump in jumps:
             self.ops[jump][1] = len(self.ops)
         self._close_loop(start)
+
+    def _elements(self, element: Description, length: int, want: Mapping[int, Wanted], at: Place) -> None:
+        """Some elements of a fixed array of numbers, and what is between them, without a loop."""
+        done = 0
+        for k, one in [*want.items(), (length, None)]:
+            even = self._evenly(element)
+            if even and k > done:
+                self.emit(kernels.SKIP, even[0], even[1] * (k - done))
+            if one is not None:
+                self._member(element, {None: one}, at.at(f"[{k}]"))
+            done = k + 1
 
     def _open_loop(self, description: Description, table: int, path: str) -> int:
         length = description[1][1]

@@ -9,10 +9,18 @@ Source: https://github.com/astuff/astuff_sensor_msgs, derived_object_msgs; carla
 from __future__ import annotations
 
 from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, VELOCITY, course, heading, pose, xyz
+from dirprim_filter.recording.schemas.covariances import covariance, covariances
 from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.labels import UNTOLD, label_names
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
 from tessellation.arrays import AnyArray
+
+LABELS = (
+    "unknown", "unknown_small", "unknown_medium", "unknown_big", "pedestrian", "bike", "car", "truck", "motorcycle",
+    "other_vehicle", "barrier", "sign",
+)  # fmt: skip
+"""Object.msg, `classification`."""
 
 
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
@@ -28,6 +36,8 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         direction=direction,
         speed=speed,
         climb=velocity[:, 2],
+        covariance=covariances(shredded),
+        label=label_names(shredded.integers("label", default=UNTOLD), LABELS),
     )
 
 
@@ -38,7 +48,9 @@ def _family(schema: str, pose_path: str, twist_path: str) -> Family:
             "stamp": Field(path=".header.stamp", kind="time"),
             "frame": Field(path=".header.frame_id", kind="name"),
             "id": Field(path=".objects[].id", kind="name"),
+            "label": Field(path=".objects[].classification", optional=True),
             **pose(f".objects[]{pose_path}"),
+            **covariance(".objects[].pose.covariance", n_rows=6),
             **xyz("v", f".objects[]{twist_path}.linear"),
         },
         objects=_objects,

@@ -12,6 +12,7 @@ from google.protobuf.message import DecodeError, Message
 
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.schemas import dirprim_pb2
+from dirprim_filter.recording.schemas.covariances import matrices
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
@@ -94,12 +95,7 @@ def _column(message: Message, name: str, n: int) -> Any:
 
 def _covariance_of(message: Message, n: int) -> FloatArray:
     """(n, 2, 2) out of three columns."""
-    return _matrices(*(floats_of(message, name, n) for name in _COVARIANCE))
-
-
-def _matrices(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:
-    """(n, 2, 2) symmetric."""
-    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+    return matrices(*(floats_of(message, name, n) for name in _COVARIANCE))
 
 
 def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: int) -> dirprim_pb2.Observations:
@@ -161,7 +157,7 @@ def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         direction=columns["direction"],
         speed=columns["speed"],
         group=group,
-        covariance=_matrices(*(columns[label] for label in _COVARIANCE)),
+        covariance=matrices(*(columns[label] for label in _COVARIANCE)),
     )[kept]
 
 

@@ -1,7 +1,8 @@
 """Satellite fixes of one vehicle: `foxglove.LocationFix`, `foxglove.LocationFixes`, `sensor_msgs/NavSatFix`.
 
 Degrees on WGS 84, to be projected to a local plane. The vehicle is named after the topic: the frame is that of the
-antenna. A receiver without a fix (status below 0) tells no position.
+antenna. A receiver without a fix (status below 0) tells no position. Covariances are of east, north and up in
+square metres, and mean nothing where their type is unknown.
 
 Sources: foxglove/LocationFix.proto of the Foxglove SDK; sensor_msgs/msg/NavSatFix.msg, NavSatStatus.msg of ROS 2.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.recording.schemas.covariances import covariance, covariances
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
@@ -17,6 +19,8 @@ from tessellation.arrays import AnyArray
 
 GEODETIC = "WGS 84"
 """The frame of positions (longitude, latitude) in degrees and a height above the ellipsoid in metres."""
+UNKNOWN = 0
+"""COVARIANCE_TYPE_UNKNOWN."""
 
 
 def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
@@ -30,6 +34,7 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         stamp_ns=stamp,
         frame_id=np.full(message.size, GEODETIC),
         place=place,
+        covariance=covariances(shredded, shredded.integers("covariance_type") != UNKNOWN),
     )
 
 
@@ -39,6 +44,8 @@ def _family(*schemas: str, at: str, stamp: str) -> Family:
         fields={
             "stamp": Field(path=f"{at}{stamp}", kind="time"),
             "status": Field(path=f"{at}.status.status", optional=True),
+            "covariance_type": Field(path=f"{at}.position_covariance_type", optional=True),
+            **covariance(f"{at}.position_covariance", n_rows=3),
             **{name: Field(path=f"{at}.{name}") for name in ("latitude", "longitude", "altitude")},
         },
         objects=_objects,

@@ -29,6 +29,7 @@ class ObservedRows:
         climb: (n,) velocity along the third axis, m/s; 0 where the message tells none.
         group: (n,) int64; 0 where the message knows no groups.
         covariance: (n, 2, 2) of the position's error, square metres; NaN where the message does not tell.
+        label: (n,) str, what the object is in the words of its schema; empty where the message does not tell.
     """
 
     message: IntArray
@@ -42,12 +43,15 @@ class ObservedRows:
     climb: FloatArray
     group: IntArray
     covariance: FloatArray
+    label: AnyArray
 
     def __len__(self) -> int:
         return int(self.message.size)
 
     def __getitem__(self, rows: BoolArray | IntArray) -> Self:
-        """The rows of a mask or of indices."""
+        """The rows of a mask or of indices; the same rows where a mask leaves out none."""
+        if rows.dtype == np.bool_ and rows.all():
+            return self
         return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
@@ -92,6 +96,7 @@ def rows_of(
     climb: FloatArray | None = None,
     group: IntArray | None = None,
     covariance: FloatArray | None = None,
+    label: AnyArray | None = None,
 ) -> ObservedRows:
     """Rows of which all but the place may be unknown.
 
@@ -106,6 +111,7 @@ def rows_of(
         climb: (n,) m/s.
         group: (n,) int64.
         covariance: (n, 2, 2) square metres.
+        label: (n,) str.
     """
     unknown = np.full(message.size, np.nan)
     return ObservedRows(
@@ -120,6 +126,7 @@ def rows_of(
         climb=np.zeros(message.size) if climb is None else np.where(np.isfinite(climb), climb, 0.0),
         group=np.zeros(message.size, np.int64) if group is None else group,
         covariance=np.full((message.size, 2, 2), np.nan) if covariance is None else covariance,
+        label=np.full(message.size, "") if label is None else label,
     )
 
 

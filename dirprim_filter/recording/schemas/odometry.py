@@ -1,7 +1,7 @@
 """One body's own motion: `nav_msgs/Odometry` and `foxglove.Odometry`.
 
-Both give the pose of the body's frame in the header's frame, and the velocity in the axes of the body. The body's
-frame (`base_link`) is the vehicle's name, the topic where it is not told.
+Both give the pose of the body's frame and its covariance in the header's frame, and the velocity in the axes of the
+body. The body's frame (`base_link`) is the vehicle's name, the topic where it is not told.
 
 Sources: https://docs.ros.org/en/api/nav_msgs/html/msg/Odometry.html; foxglove/Odometry.proto of the Foxglove SDK.
 """
@@ -20,6 +20,7 @@ from dirprim_filter.recording.schemas.attitude import (
     rotated,
     xyz,
 )
+from dirprim_filter.recording.schemas.covariances import covariance, covariances
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
@@ -41,6 +42,7 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         direction=direction,
         speed=speed,
         climb=velocity[:, 2],
+        covariance=covariances(shredded),
     )
 
 
@@ -52,6 +54,7 @@ ROS = Family(
         "id": Field(path=".child_frame_id", kind="name"),
         "moves": Field(path=".twist", kind="mark"),
         **pose(".pose.pose"),
+        **covariance(".pose.covariance", n_rows=6),
         **xyz("v", ".twist.twist.linear"),
     },
     objects=_objects,
@@ -64,6 +67,7 @@ FOXGLOVE = Family(
         "id": Field(path=".body_frame_id", kind="name"),
         "moves": Field(path=".linear_velocity", kind="mark"),
         **pose(".pose"),
+        **covariance(".pose_covariance", n_rows=6),
         **xyz("v", ".linear_velocity"),
     },
     objects=_objects,

@@ -14,9 +14,26 @@ import numpy as np
 
 from dirprim_filter.recording.schemas.attitude import POSITION, VELOCITY, course, xyz
 from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.labels import UNTOLD, label_names
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
 from tessellation.arrays import AnyArray
+
+LABELS = ("unknown", "other", "vehicle", "pedestrian", "animal")
+"""`MovingObject.Type`."""
+VEHICLE = 2
+VEHICLES = (
+    "vehicle", "vehicle", "small_car", "compact_car", "car", "luxury_car", "delivery_van", "heavy_truck",
+    "semitrailer", "trailer", "motorbike", "bicycle", "bus", "tram", "train", "wheelchair", "semitractor",
+    "standup_scooter",
+)  # fmt: skip
+"""`MovingObject.VehicleClassification.Type`; of those that are unknown or other no more is known than of the object."""
+
+
+def _labels(shredded: Shredded) -> AnyArray:
+    kind = shredded.integers("type", default=UNTOLD)
+    vehicle = label_names(shredded.integers("vehicle"), VEHICLES)
+    return np.where(kind == VEHICLE, vehicle, label_names(kind, LABELS))
 
 
 def _family(schema: str, truth: str) -> Family:
@@ -38,6 +55,7 @@ def _family(schema: str, truth: str) -> Family:
             place=numbers(shredded, *POSITION),
             direction=direction,
             speed=speed,
+            label=_labels(shredded),
         )[shredded.marks("placed")]
 
     return Family(
@@ -45,6 +63,8 @@ def _family(schema: str, truth: str) -> Family:
         fields={
             "stamp": Field(path=f"{truth}.timestamp", kind="time"),
             "id": Field(path=f"{movers}.id.value", kind="name"),
+            "type": Field(path=f"{movers}.type", optional=True),
+            "vehicle": Field(path=f"{movers}.vehicle_classification.type", optional=True),
             "placed": Field(path=f"{movers}.base.position", kind="mark"),
             "moves": Field(path=f"{movers}.base.velocity", kind="mark"),
             "turned": Field(path=f"{movers}.base.orientation", kind="mark"),

@@ -1,6 +1,6 @@
-"""Which way vehicles signal: the indicator lights of `osi3.GroundTruth` and `osi3.SensorView` logs.
+"""What vehicles signal: the indicator and brake lights of `osi3.GroundTruth` and `osi3.SensorView` logs.
 
-Source: ASAM OSI 3.7, osi_object.proto: `MovingObject.vehicle_classification.light_state.indicator_state`.
+Source: ASAM OSI 3.7, osi_object.proto: `MovingObject.vehicle_classification.light_state`.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ _GROUND_TRUTH: dict[str, Callable[[Any], Any]] = {
 }
 
 
-class IndicatorLight(NamedTuple):
-    """What a vehicle signals at a time."""
+class VehicleLights(NamedTuple):
+    """What a vehicle signals at a time, in the names of OSI without their prefix."""
 
     time_ns: int  # log time
     track_id: str
-    state: str  # the name in OSI without its prefix: "OFF", "LEFT", "RIGHT", "WARNING", "UNKNOWN", "OTHER"
+    indicator: str  # "OFF", "LEFT", "RIGHT", "WARNING", "UNKNOWN" or "OTHER"
+    brake: str  # "OFF", "NORMAL", "STRONG", "UNKNOWN" or "OTHER"
 
 
-def read_indicator_lights(path: str | PathLike[str]) -> Iterator[IndicatorLight]:
-    """The indicator of every vehicle that tells of one, message by message in order of log time.
+def read_vehicle_lights(path: str | PathLike[str]) -> Iterator[VehicleLights]:
+    """The lights of every vehicle that tells of them, message by message in order of log time.
 
     Args:
         path: an MCAP log; messages other than OSI's ground truth are passed over.
@@ -53,11 +54,12 @@ def read_indicator_lights(path: str | PathLike[str]) -> Iterator[IndicatorLight]
             for mover in _GROUND_TRUTH[channel.schema.name](view).moving_object:
                 lights = mover.vehicle_classification
                 if lights.HasField("light_state"):
-                    yield IndicatorLight(message.log_time_ns, str(mover.id.value), _state_name(lights.light_state))
+                    states = (_state_name(lights.light_state, name) for name in ("indicator", "brake_light"))
+                    yield VehicleLights(message.log_time_ns, str(mover.id.value), *states)
 
 
-def _state_name(light_state: Any) -> str:
-    """The name of the state, its number where this version of OSI has no name for it."""
-    number = light_state.indicator_state
-    names = light_state.DESCRIPTOR.fields_by_name["indicator_state"].enum_type.values_by_number
-    return names[number].name.removeprefix("INDICATOR_STATE_") if number in names else str(number)
+def _state_name(light_state: Any, light: str) -> str:
+    """The name of a light's state, its number where this version of OSI has no name for it."""
+    number = getattr(light_state, f"{light}_state")
+    names = light_state.DESCRIPTOR.fields_by_name[f"{light}_state"].enum_type.values_by_number
+    return names[number].name.removeprefix(f"{light.upper()}_STATE_") if number in names else str(number)

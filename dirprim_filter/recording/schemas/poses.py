@@ -9,10 +9,12 @@ Sources: foxglove/PoseInFrame.proto, foxglove/PosesInFrame.proto of the Foxglove
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.covariances import covariance, covariances
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
@@ -28,7 +30,9 @@ _ROS = {
 }  # fmt: skip
 
 
-def _single(*schemas: str, header: Mapping[str, Field], path: str) -> Family:
+def _single(
+    *schemas: str, header: Mapping[str, Field], path: str, errors: Mapping[str, Field] = MappingProxyType({})
+) -> Family:
     def objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         message = shredded.message_of("")
         return rows_of(
@@ -37,9 +41,10 @@ def _single(*schemas: str, header: Mapping[str, Field], path: str) -> Family:
             stamp_ns=shredded.times("stamp"),
             frame_id=shredded.names("frame"),
             place=numbers(shredded, *POSITION),
+            covariance=covariances(shredded) if errors else None,
         )
 
-    return Family(schemas=schemas, fields={**header, **xyz("p", f"{path}.position")}, objects=objects)
+    return Family(schemas=schemas, fields={**header, **errors, **xyz("p", f"{path}.position")}, objects=objects)
 
 
 def _several(*schemas: str, header: Mapping[str, Field]) -> Family:
@@ -63,7 +68,10 @@ def place_in_message(message: IntArray) -> IntArray:
 
 POSE_IN_FRAME = _single("foxglove.PoseInFrame", "foxglove_msgs/msg/PoseInFrame", header=_FOXGLOVE, path=".pose")
 POSE_STAMPED = _single("geometry_msgs/msg/PoseStamped", header=_ROS, path=".pose")
-POSE_WITH_COVARIANCE = _single("geometry_msgs/msg/PoseWithCovarianceStamped", header=_ROS, path=".pose.pose")
+POSE_WITH_COVARIANCE = _single(
+    "geometry_msgs/msg/PoseWithCovarianceStamped", header=_ROS, path=".pose.pose",
+    errors=covariance(".pose.covariance", n_rows=6),
+)  # fmt: skip
 POSES_IN_FRAME = _several("foxglove.PosesInFrame", "foxglove_msgs/msg/PosesInFrame", header=_FOXGLOVE)
 POSE_ARRAY = _several("geometry_msgs/msg/PoseArray", header=_ROS)
 FAMILIES = (POSE_IN_FRAME, POSE_STAMPED, POSE_WITH_COVARIANCE, POSES_IN_FRAME, POSE_ARRAY)

@@ -2,7 +2,8 @@
 
 One entity is one object; its first cube's pose is the object's; other primitives (lines of a lane map, arrows,
 texts) are no objects, so entities without a cube are passed over. Velocity is not part of the schema: it is
-taken from the entity's metadata `direction_rad` and `speed_mps` where these are, and `group` likewise.
+taken from the entity's metadata `direction_rad` and `speed_mps` where these are, and `group` and `category`, what the
+object is, likewise.
 
 Source: https://docs.foxglove.dev/docs/sdk/schemas/scene-update and https://github.com/foxglove/nuscenes2mcap.
 """
@@ -36,6 +37,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         direction=notes.numbers("direction_rad"),
         speed=notes.numbers("speed_mps"),
         group=notes.groups(),
+        label=notes.texts("category"),
     )[shredded.marks("cube")]
 
 
@@ -53,6 +55,13 @@ class _Notes:
         is_key = self._key == key
         found = np.full(self._n, np.nan)
         found[self._entity[is_key]] = [_number(text) for text in self._value[is_key].tolist()]
+        return found
+
+    def texts(self, key: str) -> AnyArray:
+        """(n,) a text of each entity; empty where it is missing."""
+        is_key = self._key == key
+        found = np.full(self._n, "", dtype=self._value.dtype)
+        found[self._entity[is_key]] = self._value[is_key]
         return found
 
     def groups(self) -> IntArray:

@@ -1,15 +1,18 @@
 """`vision_msgs/Detection3DArray`: boxes, without a velocity, and often without a name.
 
 The box's centre is a pose in the header's frame. `id` stays the same over time where the detector tracks; it is
-empty where it does not.
+empty where it does not. Of several hypotheses the one of the highest score counts.
 
 Source: https://github.com/ros-perception/vision_msgs, version 4 (ROS 2 Humble and later).
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from dirprim_filter.recording.schemas.attitude import POSITION, xyz
 from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.schemas.labels import most_probable
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
 from tessellation.arrays import AnyArray
@@ -17,12 +20,17 @@ from tessellation.arrays import AnyArray
 
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(".detections[]")
+    guesses, objects = most_probable(shredded, "label", "score")
+    named = shredded.names("label")[guesses]
+    label = np.full(message.size, "", dtype=named.dtype)
+    label[objects] = named
     return rows_of(
         message,
         track_id=shredded.names("id"),
         stamp_ns=shredded.times("stamp")[message],
         frame_id=shredded.names("frame")[message],
         place=numbers(shredded, *POSITION),
+        label=label,
     )
 
 
@@ -32,6 +40,8 @@ DETECTIONS_3D = Family(
         "stamp": Field(path=".header.stamp", kind="time"),
         "frame": Field(path=".header.frame_id", kind="name"),
         "id": Field(path=".detections[].id", kind="name", optional=True),
+        "label": Field(path=".detections[].results[].hypothesis.class_id", kind="name", optional=True),
+        "score": Field(path=".detections[].results[].hypothesis.score", optional=True),
         **xyz("p", ".detections[].bbox.center.position"),
     },
     objects=_objects,

@@ -1,0 +1,104 @@
+"""Memory and patience on long logs: the decision to map files, and to keep of a batch its columns alone.
+
+Usage: python tests/benchmarks/memory.py [MIB]. Writes a log of so many MiB (left out, 2048) of Autoware's tracked
+objects, without compression, as nothing of it may be small by chance; then, each in a process of its own, scans it,
+reads its tracks, streams its detections, and asks `dirprim info` about it. Prints the height of memory beyond what the
+same process needs for a small log, and for the tracks also beyond the columns themselves. Wanted: less than 100 MB
+beyond the columns for 2 GB, and `dirprim info` on 1 GB with an index in less than 0.5 s.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
+from decoding import N_OBJECTS, TRACKED, tracked
+from ros_messages import header, write_ros2_log
+
+N_FRAMES, STEP_NS = 100, 100_000_000
+RUN = """
+import resource, sys
+from collections import deque
+from dirprim_filter.recording.reader import read_tracks, stream_detections
+from dirprim_filter.recording.scan import scan
+def height():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+def columns(tracks):
+    return sum(getattr(tracks, name).nbytes for name in tracks.__slots__) / (1 << 20)
+what = {
+    "scan": lambda path: (deque(scan(path), maxlen=0), 0)[1],
+    "tracks": lambda path: columns(read_tracks(path, topics="/objects")),
+    "detections": lambda path: (deque(stream_detections(path, topics="/objects"), maxlen=0), 0)[1],
+}[sys.argv[1]]
+what(sys.argv[2])
+before = height()
+own = what(sys.argv[3])
+print(own, height() - before)
+"""
+
+
+def payloads(folder: Path) -> tuple[object, list[bytes]]:
+    """A schema and messages of it, as mcap-ros2-support writes them."""
+    frames = (
+        {"header": header(k * STEP_NS), "objects": [tracked(k, i) for i in range(N_OBJECTS)]} for k in range(N_FRAMES)
+    )
+    path = write_ros2_log(folder / "few.mcap", (("/objects", k, TRACKED, frame) for k, frame in enumerate(frames)))
+    with path.open("rb") as file:
+        (schema,) = make_reader(file).get_summary().schemas.values()
+        return schema, [message.data for _, _, message in make_reader(file).iter_messages()]
+
+
+def write(path: Path, schema: object, data: list[bytes], n_bytes: int) -> int:
+    """-> the number of messages."""
+    n = max(n_bytes // len(data[0]), 1)
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start()
+        channel = writer.register_channel(
+            "/objects", "cdr", writer.register_schema(schema.name, schema.encoding, schema.data)
+        )
+        for k in range(n):
+            writer.add_message(channel, k * STEP_NS, data[k % len(data)], k * STEP_NS)
+        writer.finish()
+    return n
+
+
+def info_seconds(path: Path) -> tuple[float, float]:
+    """Of the whole process: by the clock on the wall, and of the processor."""
+    used, begun = os.times(), time.perf_counter()
+    subprocess.run([sys.executable, "-m", "dirprim_filter.cli", "info", path], capture_output=True, check=True)
+    wall, now = time.perf_counter() - begun, os.times()
+    return wall, now.children_user + now.children_system - used.children_user - used.children_system
+
+
+def main(mib: int = 2048) -> None:
+    """Print the table."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        schema, data = payloads(folder)
+        small, long = folder / "small.mcap", folder / "long.mcap"
+        write(small, schema, data, 1 << 24)
+        n = write(long, schema, data, mib << 20)
+        print(f"{long.stat().st_size >> 20} MiB, {n} messages of {N_OBJECTS} objects; in MiB")
+        print(f"{'what':32}{'columns':>12}{'beyond a small log':>22}{'beyond the columns':>22}")
+        for what in ("scan", "detections", "tracks"):
+            told = subprocess.run(
+                [sys.executable, "-c", RUN, what, small, long], capture_output=True, text=True, check=True
+            ).stdout
+            own, more = map(float, told.split())
+            print(f"{what:32}{own:12.0f}{more:22.0f}{more - own:22.0f}")
+        wall, processor = zip(*(info_seconds(long) for _ in range(5)), strict=True)
+        print(f"dirprim info by the index: {min(wall):.2f} s, of the processor {min(processor):.2f} s")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

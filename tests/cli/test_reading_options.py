@@ -1,0 +1,66 @@
+"""Whatever reads a log has the options of reading, and they reach the library."""
+
+import json
+
+import pytest
+from mcap.writer import Writer
+
+from dirprim_filter import write_tracks
+from dirprim_filter.cli.main import run
+
+
+def private_json(path):
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/car", "json", writer.register_schema("acme.Car", "jsonschema", b"{}"))
+        for k in range(80):
+            writer.add_message(channel, k, json.dumps({"car": {"e": k, "n": 0}}).encode(), k)
+        writer.finish()
+
+
+READERS = (
+    ["learn"], ["track"], ["forecast"], ["replay"],
+    ["evaluate", "density"], ["evaluate", "cues"], ["evaluate", "tracking"], ["evaluate", "forecast"],
+)  # fmt: skip
+GRID = ["--tessellation", "grid", "--cell-size", "8"]
+OUTPUTS = {"learn": ["-o", "out.mcap"], "replay": ["--rate", "inf", "--save", "out.rrd"]}
+NEED_A_MAP = (["track"], ["forecast"])
+
+
+@pytest.mark.parametrize("command", READERS, ids=" ".join)
+def test_whatever_reads_a_log_has_the_options_of_reading(capsys, command):
+    assert run([*command, "--help"]) == 0
+    told = capsys.readouterr().out
+    for option in ("topics", "time-source", "frame", "fields", "origin", "labels", "start", "end", "strict"):
+        assert f"--{option} " in told
+
+
+@pytest.mark.parametrize("command", [command for command in READERS if command not in NEED_A_MAP], ids=" ".join)
+@pytest.mark.parametrize("option", [("--fields", "nonsense"), ("--origin", "north"), ("--start", "soon")])
+def test_the_options_of_reading_reach_the_library(tmp_path, capsys, monkeypatch, command, option):
+    monkeypatch.chdir(tmp_path)
+    private_json(tmp_path / "log.mcap")
+    assert run([*command, "log.mcap", *OUTPUTS.get(command[-1], []), *option]) == 1
+    assert option[1] in capsys.readouterr().err
+
+
+ON_DAMAGE = {
+    "learn": ["log.mcap", *GRID, "-o"],
+    "track": ["log.mcap", "--map", "map.mcap", "--particles", "20", "-o"],
+    "forecast": ["--log", "log.mcap", "--map", "map.mcap", "--samples", "2", "-o"],
+    "replay": ["log.mcap", "--rate", "inf", "--save"],
+}
+
+
+def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(tmp_path, ring, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_tracks(ring[ring.track_id < 8], tmp_path / "whole.mcap")
+    assert run(["learn", "whole.mcap", "-o", "map.mcap", *GRID]) == 0
+    (tmp_path / "log.mcap").write_bytes((tmp_path / "whole.mcap").read_bytes()[:-30])
+    for command, arguments in ON_DAMAGE.items():
+        assert run([command, *arguments, f"{command}.out"]) == 3
+        capsys.readouterr()
+        assert run([command, *arguments, "strict", "--strict"]) == 1
+        assert "expected an undamaged log" in capsys.readouterr().err
+        assert not (tmp_path / "strict").exists()

@@ -1,0 +1,124 @@
+"""`dirprim track`, killed with signal 9 at a random moment, and what must be true of what it leaves.
+
+Shared by a test, which kills a few, and `tests/benchmarks/killing.py`, which kills a hundred.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+
+from dirprim_filter import learn_primitives, save_map, write_tracks
+from dirprim_filter.recording.recovery import recover
+from dirprim_filter.recording.scan import scan
+from situations import ring_traffic
+
+STEP_NS = 100_000_000
+CHUNK_NS = 1_000_000_000
+N_ROWS = 4000
+LATEST_S = 1.0
+"""A kill comes at most so long after the first frame was handed over; the whole log takes longer."""
+
+TRACKER = """
+import os, sys
+import dirprim_filter.cli.track, dirprim_filter.filtering, dirprim_filter.recording.reader
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording.writer import EstimateLog
+
+written = EstimateLog.write
+
+
+def track(log, learned, output):
+    told = os.open(output + ".told", os.O_CREAT | os.O_WRONLY)
+
+    def write(self, frame):
+        written(self, frame)
+        os.pwrite(told, frame.time_ns.to_bytes(8, "little"), 0)
+
+    EstimateLog.write = write
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    os._exit(run(["track", log, "--map", learned, "-o", output, "--particles", "100"]))
+
+
+for line in sys.stdin:  # a process for each line, without the imports
+    pid = os.fork()
+    if pid == 0:
+        track(*line.strip().split("\\t"))
+    print(pid, flush=True)
+    os.waitpid(pid, 0)
+    print("gone", flush=True)
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kill:
+    """What one kill cost."""
+
+    n_handed_over: int
+    n_recovered: int
+    lost_ns: int
+
+
+class Trackers:
+    """Starts a process that tracks, as often as asked, in a folder."""
+
+    def __init__(self, folder: Path, server: subprocess.Popen[str]) -> None:
+        self.folder = folder
+        self._server = server
+
+    def kill_one(self, name: str, rng: np.random.Generator) -> Kill:
+        """Track, kill at a random moment, recover, and hold what is left against what was handed over."""
+        output = self.folder / f"{name}.mcap"
+        last_ns = self._killed(output, float(rng.uniform(0.0, LATEST_S)))
+        assert not output.exists(), "the tracker had ended before it was killed"
+        (partial,) = self.folder.glob(f"{name}.mcap.*.partial")
+        recover(partial, output)
+        with scan(output) as log:
+            frames = [m.log_time_ns for m in log if m.topic == "/dirprim/tracks"]
+            assert log.damage == []
+        assert frames == [i * STEP_NS for i in range(len(frames))], "a frame before the last chunk is missing"
+        with output.open("rb") as file:
+            stock = make_reader(file, validate_crcs=True)
+            assert sum(channel.topic == "/dirprim/tracks" for _, channel, _ in stock.iter_messages()) == len(frames)
+        lost_ns = last_ns - (frames[-1] if frames else -STEP_NS)
+        assert lost_ns <= CHUNK_NS, "more than the chunk that was open is lost"
+        return Kill(n_handed_over=last_ns // STEP_NS + 1, n_recovered=len(frames), lost_ns=max(lost_ns, 0))
+
+    def _killed(self, output: Path, after_s: float) -> int:
+        """-> the time of the last frame that a tracker had handed over when it was killed."""
+        told = output.with_name(output.name + ".told")
+        print(self.folder / "log.mcap", self.folder / "map.mcap", output, sep="\t", file=self._server.stdin, flush=True)
+        assert self._server.stdout is not None
+        pid = int(self._server.stdout.readline())
+        while not told.exists() or told.stat().st_size < 8:
+            time.sleep(0.005)
+        time.sleep(after_s)
+        os.kill(pid, signal.SIGKILL)
+        assert self._server.stdout.readline() == "gone\n"
+        return int.from_bytes(told.read_bytes(), "little")
+
+
+@contextmanager
+def trackers(folder: Path) -> Iterator[Trackers]:
+    """A log, a map, and a server that tracks the one with the other."""
+    rng = np.random.default_rng(0)
+    traffic = ring_traffic(rng, n_vehicles=4, n_rows=N_ROWS)
+    write_tracks(traffic, folder / "log.mcap")
+    learned = learn_primitives(traffic[traffic.time_ns < 200 * STEP_NS], tessellation="grid", cell_size=7.0, rng=rng)
+    save_map(learned, folder / "map.mcap")
+    script = folder / "tracker.py"
+    script.write_text(TRACKER)
+    with subprocess.Popen([sys.executable, script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
+        yield Trackers(folder, server)
+        assert server.stdin is not None
+        server.stdin.close()

@@ -1,0 +1,335 @@
+"""`info`, `learn`, `track` and `replay` on a log of each schema and encoding that is read, by independent writers."""
+
+import json
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from mcap.writer import Writer
+from mcap_files import scene, write_protobuf_log
+from ros_messages import header, write_ros2_log
+from test_osi_sensor_data import sensor_data_class
+from test_ros2_schemas import ZEROS, carla, detected, detection, marker, point, quaternion, tracked
+
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording import read_estimates
+
+N, STEP_NS, START_NS = 80, 100_000_000, 1_700_000_000_000_000_000
+TIMES = (START_NS + STEP_NS * np.arange(N)).tolist()
+ANGLE = 0.05 * np.arange(N)
+PLACE = np.column_stack([20 * np.cos(ANGLE), 20 * np.sin(ANGLE)]).tolist()
+SPEED = 10.0
+STILL = point(0, 0, 0)
+ORIGIN = ["--origin", "48,11"]
+
+
+def stamp(k, nanos="nanosec"):
+    return {"sec": TIMES[k] // 10**9, nanos: TIMES[k] % 10**9}
+
+
+def pose(k):
+    """Where the vehicle is, and which way it points, as ROS and JSON have it."""
+    return {"position": point(*PLACE[k], 0), "orientation": quaternion(0, 0, ANGLE[k] + np.pi / 2)}
+
+
+def protobuf(make):
+    def one(k):
+        message = make(*PLACE[k])
+        message.timestamp.FromNanoseconds(TIMES[k])
+        return message
+
+    return lambda path: write_protobuf_log(path, [("/car", TIMES[k], one(k)) for k in range(N)])
+
+
+def pb_pose(x, y):
+    message = PoseInFrame(frame_id="map")
+    message.pose.position.x, message.pose.position.y = x, y
+    return message
+
+
+def pb_poses(x, y):
+    message = PosesInFrame(frame_id="map")
+    message.poses.add()
+    message.poses[0].position.x, message.poses[0].position.y = x, y
+    return message
+
+
+def pb_odometry(x, y):
+    message = Odometry(frame_id="map", body_frame_id="car")
+    message.pose.position.x, message.pose.position.y = x, y
+    return message
+
+
+def pb_fix(x, y):
+    return LocationFix(latitude=48.0 + y / 111_200, longitude=11.0 + x / 74_500)
+
+
+def pb_transform(x, y):
+    message = FrameTransform(parent_frame_id="map", child_frame_id="car")
+    message.translation.x, message.translation.y, message.rotation.w = x, y, 1.0
+    return message
+
+
+def pb_transforms(path):
+    told = [(k, pb_transform(*PLACE[k])) for k in range(N)]
+    return write_protobuf_log(path, [("/car", TIMES[k], FrameTransforms(transforms=[one])) for k, one in told])
+
+
+def pb_scene(path):
+    return write_protobuf_log(path, [("/car", TIMES[k], scene([("car", *PLACE[k])])) for k in range(N)])
+
+
+def osi_sensor_data(path):
+    """By the descriptor of OSI 3.7's fields that matter; the host stands at the origin."""
+    kind, definition = sensor_data_class()
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel(
+            "/car", "protobuf", writer.register_schema("osi3.SensorData", "protobuf", definition)
+        )
+        for k, (x, y) in enumerate(PLACE):
+            message = kind()
+            message.timestamp.seconds, message.timestamp.nanos = TIMES[k] // 10**9, TIMES[k] % 10**9
+            truth = message.sensor_view.add().global_ground_truth
+            truth.host_vehicle_id.value = 3
+            host = truth.moving_object.add()
+            host.id.value, host.base.position.x = 3, 0.0
+            seen = message.moving_object.add()
+            seen.header.tracking_id.value, seen.base.position.x, seen.base.position.y = 7, x, y
+            writer.add_message(channel, TIMES[k], message.SerializeToString(), TIMES[k])
+        writer.finish()
+
+
+def in_json(schema, make):
+    def write(path):
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            channel = writer.register_channel("/car", "json", writer.register_schema(schema, "jsonschema", b"{}"))
+            for k in range(N):
+                told = {"timestamp": stamp(k, "nsec"), "frame_id": "map"} | make(k)
+                writer.add_message(channel, TIMES[k], json.dumps(told).encode(), TIMES[k])
+            writer.finish()
+
+    return write
+
+
+def json_scene(k):
+    entity = {"id": "car", "frame_id": "map", "timestamp": stamp(k, "nsec"), "cubes": [{"pose": pose(k)}]}
+    return {"entities": [entity]}
+
+
+def json_fix(k):
+    x, y = PLACE[k]
+    return {"latitude": 48.0 + y / 111_200, "longitude": 11.0 + x / 74_500, "altitude": 0.0}
+
+
+def json_transform(k):
+    return {
+        "parent_frame_id": "map", "child_frame_id": "car",
+        "translation": pose(k)["position"], "rotation": pose(k)["orientation"],
+    }  # fmt: skip
+
+
+def ros(schema, make):
+    return lambda path: write_ros2_log(path, [("/car", TIMES[k], schema, make(k)) for k in range(N)])
+
+
+def foxglove_ros(name, make):
+    return ros(f"foxglove_msgs/msg/{name}", lambda k: {"timestamp": stamp(k), "frame_id": "map"} | make(k))
+
+
+def array(field, one):
+    return lambda k: {"header": header(TIMES[k]), field: [one(k)]}
+
+
+def autoware(make):
+    def one(k):
+        message = make(0, 0)
+        kinematics = message["kinematics"]
+        kinematics["pose_with_covariance"] = {"pose": pose(k), "covariance": ZEROS}
+        kinematics["twist_with_covariance"]["twist"] = {"linear": point(SPEED, 0, 0), "angular": STILL}
+        return message
+
+    return array("objects", one)
+
+
+def carla_object(k):
+    x, y = -SPEED * np.sin(ANGLE[k]), SPEED * np.cos(ANGLE[k])
+    return carla(0, 0) | {"pose": pose(k), "twist": {"linear": point(x, y, 0), "angular": STILL}}
+
+
+def ros_odometry(k):
+    twist = {"linear": point(SPEED, 0, 0), "angular": STILL}
+    return {
+        "header": header(TIMES[k]), "child_frame_id": "car",
+        "pose": {"pose": pose(k), "covariance": ZEROS}, "twist": {"twist": twist, "covariance": ZEROS},
+    }  # fmt: skip
+
+
+def ros_transform(k):
+    turned = {"translation": pose(k)["position"], "rotation": pose(k)["orientation"]}
+    return {"transforms": [{"header": header(TIMES[k]), "child_frame_id": "car", "transform": turned}]}
+
+
+def ros_fix(k):
+    return json_fix(k) | {
+        "header": header(TIMES[k], "gps"), "status": {"status": 0, "service": 1},
+        "position_covariance": [0.0] * 9, "position_covariance_type": 0,
+    }  # fmt: skip
+
+
+def foxglove_scene(k):
+    nothing = {name: [] for name in ("arrows", "spheres", "cylinders", "lines", "triangles", "texts", "models")}
+    cube = {"pose": pose(k), "size": point(4, 2, 1), "color": dict.fromkeys("rgba", 1.0)}
+    entity = {
+        "timestamp": stamp(k), "frame_id": "map", "id": "car", "lifetime": {"sec": 0, "nanosec": 0},
+        "frame_locked": False, "metadata": [], "cubes": [cube], **nothing,
+    }  # fmt: skip
+    return {"deletions": [], "entities": [entity]}
+
+
+def sdk_scene(path):
+    foxglove = pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    from foxglove.channels import SceneUpdateChannel
+    from foxglove.messages import CubePrimitive, Pose, Quaternion, SceneEntity, SceneUpdate, Vector3
+
+    with foxglove.open_mcap(str(path)):
+        channel = SceneUpdateChannel("/car")
+        for k, (x, y) in enumerate(PLACE):
+            at = Pose(position=Vector3(x=x, y=y, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+            entity = SceneEntity(id="car", frame_id="map", cubes=[CubePrimitive(pose=at)])
+            channel.log(SceneUpdate(entities=[entity]), log_time=TIMES[k])
+
+
+def rosbags_poses(path):
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as BagWriter
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+
+    def message(name, **values):
+        return store.types[name](**values)
+
+    with BagWriter(path.with_suffix(""), version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        topic = bag.add_connection("/car", "geometry_msgs/msg/PoseStamped", typestore=store)
+        for k in range(N):
+            at = message(
+                "geometry_msgs/msg/Pose",
+                position=message("geometry_msgs/msg/Point", **pose(k)["position"]),
+                orientation=message("geometry_msgs/msg/Quaternion", **pose(k)["orientation"]),
+            )
+            time = message("builtin_interfaces/msg/Time", **stamp(k))
+            whole = message(
+                "geometry_msgs/msg/PoseStamped",
+                header=message("std_msgs/msg/Header", stamp=time, frame_id="map"), pose=at,
+            )  # fmt: skip
+            bag.write(topic, TIMES[k], store.serialize_cdr(whole, "geometry_msgs/msg/PoseStamped"))
+    (written,) = path.with_suffix("").glob("*.mcap")
+    written.rename(path)
+
+
+NAMED = ["--topics", "/car"]
+LOGS = {
+    "SceneUpdate, protobuf": (pb_scene, []),
+    "SceneUpdate, JSON": (in_json("foxglove.SceneUpdate", json_scene), []),
+    "SceneUpdate, ROS 2": (ros("foxglove_msgs/msg/SceneUpdate", foxglove_scene), []),
+    "SceneUpdate, foxglove-sdk": (sdk_scene, []),
+    "PoseInFrame, protobuf": (protobuf(pb_pose), []),
+    "PoseInFrame, JSON": (in_json("foxglove.PoseInFrame", lambda k: {"pose": pose(k)}), []),
+    "PoseInFrame, ROS 2": (foxglove_ros("PoseInFrame", lambda k: {"pose": pose(k)}), []),
+    "PosesInFrame, protobuf": (protobuf(pb_poses), []),
+    "PosesInFrame, JSON": (in_json("foxglove.PosesInFrame", lambda k: {"poses": [pose(k)]}), []),
+    "PosesInFrame, ROS 2": (foxglove_ros("PosesInFrame", lambda k: {"poses": [pose(k)]}), []),
+    "Odometry, protobuf": (protobuf(pb_odometry), ["--frame", "map"]),
+    "Odometry, JSON": (
+        in_json("foxglove.Odometry", lambda k: {
+            "body_frame_id": "car", "pose": pose(k), "linear_velocity": point(SPEED, 0, 0),
+        }),
+        [],
+    ),
+    "Odometry, ROS 2": (
+        foxglove_ros("Odometry", lambda k: {
+            "body_frame_id": "car", "pose": pose(k), "linear_velocity": point(SPEED, 0, 0), "angular_velocity": STILL,
+        }),
+        [],
+    ),
+    "FrameTransform, protobuf": (protobuf(pb_transform), NAMED),
+    "FrameTransform, JSON": (in_json("foxglove.FrameTransform", json_transform), NAMED),
+    "FrameTransform, ROS 2": (
+        ros("foxglove_msgs/msg/FrameTransform", lambda k: {"timestamp": stamp(k)} | json_transform(k)), NAMED,
+    ),
+    "FrameTransforms, protobuf": (pb_transforms, NAMED),
+    "LocationFix, protobuf": (protobuf(pb_fix), ORIGIN),
+    "LocationFix, JSON": (in_json("foxglove.LocationFix", json_fix), ORIGIN),
+    "LocationFix, ROS 2": (
+        foxglove_ros(
+            "LocationFix",
+            lambda k: json_fix(k) | {"position_covariance": [0.0] * 9, "position_covariance_type": 0},
+        ),
+        ORIGIN,
+    ),
+    "NavSatFix": (ros("sensor_msgs/msg/NavSatFix", ros_fix), ORIGIN),
+    "OSI SensorData": (osi_sensor_data, []),
+    "Autoware TrackedObjects": (ros("autoware_perception_msgs/msg/TrackedObjects", autoware(tracked)), []),
+    "Autoware DetectedObjects": (ros("autoware_perception_msgs/msg/DetectedObjects", autoware(detected)), []),
+    "Detection3DArray": (
+        ros(
+            "vision_msgs/msg/Detection3DArray",
+            array("detections", lambda k: detection(0, 0) | {"bbox": {"center": pose(k), "size": point(4, 2, 1)}}),
+        ),
+        [],
+    ),
+    "nav_msgs/Odometry": (ros("nav_msgs/msg/Odometry", ros_odometry), []),
+    "derived_object_msgs/ObjectArray": (
+        ros("derived_object_msgs/msg/ObjectArray", array("objects", carla_object)), [],
+    ),
+    "MarkerArray": (
+        ros("visualization_msgs/msg/MarkerArray", lambda k: {
+            "markers": [marker(0, 0) | {"header": header(TIMES[k]), "pose": pose(k)}],
+        }),
+        [],
+    ),
+    "tf2_msgs/TFMessage": (ros("tf2_msgs/msg/TFMessage", ros_transform), NAMED),
+    "PoseStamped, rosbags": (rosbags_poses, []),
+    "private JSON": (
+        in_json("acme.Car", lambda k: {"car": {"e": PLACE[k][0], "n": PLACE[k][1]}}), ["--fields", "x=.car.e,y=.car.n"],
+    ),
+    "private ROS 2": (
+        ros("acme/msg/Detections", lambda k: {
+            "frame": "map", "detections": [{"kind": 1, "place": PLACE[k], "id": "car"}],
+        }),
+        ["--fields", "id=.detections[].id,x=.detections[].place[0],y=.detections[].place[1],frame=.frame"],
+    ),
+    "private protobuf": (protobuf(pb_pose), ["--fields", "x=.pose.position.x,y=.pose.position.y,time=.timestamp"]),
+}  # fmt: skip
+UNNAMED = "Autoware DetectedObjects"
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_every_command_runs(tmp_path, capsys, name):
+    write, options = LOGS[name]
+    if options == ORIGIN:
+        pytest.importorskip("pyproj", reason="the extra geo is not installed")
+    log, learned, out = (str(tmp_path / f"{part}.mcap") for part in ("log", "map", "out"))
+    write(tmp_path / "log.mcap")
+    assert run(["info", log, "--json", *(options if "--fields" in options else [])]) == 0
+    (topic,) = json.loads(capsys.readouterr().out)["topics"]
+    assert topic["messages"] == N
+    assert topic["tracks"] == (None if options == NAMED else 1)
+    flat = ["--tessellation", "grid", "--cell-size", "10", "--modes", "dbscan", "--primitive", "flat"]
+    assert run(["learn", log, "-o", learned, *flat, *options]) == 0
+    assert run(["track", log, "--map", learned, "-o", out, "--particles", "50", *options]) == 0
+    estimates = read_estimates(out)
+    truth = np.array(PLACE)[np.searchsorted(TIMES, estimates.time_ns)]
+    assert len(estimates) == N or (name == UNNAMED and len(estimates) > N / 2)  # who has no name must be confirmed
+    np.testing.assert_allclose(estimates.position, truth, atol=2.0)
+    assert run(["replay", log, "--rate", "inf", "--save", str(tmp_path / "log.rrd"), *options]) == 0
+    assert f"{N} frames of /car" in capsys.readouterr().out

@@ -1,0 +1,97 @@
+"""What objects are: read as independent writers wrote it, chosen by name or pattern, and told by `info`."""
+
+import json
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_files import DATA, scene, write_protobuf_log
+from mcap_protobuf.decoder import DecoderFactory
+from test_ros2_schemas import N_TIMES, SCENE, array_log, carla, detected, detection, tracked
+
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording.reader import inspect, read_tracks, stream_detections
+
+AUTOWARE = (1, 7, 2)  # car, pedestrian, truck: ObjectClassification.msg
+
+
+def guesses(i):
+    """The most probable one neither first nor last, an equal one behind it."""
+    unknown = {"label": 0, "probability": 0.1}
+    return [unknown, {"label": AUTOWARE[i], "probability": 0.45}, {"label": 5, "probability": 0.45}]
+
+
+LOGS = {
+    "autoware_perception_msgs/msg/TrackedObjects": lambda k, i: tracked(k, i) | {"classification": guesses(i)},
+    "autoware_perception_msgs/msg/DetectedObjects": lambda k, i: detected(k, i) | {"classification": guesses(i)},
+    "derived_object_msgs/msg/ObjectArray": lambda k, i: carla(k, i) | {"classification": (6, 4, 7)[i]},
+    "vision_msgs/msg/Detection3DArray": lambda k, i: detection(k, i) | {"results": [
+        {"hypothesis": {"class_id": name, "score": score}, "pose": detection(1, i)["results"][0]["pose"]}
+        for name, score in (("cat", 0.2), (("car", "pedestrian", "truck")[i], 0.8))
+    ]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("schema", LOGS)
+def test_labels_choose_objects(tmp_path, schema):
+    path = array_log(tmp_path, schema, lambda k, _: [LOGS[schema](k, i) for i in range(3)])
+    (counts,) = inspect(path).labels.values()
+    assert counts == {"car": N_TIMES, "pedestrian": N_TIMES, "truck": N_TIMES}
+    for labels, rows in (("pedestrian", [1]), ("car|truck", [0, 2]), (".*", [0, 1, 2])):
+        seen = list(stream_detections(path, labels=labels))
+        np.testing.assert_array_equal([frame.position for frame in seen], SCENE.place[:, rows, :2])
+    assert len(list(stream_detections(path, labels="bus"))) == 0
+
+
+def test_an_object_without_a_label_is_matched_by_none(tmp_path):
+    path = array_log(
+        tmp_path, "autoware_perception_msgs/msg/TrackedObjects",
+        lambda k, _: [tracked(k, 0) | {"classification": []}, tracked(k, 1) | {"classification": guesses(0)}],
+    )  # fmt: skip
+    assert [len(frame) for frame in stream_detections(path, labels="car")] == [1] * N_TIMES
+    assert [len(frame) for frame in stream_detections(path, labels="car|")] == [2] * N_TIMES
+    with pytest.raises(ValueError, match="labels: expected a name or a regular expression"):
+        list(stream_detections(path, labels="("))
+
+
+def test_scenes_tell_by_their_metadata(tmp_path):
+    messages = []
+    for k in range(5):
+        update = scene([("a", k, 0.0), ("b", k, 5.0), ("c", k, 9.0)])
+        update.entities[0].metadata.add(key="category", value="vehicle.car")
+        update.entities[1].metadata.add(key="category", value="human.pedestrian.adult")
+        messages.append(("/markers", k * 100_000_000, update))
+    path = write_protobuf_log(tmp_path / "log.mcap", messages)
+    assert set(read_tracks(path, labels=r"vehicle\..*").track_id) == {"a"}
+    assert inspect(path).labels == {"/markers": {"vehicle.car": 5, "human.pedestrian.adult": 5, "": 5}}
+
+
+@pytest.mark.parametrize("name", ["testBrakeAndIndicatorLights", "MovingHostWithStopLine", "disappearingVehicle"])
+def test_osi_objects_are_what_the_stock_decoder_finds(name):
+    path = DATA / "mcap_osi" / f"{name}.mcap"
+    if not path.exists():
+        pytest.skip(f"real logs are not at {path.parent}")
+    expected = {}
+    with path.open("rb") as file:
+        for _, _, _, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            for mover in view.global_ground_truth.moving_object:
+                kind = mover.DESCRIPTOR.enum_types_by_name["Type"].values_by_number[mover.type].name
+                if kind == "TYPE_VEHICLE":
+                    of = mover.vehicle_classification
+                    kind = of.DESCRIPTOR.enum_types_by_name["Type"].values_by_number[of.type].name
+                    kind = {"TYPE_UNKNOWN": "TYPE_VEHICLE", "TYPE_OTHER": "TYPE_VEHICLE"}.get(kind, kind)
+                label = {"medium_car": "car"}.get(*[kind.removeprefix("TYPE_").lower()] * 2)
+                expected[label] = expected.get(label, 0) + 1
+    assert list(inspect(path).labels.values()) == [expected]
+
+
+def test_the_command_line_tells_and_chooses(tmp_path, capsys):
+    schema = "derived_object_msgs/msg/ObjectArray"
+    path = array_log(tmp_path, schema, lambda k, _: [LOGS[schema](k, i) for i in range(2)])
+    assert run(["info", str(path)]) == 0
+    assert f"labels in /objects: car {N_TIMES}, pedestrian {N_TIMES}" in capsys.readouterr().out
+    assert run(["info", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["labels"] == {"/objects": {"car": N_TIMES, "pedestrian": N_TIMES}}
+    output = ["--rate", "inf", "--save", str(tmp_path / "a.rrd")]
+    assert run(["replay", str(path), "--labels", "bus", *output]) == 0
+    assert "0 frames" in capsys.readouterr().out
