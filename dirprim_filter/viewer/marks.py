@@ -25,7 +25,7 @@ from dirprim_filter.viewer.colors import (
     track_color,
     with_alpha,
 )
-from dirprim_filter.viewer.fans import fan_triangles
+from dirprim_filter.viewer.fans import Fan, fans_of
 from dirprim_filter.viewer.lifelines import UNSEEN_S
 from tessellation import Tessellation
 from tessellation.arrays import FloatArray
@@ -49,9 +49,9 @@ ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 FORECAST_OPACITY = 0.25
 FAN_OPACITY = 0.2
-FAN_STRIDE = 2
-"""Every second instant is enough for a fan."""
-PATHS_DRAWN = 10
+STEP_STRIDE = 2
+"""Every second instant is enough for a path and a fan."""
+PATHS_DRAWN = 8
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
 """Vehicles out of sight are darker by this factor."""
@@ -211,26 +211,48 @@ def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
     return rr.LineStrips3D.columns(strips=_raised(circle, HEIGHT["ring"]))
 
 
-def forecasts(track_id: Sequence[str], paths: FloatArray) -> rr.ComponentColumnList:
-    """The sampled futures of each vehicle as thin lines. (n, n_samples, n_steps, 2) metres."""
-    paths = paths[:, :PATHS_DRAWN]
-    n, n_samples, n_steps, _ = paths.shape
-    color = np.repeat(with_alpha(track_color(track_id), FORECAST_OPACITY), n_samples, axis=0)
-    lines = _raised(paths.reshape(n * n_samples, n_steps, 2), HEIGHT["forecasts"])
-    return rr.LineStrips3D.columns(strips=lines, colors=color)
+class Forecast(NamedTuple):
+    """One vehicle's futures as they are drawn.
+
+    Attributes:
+        paths: (n, n_steps, 2) metres, some of them.
+        fans: of all of them, one for each of `FANS`.
+    """
+
+    paths: FloatArray
+    fans: Sequence[Fan]
+
+    @classmethod
+    def of(cls, paths: FloatArray) -> Forecast:
+        """Of sampled futures, (n_samples, n_steps, 2) metres."""
+        coarse = np.ascontiguousarray(paths[:, ::STEP_STRIDE])
+        return cls(coarse[:PATHS_DRAWN], fans_of(coarse, tuple(FANS.values())))
 
 
-def fans(track_id: Sequence[str], paths: FloatArray) -> Iterator[tuple[str, rr.ComponentColumnList]]:
-    """The fans of all vehicles at one instant, by entity. (n, n_samples, n_steps, 2) metres."""
-    color = track_color(track_id)
-    of_vehicle = [fan_triangles(futures[:, ::FAN_STRIDE], tuple(FANS.values())) for futures in paths]
+def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.ComponentColumnList]]:
+    """Futures of all vehicles at one instant, by entity: thin lines, and their fans."""
+    color = track_color(list(of_vehicle))
+    paths = [futures.paths for futures in of_vehicle.values()]
+    lines = _raised(np.concatenate(paths) if paths else np.empty((0, 1, 2)), HEIGHT["forecasts"])
+    shade = np.repeat(with_alpha(color, FORECAST_OPACITY), [len(part) for part in paths], axis=0)
+    strips = rr.LineStrips3D.columns(strips=lines, colors=shade)
+    yield "/forecasts/paths", strips.partition([len(shade)])
     for k, entity in enumerate(FANS):
-        parts = [fan[k] for fan in of_vehicle]
-        corner = np.concatenate([np.empty((0, 3, 2)), *parts]).reshape(-1, 2)
-        shade = np.repeat(color, [3 * len(part) for part in parts], axis=0)
-        height = HEIGHT[entity.rsplit("/", 1)[-1]]
-        mesh = rr.Mesh3D.columns(vertex_positions=_raised(corner, height), vertex_colors=shade)
-        yield entity, mesh.partition([len(corner)])
+        parts = [futures.fans[k] for futures in of_vehicle.values()]
+        n_before = np.cumsum([0, *(len(part.vertex) for part in parts)])
+        vertex = np.concatenate([np.empty((0, 2)), *(part.vertex for part in parts)])
+        triangle = np.concatenate(
+            [np.empty((0, 3), np.int64), *(n + part.triangle for n, part in zip(n_before, parts, strict=False))]
+        )
+        corners = rr.Mesh3D.columns(
+            vertex_positions=_raised(vertex, HEIGHT[entity.rsplit("/", 1)[-1]]),
+            vertex_colors=np.repeat(color, np.diff(n_before), axis=0),
+        )
+        faces = rr.Mesh3D.columns(triangle_indices=triangle.astype(np.uint32))
+        yield (
+            entity,
+            rr.ComponentColumnList([*corners.partition([len(vertex)]), *faces.partition([len(triangle)])]),
+        )
 
 
 def _shade(believed: Estimates) -> ByteArray:

@@ -116,7 +116,7 @@ class RerunSink:
         self._focus, self._lines, self._tally = Focus(focus), Lifelines(), Tally()
         self._last_seen: dict[str, tuple[int, FloatArray]] = {}
         self._unsure: set[str] = set()
-        self._forecasts: dict[str, FloatArray] = {}
+        self._forecasts: dict[str, marks.Forecast] = {}
         self._forecast_ns = 0
         self._forecasts_pending = False
 
@@ -237,7 +237,7 @@ class RerunSink:
             start = (
                 np.full((len(futures), 1, 2), self._last_seen[name][1]) if name in self._last_seen else futures[:, :1]
             )
-            self._forecasts[name] = np.concatenate([start, futures], axis=1)
+            self._forecasts[name] = marks.Forecast.of(np.concatenate([start, futures], axis=1))
         self._forecast_ns = time_ns
         self._forecasts_pending = True
 
@@ -272,13 +272,8 @@ class RerunSink:
         self._forecasts_pending = False
 
     def _show_forecasts(self, time_ns: int) -> None:
-        names = list(self._forecasts)
-        paths = np.stack(list(self._forecasts.values())) if names else np.empty((0, 1, 1, 2))
-        lines = marks.forecasts(names, paths).partition([len(names) * min(paths.shape[1], marks.PATHS_DRAWN)])
-        times = time_column([time_ns])
-        self.stream.send_columns("/forecasts/paths", [times], lines)
-        for entity, fan in marks.fans(names, paths):
-            self.stream.send_columns(entity, [times], fan)
+        for entity, columns in marks.forecasts(self._forecasts):
+            self.stream.send_columns(entity, [time_column([time_ns])], columns)
 
     # --- The stream -----------------------------------------------------------------------------------------
 
