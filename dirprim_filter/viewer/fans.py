@@ -15,7 +15,7 @@ import numpy as np
 from dirprim_filter.viewer import _kernels
 from tessellation.arrays import FloatArray, IntArray
 
-N_SQUARES = 28
+N_SQUARES = 24
 """Of the grid along the longer side of a fan: finer could not be seen."""
 FINEST_M = 0.75
 """Side of a square at least."""

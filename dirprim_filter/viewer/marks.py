@@ -14,6 +14,7 @@ import numpy.typing as npt
 import rerun as rr
 
 from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.primitives.transitions import Transitions
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.colors import (
@@ -38,7 +39,7 @@ ParticleColor = Literal["direction", "mode", "weight"]
 PARTICLE_COLORS: tuple[ParticleColor, ...] = get_args(ParticleColor)
 
 FROM_BELOW = (
-    "cells", "roses", "region_90", "region_50", "forecasts", "trails", "truth",
+    "cells", "roses", "flow", "region_90", "region_50", "forecasts", "trails", "truth",
     "particles", "covariance", "motion", "ring", "estimates", "detections", "ids",
 )  # fmt: skip
 HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate(FROM_BELOW)}
@@ -47,11 +48,18 @@ ROSE_THICKNESS = 0.05
 """Metres from the lowest petal to the highest."""
 ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
+FLOW_LEAST = 0.05
+"""Of those who leave a cell: ways that fewer take are not drawn."""
+FLOW_LENGTH = 0.7
+"""Of the way between the centres of two cells: arrows must not run into each other."""
+FLOW_WIDTH = 1.5
+"""Points on the screen, of the way that most vehicles take."""
+FLOW_COLOR = (255, 170, 110)
 FORECAST_OPACITY = 0.25
 FAN_OPACITY = 0.2
 STEP_STRIDE = 2
 """Every second instant is enough for a path and a fan."""
-PATHS_DRAWN = 8
+PATHS_DRAWN = 6
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
 """Vehicles out of sight are darker by this factor."""
@@ -107,6 +115,22 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
         vertex_positions=_raised(petals.polygon, height[:, None]).reshape(-1, 3),
         triangle_indices=shapes.fan_triangles(petals.polygon),
         vertex_colors=color.reshape(-1, 4),
+    )
+
+
+def flow(transitions: Transitions, tessellation: Tessellation) -> rr.Arrows3D:
+    """An arrow from cell to cell, as bright as its share of those who leave the first, as thick as they are many."""
+    kept = (transitions.share >= FLOW_LEAST) & (transitions.count > 1)
+    start = tessellation.centers[transitions.start[kept]]
+    way = tessellation.centers[transitions.end[kept]] - start
+    many = np.sqrt(transitions.count[kept] / max(int(transitions.count.max(initial=1)), 1))
+    color = np.full((len(way), 4), 255, np.uint8)
+    color[:, :3] = np.rint(np.array(FLOW_COLOR) * (0.35 + 0.65 * transitions.share[kept, None]))
+    return rr.Arrows3D(
+        origins=_raised(start + (0.5 - 0.5 * FLOW_LENGTH) * way, HEIGHT["flow"]),
+        vectors=_raised(FLOW_LENGTH * way, 0.0),
+        radii=rr.Radius.ui_points(FLOW_WIDTH * np.maximum(many, 0.3)),
+        colors=color,
     )
 
 
@@ -225,7 +249,9 @@ class Forecast(NamedTuple):
     @classmethod
     def of(cls, paths: FloatArray) -> Forecast:
         """Of sampled futures, (n_samples, n_steps, 2) metres."""
-        coarse = np.ascontiguousarray(paths[:, ::STEP_STRIDE])
+        last = paths.shape[1] - 1
+        kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
+        coarse = np.ascontiguousarray(paths[:, kept])
         return cls(coarse[:PATHS_DRAWN], fans_of(coarse, tuple(FANS.values())))
 
 
