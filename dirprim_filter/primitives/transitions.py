@@ -26,13 +26,13 @@ class Transitions(NamedTuple):
     Attributes:
         start: (n,) the cell they left.
         end: (n,) the cell that they came into.
-        count: (n,) how often.
+        n: (n,) how often.
         share: (n,) of all that left the first cell for another.
     """
 
     start: IntArray
     end: IntArray
-    count: IntArray
+    n: IntArray
     share: FloatArray
 
 

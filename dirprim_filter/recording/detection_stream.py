@@ -50,6 +50,12 @@ class DetectionStream:
         self.clock = ClockFaults()
 
     @property
+    def end_ns(self) -> int | None:
+        """The last log time to come, as the chunks say; None of an empty log."""
+        last = max((chunk.end_ns for chunk in self._log.layout.chunks), default=None)
+        return last if last is None or self._end_ns is None else min(last, self._end_ns)
+
+    @property
     def damage(self) -> list[Damage]:
         """What of the file could not be read so far."""
         return self._log.damage

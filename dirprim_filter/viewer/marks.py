@@ -120,10 +120,10 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
 
 def flow(transitions: Transitions, tessellation: Tessellation) -> rr.Arrows3D:
     """An arrow from cell to cell, as bright as its share of those who leave the first, as thick as they are many."""
-    kept = (transitions.share >= FLOW_LEAST) & (transitions.count > 1)
+    kept = (transitions.share >= FLOW_LEAST) & (transitions.n > 1)
     start = tessellation.centers[transitions.start[kept]]
     way = tessellation.centers[transitions.end[kept]] - start
-    many = np.sqrt(transitions.count[kept] / max(int(transitions.count.max(initial=1)), 1))
+    many = np.sqrt(transitions.n[kept] / max(int(transitions.n.max(initial=1)), 1))
     color = np.full((len(way), 4), 255, np.uint8)
     color[:, :3] = np.rint(np.array(FLOW_COLOR) * (0.35 + 0.65 * transitions.share[kept, None]))
     return rr.Arrows3D(

@@ -54,11 +54,11 @@ def test_they_are_those_of_a_walk_looked_at_much_more_finely():
     found = cell_transitions(learned)
     assert set(zip(found.start.tolist(), found.end.tolist(), strict=True)) >= {p for p, n in expected.items() if n > 3}
     # A corner that is cut by less than a step is passed over, and taken for a way from corner to corner.
-    assert abs(found.count.sum() - sum(expected.values())) < 0.05 * sum(expected.values())
+    assert abs(found.n.sum() - sum(expected.values())) < 0.05 * sum(expected.values())
     np.testing.assert_allclose(np.bincount(found.start, weights=found.share)[np.unique(found.start)], 1.0)
 
 
 def test_no_journeys_no_transitions():
     found = cell_transitions(one_cell_map())
-    assert found.count.size == found.share.size == 0
-    assert cell_transitions(one_cell_map().without_places()).count.size == 0
+    assert found.n.size == found.share.size == 0
+    assert cell_transitions(one_cell_map().without_places()).n.size == 0
