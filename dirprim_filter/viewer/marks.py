@@ -57,6 +57,12 @@ FLOW_WIDTH = 1.5
 FLOW_COLOR = (255, 170, 110)
 FORECAST_OPACITY = 0.25
 FAN_OPACITY = 0.2
+FEW_FANS = 8
+"""More than so many lie over each other: they are drawn fainter, as their number grows,"""
+FAINTEST_FAN = 0.05
+"""but not fainter than this."""
+MOST_IDS = 60
+"""Vehicles in a frame; the names of more would hide the map. The plots and the diary still tell them."""
 STEP_STRIDE = 2
 """Every second instant is enough for a path and a fan."""
 PATHS_DRAWN = 6
@@ -84,8 +90,6 @@ STYLES: Mapping[str, rr.AsComponents] = {
     "/detections": rr.Points3D.from_fields(colors=WHITE, radii=_points(2.5)),
     "/truth/trails": rr.LineStrips3D.from_fields(colors=(150, 155, 165), radii=_points(0.5)),
     "/forecasts/paths": rr.LineStrips3D.from_fields(radii=_points(0.5)),
-    "/forecasts/region_90": rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, round(255 * FAN_OPACITY))),
-    "/forecasts/region_50": rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, round(255 * FAN_OPACITY))),
     "/focus/ring": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(1.0)),
     "/tracks/trails": rr.LineStrips3D.from_fields(radii=_points(1.0)),
     "/tracks/particles": rr.Points3D.from_fields(radii=_points(1.0)),
@@ -275,9 +279,13 @@ def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.Comp
             vertex_colors=np.repeat(color, np.diff(n_before), axis=0),
         )
         faces = rr.Mesh3D.columns(triangle_indices=triangle.astype(np.uint32))
+        opacity = float(np.clip(FAN_OPACITY * FEW_FANS / max(len(parts), FEW_FANS), FAINTEST_FAN, FAN_OPACITY))
+        seen_through = rr.Mesh3D.columns(albedo_factor=[(255, 255, 255, round(255 * opacity))])
         yield (
             entity,
-            rr.ComponentColumnList([*corners.partition([len(vertex)]), *faces.partition([len(triangle)])]),
+            rr.ComponentColumnList(
+                [*corners.partition([len(vertex)]), *faces.partition([len(triangle)]), *seen_through]
+            ),
         )
 
 
