@@ -107,6 +107,8 @@ def read_experiment(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: the file describes none.
     """
+    from dirprim_filter.recording.errors import RecordingError
+
     try:
         if path.suffix == ".toml":
             return tomllib.loads(path.read_text())
@@ -114,7 +116,9 @@ def read_experiment(path: Path) -> dict[str, Any]:
             told = json.loads(path.read_text())[CONFIG_KEY]
         else:
             told = json.loads(_metadata(path)[CONFIG_KEY])
-    except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError) as error:
+    except (
+        tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, RecordingError
+    ) as error:  # fmt: skip
         raise ValueError(
             f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim evaluate tracking`, got {error}"
         ) from error

@@ -51,7 +51,10 @@ def open_stream(
         ConnectionError: no viewer answers at `connect`, or none could be started.
     """
     if save is None and not spawn and connect is None and serve is None:
-        raise ValueError("save, spawn, connect, serve: expected at least one place to stream to, got none")
+        raise ValueError(
+            "save, spawn, connect, serve: expected at least one place to stream to, got none; "
+            "--spawn shows it on a screen, --save FILE.rrd keeps it for `dirprim view`"
+        )
     if particle_stride < 1:
         raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
     if save is not None and save.exists() and not force:
