@@ -37,12 +37,15 @@ def convert(
 
     Example: dirprim convert tracks.csv -o tracks.mcap
     """
+    from dirprim_filter.cli.progress import step_progress, working
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
 
-    table = _read(source, form, metres_per_pixel, frames_per_second)
+    with working(f"reading {source.name}"):
+        table = _read(source, form, metres_per_pixel, frames_per_second)
     said = provenance("convert", inputs=[source], format=form.value, metres_per_pixel=metres_per_pixel)
-    write_tracks(table.tracks, output, metadata=said, force=force)
+    with step_progress(f"writing {output.name}", "instants") as told:
+        write_tracks(table.tracks, output, metadata=said, force=force, progress=told)
     for note, count in table.notes.items():
         typer.echo(f"{source}: {count} rows: {note}", err=True)
     typer.echo(f"{output}: {table.tracks.n_tracks} tracks, {len(table.tracks)} rows")

@@ -45,7 +45,10 @@ def demo(
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Learn a map from a shipped log, track the vehicles of another with it, forecast them, and draw it all."""
+    """Learn a map from a shipped log, track the vehicles of another with it, forecast them, and draw it all.
+
+    Example: dirprim demo --scene intersection -o demo_intersection
+    """
     from dirprim_filter.recording import read_tracks, save_map
     from dirprim_filter.recording.errors import OutputExistsError
 
@@ -148,7 +151,8 @@ def _replay(log: Path, tracker: Tracker, sinks: list[EstimateSink]) -> None:
     from dirprim_filter.recording.reader import stream_detections
     from dirprim_filter.replay import replay
 
-    replay(with_progress(stream_detections(log), what=f"tracking {log.name}"), tracker, sinks)
+    stream = stream_detections(log)
+    replay(with_progress(stream, what=f"tracking {log.name}", end_ns=stream.end_ns), tracker, sinks)
 
 
 def _center(learned: PrimitiveMap) -> FloatArray:

@@ -76,14 +76,16 @@ def density(
     """
     import numpy as np
 
+    from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.density import evaluate_density
 
     _check_plot(plot, force=force)
     log = reading.tracks(logs)
-    table = evaluate_density(
-        log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
-        interval_s=every, rng=np.random.default_rng(seed),
-    )  # fmt: skip
+    with step_progress("evaluating", "fits") as told:
+        table = evaluate_density(
+            log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
+            interval_s=every, progress=told, rng=np.random.default_rng(seed),
+        )  # fmt: skip
     if plot is not None:
         from dirprim_filter.viewer.figures import density_table_figure, save_figure
 
@@ -114,16 +116,18 @@ def cues(
     """
     import numpy as np
 
+    from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.cues import evaluate_cues, turn_signal_example
     from dirprim_filter.primitives import learn_primitives
 
     _check_plot(plot, force=force)
     log = reading.tracks(logs)
     deal, learn, draw = np.random.default_rng(seed).spawn(3)
-    table = evaluate_cues(
-        log.tracks, split_by=None if split is None else split.value, n_folds=folds, tessellation=tessellation.value,
-        min_speed=min_speed, rng=deal,
-    )  # fmt: skip
+    with step_progress("evaluating", "folds") as told:
+        table = evaluate_cues(
+            log.tracks, split_by=None if split is None else split.value, n_folds=folds, tessellation=tessellation.value,
+            min_speed=min_speed, progress=told, rng=deal,
+        )  # fmt: skip
     learned = learn_primitives(log.tracks, tessellation=tessellation.value, rng=learn)
     example = turn_signal_example(learned, rng=draw)
     if plot is not None:

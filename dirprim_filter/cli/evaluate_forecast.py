@@ -45,14 +45,16 @@ def forecast(
     import numpy as np
 
     from dirprim_filter.cli.evaluate import _as_json, _check_plot
+    from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.forecasting import HORIZONS_S, evaluate_forecasts
 
     _check_plot(plot, force=force)
     log = reading.tracks(logs)
-    table = evaluate_forecasts(
-        log.tracks, split_by="group" if by_group else "vehicle", horizons_s=horizon or HORIZONS_S, n_folds=folds,
-        n_seeds=seeds, n_samples=samples, rng=np.random.default_rng(seed),
-    )  # fmt: skip
+    with step_progress("evaluating", "fits") as told:
+        table = evaluate_forecasts(
+            log.tracks, split_by="group" if by_group else "vehicle", horizons_s=horizon or HORIZONS_S, n_folds=folds,
+            n_seeds=seeds, n_samples=samples, progress=told, rng=np.random.default_rng(seed),
+        )  # fmt: skip
     if plot is not None:
         from dirprim_filter.viewer.charts import forecast_chart
         from dirprim_filter.viewer.figures import save_figure

@@ -63,6 +63,7 @@ def tracking(
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
     from dirprim_filter.cli.evaluate import _as_json
+    from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.evaluation.experiment import TrackingExperiment, evaluate_tracking
     from dirprim_filter.recording import load_map
@@ -86,9 +87,11 @@ def tracking(
             said = provenance("evaluate tracking", inputs=inputs, **reading.said())
             said[CONFIG_KEY] = json.dumps(asdict(experiment))
             sinks = (files.enter_context(EstimateLog(output, metadata=said, force=force)),)
+        told_steps = files.enter_context(step_progress("evaluating", "steps"))
         table = evaluate_tracking(
-            log.tracks, experiment, sensor=detect, primitive_map=load_map(map_file) if map_file else None, sinks=sinks
-        )
+            log.tracks, experiment, sensor=detect, primitive_map=load_map(map_file) if map_file else None, sinks=sinks,
+            progress=told_steps,
+        )  # fmt: skip
     if chart is not None:
         from dirprim_filter.viewer.charts import tracking_chart
         from dirprim_filter.viewer.figures import save_figure
@@ -104,6 +107,8 @@ def read_experiment(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: the file describes none.
     """
+    from dirprim_filter.recording.errors import RecordingError
+
     try:
         if path.suffix == ".toml":
             return tomllib.loads(path.read_text())
@@ -111,7 +116,9 @@ def read_experiment(path: Path) -> dict[str, Any]:
             told = json.loads(path.read_text())[CONFIG_KEY]
         else:
             told = json.loads(_metadata(path)[CONFIG_KEY])
-    except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError) as error:
+    except (
+        tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, RecordingError
+    ) as error:  # fmt: skip
         raise ValueError(
             f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim evaluate tracking`, got {error}"
         ) from error

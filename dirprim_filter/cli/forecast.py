@@ -112,6 +112,7 @@ def _of_log(
             learned, [estimates], every_s=every_s, horizon_s=horizon_s, dt_s=dt_s, n_samples=n_samples, config=config,
             rng=np.random.default_rng([seed, 1]),
         )  # fmt: skip
-        n_frames = replay(with_progress(stream, what=f"forecasting {log.name}"), tracker, [estimates, forecaster])
+        seen = with_progress(stream, what=f"forecasting {log.name}", end_ns=stream.end_ns)
+        n_frames = replay(seen, tracker, [estimates, forecaster])
     typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}")
     return losses.exit_code(stream.damage, stream.dropped.total)

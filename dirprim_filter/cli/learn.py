@@ -45,7 +45,7 @@ def learn(
     """
     import numpy as np
 
-    from dirprim_filter.cli.progress import learning_progress
+    from dirprim_filter.cli.progress import learning_progress, working
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.primitives import learn_primitives
@@ -54,7 +54,8 @@ def learn(
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
-    log = reading.tracks(logs)
+    with working(f"reading {', '.join(path.name for path in logs)}"):
+        log = reading.tracks(logs)
     config = LearningConfig()
     with learning_progress() as told:
         learned = learn_primitives(

@@ -33,6 +33,15 @@ app = typer.Typer(
         "Learn from MCAP logs how vehicles move at each place, and track vehicles with what was learned. "
         "New here? Run `dirprim demo`, then `dirprim info` on a log of your own."
     ),
+    epilog=(
+        "\b\nFirst steps with a log of your own (docs/tutorial.md has all of them):\n"
+        "  dirprim info  LOG                                  what is in it?\n"
+        "  dirprim learn LOG -o map.mcap                      how do vehicles move there?\n"
+        "  dirprim plot  map.mcap -o map.png --log LOG        look at it\n"
+        "  dirprim track LOG --map map.mcap -o tracks.mcap --save tracks.rrd\n"
+        "  dirprim view  tracks.rrd                           play it\n"
+        "A table becomes a log by `dirprim convert`."
+    ),
     no_args_is_help=True,
     rich_markup_mode=None,  # plain help answers three times as fast
     pretty_exceptions_enable=False,

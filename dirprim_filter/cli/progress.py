@@ -1,4 +1,4 @@
-"""Progress bars on stderr, on a terminal only."""
+"""Progress bars on stderr, on a terminal only: how far, how fast, and how long it will still take."""
 
 from __future__ import annotations
 
@@ -8,50 +8,116 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, ProgressColumn
+
     from dirprim_filter.detections import Detections
 
+NS_PER_S = 1e9
 
-def with_progress(frames: Iterable[Detections], *, what: str) -> Iterator[Detections]:
-    """The frames as they are; on a terminal, with a count of them and the time reached in the log."""
+
+def with_progress(frames: Iterable[Detections], *, what: str, end_ns: int | None = None) -> Iterator[Detections]:
+    """The frames as they are; on a terminal, with a bar over the log's time.
+
+    Args:
+        frames: ascending in time.
+        what: is being done to them.
+        end_ns: of the log, where that is known: without it nobody knows what remains.
+    """
     if not sys.stderr.isatty():
         yield from frames
         return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        TextColumn("{task.completed} frames, {task.fields[reached]:.1f} s of the log"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None, reached=0.0)
+    with _bar("{task.completed:.1f} of {task.total:.1f} s of the log", "{task.fields[done]} frames") as progress:
+        task = progress.add_task(what, total=None, done=0)
         first_ns: int | None = None
-        for frame in frames:
+        for done, frame in enumerate(frames, start=1):
             yield frame
             now_ns = int(frame.time_ns[0])
-            first_ns = now_ns if first_ns is None else first_ns
-            progress.update(task, advance=1, reached=(now_ns - first_ns) * 1e-9)
+            if first_ns is None:
+                first_ns = now_ns
+                # A log of one instant, or one whose end is told wrongly, must not be done before it is.
+                lasts_ns = None if end_ns is None or end_ns <= now_ns else end_ns - now_ns
+                progress.update(task, total=None if lasts_ns is None else lasts_ns / NS_PER_S)
+            progress.update(task, completed=(now_ns - first_ns) / NS_PER_S, done=done)
+
+
+@contextmanager
+def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] | None]:
+    """What a long task tells of steps done and to do; on a terminal, a bar that follows it."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with _bar("{task.completed:.0f} of {task.total:.0f} " + unit, "") as progress:
+        task = progress.add_task(what, total=None, done=0)
+
+        def tell(done: int, of: int) -> None:
+            progress.update(task, completed=done, total=of)
+
+        yield tell
 
 
 @contextmanager
 def learning_progress() -> Iterator[Callable[[int, float], None] | None]:
     """What `learn_primitives` tells while it learns cells; on a terminal, a line that follows it.
 
-    When the search is over nobody knows before: so there is no remaining time, but what it has reached.
+    When the search is over nobody knows before: so there is no remaining time, but what it has reached, and how fast.
     """
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("learning cells and primitives{task.fields[reached]}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    with _on_stderr(*columns) as progress:
         task = progress.add_task("", total=None, reached="")
+        steps = 0
 
         def tell(n_cells: int, objective: float) -> None:
-            progress.update(task, reached=f": {n_cells} cells, held-out log density {-objective:.3f}")
+            nonlocal steps
+            steps += 1
+            elapsed_s = max(progress.tasks[0].elapsed or 0.0, 1e-3)
+            progress.update(
+                task,
+                reached=f": {n_cells} cells, held-out log density {-objective:.3f}, {steps / elapsed_s:.1f} steps/s",
+            )
 
         yield tell
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """On a terminal, a line that says what is being done, and for how long already."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    with _on_stderr(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()) as progress:
+        progress.add_task(what, total=None)
+        yield
+
+
+def _bar(counted: str, done: str) -> Progress:
+    """A bar with a count, a rate and the time that remains; only a spinner while the total is not known."""
+    from rich.progress import BarColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Count(TextColumn):
+        def render(self, task: Task) -> Text:
+            return Text("") if task.total is None else super().render(task)
+
+    class Rate(TextColumn):
+        def render(self, task: Task) -> Text:
+            rate = (task.fields["done"] or task.completed) / max(task.elapsed or 0.0, 1e-3)
+            return Text(f"{rate:.3g}/s")
+
+    return _on_stderr(
+        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=24), Count(counted), TextColumn(done),
+        Rate(""), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+
+
+def _on_stderr(*columns: ProgressColumn) -> Progress:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    return Progress(*columns, console=Console(stderr=True), transient=True)

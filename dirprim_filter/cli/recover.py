@@ -30,9 +30,11 @@ def recover(
 
     Example: dirprim recover tracks.mcap.4711.partial -o tracks.mcap
     """
+    from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.recording.recovery import recover as recover_log
 
-    recovery = recover_log(log, output, strict=strict, force=force)
+    with step_progress(f"recovering {log.name}", "chunks") as told:
+        recovery = recover_log(log, output, strict=strict, force=force, progress=told)
     typer.echo(json.dumps(recovery.as_json()) if as_json else _text(output, recovery))
     return losses.DONE if recovery.is_lossless else losses.INPUT_LOST
 

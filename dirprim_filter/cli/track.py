@@ -124,7 +124,7 @@ def track(
             rng = np.random.default_rng([seed, 1])
             sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=config, rng=rng))
         frames = (seen.without_ids() for seen in stream) if no_ids else stream
-        n_frames = replay(with_progress(frames, what=f"tracking {log.name}"), tracker, sinks)
+        n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), tracker, sinks)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs begun anew": str(tracker.recoveries)})
             keep_serving(viewer)

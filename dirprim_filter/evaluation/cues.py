@@ -19,6 +19,7 @@ averages it. Sums of densities are ruled by their largest terms; the mean gain i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.evaluation.density import rows_to_judge
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split
+from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.primitives.cues import TURN_RIGHT, Cue
 from dirprim_filter.primitives.recipe import CellsRule
@@ -121,6 +123,7 @@ def evaluate_cues(
     n_folds: int = 5,
     tessellation: CellsRule = "joint",
     min_speed: float = 0.5,
+    progress: Callable[[int, int], None] | None = None,
     rng: np.random.Generator,
 ) -> CueTable:
     """Learn from a part of the vehicles, and follow the others from cell to cell.
@@ -131,6 +134,7 @@ def evaluate_cues(
         n_folds: how many times.
         tessellation: the cells to learn, which are what vehicles step between; the paper's are "grid".
         min_speed: m/s; rows that are not faster have no direction of their own.
+        progress: told how many of how many steps are done.
         rng: deals the folds and feeds the learning.
 
     Raises:
@@ -142,9 +146,11 @@ def evaluate_cues(
         raise ValueError("split_by: expected 'vehicle' or 'group', got 'random': steps need whole vehicles")
     parts = []
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
+    told = StepCount(len(folds), progress)
     for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
         learned = learn_primitives(fold.train, tessellation=tessellation, rng=child)
         parts.append(_follow(learned, fold))
+        told.add()
     joined = Followed(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     if joined.vehicle.size == 0:
         raise ValueError("tracks: expected held-out vehicles that go from one cell to another, got none")

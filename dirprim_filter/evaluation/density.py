@@ -25,6 +25,7 @@ from dirprim_filter.evaluation.baselines.directional_grid_map import Directional
 from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
 from dirprim_filter.evaluation.baselines.uninformative import Uninformative
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, thinned
+from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import FloatArray
@@ -159,6 +160,7 @@ def evaluate_density(
     min_speed: float = 0.5,
     interval_s: float | None = None,
     methods: Sequence[Method] | None = None,
+    progress: Callable[[int, int], None] | None = None,
     rng: np.random.Generator,
 ) -> DensityTable:
     """Learn from a part of the tracks by every method, and score each by the other part.
@@ -171,6 +173,7 @@ def evaluate_density(
             body's. 0.5 in the paper; 0 leaves out the rows at rest.
         interval_s: keep only rows of a vehicle at least so far apart; left out, all.
         methods: what to compare; left out, `all_methods`.
+        progress: told how many of how many steps are done.
         rng: deals the folds and feeds the methods; what one draws changes no other's.
 
     Raises:
@@ -181,9 +184,10 @@ def evaluate_density(
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
     chosen = all_methods(max_speed=float(kept.speed.max())) if methods is None else methods
     children = rng.spawn(len(chosen))
+    told = StepCount(len(chosen) * len(folds), progress)
     return DensityTable(
         methods=tuple(
-            row for method, child in zip(chosen, children, strict=True) for row in _scores(method, folds, child)
+            row for method, child in zip(chosen, children, strict=True) for row in _scores(method, folds, child, told)
         ),
         split_by=by,
         n_folds=len(folds),
@@ -249,12 +253,13 @@ def _fit_processes(train: Tracks, rng: np.random.Generator) -> dict[str, Directi
     }
 
 
-def _scores(method: Method, folds: Sequence[Fold], rng: np.random.Generator) -> list[MethodScore]:
+def _scores(method: Method, folds: Sequence[Fold], rng: np.random.Generator, told: StepCount) -> list[MethodScore]:
     """The rows of one method: its setting that is best in log density, and the densest if that is another."""
     found: dict[str, list[dict[Quantity, FloatArray]]] = {}
     for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
         for setting, model in method.fit(fold.train, child).items():
             found.setdefault(setting, []).append(_log_densities(model, fold.test))
+        told.add()
     direction = {setting: _summary([fold["direction"] for fold in log_p]) for setting, log_p in found.items()}
     best = max(found, key=lambda setting: direction[setting].mean_log)
     densest = max(found, key=lambda setting: direction[setting].mean)

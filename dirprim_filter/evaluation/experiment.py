@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol
 
@@ -14,6 +14,7 @@ from dirprim_filter.estimates import EstimateSink, TrackedFrame
 from dirprim_filter.evaluation.methods import METHODS, Method, filters
 from dirprim_filter.evaluation.scoring import TrackingReport, Truth, report
 from dirprim_filter.evaluation.splits import honest_split
+from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
@@ -161,6 +162,7 @@ def evaluate_tracking(
     sensor: Sensor,
     primitive_map: PrimitiveMap | None = None,
     sinks: tuple[EstimateSink, ...] = (),
+    progress: Callable[[int, int], None] | None = None,
 ) -> TrackingTable:
     """Run the experiment.
 
@@ -171,16 +173,19 @@ def evaluate_tracking(
         primitive_map: the prior; left out, it is learned from a part of the vehicles, and the others are tracked. Where
             it is given, the Kalman filters are fitted to the very vehicles they track, which is in their favour.
         sinks: take the frames of the first method in the first seed.
+        progress: told how many of how many steps are done.
 
     Raises:
         ValueError: too few vehicles to learn from and to track.
     """
     reports: dict[Method, list[TrackingReport]] = {method: [] for method in experiment.methods}
     n_vehicles = n_gaps = 0
+    told = StepCount(experiment.n_seeds * (2 + len(experiment.methods)), progress)
     for i in range(experiment.n_seeds):
         deal, learn, sense, fit, filtering = np.random.default_rng([experiment.seed, i]).spawn(5)
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
         learned = primitive_map or learn_primitives(train, rng=learn)
+        told.add()
         hidden = gaps(test, gap_s=experiment.gap_s, rng=sense)
         seen = _report_of(test, hidden, experiment, sensor, rng=sense)
         truth = Truth(tracks=test, is_hidden=hidden)
@@ -189,6 +194,7 @@ def evaluate_tracking(
         n_gaps += int(np.unique(test.track_id[hidden]).size)
         seeds = filtering.integers(2**63, size=len(experiment.methods))
         made = filters(experiment.methods, learned, train, experiment.filter, rng=fit)
+        told.add()
         for number, (method, make) in enumerate(made.items()):
             tracker = Tracker(
                 make(), config=experiment.filter, tracking=tracking, rng=np.random.default_rng(seeds[number])
@@ -197,6 +203,7 @@ def evaluate_tracking(
             reports[method].append(
                 report(_followed(tracker, seen, test, listening), truth, cutoff_m=experiment.cutoff_m)
             )
+            told.add()
     return TrackingTable(
         experiment=experiment, map_learned=primitive_map is None,
         split_by="" if primitive_map else honest_split(tracks), n_vehicles=n_vehicles, n_gaps=n_gaps,

@@ -15,6 +15,7 @@ import numpy as np
 
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.evaluation.splits import SplitBy, split
+from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.filtering.futures import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
@@ -237,6 +238,7 @@ def evaluate_forecasts(
     n_seeds: int = 1,
     n_samples: int = 100,
     methods: Sequence[Fit] = METHODS,
+    progress: Callable[[int, int], None] | None = None,
     rng: np.random.Generator,
 ) -> ForecastTable:
     """Learn from a part of the vehicles by every method, and forecast the others.
@@ -249,6 +251,7 @@ def evaluate_forecasts(
         n_seeds: how many times they are dealt anew.
         n_samples: futures for each case, at least 20.
         methods: what to compare.
+        progress: told how many of how many steps are done.
         rng: deals the splits and feeds the methods; what one draws changes no other's.
 
     Raises:
@@ -261,15 +264,19 @@ def evaluate_forecasts(
         raise ValueError(f"n_samples, n_seeds: expected at least {BATCH} and 1, got {n_samples} and {n_seeds}")
     found: dict[str, list[FloatArray]] = {}
     n_vehicles = 0
+    told: StepCount | None = None
     for child in rng.spawn(n_seeds):
         of_seed: dict[str, list[FloatArray]] = {}
-        for fold in split(tracks, by=split_by, n_folds=n_folds, rng=child):
+        dealt = split(tracks, by=split_by, n_folds=n_folds, rng=child)
+        told = told or StepCount(n_seeds * len(dealt) * len(methods), progress)
+        for fold in dealt:
             cases = Cases.of(fold.test, horizons_s=horizons)
             n_vehicles += int(np.unique(cases.vehicle).size)
             for fit, own in zip(methods, child.spawn(len(methods)), strict=True):
                 for name, sample in fit(fold.train, horizons, own).items():
                     scores = score_cases(sample(cases, n_samples, own), cases.later)
                     of_seed.setdefault(name, []).append(scores)
+                told.add()
         for name, folds in of_seed.items():
             found.setdefault(name, []).append(np.concatenate(folds))
     rows = {name: _over_seeds(seeds, horizons) for name, seeds in found.items()}

@@ -6,6 +6,7 @@ made. Attachments whose checksum holds, metadata and private records stay.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
@@ -80,7 +81,14 @@ class Recovery:
         }
 
 
-def recover(path: str | PathLike[str], output: str | Path, *, strict: bool = False, force: bool = False) -> Recovery:
+def recover(
+    path: str | PathLike[str],
+    output: str | Path,
+    *,
+    strict: bool = False,
+    force: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Recovery:
     """Write all that can be read of a log as a whole one.
 
     Args:
@@ -88,6 +96,7 @@ def recover(path: str | PathLike[str], output: str | Path, *, strict: bool = Fal
         output: the log to write.
         strict: raise where something is damaged, instead of going on.
         force: overwrite an existing file.
+        progress: told how many of how many chunks are done.
 
     Raises:
         NotMcapError: the file is no MCAP log.
@@ -101,10 +110,12 @@ def recover(path: str | PathLike[str], output: str | Path, *, strict: bool = Fal
         for name, entries in layout.metadata:
             writer.add_metadata(name, entries)
         copier = _Copier(log, writer)
-        for chunk, columns in log.parts():
+        for done, (chunk, columns) in enumerate(log.parts(), start=1):
             if strict and log.damage:
                 raise DamagedRecordingError(log.path, log.damage)
             copier.take(chunk, columns)
+            if progress is not None:
+                progress(done, len(layout.chunks))
         if strict and log.damage:
             raise DamagedRecordingError(log.path, log.damage)
         for attachment in layout.attachments:

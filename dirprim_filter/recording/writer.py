@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -44,6 +44,7 @@ def write_tracks(
     detections: Detections | None = None,
     metadata: Mapping[str, str] | None = None,
     force: bool = False,
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write observed motion as an MCAP log, a message for each instant.
 
@@ -56,6 +57,7 @@ def write_tracks(
         detections: what a sensor reported, for `/detections` and `/detections/scene`.
         metadata: goes into the `dirprim` metadata record: configuration, seed, where the data came from.
         force: overwrite an existing file.
+        progress: told how many of how many instants are written.
 
     Raises:
         OutputExistsError: the file exists, and `force` is not set.
@@ -67,7 +69,8 @@ def write_tracks(
     streams = [_instants(source) for source in sources]
     with McapLog(path, metadata=metadata or {}, force=force) as log:
         begun = False
-        for time_ns, rows, source in heapq.merge(*streams, key=lambda instant: instant[0]):
+        total = sum(np.unique(source.time_ns).size for source in sources)
+        for done, (time_ns, rows, source) in enumerate(heapq.merge(*streams, key=lambda instant: instant[0]), 1):
             if not begun:
                 log.write(TRANSFORM_TOPIC, scene.frame_transform(time_ns), time_ns)
                 begun = True
@@ -80,6 +83,8 @@ def write_tracks(
                 log.write(DETECTIONS_TOPIC, message, time_ns)
                 drawn = scene.detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
                 log.write(DETECTIONS_SCENE_TOPIC, drawn, time_ns)
+            if progress is not None:
+                progress(done, total)
 
 
 def _instants(source: Tracks | Detections) -> Iterator[tuple[int, IntArray, Tracks | Detections]]:

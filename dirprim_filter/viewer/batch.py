@@ -83,13 +83,15 @@ class FrameBatch:
             ("/tracks/motion", marks.motion),
         ):
             yield entity, times, draw(believed).partition(n_believed)
-        yield "/tracks/ids", times, marks.ids(believed, depth=self._depth).partition(n_believed)
         unseen = believed.unseen_s > UNSEEN_S
+        frame = np.repeat(np.arange(len(n_believed)), n_believed)
+        few = np.array([n <= marks.MOST_IDS for n in n_believed])
+        named = marks.ids(believed[few[frame]], depth=self._depth)
+        yield "/tracks/ids", times, named.partition(np.where(few, n_believed, 0))
         for entity, chosen in (
             ("/tracks/covariance", ~unseen),
             ("/tracks/unseen", unseen & (shapes.reach(believed.covariance) < marks.WIDEST_UNSEEN)),
         ):
-            frame = np.repeat(np.arange(len(n_believed)), n_believed)
             counts = np.bincount(frame[chosen], minlength=len(n_believed))
             yield entity, times, marks.covariance(believed[chosen]).partition(counts)
         n_detected = [len(part) for part in self._detected]

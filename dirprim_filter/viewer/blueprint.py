@@ -22,6 +22,8 @@ LAYERS = (
 )  # fmt: skip
 """Entities of the map view: each can be switched off by its path."""
 TRAILS = ("/tracks/trails", "/truth/trails")
+FLOW = "/map/flow"
+"""Shown of a map alone; under tracked vehicles, whose arrows it would mingle with, it waits to be switched on."""
 EYE_HEIGHT = 1.02
 """Height of the eye as a share of the depth of ground to be seen; the view's opening angle is fixed."""
 VIEW_ASPECT = {1: 1.35, 2: 1.2}
@@ -86,7 +88,10 @@ class Layout:
             background=rrb.Background(color=BACKGROUND),
             line_grid=False,
             eye_controls=eye_above(self.box, aspect=VIEW_ASPECT[len(self.roots)]),
-            overrides={root + path: trail for path in TRAILS},
+            overrides={
+                **{root + path: trail for path in TRAILS},
+                root + FLOW: rrb.EntityBehavior(visible=not self.tracked),
+            },
         )
 
     def _polar(self) -> rrb.View:

@@ -21,6 +21,8 @@ TEXT = """\
 **Roses**: how vehicles move in a cell. A petal points where they go and bends as they do; its area is their share; its
 colour is their mean speed, from violet (0 m/s) to yellow ({fastest:g} m/s and more). A violet disc: they stand there.
 
+**Orange arrows**: ways from cell to cell, as thick as vehicles took them, as bright as their share of all who left.
+
 **White dots**: detections. **White outlines**: true vehicles, where known.
 
 **Large dots, arrows, ellipses**: estimates, where they will be in one second, and the region that holds the vehicle

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import rerun as rr
 
 from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.primitives.transitions import Transitions
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.colors import (
@@ -25,7 +26,7 @@ from dirprim_filter.viewer.colors import (
     track_color,
     with_alpha,
 )
-from dirprim_filter.viewer.fans import fan_triangles
+from dirprim_filter.viewer.fans import Fan, fans_of
 from dirprim_filter.viewer.lifelines import UNSEEN_S
 from tessellation import Tessellation
 from tessellation.arrays import FloatArray
@@ -38,7 +39,7 @@ ParticleColor = Literal["direction", "mode", "weight"]
 PARTICLE_COLORS: tuple[ParticleColor, ...] = get_args(ParticleColor)
 
 FROM_BELOW = (
-    "cells", "roses", "region_90", "region_50", "forecasts", "trails", "truth",
+    "cells", "roses", "flow", "region_90", "region_50", "forecasts", "trails", "truth",
     "particles", "covariance", "motion", "ring", "estimates", "detections", "ids",
 )  # fmt: skip
 HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate(FROM_BELOW)}
@@ -47,11 +48,24 @@ ROSE_THICKNESS = 0.05
 """Metres from the lowest petal to the highest."""
 ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
+FLOW_LEAST = 0.05
+"""Of those who leave a cell: ways that fewer take are not drawn."""
+FLOW_LENGTH = 0.7
+"""Of the way between the centres of two cells: arrows must not run into each other."""
+FLOW_WIDTH = 1.5
+"""Points on the screen, of the way that most vehicles take."""
+FLOW_COLOR = (255, 170, 110)
 FORECAST_OPACITY = 0.25
 FAN_OPACITY = 0.2
-FAN_STRIDE = 2
-"""Every second instant is enough for a fan."""
-PATHS_DRAWN = 10
+FEW_FANS = 8
+"""More than so many lie over each other: they are drawn fainter, as their number grows,"""
+FAINTEST_FAN = 0.05
+"""but not fainter than this."""
+MOST_IDS = 60
+"""Vehicles in a frame; the names of more would hide the map. The plots and the diary still tell them."""
+STEP_STRIDE = 2
+"""Every second instant is enough for a path and a fan."""
+PATHS_DRAWN = 6
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
 """Vehicles out of sight are darker by this factor."""
@@ -76,8 +90,6 @@ STYLES: Mapping[str, rr.AsComponents] = {
     "/detections": rr.Points3D.from_fields(colors=WHITE, radii=_points(2.5)),
     "/truth/trails": rr.LineStrips3D.from_fields(colors=(150, 155, 165), radii=_points(0.5)),
     "/forecasts/paths": rr.LineStrips3D.from_fields(radii=_points(0.5)),
-    "/forecasts/region_90": rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, round(255 * FAN_OPACITY))),
-    "/forecasts/region_50": rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, round(255 * FAN_OPACITY))),
     "/focus/ring": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(1.0)),
     "/tracks/trails": rr.LineStrips3D.from_fields(radii=_points(1.0)),
     "/tracks/particles": rr.Points3D.from_fields(radii=_points(1.0)),
@@ -107,6 +119,22 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
         vertex_positions=_raised(petals.polygon, height[:, None]).reshape(-1, 3),
         triangle_indices=shapes.fan_triangles(petals.polygon),
         vertex_colors=color.reshape(-1, 4),
+    )
+
+
+def flow(transitions: Transitions, tessellation: Tessellation) -> rr.Arrows3D:
+    """An arrow from cell to cell, as bright as its share of those who leave the first, as thick as they are many."""
+    kept = (transitions.share >= FLOW_LEAST) & (transitions.n > 1)
+    start = tessellation.centers[transitions.start[kept]]
+    way = tessellation.centers[transitions.end[kept]] - start
+    many = np.sqrt(transitions.n[kept] / max(int(transitions.n.max(initial=1)), 1))
+    color = np.full((len(way), 4), 255, np.uint8)
+    color[:, :3] = np.rint(np.array(FLOW_COLOR) * (0.35 + 0.65 * transitions.share[kept, None]))
+    return rr.Arrows3D(
+        origins=_raised(start + (0.5 - 0.5 * FLOW_LENGTH) * way, HEIGHT["flow"]),
+        vectors=_raised(FLOW_LENGTH * way, 0.0),
+        radii=rr.Radius.ui_points(FLOW_WIDTH * np.maximum(many, 0.3)),
+        colors=color,
     )
 
 
@@ -211,26 +239,54 @@ def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
     return rr.LineStrips3D.columns(strips=_raised(circle, HEIGHT["ring"]))
 
 
-def forecasts(track_id: Sequence[str], paths: FloatArray) -> rr.ComponentColumnList:
-    """The sampled futures of each vehicle as thin lines. (n, n_samples, n_steps, 2) metres."""
-    paths = paths[:, :PATHS_DRAWN]
-    n, n_samples, n_steps, _ = paths.shape
-    color = np.repeat(with_alpha(track_color(track_id), FORECAST_OPACITY), n_samples, axis=0)
-    lines = _raised(paths.reshape(n * n_samples, n_steps, 2), HEIGHT["forecasts"])
-    return rr.LineStrips3D.columns(strips=lines, colors=color)
+class Forecast(NamedTuple):
+    """One vehicle's futures as they are drawn.
+
+    Attributes:
+        paths: (n, n_steps, 2) metres, some of them.
+        fans: of all of them, one for each of `FANS`.
+    """
+
+    paths: FloatArray
+    fans: Sequence[Fan]
+
+    @classmethod
+    def of(cls, paths: FloatArray) -> Forecast:
+        """Of sampled futures, (n_samples, n_steps, 2) metres."""
+        last = paths.shape[1] - 1
+        kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
+        coarse = np.ascontiguousarray(paths[:, kept])
+        return cls(coarse[:PATHS_DRAWN], fans_of(coarse, tuple(FANS.values())))
 
 
-def fans(track_id: Sequence[str], paths: FloatArray) -> Iterator[tuple[str, rr.ComponentColumnList]]:
-    """The fans of all vehicles at one instant, by entity. (n, n_samples, n_steps, 2) metres."""
-    color = track_color(track_id)
-    of_vehicle = [fan_triangles(futures[:, ::FAN_STRIDE], tuple(FANS.values())) for futures in paths]
+def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.ComponentColumnList]]:
+    """Futures of all vehicles at one instant, by entity: thin lines, and their fans."""
+    color = track_color(list(of_vehicle))
+    paths = [futures.paths for futures in of_vehicle.values()]
+    lines = _raised(np.concatenate(paths) if paths else np.empty((0, 1, 2)), HEIGHT["forecasts"])
+    shade = np.repeat(with_alpha(color, FORECAST_OPACITY), [len(part) for part in paths], axis=0)
+    strips = rr.LineStrips3D.columns(strips=lines, colors=shade)
+    yield "/forecasts/paths", strips.partition([len(shade)])
     for k, entity in enumerate(FANS):
-        parts = [fan[k] for fan in of_vehicle]
-        corner = np.concatenate([np.empty((0, 3, 2)), *parts]).reshape(-1, 2)
-        shade = np.repeat(color, [3 * len(part) for part in parts], axis=0)
-        height = HEIGHT[entity.rsplit("/", 1)[-1]]
-        mesh = rr.Mesh3D.columns(vertex_positions=_raised(corner, height), vertex_colors=shade)
-        yield entity, mesh.partition([len(corner)])
+        parts = [futures.fans[k] for futures in of_vehicle.values()]
+        n_before = np.cumsum([0, *(len(part.vertex) for part in parts)])
+        vertex = np.concatenate([np.empty((0, 2)), *(part.vertex for part in parts)])
+        triangle = np.concatenate(
+            [np.empty((0, 3), np.int64), *(n + part.triangle for n, part in zip(n_before, parts, strict=False))]
+        )
+        corners = rr.Mesh3D.columns(
+            vertex_positions=_raised(vertex, HEIGHT[entity.rsplit("/", 1)[-1]]),
+            vertex_colors=np.repeat(color, np.diff(n_before), axis=0),
+        )
+        faces = rr.Mesh3D.columns(triangle_indices=triangle.astype(np.uint32))
+        opacity = float(np.clip(FAN_OPACITY * FEW_FANS / max(len(parts), FEW_FANS), FAINTEST_FAN, FAN_OPACITY))
+        seen_through = rr.Mesh3D.columns(albedo_factor=[(255, 255, 255, round(255 * opacity))])
+        yield (
+            entity,
+            rr.ComponentColumnList(
+                [*corners.partition([len(vertex)]), *faces.partition([len(triangle)]), *seen_through]
+            ),
+        )
 
 
 def _shade(believed: Estimates) -> ByteArray:

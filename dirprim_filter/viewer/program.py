@@ -13,8 +13,12 @@ from urllib.parse import quote, urlsplit
 VIEWER_PORT = 9876
 VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
 WEB_PORT = 9090
+THIS_MACHINE = "127.0.0.1"
+"""Left to itself the viewer takes streams from whoever reaches this machine."""
 STARTING_S = 2.0
 """A viewer that still runs after this time has found a screen."""
+SETTLING_S = 1.0
+"""In which a viewer without a screen ends."""
 SERVING_WITHIN_S = 20.0
 ANY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - they are what a user may ask for
 
@@ -32,7 +36,7 @@ def show_files(paths: list[Path]) -> None:
     Raises:
         ConnectionError: no viewer could be started.
     """
-    command = [viewer_program() or "rerun", *map(str, paths)]
+    command = [viewer_program() or "rerun", "--bind", THIS_MACHINE, *map(str, paths)]
     told = ", ".join(map(str, paths))
     try:
         viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
@@ -46,6 +50,41 @@ def show_files(paths: list[Path]) -> None:
         raise ConnectionError(f"{told}: the viewer {command[0]} did not start ({error})") from error
     if failed:
         raise ConnectionError(f"{told}: the viewer did not start; it needs a screen")
+
+
+def spawn_viewer() -> None:
+    """Make sure that a viewer runs on this machine at `VIEWER_URL`, and leave it open.
+
+    Raises:
+        ConnectionError: none could be started.
+    """
+    if _answers(THIS_MACHINE, VIEWER_PORT):
+        return
+    way_out = "a viewer needs a screen; without one, save to a file or serve the web viewer"
+    try:
+        viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
+            [viewer_program() or "rerun", "--bind", THIS_MACHINE, "--port", str(VIEWER_PORT), "--expect-data-soon"],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        raise ConnectionError(f"the viewer did not start ({error}); {way_out}") from error
+    until = time.monotonic() + SERVING_WITHIN_S
+    while viewer.poll() is None and time.monotonic() < until:
+        if _answers(THIS_MACHINE, VIEWER_PORT):
+            time.sleep(SETTLING_S)  # it listens before it knows whether there is a screen
+            if viewer.poll() is None:
+                return
+        time.sleep(0.05)
+    viewer.terminate()
+    raise ConnectionError(f"the viewer did not start; {way_out}")
+
+
+def _answers(host: str, port: int) -> bool:
+    try:
+        socket.create_connection((host, port), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
 
 
 def require_listener(url: str, way_out: str) -> None:
@@ -120,11 +159,9 @@ class WebServer:
             while True:
                 if self._process.poll() is not None or time.monotonic() > until:
                     raise ConnectionError(f"{host}:{port}: the web viewer's server did not start")
-                try:
-                    socket.create_connection((host, port), timeout=1.0).close()
+                if _answers(host, port):
                     break
-                except OSError:
-                    time.sleep(0.05)
+                time.sleep(0.05)
 
 
 def _require_free(address: str, port: int) -> None:

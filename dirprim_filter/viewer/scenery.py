@@ -16,8 +16,8 @@ POLAR_COLORS = {
 }  # fmt: skip
 RUN_COLORS: tuple[Color, Color] = (BLUE, ORANGE)
 GRID_COLOR = (55, 60, 72)
-KEY_AT = (-1.35, -1.35)
-KEY_STEP = 0.16
+KEY_AT = (-1.3, -1.35)
+KEY_STEP = 0.23
 
 
 def scenery() -> Iterator[tuple[str, rr.AsComponents]]:

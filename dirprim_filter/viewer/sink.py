@@ -18,6 +18,7 @@ import rerun as rr
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.transitions import cell_transitions
 from dirprim_filter.tracks import Tracks, as_texts
 from dirprim_filter.viewer import marks, shapes
 from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
@@ -116,7 +117,7 @@ class RerunSink:
         self._focus, self._lines, self._tally = Focus(focus), Lifelines(), Tally()
         self._last_seen: dict[str, tuple[int, FloatArray]] = {}
         self._unsure: set[str] = set()
-        self._forecasts: dict[str, FloatArray] = {}
+        self._forecasts: dict[str, marks.Forecast] = {}
         self._forecast_ns = 0
         self._forecasts_pending = False
 
@@ -157,6 +158,7 @@ class RerunSink:
         legend = Legend(extent=box, fastest=fastest)
         self._static("/map/cells", marks.cells(primitives.tessellation))
         self._static("/map/roses", marks.roses(petals, fastest=fastest))
+        self._static("/map/flow", marks.flow(cell_transitions(primitives), primitives.tessellation))
         self._static("/map/legend", legend.bar(), legend.ticks())
         self._static("/legend", legend.text())
         self._box = box
@@ -237,7 +239,7 @@ class RerunSink:
             start = (
                 np.full((len(futures), 1, 2), self._last_seen[name][1]) if name in self._last_seen else futures[:, :1]
             )
-            self._forecasts[name] = np.concatenate([start, futures], axis=1)
+            self._forecasts[name] = marks.Forecast.of(np.concatenate([start, futures], axis=1))
         self._forecast_ns = time_ns
         self._forecasts_pending = True
 
@@ -272,13 +274,8 @@ class RerunSink:
         self._forecasts_pending = False
 
     def _show_forecasts(self, time_ns: int) -> None:
-        names = list(self._forecasts)
-        paths = np.stack(list(self._forecasts.values())) if names else np.empty((0, 1, 1, 2))
-        lines = marks.forecasts(names, paths).partition([len(names) * min(paths.shape[1], marks.PATHS_DRAWN)])
-        times = time_column([time_ns])
-        self.stream.send_columns("/forecasts/paths", [times], lines)
-        for entity, fan in marks.fans(names, paths):
-            self.stream.send_columns(entity, [times], fan)
+        for entity, columns in marks.forecasts(self._forecasts):
+            self.stream.send_columns(entity, [time_column([time_ns])], columns)
 
     # --- The stream -----------------------------------------------------------------------------------------
 

@@ -11,11 +11,10 @@ import rerun as rr
 
 from dirprim_filter.viewer.marks import ParticleColor
 from dirprim_filter.viewer.program import (
-    VIEWER_PORT,
     VIEWER_URL,
     WebServer,
     require_listener,
-    viewer_program,
+    spawn_viewer,
 )
 from dirprim_filter.viewer.sink import Outlet, RerunSink
 
@@ -52,7 +51,10 @@ def open_stream(
         ConnectionError: no viewer answers at `connect`, or none could be started.
     """
     if save is None and not spawn and connect is None and serve is None:
-        raise ValueError("save, spawn, connect, serve: expected at least one place to stream to, got none")
+        raise ValueError(
+            "save, spawn, connect, serve: expected at least one place to stream to, got none; "
+            "--spawn shows it on a screen, --save FILE.rrd keeps it for `dirprim view`"
+        )
     if particle_stride < 1:
         raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
     if save is not None and save.exists() and not force:
@@ -68,8 +70,7 @@ def open_stream(
             server = if_failed.enter_context(WebServer(serve))
             sinks.append(rr.GrpcSink(server.stream_url))
         if spawn:
-            rr.spawn(port=VIEWER_PORT, connect=False, executable_path=viewer_program(), recording=stream)
-            require_listener(VIEWER_URL, "it needs a screen; without one, save to a file")
+            spawn_viewer()
             sinks.append(rr.GrpcSink(VIEWER_URL))
         if connect is not None and not (spawn and connect == VIEWER_URL):
             require_listener(connect, "start one with `rerun`")

@@ -68,7 +68,9 @@ def _train(frequency, fitted, validation, seed):
     optimiser = torch.optim.Adam(field.parameters(), lr=2e-3, weight_decay=1e-6)
     best, state, since = -np.inf, None, 0
     more = max(1.0, FEWEST_STEPS / (MOST_EPOCHS * -(-len(rows[0]) // BATCH)))
-    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimiser, mode="max", factor=0.5, patience=int(0.4 * PATIENCE * more))
+    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(
+        optimiser, mode="max", factor=0.5, patience=int(0.4 * PATIENCE * more)
+    )
     for _ in range(int(more * MOST_EPOCHS)):
         for batch in torch.randperm(len(rows[0])).split(BATCH):
             optimiser.zero_grad()

@@ -127,3 +127,9 @@ def test_forecast_tells_people_and_machines_the_same_and_draws(log, capsys, tmp_
     scores = [score for row in table["methods"] for score in row["horizons"]]
     for line, score in zip(lines, scores, strict=True):
         assert line[2:10] == [str(score["n_cases"]), *(f"{score[name]:.2f}" for name in figures[1:])]
+
+
+def test_a_configuration_that_is_none_is_told_as_such(log, capsys, tmp_path):
+    (tmp_path / "notes.txt").write_text("noise: a lot")
+    assert evaluate("tracking", log, "--config", tmp_path / "notes.txt") == FAILED
+    assert "notes.txt: expected an experiment in TOML, or the JSON or MCAP of" in capsys.readouterr().err

@@ -3,10 +3,18 @@
 import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.distance import cdist
 
-from dirprim_filter.viewer.fans import CORNER, FINEST_M, KERNEL_SQUARES, N_SQUARES, fan_triangles
+from dirprim_filter.viewer import _kernels
+from dirprim_filter.viewer.fans import CORNER, FINEST_M, KERNEL_REACH, KERNEL_SQUARES, N_SQUARES, fans_of
 
 SHARES = (0.9, 0.5)
+
+
+def fan_triangles(paths: np.ndarray, shares: tuple[float, ...]) -> list[np.ndarray]:
+    """The corners of the triangles of each fan, (n, 3, 2)."""
+    return [fan.vertex[fan.triangle] for fan in fans_of(paths, shares)]
 
 
 def area_of(triangles: np.ndarray) -> np.ndarray:
@@ -79,3 +87,54 @@ def test_futures_that_agree_have_a_small_fan(paths: np.ndarray) -> None:
         assert 0.0 < area_of(fan).sum() < 40.0
         away = np.linalg.norm(fan.reshape(-1, 1, 2) - paths[0], axis=-1)
         assert (away.min(axis=0) < FINEST_M).all()
+
+
+def test_densities_are_those_of_a_gaussian_blur() -> None:
+    rng = np.random.default_rng(7)
+    node = rng.integers(6, [24, 34], (40, 5, 2))
+    kernel, shares, company = np.array([1.2, 1.5, 1.9, 2.2, 1.2]), np.array([0.9, 0.5]), 1.3
+    found = np.zeros((2, 30, 40))
+    _kernels.highest_densities(node, kernel, KERNEL_REACH, shares, company, 0.1, CORNER, found)
+    expected = np.zeros_like(found)
+    for step, width in enumerate(kernel):
+        count = np.zeros((30, 40))
+        np.add.at(count, (node[:, step, 0], node[:, step, 1]), 1.0)
+        density = gaussian_filter(count, width, mode="constant", truncate=KERNEL_REACH)
+        at_sample = np.sort(density[node[:, step, 0], node[:, step, 1]])
+        least = company / (2 * np.pi * width**2)
+        for k, share in enumerate(shares):
+            level = at_sample[int((1 - share) * 40)]
+            if (at_sample >= least).mean() >= share - 0.1:
+                level = max(level, least)
+            expected[k] = np.maximum(expected[k], density / (CORNER * level))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_neighbours_are_the_nearest() -> None:
+    path = np.random.default_rng(8).normal(size=(30, 4, 2))
+    found = np.empty(4)
+    _kernels.neighbour_distances(path, 2, 3, found)
+    expected = [np.median(np.sort(cdist(path[::2, k], path[::2, k]), axis=1)[:, 3]) for k in range(4)]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(9, 14), (1, 5), (3, 1), (12, 12)])
+def test_triangles_cover_what_is_high_and_nothing_twice(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(9)
+    for _ in range(20):
+        height = np.full(shape, -1.0)
+        height[1:-1, 1:-1] = gaussian_filter(rng.normal(size=shape), 1.2)[1:-1, 1:-1]
+        vertex, triangle = np.empty((3 * height.size, 2)), np.empty((3 * height.size, 3), np.int64)
+        n_vertices, n_triangles = _kernels.triangles_above(height, vertex, triangle)
+        corners = vertex[:n_vertices][triangle[:n_triangles]]
+        assert n_triangles == 0 or triangle[:n_triangles].max() < n_vertices
+        assert (area_of(corners) >= -1e-12).all()
+        middle = corners.mean(axis=1)
+        inside = np.sum([Outline(t).contains_points(middle, radius=-1e-9) for t in corners], axis=0)
+        assert (inside <= 1).all()
+        high = np.argwhere(height >= 0)
+        assert n_triangles > 0 or len(high) == 0
+        if len(high) and n_triangles:  # each high node is a point of the area, each low one is none
+            low = np.argwhere(height < 0)
+            assert holds(corners, high[:, ::-1] + 1e-9).sum() >= 0.9 * len(high)
+            assert not any(Outline(t).contains_points(low[:, ::-1], radius=-1e-6).any() for t in corners)

@@ -193,3 +193,19 @@ def test_a_report_is_a_table_whatever_stands_in_it() -> None:
     assert "| a\\|b | x y |" in text
     assert max(map(len, text.splitlines())) < 90
     assert "{no json" in text
+
+
+@pytest.mark.parametrize("n", [3, marks.MOST_IDS + 1])
+def test_a_crowd_has_no_names_and_fainter_fans(tmp_path: Path, scene_frames: list[TrackedFrame], n: int) -> None:
+    first = scene_frames[0]
+    row = np.zeros(n, np.int64)
+    many = replace(first.estimates[row], track_id=np.arange(n))
+    with open_stream(save=tmp_path / "run.rrd") as sink:
+        sink.write(replace(first, estimates=many))
+        futures = first.estimates.position[0] + np.cumsum(np.ones((n, 12, 6, 2)), axis=2)
+        sink.write_forecast(first.time_ns, [str(i) for i in range(n)], futures)
+    labels = [v for _, v in rows_of(tmp_path / "run.rrd", "/tracks/ids", "Points3D:labels")]
+    assert [len(v) for v in labels] == ([n] if n <= marks.MOST_IDS else [0])
+    ((_, packed),) = rows_of(tmp_path / "run.rrd", "/forecasts/region_90", "Mesh3D:albedo_factor")
+    expected = marks.FAN_OPACITY if n <= marks.FEW_FANS else marks.FAINTEST_FAN
+    assert int(packed[0]) & 255 == round(255 * expected)

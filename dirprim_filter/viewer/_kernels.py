@@ -1,0 +1,199 @@
+"""Compiled: kernel densities of a vehicle's futures on a grid, and the area where they are high as triangles.
+
+Forecasts come for every vehicle each second of the log: in numpy their fans took as long as tracking did.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from tessellation.arrays import FloatArray, IntArray
+
+
+@njit(cache=True)
+def neighbour_distances(path: FloatArray, stride: int, nth: int, out: FloatArray) -> None:
+    """The median distance of samples to their nth nearest, at each step; the first is the sample itself.
+
+    Args:
+        path: (n_samples, n_steps, 2).
+        stride: one sample in so many is looked at.
+        nth: which neighbour.
+        out: (n_steps,) is filled.
+    """
+    n = (len(path) + stride - 1) // stride
+    nearest, of_sample = np.empty(nth + 1), np.empty(n)
+    for k in range(path.shape[1]):
+        for i in range(n):
+            nearest[:] = np.inf
+            for j in range(n):
+                dx = path[i * stride, k, 0] - path[j * stride, k, 0]
+                dy = path[i * stride, k, 1] - path[j * stride, k, 1]
+                squared, place = dx * dx + dy * dy, nth
+                while place > 0 and nearest[place - 1] > squared:
+                    nearest[place] = nearest[place - 1]
+                    place -= 1
+                nearest[place] = min(nearest[place], squared)
+            of_sample[i] = math.sqrt(nearest[nth])
+        out[k] = np.median(of_sample)
+
+
+@njit(cache=True)
+def highest_densities(
+    node: IntArray, kernel: FloatArray, reach: float, probability: FloatArray, company: float, spared: float,
+    corner: float, height: FloatArray,
+) -> None:  # fmt: skip
+    """How many times its step's level the density is at each node of a grid, at the step where that is most.
+
+    The level is the density at so many of the step's samples that the probability is held; see `fans`.
+
+    Args:
+        node: (n_samples, n_steps, 2) row and column of the node nearest to each sample.
+        kernel: (n_steps,) standard deviation in nodes.
+        reach: standard deviations.
+        probability: (k,).
+        company: of the density at a lone sample: the least level,
+        spared: unless the step would lack more than this of its probability.
+        corner: the level is lowered by this factor.
+        height: (k, rows, columns) zeros; is filled.
+    """
+    n_samples, n_steps, _ = node.shape
+    rows, columns = height.shape[1:]
+    density, at_sample = np.zeros((rows, columns)), np.empty(n_samples)
+    for s in range(n_steps):
+        radius = int(reach * kernel[s] + 0.5)
+        weight = np.exp(-0.5 * (np.arange(-radius, radius + 1) / kernel[s]) ** 2)
+        weight /= weight.sum()
+        first_row, first_column, last_row, last_column = rows, columns, 0, 0
+        for a in range(n_samples):
+            r, c = node[a, s, 0], node[a, s, 1]
+            low_r, high_r = max(r - radius, 0), min(r + radius + 1, rows)
+            low_c, high_c = max(c - radius, 0), min(c + radius + 1, columns)
+            for i in range(low_r, high_r):
+                for j in range(low_c, high_c):
+                    density[i, j] += weight[i - r + radius] * weight[j - c + radius]
+            first_row, last_row = min(first_row, low_r), max(last_row, high_r)
+            first_column, last_column = min(first_column, low_c), max(last_column, high_c)
+        for a in range(n_samples):
+            at_sample[a] = density[node[a, s, 0], node[a, s, 1]]
+        at_sample.sort()
+        least = company / (2.0 * math.pi * kernel[s] ** 2)
+        enough = n_samples - np.searchsorted(at_sample, least)
+        for k in range(probability.size):
+            level = at_sample[int((1.0 - probability[k]) * n_samples)]
+            if enough >= (probability[k] - spared) * n_samples:
+                level = max(level, least)
+            for i in range(first_row, last_row):
+                for j in range(first_column, last_column):
+                    height[k, i, j] = max(height[k, i, j], density[i, j] / (corner * level))
+        density[first_row:last_row, first_column:last_column] = 0.0
+
+
+@njit(cache=True)
+def triangles_above(height: FloatArray, vertex: FloatArray, triangle: IntArray) -> tuple[int, int]:
+    """The area where a function on a grid is at least 0, slab by slab between neighbouring columns.
+
+    On each column the function, linear between nodes, is high on intervals. Between two columns the intervals that
+    overlap are joined by a quadrilateral; where one meets several it is split between them, and one that meets none
+    ends in a tip.
+
+    Args:
+        height: (rows, columns).
+        vertex: (rows * columns * 3, 2) column and row; the first are filled.
+        triangle: (rows * columns * 3, 3) of vertices, counter-clockwise; the first are filled.
+
+    Returns:
+        How many vertices, how many triangles.
+    """
+    rows, columns = height.shape
+    most = rows // 2 + 1
+    # Each interval of this column and the next: its ends, their vertices, and its highest node.
+    end, vertex_of, peak = np.empty((2, most, 2)), np.empty((2, most, 2), np.int64), np.empty((2, most), np.int64)
+    n_vertices = n_triangles = n_left = 0
+    for c in range(columns):
+        left, right = (c + 1) % 2, c % 2
+        n_right = _intervals(height, c, end[right], peak[right])
+        for i in range(n_right):
+            for side in range(2):
+                vertex[n_vertices, 0], vertex[n_vertices, 1] = c, end[right, i, side]
+                vertex_of[right, i, side] = n_vertices
+                n_vertices += 1
+        for i in range(n_left):
+            meets = False
+            for j in range(n_right):
+                if end[left, i, 0] > end[right, j, 1] or end[right, j, 0] > end[left, i, 1]:
+                    continue
+                meets = True
+                sw = _share(end[right], vertex_of[left, i], end[left, i], j, 0, n_right, c - 1, vertex, n_vertices)
+                n_vertices += sw == n_vertices
+                se = _share(end[left], vertex_of[right, j], end[right, j], i, 0, n_left, c, vertex, n_vertices)
+                n_vertices += se == n_vertices
+                ne = _share(end[left], vertex_of[right, j], end[right, j], i, 1, n_left, c, vertex, n_vertices)
+                n_vertices += ne == n_vertices
+                nw = _share(end[right], vertex_of[left, i], end[left, i], j, 1, n_right, c - 1, vertex, n_vertices)
+                n_vertices += nw == n_vertices
+                triangle[n_triangles] = np.array([sw, se, ne])
+                triangle[n_triangles + 1] = np.array([sw, ne, nw])
+                n_triangles += 2
+            if not meets:
+                p = peak[left, i]
+                vertex[n_vertices, 0] = c - 1 + height[p, c - 1] / (height[p, c - 1] - height[p, c])
+                vertex[n_vertices, 1] = p
+                triangle[n_triangles] = np.array([vertex_of[left, i, 0], n_vertices, vertex_of[left, i, 1]])
+                n_vertices += 1
+                n_triangles += 1
+        for j in range(n_right if c > 0 else 0):
+            meets = False
+            for i in range(n_left):
+                meets |= not (end[left, i, 0] > end[right, j, 1] or end[right, j, 0] > end[left, i, 1])
+            if not meets:
+                p = peak[right, j]
+                vertex[n_vertices, 0] = c - height[p, c] / (height[p, c] - height[p, c - 1])
+                vertex[n_vertices, 1] = p
+                triangle[n_triangles] = np.array([vertex_of[right, j, 0], vertex_of[right, j, 1], n_vertices])
+                n_vertices += 1
+                n_triangles += 1
+        n_left = n_right
+    return n_vertices, n_triangles
+
+
+@njit(cache=True)
+def _intervals(height: FloatArray, c: int, end: FloatArray, peak: IntArray) -> int:
+    """Fill the ends and the highest node of each interval of a column; -> how many."""
+    rows, n, r = len(height), 0, 0
+    while r < rows:
+        if height[r, c] < 0.0:
+            r += 1
+            continue
+        low = float(r)
+        if r > 0:
+            low -= height[r, c] / (height[r, c] - height[r - 1, c])
+        top = r
+        while r + 1 < rows and height[r + 1, c] >= 0.0:
+            r += 1
+            if height[r, c] > height[top, c]:
+                top = r
+        high = float(r)
+        if r + 1 < rows:
+            high += height[r, c] / (height[r, c] - height[r + 1, c])
+        end[n, 0], end[n, 1], peak[n] = low, high, top
+        n += 1
+        r += 1
+    return n
+
+
+@njit(cache=True)
+def _share(
+    others: FloatArray, own_vertex: IntArray, own: FloatArray, k: int, side: int, n: int, column: int,
+    vertex: FloatArray, new: int,
+) -> int:  # fmt: skip
+    """The vertex where the part of an interval ends that goes to the k-th of those beside it: `new` if it is one.
+
+    That is the interval's own end, unless the next of the others on that side overlaps it too: then half-way between.
+    """
+    beside = k - 1 if side == 0 else k + 1
+    if beside < 0 or beside >= n or others[beside, 1] < own[0] or others[beside, 0] > own[1]:
+        return int(own_vertex[side])
+    vertex[new, 0] = column
+    vertex[new, 1] = 0.5 * (others[beside, 1 - side] + others[k, side])
+    return new

@@ -1,0 +1,121 @@
+"""What the pages of `docs/` say works, word for word, in their order; on cut-down logs of the recordings' names."""
+
+import importlib.util
+import re
+import shlex
+from contextlib import redirect_stdout
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from dirprim_filter import read_tracks, write_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.detections import Detections
+from dirprim_filter.recording.reader import stream_detections
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+FENCE = re.compile(r"^```(\w+)(?: ([\w.]+))?\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
+SECONDS = {"roundabout_learn.mcap": 120.0, "roundabout_track.mcap": 20.0}
+"""Of each recording, so much is enough to follow a page."""
+SHORTER = {
+    "n_seeds = 2 ": "n_seeds = 1 ",
+    "n_particles = 300": "n_particles = 50",
+    "--particles 300": "--particles 50",
+    "--every 2": "--every 10",
+}
+"""Of a block, what is replaced: the same path, sooner done."""
+WITHOUT_BLOCKS = {"api.md", "method.md"}
+
+
+@pytest.fixture(scope="module")
+def short_recordings(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recordings")
+    for log in (ROOT / "recordings").iterdir():
+        if log.name not in SECONDS:
+            (folder / log.name).symlink_to(log)
+            continue
+        until_ns = int(SECONDS[log.name] * 1e9)
+        seen = (
+            [frame for frame in stream_detections(log, topics="/detections") if frame.time_ns[0] < until_ns]
+            if ("track" in log.name)
+            else []
+        )
+        tracks = read_tracks(log, end_ns=until_ns)
+        write_tracks(tracks, folder / log.name, detections=Detections.concatenate(seen) if seen else None)
+    return folder
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name not in WITHOUT_BLOCKS], ids=lambda p: p.name)
+def test_every_block_of_a_page_runs(page, short_recordings, tmp_path, monkeypatch, capsys):
+    (tmp_path / "recordings").symlink_to(short_recordings)
+    monkeypatch.chdir(tmp_path)
+    shown: list[list[Path]] = []
+    monkeypatch.setattr("dirprim_filter.viewer.program.show_files", shown.append)  # there is no screen
+    blocks = FENCE.findall(page.read_text())
+    assert blocks
+    names: dict[str, object] = {}
+    for language, file, written in blocks:
+        body = written
+        for long, short in SHORTER.items():
+            body = body.replace(long, short)
+        if language == "python":
+            exec(compile(body, page.name, "exec"), names)  # noqa: S102 (our own text)
+        elif language == "sh":
+            for line in body.splitlines():
+                follow(line)
+        else:
+            assert file, f"{page.name}: a block of {language} that is no file"
+            Path(file).write_text(body)
+    assert all(recording.exists() for recordings in shown for recording in recordings)
+
+
+def follow(line):
+    """Run a line of `dirprim`; it ends as its comment says, or well, and leaves what it was told to write."""
+    command, _, comment = line.partition("  # ")
+    command, _, captured = command.partition(" > ")
+    program, *arguments = shlex.split(command)
+    assert program == "dirprim"
+    expected = int(comment.removeprefix("ends with ")) if comment else 0
+    if captured:
+        with Path(captured.strip()).open("w") as out, redirect_stdout(out):
+            assert run(arguments) == expected, line
+    else:
+        assert run(arguments) == expected, line
+    for option, value in pairwise(arguments):
+        if option in {"-o", "--save", "--plot", "--chart"}:
+            assert Path(value).stat().st_size > 0, line
+
+
+def test_pages_without_blocks_have_none():
+    for name in WITHOUT_BLOCKS:
+        assert FENCE.findall((ROOT / "docs" / name).read_text()) == []
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda p: p.name)
+def test_commands_in_the_text_and_links_exist(page, capsys):
+    text = page.read_text()
+    helps: dict[tuple[str, ...], str] = {}
+    for said in re.findall(r"`(dirprim [a-z][^`]*)`", FENCE.sub("", text)):
+        words = said.split()[1:]
+        command = tuple(words[:2] if words[0] == "evaluate" else words[:1])
+        if command == ("COMMAND",):
+            continue
+        if command not in helps:
+            assert run([*command, "--help"]) == 0, said
+            helps[command] = capsys.readouterr().out
+        for option in re.findall(r"(?<= )--?[a-z][a-z-]*", said):
+            assert f"{option} " in helps[command].replace("\n", " ").replace(",", " "), said
+    for link in re.findall(r"\]\(([^)#]+)", text):
+        assert "://" in link or (page.parent / link).exists(), link
+
+
+def test_the_reference_is_as_the_docstrings_are():
+    spec = importlib.util.spec_from_file_location("make_api", ROOT / "docs" / "make_api.py")
+    maker = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(maker)
+    page = maker.page()
+    assert page == maker.PAGE.read_text(), "run `python docs/make_api.py`"
+    assert "### `learn_primitives(" in page
+    assert "- `track_id`: (n,) int64 or str" in page
