@@ -44,7 +44,7 @@ class DetectionStream:
     def end_ns(self) -> int | None:
         """The last log time to come, as the chunks say; None of an empty log."""
         last = max((chunk.end_ns for chunk in self._log.layout.chunks), default=None)
-        asked = self._reading["end_ns"]
+        asked = self._reading.get("end_ns")
         return last if last is None or asked is None else min(last, asked)
 
     @property
