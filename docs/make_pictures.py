@@ -27,7 +27,6 @@ SHOWN_NS = 55_000_000_000
 MENU = 36
 """Rows of the window's own bar, which says nothing."""
 WIDTH = 1600
-N_COLORS = 256
 RESTING_S = 1.5
 MOST_LOOKS = 60
 
@@ -49,7 +48,7 @@ def viewer(folder: Path) -> None:
     window = Image.open(io.BytesIO(screenshot(folder / "tracks.rrd", SHOWN_NS))).convert("RGB")
     shown = window.crop((0, MENU, *window.size))
     small = shown.resize((WIDTH, round(shown.height * WIDTH / shown.width)), Image.Resampling.LANCZOS)
-    small.quantize(N_COLORS, dither=Image.Dither.NONE).save(RECORDINGS / "viewer.png", optimize=True)
+    small.save(RECORDINGS / "viewer.png", optimize=True)
 
 
 def screenshot(recording: Path, time_ns: int) -> bytes:

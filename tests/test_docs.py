@@ -111,6 +111,13 @@ def test_commands_in_the_text_and_links_exist(page, capsys):
         assert "://" in link or (page.parent / link).exists(), link
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_files_that_a_page_names_exist(page):
+    files = [str(path) for room in ("dirprim_filter", "tessellation") for path in (ROOT / room).rglob("*.py")]
+    for named in re.findall(r"`([\w/]+\.py)`", page.read_text()):
+        assert any(file.endswith("/" + named) for file in files), named
+
+
 def test_the_reference_is_as_the_docstrings_are():
     spec = importlib.util.spec_from_file_location("make_api", ROOT / "docs" / "make_api.py")
     maker = importlib.util.module_from_spec(spec)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import rerun as rr
 
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer.colors import speed_color
 from tessellation.arrays import FloatArray
 
@@ -15,7 +17,11 @@ TICK_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 """m/s between ticks: the smallest that leaves at most six."""
 
 BAR_WIDTH = 0.3
-"""As a share of the view's width; in the corner, where there are fewest roads."""
+"""As a share of the view's width; in the southern corner where there are fewer cells."""
+BAR_HEIGHT = 0.02
+"""Of the view's."""
+CORNER = (0.35, 0.1)
+"""Width and height of what the bar and its numbers hide, as shares of the view's."""
 
 TEXT = """\
 **Roses**: how vehicles move in a cell. A petal points where they go and bends as they do; its area is their share; its
@@ -44,12 +50,23 @@ class Legend:
     """The legend of one map.
 
     Attributes:
-        extent: (2, 2) metres, the view's south-west and north-east corner; the bar lies in the former.
+        extent: (2, 2) metres, the view's south-west and north-east corner.
         fastest: m/s, the speed of the last colour.
+        is_east: the bar lies in the south-east corner, not in the south-west one.
     """
 
     extent: FloatArray
     fastest: float
+    is_east: bool = False
+
+    @classmethod
+    def of(cls, primitives: PrimitiveMap, *, extent: FloatArray, fastest: float) -> Self:
+        """The legend of a map, where it hides the fewest cells that hold data."""
+        centers = primitives.tessellation.centers[primitives.n_rows[:-1] > 0]
+        share = (centers - extent[0]) / (extent[1] - extent[0])
+        low = share[(share[:, 1] >= 0) & (share[:, 1] < CORNER[1]), 0]
+        west, east = ((low >= 0) & (low < CORNER[0])).sum(), ((low <= 1) & (low > 1 - CORNER[0])).sum()
+        return cls(extent=extent, fastest=fastest, is_east=bool(east < west))
 
     def bar(self) -> rr.Mesh3D:
         """The colour bar: a strip of quads from slow to fast."""
@@ -82,9 +99,10 @@ class Legend:
 
     def _x(self, speed: FloatArray) -> FloatArray:
         (west, _), (east, _) = self.extent
-        x: FloatArray = west + BAR_WIDTH * (east - west) * speed / self.fastest
+        width = BAR_WIDTH * (east - west)
+        x: FloatArray = (east - width if self.is_east else west) + width * speed / self.fastest
         return x
 
     def _y(self) -> tuple[float, float]:
         (_, south), (_, north) = self.extent
-        return float(south), float(south + 0.02 * (north - south))
+        return float(south), float(south + BAR_HEIGHT * (north - south))

@@ -155,7 +155,7 @@ class RerunSink:
         petals = shapes.rose_petals(primitives)
         fastest = shapes.fastest_speed(petals)
         box = shapes.busy_box(primitives, share=BUSY_SHARE)
-        legend = Legend(extent=box, fastest=fastest)
+        legend = Legend.of(primitives, extent=box, fastest=fastest)
         self._static("/map/cells", marks.cells(primitives.tessellation))
         self._static("/map/roses", marks.roses(petals, fastest=fastest))
         self._static("/map/flow", marks.flow(cell_transitions(primitives), primitives.tessellation))
