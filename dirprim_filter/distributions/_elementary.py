@@ -49,6 +49,14 @@ def squared_sine(x: float) -> float:
     return s * s
 
 
+@njit(fastmath={"contract"}, inline="always")
+def sine(x: float) -> float:
+    """sin(x), for |x| up to pi / 2."""
+    t = x * x
+    p = (((_S17 * t + _S15) * t + _S13) * t + _S11) * t + _S9
+    return x + x * t * (((p * t + _S7) * t + _S5) * t + _S3)
+
+
 @njit(fastmath={"contract"}, inline="always", error_model="numpy")
 def log(x: float) -> float:
     """The natural logarithm of a normal positive number: x = 2^n m, m from sqrt(1/2) to sqrt(2); anything of others."""

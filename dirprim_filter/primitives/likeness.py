@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dirprim_filter.primitives import _following
+from dirprim_filter.primitives import _following, _likening
 from dirprim_filter.primitives.journeys import Journeys
 from tessellation.arrays import FloatArray, IntArray
 
@@ -51,7 +51,7 @@ def learn_likeness(journeys: Journeys, *, rng: np.random.Generator) -> Journeys:
     if len(start) < FEWEST_STARTS:
         return journeys
     key = rng.integers(2**63, size=len(start), dtype=np.uint64)
-    vehicle = journeys.table(**SPREADS).row[start, _following.VEHICLE]
+    vehicle = journeys.table(**SPREADS).row[start, _likening.VEHICLE]
     state = np.column_stack([journeys.position, journeys.direction, journeys.speed])[start]
 
     def score(trial: Journeys) -> float:
