@@ -225,12 +225,16 @@ def systematic(log_weight: FloatArray, u: float, survivors: IntArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def resample(cloud: Cloud, vehicle: IntArray) -> None:
-    """Replace each vehicle's particles by equally weighted survivors: the first of each stays where it is."""
+def resample(cloud: Cloud, vehicle: IntArray, renewed_share: float) -> None:
+    """Replace each vehicle's particles by equally weighted survivors: the first of each stays where it is.
+
+    Of its copies, a share looks for another journey when it next moves.
+    """
     n = cloud.position.shape[1]
     survivors = np.empty(n, np.int64)
     for v in vehicle:
-        systematic(cloud.log_weight[v], random.uniform(cloud.state[v]), survivors)
+        state = cloud.state[v].copy()
+        systematic(cloud.log_weight[v], random.uniform(state), survivors)
         position, direction, speed, since = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.since[v]
         cell, mode, row = cloud.cell[v], cloud.mode[v], cloud.row[v]
         free = 0
@@ -241,7 +245,10 @@ def resample(cloud: Cloud, vehicle: IntArray) -> None:
                 position[free, 0], position[free, 1] = position[a, 0], position[a, 1]
                 direction[free], speed[free], since[free] = direction[a], speed[a], since[a]
                 cell[free], mode[free], row[free] = cell[a], mode[a], row[a]
+                if random.uniform(state) < renewed_share:
+                    row[free] = NO_ROW
                 free += 1
+        cloud.state[v] = state
         cloud.log_weight[v] = -math.log(n)
 
 

@@ -43,7 +43,8 @@ class Decay(NamedTuple):
     turned_kept: float  # of a vehicle on a journey of another place
     turned_noise: float
     speed_kept: float
-    speed_noise: float
+    speed_noise: float  # share of the speed
+    hurried_noise: float  # m/s, of a vehicle on a journey of another place
     drift: float  # metres, the width of an even draw
     forgets: float  # probability to look for another journey
 
@@ -56,9 +57,10 @@ def decay_over(table: JourneyTable, h: float) -> Decay:
         direction_kept,
         table.direction_spread * math.sqrt(1.0 - direction_kept * direction_kept),
         1.0,
-        table.place_free_turning * math.sqrt(h),
+        table.turning * math.sqrt(h),
         speed_kept,
         table.speed_spread * math.sqrt(1.0 - speed_kept * speed_kept),
+        table.hurrying * math.sqrt((1.0 - speed_kept * speed_kept) / (2.0 * table.speed_rate)),
         math.sqrt(12.0 * table.drift * h),
         1.0 - math.exp(-table.forget_rate * h),
     )
@@ -84,9 +86,10 @@ def follow(
 
     `turning` and `hurrying` are normal draws: by how much it comes to deviate in direction and in speed.
     """
-    r, kept, noise = row, decay.direction_kept, decay.direction_noise
+    r, kept, noise, gain = row, decay.direction_kept, decay.direction_noise, decay.speed_noise
+    at_rest = gain * CREEP
     if row < NO_ROW:
-        r, kept, noise = -2 - row, decay.turned_kept, decay.turned_noise
+        r, kept, noise, gain, at_rest = -2 - row, decay.turned_kept, decay.turned_noise, 0.0, decay.hurried_noise
     pace = max(table.row[r, PACE] + table.row[r, GAIN] * since, 0.0)
     turned = direction - table.row[r, COURSE] - table.row[r, TURN] * since
     if abs(turned) > math.pi:
@@ -108,7 +111,7 @@ def follow(
     since = min(since, table.row[r, DURATION])
     later = turned * kept + noise * min(speed, 1.0) * turning
     pace_later = max(table.row[r, PACE] + table.row[r, GAIN] * since, 0.0)
-    off = (speed - pace) * decay.speed_kept + decay.speed_noise * (pace_later + CREEP) * hurrying
+    off = (speed - pace) * decay.speed_kept + (gain * pace_later + at_rest) * hurrying
     course = table.row[r, COURSE] + table.row[r, TURN] * since + later
     if abs(course) > math.pi:
         course -= 2.0 * math.pi * math.floor(course / (2.0 * math.pi) + 0.5)

@@ -74,7 +74,8 @@ class JourneyTable(NamedTuple):
     speed_spread: float  # share of the speed
     drift: float  # m^2/s
     forget_rate: float  # 1/s
-    place_free_turning: float  # radians in the square root of a second
+    turning: float  # radians in the square root of a second, of who follows a journey of another place
+    hurrying: float  # m/s, likewise
 
 
 @njit(cache=True, inline="always")

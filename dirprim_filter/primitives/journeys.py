@@ -124,6 +124,17 @@ class Journeys:
             duration=self.duration[~lone],
         )  # fmt: skip
 
+    def _restlessness(self, goes_on: IntArray) -> tuple[float, float]:
+        """How much directions, radians, and speeds, m/s, change in a second, and in t seconds as its square root."""
+        later, lasts = goes_on + 1, self.duration[goes_on]
+        moves = np.minimum(self.speed[goes_on], self.speed[later]) >= MOVING
+        turned = difference(self.direction[later], self.direction[goes_on])[moves]
+        gained = self.speed[later] - self.speed[goes_on]
+        return (
+            float(np.sqrt((turned**2).sum() / max(lasts[moves].sum(), 1.0))),
+            float(np.sqrt((gained**2).sum() / max(lasts.sum(), 1.0))),
+        )
+
     def _reach(self) -> float:
         """Metres from a journey's way within which a vehicle may be like it."""
         return LATERAL_M * self.nearness * float(np.sqrt(FARTHEST))
@@ -134,7 +145,7 @@ class Journeys:
 
     def table(
         self, *, direction_spread: float, speed_spread: float, drift: float, forget_rate: float,
-        place_free_turning: float,
+        agility: float,
     ) -> JourneyTable:  # fmt: skip
         """The journeys as the kernels take them, with what a filter or forecast adds: see `FilterConfig`."""
         goes_on = np.flatnonzero(self.duration > 0)
@@ -153,6 +164,7 @@ class Journeys:
         )
         squares = _covered(place, self.direction, goes_on, reach=min(self._reach(), FARTHEST_M))
         row = np.vstack([row, _steady()])
+        turning, hurrying = self._restlessness(goes_on)
         by_speed = goes_on[np.argsort(self.speed[goes_on], kind="stable")]
         return JourneyTable(
             row=row,
@@ -169,7 +181,8 @@ class Journeys:
             speed_spread=speed_spread,
             drift=drift,
             forget_rate=forget_rate,
-            place_free_turning=place_free_turning,
+            turning=agility * turning,
+            hurrying=agility * hurrying,
         )
 
 

@@ -35,7 +35,7 @@ SPREADS = {
     "speed_spread": 0.05,
     "drift": 0.005,
     "forget_rate": 0.1,
-    "place_free_turning": 0.05,
+    "agility": 0.2,
 }
 """As forecasts have them."""
 

@@ -140,7 +140,7 @@ def test_a_particle_with_all_the_weight_is_the_only_ancestor(survivor):
 def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
     before = copied(cloud)
     heaviest = int(before.log_weight[2].argmax())
-    _kernels.resample(cloud, VEHICLE)
+    _kernels.resample(cloud, VEHICLE, 0.0)
     np.testing.assert_allclose(cloud.log_weight[VEHICLE], -np.log(500))
     rows = {tuple(before.position[2, p]): p for p in range(500)}
     origin = np.array([rows[tuple(place)] for place in cloud.position[2]])

@@ -21,9 +21,15 @@ STILL = {
     "speed_spread": 1e-9,
     "drift": 1e-12,
     "forget_rate": 1e-9,
-    "place_free_turning": 1e-9,
+    "agility": 1e-9,
 }
-ALIVE = {"direction_spread": 0.1, "speed_spread": 0.2, "drift": 0.05, "forget_rate": 0.5, "place_free_turning": 0.1}
+ALIVE = {
+    "direction_spread": 0.1,
+    "speed_spread": 0.2,
+    "drift": 0.05,
+    "forget_rate": 0.5,
+    "agility": 0.3,
+}
 
 
 def journeys_of(tracks):
