@@ -89,7 +89,7 @@ def follow(
     r, kept, noise, gain = row, decay.direction_kept, decay.direction_noise, decay.speed_noise
     at_rest = gain * CREEP
     if row < NO_ROW:
-        r, kept, noise, gain, at_rest = -2 - row, decay.turned_kept, decay.turned_noise, 0.0, decay.hurried_noise
+        r, kept, noise, at_rest = -2 - row, decay.turned_kept, decay.turned_noise, at_rest + decay.hurried_noise
     pace = max(table.row[r, PACE] + table.row[r, GAIN] * since, 0.0)
     turned = direction - table.row[r, COURSE] - table.row[r, TURN] * since
     if abs(turned) > math.pi:
