@@ -80,12 +80,14 @@ class FilterConfig:
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         drift: m^2/s, how fast a vehicle drifts from the way of the journey that it follows, in each axis: 0.07 m in a
             second.
-        forget_rate: 1/s, how often a vehicle that follows a journey goes over to another that it has come to be like:
-            measurements may show at any time that it does what it was not expected to.
-        forecast_forget_rate: the same in forecasts, where nothing new is learned of the vehicle.
-        place_free_turning: radians in a second, and in t seconds as its square root: by how much more than the journey
-            of another place a vehicle turns that follows one. Measurements tell which of the many turns it takes.
-        forecast_place_free_turning: the same in forecasts.
+        forget_rate: 1/s, how often a vehicle that follows a journey goes over to another that it has come to be like.
+        place_free_agility: by how much more than the journey of another place a vehicle that follows one turns and
+            changes its speed, in units of what the map's vehicles do: two that have nothing to do with each other
+            differ by the root of 2. Who starts, brakes or turns as none did here is found by these, as by a Kalman
+            filter fitted to the same vehicles.
+        forecast_place_free_agility: the same in forecasts, where nothing tells which of them are right.
+        renewed_share: of the copies that resampling makes, those that look for another journey: they would tell nothing
+            new, and their journey may be the wrong one.
         max_gap_s: seconds without a measurement after which a belief ends.
     """
 
@@ -104,10 +106,10 @@ class FilterConfig:
     reach_m: float = 3.5
     step_s: float = 0.1
     drift: float = 0.005
-    forget_rate: float = 0.5
-    forecast_forget_rate: float = 0.1
-    place_free_turning: float = 0.2
-    forecast_place_free_turning: float = 0.1
+    forget_rate: float = 0.1
+    place_free_agility: float = 1.4
+    forecast_place_free_agility: float = 0.2
+    renewed_share: float = 0.3
     max_gap_s: float = 5.0
 
     def __post_init__(self) -> None:

@@ -3,6 +3,9 @@
 Random numbers come from xoshiro256++ (Blackman and Vigna, 2019), whose state is a row of four uint64: one row for each
 vehicle or block of rows, so that its draws depend on nothing but its own seed.
 
+Where many draws are wanted at once they are those of splitmix64 from one drawn key (Steele, Lea and Flood 2014): no
+draw waits for the one before it, so that several are made at a time; normals then by Box and Muller (1958).
+
 The normal sampler is the ziggurat of Marsaglia and Tsang (2000), with Doornik's (2005) independent bits for layer and
 place; the von Mises sampler is that of Best and Fisher (1979), the gamma sampler that of Marsaglia and Tsang (2000,
 another paper), the Poisson sampler PTRS of Hoermann (1993).
@@ -13,6 +16,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
+from dirprim_filter.distributions._elementary import log, sin
+from tessellation.arrays import FloatArray
 
 UIntArray = npt.NDArray[np.uint64]
 
@@ -31,9 +37,15 @@ def seed_state(key: np.uint64, state: UIntArray) -> None:
     z = key
     for i in range(4):
         z = z + _GOLDEN
-        m = (z ^ (z >> _R30)) * _MIX_1
-        m = (m ^ (m >> _R27)) * _MIX_2
-        state[i] = m ^ (m >> _R31)
+        state[i] = mixed(z)
+
+
+@njit(cache=True, inline="always")
+def mixed(z: np.uint64) -> np.uint64:
+    """The output of splitmix64 in state `z`."""
+    m = np.uint64((z ^ (z >> _R30)) * _MIX_1)
+    m = np.uint64((m ^ (m >> _R27)) * _MIX_2)
+    return np.uint64(m ^ (m >> _R31))
 
 
 _LAYERS = 256
@@ -94,6 +106,49 @@ def draw_normal(state: UIntArray) -> float:
         height = _BELL[layer] + uniform(state) * (_BELL[layer + 1] - _BELL[layer])
         if height < math.exp(-0.5 * z * z):
             return z
+
+
+_R12, _R63 = np.uint64(12), np.uint64(63)
+_BITS_OF_ONE = np.uint64(0x3FF0000000000000)
+
+
+@njit(cache=True, inline="always")
+def from_one_to_two(drawn: np.uint64) -> float:
+    """The upper 52 of 64 random bits as an even draw from [1, 2)."""
+    return np.uint64((drawn >> _R12) | _BITS_OF_ONE).view(np.float64)
+
+
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+def fill_normals(out: FloatArray, state: UIntArray) -> None:
+    """Standard normal draws, (n,) of an even n: an even point of the right half circle, then which half it is."""
+    half, z = out.size // 2, bits(state)
+    for i in range(half):
+        z = np.uint64(z + _GOLDEN)
+        first = mixed(z)
+        z = np.uint64(z + _GOLDEN)
+        second = mixed(z)
+        radius = math.sqrt(-2.0 * log(2.0 - from_one_to_two(first)))
+        radius = np.uint64(np.float64(radius).view(np.uint64) ^ np.uint64(second << _R63)).view(np.float64)
+        s = sin(math.pi * (from_one_to_two(second) - 1.5))
+        out[i] = radius * s
+        out[half + i] = radius * math.sqrt(max(1.0 - s * s, 0.0))
+
+
+@njit(cache=True)
+def fill_even(out: FloatArray, state: UIntArray) -> None:
+    """Even draws from [-1/2, 1/2), (n,)."""
+    z = bits(state)
+    for i in range(out.size):
+        z = np.uint64(z + _GOLDEN)
+        out[i] = from_one_to_two(mixed(z)) - 1.5
+
+
+@njit(cache=True)
+def draw_gap(probability: float, state: UIntArray) -> int:
+    """A geometric draw: how many trials fail before the first that does not."""
+    if probability >= 1.0:
+        return 0
+    return int(min(math.log(uniform(state)) / math.log1p(-max(probability, 1e-15)), 2.0**62))
 
 
 @njit(cache=True)

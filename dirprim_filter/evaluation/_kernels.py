@@ -9,6 +9,9 @@ from tessellation.arrays import FloatArray
 
 MIN_BANDWIDTH_M = 0.1
 """Of the kernel density: logs are not exact to the centimetre, and a method that is must not win without bound."""
+ASTRAY, ASTRAY_M = 0.01, 20.0
+"""Of every method's density so large a share is spread so widely: a method that is sure of one point, as of a vehicle
+that waits, and wrong once in a hundred times, must not lose without bound either."""
 
 
 @njit(cache=True, nogil=True)
@@ -16,7 +19,8 @@ def score_samples(sample: FloatArray, truth: FloatArray, out: FloatArray) -> Non
     """Fills (n, 3) with energy score, negative log density and rank of the truth, (n, S, 2) samples, (n, 2) truths.
 
     The energy score is E|X - y| - E|X - X'| / 2 without bias. The density is a Gaussian kernel estimate with the
-    samples' covariance times S^(-1/3) (Scott 1992) plus a square of `MIN_BANDWIDTH_M`. The rank is the share of samples
+    samples' covariance times S^(-1/3) (Scott 1992) plus a square of `MIN_BANDWIDTH_M`; `ASTRAY` of it has kernels of
+    `ASTRAY_M` instead. The rank is the share of samples
     denser than the truth, each by the kernels of all others: the truth lies in the highest-density region of that
     probability.
     """
@@ -25,6 +29,7 @@ def score_samples(sample: FloatArray, truth: FloatArray, out: FloatArray) -> Non
         of_sample = np.zeros(n_samples)
         xx, xy, yy = _inverse_bandwidth(sample[i])
         log_normaliser = math.log(2.0 * math.pi) - 0.5 * math.log(xx * yy - xy * xy)
+        precision = 1.0 / ASTRAY_M**2
         near = far = density = 0.0
         for a in range(n_samples):
             dx, dy = sample[i, a, 0] - truth[i, 0], sample[i, a, 1] - truth[i, 1]
@@ -37,7 +42,11 @@ def score_samples(sample: FloatArray, truth: FloatArray, out: FloatArray) -> Non
                 of_sample[a] += kernel
                 of_sample[b] += kernel
         out[i, 0] = near / n_samples - far / (n_samples * (n_samples - 1.0))
-        out[i, 1] = log_normaliser - _log_mean(sample[i], truth[i], xx, xy, yy)
+        fit = math.log1p(-ASTRAY) - log_normaliser + _log_mean(sample[i], truth[i], xx, xy, yy)
+        astray = math.log(ASTRAY * precision / (2.0 * math.pi))
+        astray += _log_mean(sample[i], truth[i], precision, 0.0, precision)
+        high, low = max(fit, astray), min(fit, astray)
+        out[i, 1] = -high - math.log1p(math.exp(low - high))
         mean = density / n_samples
         denser = 0
         for a in range(n_samples):

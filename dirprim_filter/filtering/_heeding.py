@@ -11,8 +11,7 @@ from numba import njit
 
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering._relaxing import MotionTable, offset_in
-from dirprim_filter.primitives import _following as following
-from dirprim_filter.primitives._following import NO_ROW, JourneyTable
+from dirprim_filter.primitives._likening import DURATION, NO_ROW, TURN, JourneyTable
 from tessellation.arrays import FloatArray, IntArray
 
 
@@ -21,9 +20,9 @@ def turn_ahead(journeys: JourneyTable, row: int, since: float, ahead_s: float) -
     """Radians by which a journey's direction differs `ahead_s` later, or at its end; turns add up, full ones too."""
     r = row if row > NO_ROW else -2 - row
     left, turned = ahead_s, 0.0
-    while left > 0.0 and journeys.row[r, following.DURATION] > 0.0:
-        lasts = min(left, journeys.row[r, following.DURATION] - since)
-        turned += journeys.row[r, following.TURN] * lasts
+    while left > 0.0 and journeys.row[r, DURATION] > 0.0:
+        lasts = min(left, journeys.row[r, DURATION] - since)
+        turned += journeys.row[r, TURN] * lasts
         left -= lasts
         since = 0.0
         r += 1

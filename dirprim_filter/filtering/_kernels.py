@@ -12,10 +12,12 @@ from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
+from dirprim_filter.distributions._elementary import exp, squared_sine
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._relaxing import MotionTable, draw_mode, offset_in, relax, step_of
 from dirprim_filter.primitives import _following as following
-from dirprim_filter.primitives._following import NO_ROW
+from dirprim_filter.primitives import _likening as likening
+from dirprim_filter.primitives._likening import NO_ROW
 from tessellation._kernels import locate
 from tessellation.arrays import FloatArray, IntArray
 
@@ -32,16 +34,6 @@ class Cloud(NamedTuple):
     since: FloatArray  # (V, P) seconds since it
     log_weight: FloatArray  # (V, P) normalised
     state: UIntArray  # (V, 4) of the random numbers
-
-
-@njit(cache=True)
-def take_up(
-    table: MotionTable, x: float, y: float, direction: float, speed: float, alike: FloatArray, state: UIntArray
-) -> tuple[int, float]:
-    """A journey to follow. A share follow one of another place, so that who does what none did here is not lost."""
-    if random.uniform(state) < table.place_free_share:
-        return following.anywhere(table.journeys, speed, -1.0, state)
-    return following.find(table.journeys, x, y, direction, speed, -1.0, alike, state)
 
 
 @njit(cache=True)
@@ -77,22 +69,31 @@ def advance(table: MotionTable, cloud: Cloud, v: int, dt_s: float) -> None:
 
 @njit(cache=True)
 def go_on(table: MotionTable, cloud: Cloud, v: int, h: float, n_steps: int, state: UIntArray) -> None:
-    """Move a vehicle's particles along journeys, `n_steps` of `h` seconds."""
-    journeys, alike = table.journeys, np.empty((table.journeys.most_alike, 3))
+    """Move a vehicle's particles along journeys, `n_steps` of `h` seconds.
+
+    A share of those that look for a journey take one of another place, so that who does what none did here is not lost.
+    """
+    journeys, alike = table.journeys, np.empty((3, table.journeys.most_alike))
     decay = following.decay_over(journeys, h)
     position, row, since = cloud.position[v], cloud.row[v], cloud.since[v]
     direction, speed = cloud.direction[v], cloud.speed[v]
-    for p in range(row.size):
-        x, y, course, pace, r, t = position[p, 0], position[p, 1], direction[p], speed[p], row[p], since[p]
-        for _ in range(n_steps):
-            if r == NO_ROW or random.uniform(state) < decay.forgets:
-                r, t = take_up(table, x, y, course, pace, alike, state)
-            east, north, course, pace, r, t, ended = following.follow(journeys, decay, h, course, pace, r, t, state)
-            x += east
-            y += north
-            if ended:
-                r = NO_ROW
-        position[p, 0], position[p, 1], direction[p], speed[p], row[p], since[p] = x, y, course, pace, r, t
+    n = row.size
+    deviating, drifting = np.empty(2 * n), np.empty(2 * n)
+    forgetting = random.draw_gap(decay.forgets, state)
+    for _ in range(n_steps):
+        random.fill_normals(deviating, state)
+        random.fill_even(drifting, state)  # over some steps a drift is normal whatever each step's is
+        for p in range(n):
+            x, y, course, pace, r, t = position[p, 0], position[p, 1], direction[p], speed[p], row[p], since[p]
+            if forgetting == 0 or r == NO_ROW:
+                r, t = likening.find(journeys, x, y, course, pace, -1.0, table.place_free_share, alike, state)
+            forgetting = forgetting - 1 if forgetting > 0 else random.draw_gap(decay.forgets, state)
+            east, north, course, pace, r, t, ended = following.follow(
+                journeys, decay, h, course, pace, r, t, deviating[p], deviating[n + p]
+            )
+            position[p, 0] = x + east + decay.drift * drifting[p]
+            position[p, 1] = y + north + decay.drift * drifting[n + p]
+            direction[p], speed[p], row[p], since[p] = course, pace, NO_ROW if ended else r, t
 
 
 @njit(cache=True, nogil=True)
@@ -118,7 +119,7 @@ def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
 
     Particles that begin alike, as those of a forecast do, are looked around for once.
     """
-    journeys, alike = table.journeys, np.empty((table.journeys.most_alike, 3))
+    journeys, alike = table.journeys, np.empty((3, table.journeys.most_alike))
     for v in vehicle:
         state = cloud.state[v]
         n, total = 0, 0.0
@@ -131,12 +132,12 @@ def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
                 continue
             same = p > 0 and x == cloud.position[v, p - 1, 0] and y == cloud.position[v, p - 1, 1]
             if not (same and direction == cloud.direction[v, p - 1] and speed == cloud.speed[v, p - 1]):
-                n, total = following.look_around(journeys, x, y, direction, speed, -1.0, alike)
+                n, total = likening.look_around(journeys, x, y, direction, speed, -1.0, alike)
             if random.uniform(state) < table.place_free_share:
                 n_here, here = 0, 0.0
             else:
                 n_here, here = n, total
-            row, since = following.take_up(journeys, n_here, here, alike, speed, -1.0, state)
+            row, since = likening.take_up(journeys, n_here, here, alike, speed, -1.0, state)
             cloud.row[v, p], cloud.since[v, p] = row, since
 
 
@@ -171,118 +172,107 @@ def be_born(
             cloud.log_weight[v, p] = -math.log(n)
 
 
-@njit(cache=True, nogil=True)
-def weigh(
-    cloud: Cloud,
-    vehicle: IntArray,
-    measured: FloatArray,
-    noise: float,
-    outlier_probability: float,
-    outlier_extent: float,
-    log_evidence: FloatArray,
-) -> None:
-    """Weigh by a position measured with Gaussian noise, or by an outlier; normalise.
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def total_of(column: FloatArray) -> float:
+    """The sum of a column, in whichever order is quickest: the same at every call."""
+    total = 0.0
+    for value in column:
+        total += value
+    return total
 
-    Fills the log density of each measurement given those before it.
-    """
-    n = cloud.position.shape[1]
-    log_normal = math.log1p(-outlier_probability) - math.log(density.TWO_PI * noise * noise)
-    outlier = outlier_probability / outlier_extent**2
-    log_outlier = math.log(outlier)
-    for i in range(vehicle.size):
-        v = vehicle[i]
-        weight = cloud.log_weight[v]
-        top = -np.inf
-        for p in range(n):
-            dx = cloud.position[v, p, 0] - measured[i, 0]
-            dy = cloud.position[v, p, 1] - measured[i, 1]
-            fit = log_normal - 0.5 * (dx * dx + dy * dy) / (noise * noise)
-            high, low = max(fit, log_outlier), min(fit, log_outlier)
-            weight[p] += high + math.log1p(math.exp(low - high))
-            top = max(top, weight[p])
-        total = 0.0
-        for p in range(n):
-            total += math.exp(weight[p] - top)
-        log_evidence[i] = top + math.log(total)
-        for p in range(n):
-            weight[p] -= log_evidence[i]
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def mean_of(weight: FloatArray, column: FloatArray, total: float) -> float:
+    """The mean of a column by weights of a known total."""
+    mean = 0.0
+    for p in range(weight.size):
+        mean += weight[p] * column[p]
+    return mean / total
+
+
+@njit(cache=True)
+def weights(log_weight: FloatArray, out: FloatArray) -> None:
+    """Exponentials of a column, several at a time."""
+    for p in range(log_weight.size):
+        out[p] = exp(log_weight[p])
 
 
 @njit(cache=True, nogil=True)
 def effective_sample_size(cloud: Cloud, vehicle: IntArray, result: FloatArray) -> None:
     """1 / sum of squared weights, of each vehicle."""
+    squared = np.empty(cloud.position.shape[1])
     for i in range(vehicle.size):
-        total = 0.0
-        for p in range(cloud.position.shape[1]):
-            w = math.exp(cloud.log_weight[vehicle[i], p])
-            total += w * w
-        result[i] = 1.0 / total
+        log_weight = cloud.log_weight[vehicle[i]]
+        for p in range(squared.size):
+            w = exp(log_weight[p])
+            squared[p] = w * w
+        result[i] = 1.0 / total_of(squared)
 
 
 @njit(cache=True, nogil=True)
-def systematic(log_weight: FloatArray, u: float, ancestor: IntArray) -> None:
-    """Systematic resampling (Kitagawa 1996): particle p survives floor or ceil of n w_p times. Fills the ancestors."""
+def systematic(log_weight: FloatArray, u: float, survivors: IntArray) -> None:
+    """Systematic resampling (Kitagawa 1996): particle p survives floor or ceil of n w_p times. Fills how often."""
     n = log_weight.size
-    total = 0.0
-    for p in range(n):
-        total += math.exp(log_weight[p])
-    cumulative, source = math.exp(log_weight[0]), 0
-    for p in range(n):
-        position = (p + u) / n * total
-        while cumulative <= position and source < n - 1:
-            source += 1
-            cumulative += math.exp(log_weight[source])
-        ancestor[p] = source
+    weight = np.empty(n)
+    weights(log_weight, weight)
+    share, cumulative, before = n / weight.sum(), 0.0, 0
+    for p in range(n - 1):
+        cumulative += weight[p]
+        so_far = min(max(math.ceil(cumulative * share - u), before), n)
+        survivors[p] = so_far - before
+        before = so_far
+    survivors[n - 1] = n - before
 
 
 @njit(cache=True, nogil=True)
-def resample(cloud: Cloud, vehicle: IntArray) -> None:
-    """Replace each vehicle's particles by equally weighted survivors."""
+def resample(cloud: Cloud, vehicle: IntArray, renewed_share: float) -> None:
+    """Replace each vehicle's particles by equally weighted survivors: the first of each stays where it is.
+
+    Of its copies, a share looks for another journey when it next moves.
+    """
     n = cloud.position.shape[1]
-    ancestor = np.empty(n, np.int64)
-    numbers = np.empty((n, 5))
-    labels = np.empty((n, 3), np.int64)
+    survivors = np.empty(n, np.int64)
     for v in vehicle:
-        systematic(cloud.log_weight[v], random.uniform(cloud.state[v]), ancestor)
-        for p in range(n):
-            a = ancestor[p]
-            numbers[p, 0], numbers[p, 1] = cloud.position[v, a, 0], cloud.position[v, a, 1]
-            numbers[p, 2], numbers[p, 3], numbers[p, 4] = cloud.direction[v, a], cloud.speed[v, a], cloud.since[v, a]
-            labels[p, 0], labels[p, 1], labels[p, 2] = cloud.cell[v, a], cloud.mode[v, a], cloud.row[v, a]
-        for p in range(n):
-            cloud.position[v, p, 0], cloud.position[v, p, 1] = numbers[p, 0], numbers[p, 1]
-            cloud.direction[v, p], cloud.speed[v, p], cloud.since[v, p] = numbers[p, 2], numbers[p, 3], numbers[p, 4]
-            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = labels[p, 0], labels[p, 1], labels[p, 2]
-            cloud.log_weight[v, p] = -math.log(n)
+        state = cloud.state[v].copy()
+        systematic(cloud.log_weight[v], random.uniform(state), survivors)
+        position, direction, speed, since = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.since[v]
+        cell, mode, row = cloud.cell[v], cloud.mode[v], cloud.row[v]
+        free = 0
+        for a in range(n):
+            for _ in range(survivors[a] - 1):
+                while survivors[free] > 0:
+                    free += 1
+                position[free, 0], position[free, 1] = position[a, 0], position[a, 1]
+                direction[free], speed[free], since[free] = direction[a], speed[a], since[a]
+                cell[free], mode[free], row[free] = cell[a], mode[a], row[a]
+                if random.uniform(state) < renewed_share:
+                    row[free] = NO_ROW
+                free += 1
+        cloud.state[v] = state
+        cloud.log_weight[v] = -math.log(n)
 
 
 @njit(cache=True, nogil=True)
 def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
     """Fills (V, 9): mean x, y, covariance xx, xy, yy, mean direction, its resultant, mean speed, its deviation."""
+    n = cloud.position.shape[1]
+    weight, one, two, three = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for i in range(vehicle.size):
         v = vehicle[i]
-        total = x = y = c = s = speed = 0.0
-        for p in range(cloud.position.shape[1]):
-            w = math.exp(cloud.log_weight[v, p])
-            total += w
-            x += w * cloud.position[v, p, 0]
-            y += w * cloud.position[v, p, 1]
-            c += w * math.cos(cloud.direction[v, p])
-            s += w * math.sin(cloud.direction[v, p])
-            speed += w * cloud.speed[v, p]
-        x, y, c, s, speed = x / total, y / total, c / total, s / total, speed / total
-        xx = xy = yy = variance = 0.0
-        for p in range(cloud.position.shape[1]):
-            w = math.exp(cloud.log_weight[v, p]) / total
-            dx, dy = cloud.position[v, p, 0] - x, cloud.position[v, p, 1] - y
-            xx += w * dx * dx
-            xy += w * dx * dy
-            yy += w * dy * dy
-            variance += w * (cloud.speed[v, p] - speed) ** 2
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, xx, xy, yy
-        out[i, 5], out[i, 6], out[i, 7], out[i, 8] = (
-            math.atan2(s, c),
-            math.hypot(c, s),
-            speed,
-            math.sqrt(variance),
-        )
+        weights(cloud.log_weight[v], weight)
+        place, direction, pace = cloud.position[v], cloud.direction[v], cloud.speed[v]
+        for p in range(n):
+            one[p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
+            two[p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
+        total = total_of(weight)
+        c, s, speed = mean_of(weight, one, total), mean_of(weight, two, total), mean_of(weight, pace, total)
+        x, y = mean_of(weight, place[:, 0], total), mean_of(weight, place[:, 1], total)
+        out[i, 0], out[i, 1], out[i, 5], out[i, 6], out[i, 7] = x, y, math.atan2(s, c), math.hypot(c, s), speed
+        for p in range(n):
+            dx, dy = place[p, 0] - x, place[p, 1] - y
+            one[p], two[p], three[p] = dx * dx, dx * dy, dy * dy
+        out[i, 2], out[i, 3] = mean_of(weight, one, total), mean_of(weight, two, total)
+        out[i, 4] = mean_of(weight, three, total)
+        for p in range(n):
+            one[p] = (pace[p] - speed) ** 2
+        out[i, 8] = math.sqrt(mean_of(weight, one, total))

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.distributions._elementary import exp, log, squared_sine
+from dirprim_filter.filtering._kernels import Cloud, mean_of
 from tessellation.arrays import FloatArray, IntArray
 
 X, Y, XX, XY, YY, LOG_NORMAL, DIRECTION, SPEED = range(8)
@@ -30,53 +31,67 @@ class Noise(NamedTuple):
 
 
 @njit(cache=True, inline="always")
+def direction_fit(noise: Noise, direction: float, course: float) -> float:
+    """Density of a measured course, per radian."""
+    agreed = noise.direction_concentration * squared_sine(0.5 * (direction - course))
+    return noise.direction_scale * exp(-2.0 * agreed) + noise.direction_outlier
+
+
+@njit(cache=True, inline="always")
+def speed_fit(noise: Noise, speed: float, pace: float) -> float:
+    """Density of a measured speed, s/m."""
+    off = speed - pace
+    return noise.speed_scale * exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier
+
+
+@njit(cache=True, inline="always")
 def log_motion_fit(noise: Noise, direction: float, speed: float, course: float, pace: float) -> float:
     """Natural log of the density of a measured course and pace; of what is not measured, none."""
-    fit = 0.0
+    fit = 1.0
     if not math.isnan(course):
-        agreed = noise.direction_concentration * (math.cos(direction - course) - 1.0)
-        fit += math.log(noise.direction_scale * math.exp(agreed) + noise.direction_outlier)
+        fit *= direction_fit(noise, direction, course)
     if not math.isnan(pace):
-        off = speed - pace
-        fit += math.log(noise.speed_scale * math.exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier)
-    return fit
+        fit *= speed_fit(noise, speed, pace)
+    return log(fit)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
     """Weigh each vehicle's particles by its measurement; normalise.
 
-    Fills (V, 2): the log density of the measurement given those before it, and that of its position alone.
+    Fills (V, 2): the log density of the measurement given those before it, and that of its position alone. Loops are
+    kept apart, and without branches, so that they are compiled to vector instructions.
     """
     n = cloud.position.shape[1]
-    log_outlier = math.log(noise.outlier)
+    fit, share = np.empty(n), np.empty(n)
     for i in range(vehicle.size):
         weight, place = cloud.log_weight[vehicle[i]], cloud.position[vehicle[i]]
         direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
         x, y, xx, xy, yy = measured[i, X], measured[i, Y], measured[i, XX], measured[i, XY], measured[i, YY]
         course, pace = measured[i, DIRECTION], measured[i, SPEED]
         scale = noise.kept * math.exp(measured[i, LOG_NORMAL])
-        is_moving = not (math.isnan(course) and math.isnan(pace))
-        near, top = 0.0, -np.inf
         for p in range(n):
             dx, dy = place[p, 0] - x, place[p, 1] - y
-            distance = dx * (xx * dx + 2.0 * xy * dy) + yy * dy * dy
-            if not distance < np.inf:  # it has run off to where there are no numbers
-                weight[p] = -np.inf
-                continue
-            fit = scale * math.exp(-0.5 * distance) if distance < 1400.0 else 0.0
-            near += math.exp(weight[p]) * (fit + noise.outlier)
-            weight[p] += math.log(fit + noise.outlier) if fit > 0.0 else log_outlier
-            if is_moving:
-                weight[p] += log_motion_fit(noise, direction[p], speed[p], course, pace)
-            top = max(top, weight[p])
-        total = 0.0
+            fit[p] = dx * (xx * dx + 2.0 * xy * dy) + yy * dy * dy
         for p in range(n):
-            total += math.exp(weight[p] - top)
-        evidence[i, 0] = top + math.log(total) if top > -np.inf else -np.inf  # no particle has a weight
+            density = scale * exp(-0.5 * fit[p]) + noise.outlier
+            fit[p] = density if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
+        for p in range(n):
+            share[p] = exp(weight[p])
+        near = mean_of(share, fit, 1.0)
+        if not math.isnan(course):
+            for p in range(n):
+                fit[p] *= direction_fit(noise, direction[p], course)
+        if not math.isnan(pace):
+            for p in range(n):
+                fit[p] *= speed_fit(noise, speed[p], pace)
+        total = mean_of(share, fit, 1.0)
+        evidence[i, 0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
         evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
-        for p in range(n):
-            weight[p] -= evidence[i, 0]
+        if total > 0.0:
+            for p in range(n):
+                later = weight[p] + log(fit[p]) - evidence[i, 0]
+                weight[p] = later if fit[p] > 0.0 else -np.inf
 
 
 @njit(cache=True, nogil=True)

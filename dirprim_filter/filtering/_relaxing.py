@@ -16,7 +16,7 @@ from numba import njit
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._random import UIntArray
-from dirprim_filter.primitives._following import JourneyTable
+from dirprim_filter.primitives._likening import JourneyTable
 from tessellation._kernels import Locator
 from tessellation.arrays import BoolArray, FloatArray
 

@@ -70,8 +70,7 @@ def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionT
     of_forecasts = replace(
         config,
         place_free_share=config.forecast_place_free_share,
-        forget_rate=config.forecast_forget_rate,
-        place_free_turning=config.forecast_place_free_turning,
+        place_free_agility=config.forecast_place_free_agility,
     )
     return motion_table(primitive_map, of_forecasts)
 
@@ -177,7 +176,7 @@ def _heeded(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Genera
     v, n = cloud.speed.shape
     vehicle = np.arange(v)
     heed(table, cloud, vehicle, np.empty(v), *cue_columns(cue), AHEAD_S)
-    _kernels.resample(cloud, vehicle)
+    _kernels.resample(cloud, vehicle, 0.0)
     kept = rng.permuted(np.tile(np.arange(n), (v, 1)), axis=1)[:, : n // PER_SAMPLE]
     of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}
     return cloud._replace(**of_particles)

@@ -68,7 +68,7 @@ def motion_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTab
         step_s=config.step_s,
         journeys=primitive_map.journeys.table(
             direction_spread=config.direction_spread, speed_spread=config.speed_spread, drift=config.drift,
-            forget_rate=config.forget_rate, place_free_turning=config.place_free_turning,
+            forget_rate=config.forget_rate, agility=config.place_free_agility,
         ),
         remembers=len(primitive_map.journeys) > 0,
     )  # fmt: skip

@@ -122,7 +122,7 @@ class ParticleFilter:
     def resample(self, slot: IntArray, effective_sample_size: FloatArray) -> None:
         """Systematic resampling of the beliefs whose effective sample size has fallen."""
         poor = effective_sample_size < self.config.resample_below * self.config.n_particles
-        self._split(_kernels.resample, (self.belief.cloud,), (slot[poor],), ())
+        self._split(_kernels.resample, (self.belief.cloud,), (slot[poor],), (self.config.renewed_share,))
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 9), as `Estimates` names them: x, y, xx, xy, yy, direction, resultant, speed, deviation."""

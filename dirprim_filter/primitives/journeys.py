@@ -13,18 +13,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from dirprim_filter.distributions.angles import difference
-from dirprim_filter.primitives import _following
-from dirprim_filter.primitives._following import (
+from dirprim_filter.primitives import _following, _likening
+from dirprim_filter.primitives._likening import (
     CREEP,
+    FARTHEST,
+    FARTHEST_M,
+    LATERAL_M,
+    LONGEST_M,
     MOST_PIXELS,
+    MOST_SPEEDS,
     N_STEADY,
     PIXEL_M,
     SECTORS,
     SLOWEST_STEADY,
+    SPEEDS_PER_MPS,
     STEADY_RATIO,
     JourneyTable,
 )
@@ -117,13 +124,28 @@ class Journeys:
             duration=self.duration[~lone],
         )  # fmt: skip
 
+    def _restlessness(self, goes_on: IntArray) -> tuple[float, float]:
+        """How much directions, radians, and speeds, m/s, change in a second, and in t seconds as its square root."""
+        later, lasts = goes_on + 1, self.duration[goes_on]
+        moves = np.minimum(self.speed[goes_on], self.speed[later]) >= MOVING
+        turned = difference(self.direction[later], self.direction[goes_on])[moves]
+        gained = self.speed[later] - self.speed[goes_on]
+        return (
+            float(np.sqrt((turned**2).sum() / max(lasts[moves].sum(), 1.0))),
+            float(np.sqrt((gained**2).sum() / max(lasts.sum(), 1.0))),
+        )
+
+    def _reach(self) -> float:
+        """Metres from a journey's way within which a vehicle may be like it."""
+        return LATERAL_M * self.nearness * float(np.sqrt(FARTHEST))
+
     def without_places(self) -> Journeys:
         """The same, followed without regard to the place."""
         return replace(self, strength=np.inf)
 
     def table(
         self, *, direction_spread: float, speed_spread: float, drift: float, forget_rate: float,
-        place_free_turning: float,
+        agility: float,
     ) -> JourneyTable:  # fmt: skip
         """The journeys as the kernels take them, with what a filter or forecast adds: see `FilterConfig`."""
         goes_on = np.flatnonzero(self.duration > 0)
@@ -135,27 +157,22 @@ class Journeys:
         row[goes_on, 3] = (self.speed[following] - self.speed[goes_on]) / lasts
         row[goes_on, 5:7] = (self.position[following] - self.position[goes_on]) / lasts[:, None]
         row[1 : len(self), 7] = np.cumsum(self.duration == 0)[:-1]
-        origin, pixel, n_x, n_y, first, member = _sectors(self.position, self.direction, goes_on)
-        course, pace, turn, gain, duration, _, _, vehicle = row[member].T
+        at_least = np.maximum(row[: len(self), 1], CREEP)
+        place = np.zeros((len(row), 6))
+        place[: len(self)] = np.column_stack(
+            [self.position, np.cos(self.direction), np.sin(self.direction), self.duration * at_least, 1.0 / at_least]
+        )
+        squares = _covered(place, self.direction, goes_on, reach=min(self._reach(), FARTHEST_M))
         row = np.vstack([row, _steady()])
-        candidate = np.column_stack(
-            [
-                self.position[member], np.cos(course), np.sin(course), duration * np.maximum(pace, CREEP), pace, turn,
-                gain, course, vehicle, member,
-            ]
-        )  # fmt: skip
+        turning, hurrying = self._restlessness(goes_on)
+        by_speed = goes_on[np.argsort(self.speed[goes_on], kind="stable")]
         return JourneyTable(
             row=row,
+            place=place,
             first_steady=len(row) - 2 * (N_STEADY + 1),
-            by_speed=goes_on[np.argsort(self.speed[goes_on], kind="stable")],
-            origin_x=origin[0],
-            origin_y=origin[1],
-            per_metre=1.0 / pixel,
-            first=first,
-            candidate=candidate,
-            n_x=n_x,
-            n_y=n_y,
-            most_alike=_most_around(first, n_x, n_y),
+            slower=np.searchsorted(self.speed[by_speed], np.arange(MOST_SPEEDS) / SPEEDS_PER_MPS),
+            by_speed=by_speed,
+            **squares,
             nearness=self.nearness,
             strength=self.strength,
             direction_rate=self.direction_rate,
@@ -164,7 +181,8 @@ class Journeys:
             speed_spread=speed_spread,
             drift=drift,
             forget_rate=forget_rate,
-            place_free_turning=place_free_turning,
+            turning=agility * turning,
+            hurrying=agility * hurrying,
         )
 
 
@@ -190,28 +208,23 @@ def _directions(rows: TrackRows, ends: BoolArray) -> FloatArray:
     return direction
 
 
-def _sectors(
-    position: FloatArray, direction: FloatArray, goes_on: IntArray
-) -> tuple[FloatArray, float, int, int, IntArray, IntArray]:
-    """Which rows each square and sector of directions has, as in `JourneyTable`.
-
-    Returns:
-        Origin, side, number of columns and of lines, first member of each, and members.
-    """
-    if goes_on.size == 0:
-        return np.zeros(2), PIXEL_M, 1, 1, np.zeros(SECTORS + 1, np.int64), np.empty(0, np.int64)
-    low, extent = position[goes_on].min(axis=0), np.ptp(position[goes_on], axis=0)
+def _covered(place: FloatArray, direction: FloatArray, goes_on: IntArray, *, reach: float) -> dict[str, Any]:
+    """Which rows each square and sector of directions knows: the part of `JourneyTable` that tells it."""
+    low, extent = np.zeros(2), np.zeros(2)
+    if goes_on.size:
+        margin = reach + min(float(place[goes_on, _likening.REACH].max()), LONGEST_M)
+        low = place[goes_on, :2].min(axis=0) - margin
+        extent = np.ptp(place[goes_on, :2], axis=0) + 2.0 * margin
     pixel = max(PIXEL_M, float(extent.max()) / np.sqrt(MOST_PIXELS))
     n_x, n_y = (int(n) + 1 for n in extent / pixel)
-    at = ((position[goes_on] - low) / pixel).astype(np.int64)
-    sector = np.floor(direction[goes_on] * (SECTORS / (2.0 * np.pi))).astype(np.int64) % SECTORS
-    first, member = np.empty(n_x * n_y * SECTORS + 1, np.int64), np.empty(goes_on.size, np.int64)
-    _following.spread_over(first, (at[:, 0] * n_y + at[:, 1]) * SECTORS + sector, goes_on, member)
-    return low, pixel, n_x, n_y, first, member
-
-
-def _most_around(first: IntArray, n_x: int, n_y: int) -> int:
-    """The most rows that three by three squares have."""
-    n = np.pad(np.diff(first[::SECTORS]).reshape(n_x, n_y), 1)
-    of_three = n[:-2] + n[1:-1] + n[2:]
-    return int((of_three[:, :-2] + of_three[:, 1:-1] + of_three[:, 2:]).max())
+    sector = np.floor(direction * (SECTORS / (2.0 * np.pi))).astype(np.int64) % SECTORS
+    first = np.zeros(n_x * n_y * SECTORS + 1, np.int64)
+    grid = (place, sector, goes_on, low, pixel, n_x, n_y, reach)
+    _likening.cover(*grid, first, np.empty(0, np.int64))
+    first = np.cumsum(first)
+    member = np.empty(first[-1], np.int64)
+    _likening.cover(*grid, first[:-1].copy(), member)
+    return {
+        "origin_x": low[0], "origin_y": low[1], "per_metre": 1.0 / pixel, "n_x": n_x, "n_y": n_y, "first": first,
+        "member": member, "most_alike": int(np.diff(first[::SECTORS]).max(initial=0)),
+    }  # fmt: skip

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dirprim_filter.primitives import _following
+from dirprim_filter.primitives import _following, _likening
 from dirprim_filter.primitives.journeys import Journeys
 from tessellation.arrays import FloatArray, IntArray
 
@@ -38,7 +38,7 @@ SPREADS = {
     "speed_spread": 0.05,
     "drift": 0.005,
     "forget_rate": 0.1,
-    "place_free_turning": 0.05,
+    "agility": 0.2,
 }
 """As forecasts have them."""
 
@@ -54,7 +54,7 @@ def learn_likeness(journeys: Journeys, *, rng: np.random.Generator) -> Journeys:
     if len(start) < FEWEST_STARTS:
         return journeys
     key = rng.integers(2**63, size=len(start), dtype=np.uint64)
-    vehicle = journeys.table(**SPREADS).row[start, _following.VEHICLE]
+    vehicle = journeys.table(**SPREADS).row[start, _likening.VEHICLE]
     state = np.column_stack([journeys.position, journeys.direction, journeys.speed])[start]
 
     def score(trial: Journeys) -> float:

@@ -56,7 +56,16 @@ def test_density_is_scipys_kernel_estimate_where_the_least_bandwidth_is_nothing(
     samples, truth = 100.0 * rng.normal(size=(1, 50, 2)) @ [[1.0, 0.3], [0.0, 2.0]], np.array([[50.0, -30.0]])
     out = np.empty((1, 3))
     _kernels.score_samples(samples, truth, out)
-    assert out[0, 1] == pytest.approx(-stats.gaussian_kde(samples[0].T).logpdf(truth[0])[0], abs=1e-3)
+    narrow = stats.gaussian_kde(samples[0].T).pdf(truth[0])[0]
+    wide = stats.multivariate_normal(truth[0], _kernels.ASTRAY_M**2).pdf(samples[0]).mean()
+    assert out[0, 1] == pytest.approx(-np.log((1 - _kernels.ASTRAY) * narrow + _kernels.ASTRAY * wide), abs=1e-3)
+
+
+def test_who_is_sure_of_one_point_and_wrong_loses_but_not_without_bound():
+    samples, out = np.zeros((2, 50, 2)), np.empty((2, 3))
+    _kernels.score_samples(samples, np.array([[0.0, 0.0], [5.0, 0.0]]), out)
+    assert out[0, 1] == pytest.approx(np.log(2 * np.pi * _kernels.MIN_BANDWIDTH_M**2), abs=0.02)
+    assert 10.0 < out[1, 1] < 15.0
     _kernels.score_samples(samples, np.array([[1e9, 0.0]]), out)
     assert np.isfinite(out).all()
 

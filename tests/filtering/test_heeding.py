@@ -41,7 +41,7 @@ def turned_by(primitive_map, cue):
     """Shares of 4,000 futures that went right, straight on and left."""
     paths = forecast(
         primitive_map, position=(0.0, 0.0), direction=0.0, speed=10.0, horizon_s=4.0, n_samples=4000, cue=cue,
-        config=FilterConfig(forecast_forget_rate=1e-9, **ONLY_JOURNEYS), rng=np.random.default_rng(0),
+        config=FilterConfig(forget_rate=1e-9, **ONLY_JOURNEYS), rng=np.random.default_rng(0),
     )  # fmt: skip
     north = paths[:, -1, 1]
     return np.array([(north < -5).mean(), (np.abs(north) <= 5).mean(), (north > 5).mean()])

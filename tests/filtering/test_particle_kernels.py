@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
-from scipy.special import logsumexp
 
 from dirprim_filter.config import FilterConfig
-from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering import _kernels, _measuring, particle_filter
 from dirprim_filter.filtering.belief import FIRST_CAPACITY, ParticleBelief, birth_key
 from dirprim_filter.filtering.motion import motion_table
 from situations import one_cell_map
@@ -56,32 +55,28 @@ def test_moments_are_numpys_weighted_mean_and_covariance(cloud):
         np.testing.assert_allclose(row, expected, rtol=1e-10)
 
 
-def test_evidence_and_weights_are_scipys_logsumexp_of_gauss_or_outlier(cloud):
-    before, evidence = copied(cloud), np.empty(2)
-    measured, noise, share, extent = np.array([[3.5, -1.0], [400.0, 7.0]]), 0.7, 0.2, 100.0
-    outlier = share / extent**2
-    _kernels.weigh(cloud, VEHICLE, measured, noise, share, extent, evidence)
-    for i, v in enumerate(VEHICLE):
-        gauss = stats.multivariate_normal(measured[i], noise**2 * np.eye(2)).logpdf(before.position[v])
-        weight = before.log_weight[v] + np.logaddexp(np.log(1 - share) + gauss, np.log(outlier))
-        assert evidence[i] == pytest.approx(logsumexp(weight), rel=1e-12)
-        np.testing.assert_allclose(cloud.log_weight[v], weight - logsumexp(weight), rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(cloud.log_weight[1], before.log_weight[1])  # not asked for
-    assert evidence[1] == pytest.approx(np.log(outlier))
+def weighed(cloud, vehicle, place, *, noise_m):
+    """Weigh by a position that cannot be an outlier."""
+    config = FilterConfig(noise_m=noise_m, outlier_probability=1e-290, outlier_extent_m=1.0)
+    noise = particle_filter._noise(config)
+    column = np.array([[*place, noise_m**-2, 0.0, noise_m**-2, -np.log(2 * np.pi * noise_m**2), np.nan, np.nan]])
+    _measuring.weigh(cloud, vehicle, column, np.empty((1, 2)), noise)
 
 
 def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(cloud):
-    before, evidence = copied(cloud), np.empty(1)
+    before = copied(cloud)
     table = motion_table(one_cell_map(), FilterConfig())
     vehicle = np.array([1], np.int64)
     _kernels.settle(table, cloud, vehicle)
     _kernels.predict(table, cloud, vehicle, np.array([1e-9]))
-    _kernels.weigh(cloud, vehicle, np.array([[50.0, -20.0]]), 1e7, 1e-300, 1.0, evidence)
+    weighed(cloud, vehicle, [50.0, -20.0], noise_m=1e7)
     np.testing.assert_allclose(cloud.log_weight[1], before.log_weight[1], atol=1e-9)
     np.testing.assert_allclose(cloud.position[1], before.position[1], atol=1e-4)
     np.testing.assert_allclose(cloud.speed[1], before.speed[1], atol=1e-2)
-    _kernels.weigh(cloud, vehicle, np.array([[0.0, 0.0]]), 1.0, 1e-300, 1.0, evidence)
+    weighed(cloud, vehicle, [0.0, 0.0], noise_m=1.0)
     assert np.abs(cloud.log_weight[1] - before.log_weight[1]).max() > 1.0  # a telling one does
+    for other in (0, 2):  # not asked for
+        np.testing.assert_array_equal(cloud.log_weight[other], before.log_weight[other])
 
 
 def effective_sample_size(weight):
@@ -106,10 +101,10 @@ def test_effective_sample_size_is_n_of_equal_weights_and_one_of_a_single_survivo
 
 
 def ancestors(weight, u):
-    ancestor = np.empty(len(weight), np.int64)
+    survivors = np.empty(len(weight), np.int64)
     with np.errstate(divide="ignore"):
-        _kernels.systematic(np.log(np.asarray(weight, dtype=float)), float(u), ancestor)
-    return ancestor
+        _kernels.systematic(np.log(np.asarray(weight, dtype=float)), float(u), survivors)
+    return np.repeat(np.arange(len(weight)), survivors)
 
 
 @settings(max_examples=200, deadline=None)
@@ -145,7 +140,7 @@ def test_a_particle_with_all_the_weight_is_the_only_ancestor(survivor):
 def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
     before = copied(cloud)
     heaviest = int(before.log_weight[2].argmax())
-    _kernels.resample(cloud, VEHICLE)
+    _kernels.resample(cloud, VEHICLE, 0.0)
     np.testing.assert_allclose(cloud.log_weight[VEHICLE], -np.log(500))
     rows = {tuple(before.position[2, p]): p for p in range(500)}
     origin = np.array([rows[tuple(place)] for place in cloud.position[2]])

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy import stats
 
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.primitives import _following
+from dirprim_filter.primitives import _following, _likening
 from dirprim_filter.primitives.journeys import INTERVAL_S, Journeys
 from dirprim_filter.primitives.likeness import learn_likeness
 from dirprim_filter.primitives.rows import TrackRows
@@ -20,9 +21,15 @@ STILL = {
     "speed_spread": 1e-9,
     "drift": 1e-12,
     "forget_rate": 1e-9,
-    "place_free_turning": 1e-9,
+    "agility": 1e-9,
 }
-ALIVE = {"direction_spread": 0.1, "speed_spread": 0.2, "drift": 0.05, "forget_rate": 0.5, "place_free_turning": 0.1}
+ALIVE = {
+    "direction_spread": 0.1,
+    "speed_spread": 0.2,
+    "drift": 0.05,
+    "forget_rate": 0.5,
+    "agility": 0.3,
+}
 
 
 def journeys_of(tracks):
@@ -123,23 +130,15 @@ def test_weights_are_those_of_a_slow_loop():
     ring = ring_traffic(rng, n_vehicles=30)
     journeys = replace(journeys_of(ring), nearness=1.3)
     table = journeys.table(**STILL)
-    alike = np.empty((table.most_alike, 3))
+    alike = np.empty((3, table.most_alike))
     for _ in range(40):
         row = rng.integers(len(ring))
         x, y = ring.position[row] + rng.normal(0, 1, 2)
         direction, speed = ring.direction[row] + rng.normal(0, 0.2), ring.speed[row] + rng.normal(0, 1)
-        n, total = _following.look_around(table, x, y, direction, speed, -1.0, alike)
+        n, total = _likening.look_around(table, x, y, direction, speed, -1.0, alike)
         expected = {}
         for r in np.flatnonzero(journeys.duration > 0):
             offset = np.array([x, y]) - journeys.position[r]
-            if (
-                np.abs(
-                    np.floor((journeys.position[r] - journeys.position.min(axis=0)) / 4)
-                    - np.floor((np.array([x, y]) - journeys.position[journeys.duration > 0].min(axis=0)) / 4)
-                ).max()
-                > 1
-            ):
-                continue  # fmt: skip
             toward = np.array([np.cos(journeys.direction[r]), np.sin(journeys.direction[r])])
             since = offset @ toward / journeys.speed[r]
             if not 0 <= since < journeys.duration[r]:
@@ -151,8 +150,43 @@ def test_weights_are_those_of_a_slow_loop():
             squared += ((speed - journeys.speed[r] - gain * since) / (0.5 + 0.15 * speed)) ** 2
             if squared / 1.3**2 <= 18.0:
                 expected[r] = np.exp(-0.5 * squared / 1.3**2)
-        assert set(alike[:n, 0].astype(int)) == set(expected)
+        assert set(alike[0, :n].astype(int)) == set(expected)
         assert total == pytest.approx(sum(expected.values()), rel=1e-9)
+
+
+def test_a_journey_is_found_as_often_as_its_weight_whether_or_not_most_are_unlike():
+    journeys = replace(journeys_of(ring_traffic(np.random.default_rng(0), n_vehicles=12)), nearness=1.0, strength=0.5)
+    table, state = journeys.table(**STILL), np.empty(4, np.uint64)
+    alike = np.empty((3, table.most_alike))
+    random.seed_state(np.uint64(5), state)
+    for direction in (np.pi / 2, np.pi / 2 + 0.3):  # like some, like next to none
+        motion = (20.0, 0.5, direction, 8.0)
+        n, total = _likening.look_around(table, *motion, -1.0, alike)
+        weight = np.diff(alike[2, :n], prepend=0.0)
+        wanted = dict(zip(alike[0, :n].astype(int).tolist(), weight, strict=True)) | {-1: table.strength}
+        drawn = [max(found(table, motion, alike, state), -1) for _ in range(20_000)]
+        count = np.array([drawn.count(row) for row in wanted])
+        expected = 20_000 * np.array(list(wanted.values())) / (total + table.strength)
+        rare = expected < 5
+        count, expected = (np.append(c[~rare], c[rare].sum() + 1e-9) for c in (count, expected))
+        expected *= count.sum() / expected.sum()
+        assert stats.chisquare(count, expected).pvalue > FALSE_ALARM
+        assert stats.chisquare(np.roll(count, 1), expected).pvalue < FALSE_ALARM
+
+
+@njit
+def found(table, motion, alike, state):
+    x, y, direction, speed = motion
+    row, _ = _likening.find(table, x, y, direction, speed, -1.0, 0.0, alike, state)
+    return row
+
+
+def test_a_fast_vehicle_finds_the_journey_it_is_on_anywhere_between_two_rows():
+    table = journeys_of(straight(speed=25.0)).table(**STILL)
+    alike = np.empty((3, table.most_alike))
+    for x in np.arange(0.5, 100.0, 1.0):
+        n, _ = _likening.look_around(table, x, 0.0, 0.0, 25.0, -1.0, alike)
+        assert n == 1
 
 
 def energy_distance(a, b):
@@ -189,7 +223,8 @@ def test_deviations_settle_on_their_spreads():
     for _ in range(4000):
         d, s, row, since = 0.0, 10.0, 0, 0.0
         for _ in range(12):
-            _, _, d, s, row, since, _ = _following.follow(table, decay, 0.3, d, s, row, since, state)
+            drawn = random.draw_normal(state), random.draw_normal(state)
+            _, _, d, s, row, since, _ = _following.follow(table, decay, 0.3, d, s, row, since, *drawn)
         direction.append(d)
         speed.append(s)
     left = 1.0 - np.exp(-2 * 2.0 * 3.6)
