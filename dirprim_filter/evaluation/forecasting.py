@@ -173,8 +173,8 @@ class HorizonScore:
         ade: metres from the samples' mean to the truth, mean over the horizons up to this one.
         fde: metres from the samples' mean to the truth.
         best_of_20: metres from the truth to the nearest of 20 samples.
-        nll: negative log of the samples' kernel density at the truth, per square metre; kernels are at least 0.1 m wide,
-            and one in a hundred 20 m, of every method.
+        nll: negative log of the samples' kernel density at the truth, per square metre; kernels are at least 0.1 m
+            wide, and a hundredth of each 20 m, of every method.
         coverage_50: share of truths in the highest-density region of probability 0.5.
         coverage_90: the same of 0.9.
     """

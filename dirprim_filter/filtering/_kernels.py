@@ -21,6 +21,9 @@ from dirprim_filter.primitives._likening import NO_ROW
 from tessellation._kernels import locate
 from tessellation.arrays import FloatArray, IntArray
 
+KERNEL_SHARE = 0.5
+"""Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
+
 
 class Cloud(NamedTuple):
     """Particles of every vehicle."""
@@ -224,26 +227,49 @@ def systematic(log_weight: FloatArray, u: float, survivors: IntArray) -> None:
     survivors[n - 1] = n - before
 
 
+@njit(cache=True)
+def spread_of(column: FloatArray, survivors: IntArray, is_angle: bool) -> float:
+    """Standard deviation of what survives; of angles, from that of the first survivor."""
+    first = 0
+    while survivors[first] == 0:
+        first += 1
+    origin, mean, squared = column[first], 0.0, 0.0
+    for p in range(column.size):
+        off = column[p] - origin
+        if is_angle and abs(off) > math.pi:
+            off = density.wrap(off)
+        mean += survivors[p] * off / column.size
+        squared += survivors[p] * off * off / column.size
+    return math.sqrt(max(squared - mean * mean, 0.0))
+
+
 @njit(cache=True, nogil=True)
 def resample(cloud: Cloud, vehicle: IntArray, renewed_share: float) -> None:
     """Replace each vehicle's particles by equally weighted survivors: the first of each stays where it is.
 
-    Of its copies, a share looks for another journey when it next moves.
+    Of its copies, a share looks for another journey when it next moves. Copies are spread in direction and speed by the
+    kernel of a regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times n^(-1/6), so that
+    few particles do not become one that is wrong.
     """
     n = cloud.position.shape[1]
+    bandwidth = KERNEL_SHARE * n ** (-1.0 / 6.0)
     survivors = np.empty(n, np.int64)
     for v in vehicle:
         state = cloud.state[v].copy()
         systematic(cloud.log_weight[v], random.uniform(state), survivors)
         position, direction, speed, since = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.since[v]
         cell, mode, row = cloud.cell[v], cloud.mode[v], cloud.row[v]
+        wider = bandwidth * spread_of(direction, survivors, True)
+        faster = bandwidth * spread_of(speed, survivors, False)
         free = 0
         for a in range(n):
             for _ in range(survivors[a] - 1):
                 while survivors[free] > 0:
                     free += 1
                 position[free, 0], position[free, 1] = position[a, 0], position[a, 1]
-                direction[free], speed[free], since[free] = direction[a], speed[a], since[a]
+                direction[free] = density.wrap(direction[a] + wider * random.draw_normal(state))
+                speed[free] = max(speed[a] + faster * random.draw_normal(state), 0.0)
+                since[free] = since[a]
                 cell[free], mode[free], row[free] = cell[a], mode[a], row[a]
                 if random.uniform(state) < renewed_share:
                     row[free] = NO_ROW

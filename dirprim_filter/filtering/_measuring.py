@@ -34,14 +34,14 @@ class Noise(NamedTuple):
 def direction_fit(noise: Noise, direction: float, course: float) -> float:
     """Density of a measured course, per radian."""
     agreed = noise.direction_concentration * squared_sine(0.5 * (direction - course))
-    return noise.direction_scale * exp(-2.0 * agreed) + noise.direction_outlier
+    return float(noise.direction_scale * exp(-2.0 * agreed) + noise.direction_outlier)
 
 
 @njit(cache=True, inline="always")
 def speed_fit(noise: Noise, speed: float, pace: float) -> float:
     """Density of a measured speed, s/m."""
     off = speed - pace
-    return noise.speed_scale * exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier
+    return float(noise.speed_scale * exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier)
 
 
 @njit(cache=True, inline="always")
@@ -52,7 +52,7 @@ def log_motion_fit(noise: Noise, direction: float, speed: float, course: float, 
         fit *= direction_fit(noise, direction, course)
     if not math.isnan(pace):
         fit *= speed_fit(noise, speed, pace)
-    return log(fit)
+    return float(log(fit))
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from dirprim_filter.config import FilterConfig
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.filtering import _kernels, _measuring, particle_filter
 from dirprim_filter.filtering.belief import FIRST_CAPACITY, ParticleBelief, birth_key
 from dirprim_filter.filtering.motion import motion_table
@@ -144,8 +145,15 @@ def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
     np.testing.assert_allclose(cloud.log_weight[VEHICLE], -np.log(500))
     rows = {tuple(before.position[2, p]): p for p in range(500)}
     origin = np.array([rows[tuple(place)] for place in cloud.position[2]])
-    for name in ("direction", "speed", "cell", "mode"):
+    for name in ("cell", "mode"):
         np.testing.assert_array_equal(getattr(cloud, name)[2], getattr(before, name)[2, origin])
+    stays = np.unique(origin)
+    for name, off_by in (("direction", wrap), ("speed", np.asarray)):  # copies are spread a little, the others stay
+        kept, now = getattr(before, name)[2, origin], getattr(cloud, name)[2]
+        copies = np.setdiff1d(np.arange(500), stays)
+        np.testing.assert_array_equal(now[stays], kept[stays])
+        share = np.median(np.abs(off_by(now - kept)[copies])) / np.std(off_by(kept - np.median(kept)))
+        assert 0.05 < share < 0.25
     expected = 500 * np.exp(before.log_weight[2, heaviest])
     assert np.floor(expected) <= (origin == heaviest).sum() <= np.ceil(expected)
     for mine, old in zip(cloud, before, strict=True):
