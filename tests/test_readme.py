@@ -31,7 +31,8 @@ def test_the_python_example_runs(beside_recordings, capsys):
     assert len(code.splitlines()) <= 10
     exec(compile(code, "README.md", "exec"), {})  # noqa: S102 (our own text)
     assert "cells" in capsys.readouterr().out
-    assert Path("map.mcap").exists()
+    (written,) = re.findall(r'save_map\(m, "([^"]+)"\)', code)
+    assert Path(written).exists()
 
 
 def test_the_commands_run(beside_recordings):

@@ -4,11 +4,90 @@ Forecasts come for every vehicle each second of the log: in numpy their fans too
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from tessellation.arrays import FloatArray, IntArray
+
+
+class Knobs(NamedTuple):
+    """What `fans` says of them, by its names there."""
+
+    n_squares: int
+    finest_m: float
+    narrowest: float
+    widest: float
+    reach: float
+    neighbour: int
+    neighbours_among: int
+    company: float
+    spared: float
+    corner: float
+    faintest: float
+
+
+@njit(cache=True, nogil=True)
+def fans(
+    path: FloatArray, probability: FloatArray, knobs: Knobs
+) -> tuple[FloatArray, IntArray, IntArray, IntArray]:  # fmt: skip
+    """The fans of one vehicle, one after the other.
+
+    Args:
+        path: (n_samples, n_steps, 2) metres.
+        probability: (k,) of each fan.
+        knobs: as `fans` has them.
+
+    Returns:
+        (n, 2) vertices, metres; (m, 3) triangles, of the vertices of their own fan; (k,) how many vertices each fan
+        has, and (k,) how many triangles.
+    """
+    n_samples, n_steps, _ = path.shape
+    west, south, east, north = path[0, 0, 0], path[0, 0, 1], path[0, 0, 0], path[0, 0, 1]
+    for a in range(n_samples):
+        for s in range(n_steps):
+            west, east = min(west, path[a, s, 0]), max(east, path[a, s, 0])
+            south, north = min(south, path[a, s, 1]), max(north, path[a, s, 1])
+    side = max(max(east - west, north - south) / knobs.n_squares, knobs.finest_m)
+    margin = math.ceil(knobs.reach * knobs.narrowest) * side
+    west, south = west - margin, south - margin
+    columns = math.ceil((east + margin - west) / side) + 1
+    rows = math.ceil((north + margin - south) / side) + 1
+    node = np.empty((n_samples, n_steps, 2), np.int64)
+    for a in range(n_samples):
+        for s in range(n_steps):
+            node[a, s, 0] = round((path[a, s, 1] - south) / side)
+            node[a, s, 1] = round((path[a, s, 0] - west) / side)
+    stride = max(n_samples // knobs.neighbours_among, 1)
+    kernel = np.empty(n_steps)
+    neighbour_distances(path, stride, min(knobs.neighbour, (n_samples - 1) // stride), kernel)
+    for s in range(n_steps):
+        kernel[s] = min(max(kernel[s] / side, knobs.narrowest), knobs.widest)
+    k, size = probability.size, 3 * rows * columns
+    height = np.zeros((k, rows, columns))
+    highest_densities(node, kernel, knobs.reach, probability, knobs.company, knobs.spared, knobs.corner, height)
+    for i in range(k):
+        for r in range(rows):
+            for c in range(columns):
+                height[i, r, c] = math.log(max(height[i, r, c], knobs.faintest))
+    vertex, triangle = np.empty((k * size, 2)), np.empty((k * size, 3), np.int64)
+    n_vertices, n_triangles = np.zeros(k, np.int64), np.zeros(k, np.int64)
+    v = t = 0
+    for i in range(k):
+        is_tall = rows > columns  # cut across the longer axis: edges are finer along it
+        of_axes = np.ascontiguousarray(height[i].T) if is_tall else height[i]
+        n_vertices[i], n_triangles[i] = triangles_above(of_axes, vertex[v:], triangle[t:])
+        for a in range(v, v + n_vertices[i]):
+            x, y = vertex[a, 0], vertex[a, 1]
+            if is_tall:
+                x, y = y, x
+            vertex[a, 0], vertex[a, 1] = west + side * x, south + side * y
+        if is_tall:  # mirrored: the other way round is counter-clockwise then
+            for b in range(t, t + n_triangles[i]):
+                triangle[b, 0], triangle[b, 2] = triangle[b, 2], triangle[b, 0]
+        v, t = v + n_vertices[i], t + n_triangles[i]
+    return vertex[:v].copy(), triangle[:t].copy(), n_vertices, n_triangles
 
 
 @njit(cache=True)

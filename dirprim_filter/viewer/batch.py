@@ -113,7 +113,7 @@ class FrameBatch:
         places = np.array([look.position for look in shown]).reshape(-1, 2)
         yield "/focus/ring", times, marks.ring(places, depth=self._depth).partition(n_shown)
         yield "/focus/speed", times, _curves(speed_rows(looks, self._primitives))
-        curves = [polar_curves(look, self._primitives) for look in shown]
+        curves = polar_curves(shown, self._primitives)
         for name in POLAR:
             strips = [SOUTHWARDS * getattr(curve, name) for curve in curves]
             if strips:

@@ -39,6 +39,13 @@ FAINTEST = 1e-3
 """Of the level: so small a density is drawn as none."""
 
 
+KNOBS = _kernels.Knobs(
+    n_squares=N_SQUARES, finest_m=FINEST_M, narrowest=KERNEL_SQUARES, widest=WIDEST_KERNEL, reach=KERNEL_REACH,
+    neighbour=NEIGHBOUR, neighbours_among=NEIGHBOURS_AMONG, company=SOME_COMPANY, spared=SPARED, corner=CORNER,
+    faintest=FAINTEST,
+)  # fmt: skip
+
+
 class Fan(NamedTuple):
     """An area as triangles that do not overlap, all counter-clockwise.
 
@@ -53,34 +60,11 @@ class Fan(NamedTuple):
 
 def fans_of(paths: FloatArray, probabilities: Sequence[float]) -> list[Fan]:
     """The fan of one vehicle for each probability. (n_samples, n_steps, 2) metres."""
-    corner, side, shape = _grid(paths)
-    distance = np.empty(paths.shape[1])
-    some = max(len(paths) // NEIGHBOURS_AMONG, 1)
-    _kernels.neighbour_distances(paths, some, min(NEIGHBOUR, -(-len(paths) // some) - 1), distance)
-    node = np.rint((paths - corner) / side).astype(np.int64)[..., ::-1]
-    height = np.zeros((len(probabilities), *shape))
-    _kernels.highest_densities(
-        node, np.clip(distance / side, KERNEL_SQUARES, WIDEST_KERNEL), KERNEL_REACH, np.array(probabilities),
-        SOME_COMPANY, SPARED, CORNER, height,
-    )  # fmt: skip
-    return [_above(np.log(np.maximum(times, FAINTEST)), corner, side) for times in height]
-
-
-def _grid(paths: FloatArray) -> tuple[FloatArray, float, tuple[int, int]]:
-    """South-west corner, side of a square and (rows, columns) of nodes of a grid with room for the kernel."""
-    low, high = paths.min(axis=(0, 1)), paths.max(axis=(0, 1))
-    side = max(float((high - low).max()) / N_SQUARES, FINEST_M)
-    margin = np.ceil(KERNEL_REACH * KERNEL_SQUARES) * side
-    n_x, n_y = (np.ceil((high - low + 2.0 * margin) / side).astype(np.int64) + 1).tolist()
-    return low - margin, side, (n_y, n_x)
-
-
-def _above(height: FloatArray, corner: FloatArray, side: float) -> Fan:
-    """The area where a function on the grid is at least 0, cut across its longer axis: its edges are finer along it."""
-    is_tall = height.shape[0] > height.shape[1]
-    of_axes = np.ascontiguousarray(height.T) if is_tall else height
-    vertex, triangle = np.empty((3 * height.size, 2)), np.empty((3 * height.size, 3), np.int64)
-    n_vertices, n_triangles = _kernels.triangles_above(of_axes, vertex, triangle)
-    if is_tall:  # mirrored: the other way round is counter-clockwise then
-        return Fan(corner + side * vertex[:n_vertices, ::-1], triangle[:n_triangles, ::-1])
-    return Fan(corner + side * vertex[:n_vertices], triangle[:n_triangles])
+    share = np.array(probabilities, np.float64)
+    vertex, triangle, n_vertices, n_triangles = _kernels.fans(np.ascontiguousarray(paths, np.float64), share, KNOBS)
+    last_vertex, last_triangle = np.cumsum(n_vertices).tolist(), np.cumsum(n_triangles).tolist()
+    first_vertex, first_triangle = [0, *last_vertex], [0, *last_triangle]
+    return [
+        Fan(vertex[first_vertex[i] : last_vertex[i]], triangle[first_triangle[i] : last_triangle[i]])
+        for i in range(share.size)
+    ]

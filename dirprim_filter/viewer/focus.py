@@ -6,7 +6,7 @@ Told are its speed between the quantiles of the prior's speeds, and Eq. 4 around
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -176,29 +176,43 @@ class PolarCurves:
     belief: FloatArray
 
 
-def polar_curves(look: Look, primitives: PrimitiveMap | None) -> PolarCurves:
-    """Eq. 4 for one vehicle: radii are square roots of densities, the longest is 1."""
-    course, concentration = look.course
-    cue = VonMisesMixture(weight=np.ones(1), mean_direction=np.array([course]), concentration=np.array([concentration]))
-    prior = cue if primitives is None else primitives.primitive_at(look.position).direction
+def polar_curves(looks: Sequence[Look], primitives: PrimitiveMap | None) -> list[PolarCurves]:
+    """Eq. 4 for one vehicle in each frame: radii are square roots of densities, the longest is 1."""
+    if not looks:
+        return []
+    course, concentration = np.array([look.course for look in looks]).T[..., None]
+    cue = VonMisesMixture(weight=np.ones_like(course), mean_direction=course, concentration=concentration)
+    prior = (
+        cue if primitives is None else primitives.primitive_at(np.array([look.position for look in looks])).direction
+    )
     posterior = multiply_mixtures(prior, cue).mixture
     lines = {}
     for name, mixture in (("prior", prior), ("cue", cue), ("posterior", posterior)):
         theta = _angles(mixture)
-        lines[name] = (theta, np.exp(0.5 * mixture.log_density(theta)))
-    edge = np.arange(len(look.belief) + 1) * np.radians(BIN_DEG)
-    steps = np.sqrt(np.repeat(look.belief, 2) / np.radians(BIN_DEG))
-    lines["belief"] = (np.repeat(edge, 2)[1:-1], steps)
-    longest = max(float(radius.max(initial=0.0)) for _, radius in lines.values())
-    return PolarCurves(**{name: _closed(theta, radius / longest) for name, (theta, radius) in lines.items()})
+        one_each = VonMisesMixture(
+            weight=mixture.weight[:, None],
+            mean_direction=mixture.mean_direction[:, None],
+            concentration=mixture.concentration[:, None],
+        )
+        lines[name] = (theta, np.exp(0.5 * one_each.log_density(theta)))
+    curves = []
+    for row, look in enumerate(looks):
+        edge = np.arange(len(look.belief) + 1) * np.radians(BIN_DEG)
+        steps = np.sqrt(np.repeat(look.belief, 2) / np.radians(BIN_DEG))
+        own = {name: (theta[row], radius[row]) for name, (theta, radius) in lines.items()}
+        own["belief"] = (np.repeat(edge, 2)[1:-1], steps)
+        longest = max(float(radius.max(initial=0.0)) for _, radius in own.values())
+        curves.append(PolarCurves(**{name: _closed(theta, radius / longest) for name, (theta, radius) in own.items()}))
+    return curves
 
 
 def _angles(mixture: VonMisesMixture) -> FloatArray:
-    """Angles all around, and more of them about the heaviest modes."""
-    heavy = np.argsort(-mixture.weight)[:3]
-    deviation = 1.0 / np.sqrt(np.maximum(mixture.concentration[heavy], 1.0))
-    near = mixture.mean_direction[heavy][:, None] + deviation[:, None] * AROUND_PEAK
-    return np.unique(np.concatenate([np.linspace(0.0, TWO_PI, N_ANGLES, endpoint=False), near.ravel() % TWO_PI]))
+    """Angles all around, ascending, and more of them about the heaviest modes. (n, M) -> (n, k)."""
+    heavy = np.argsort(-mixture.weight, axis=-1)[:, :3]
+    deviation = 1.0 / np.sqrt(np.maximum(np.take_along_axis(mixture.concentration, heavy, axis=-1), 1.0))
+    near = np.take_along_axis(mixture.mean_direction, heavy, axis=-1)[..., None] + deviation[..., None] * AROUND_PEAK
+    around = np.broadcast_to(np.linspace(0.0, TWO_PI, N_ANGLES, endpoint=False), (len(heavy), N_ANGLES))
+    return np.sort(np.concatenate([around, near.reshape(len(heavy), -1) % TWO_PI], axis=1), axis=1)
 
 
 def _closed(theta: FloatArray, radius: FloatArray) -> FloatArray:

@@ -71,7 +71,7 @@ def density_of(line: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map: PrimitiveMap) -> None:
     look = look_at((15.0, 15.0), course=(1.2, 6.0))
-    curves = polar_curves(look, scene_map)
+    (curves,) = polar_curves([look], scene_map)
     theta = np.linspace(-np.pi, np.pi, 721)
     prior = np.exp(scene_map.primitive_at(look.position).direction.log_density(theta))
     product = prior * np.exp(6.0 * np.cos(theta - 1.2))
@@ -85,7 +85,7 @@ def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map: Primit
 
 
 def test_without_a_course_the_posterior_is_the_prior(scene_map: PrimitiveMap) -> None:
-    curves = polar_curves(look_at((15.0, 15.0)), scene_map)
+    (curves,) = polar_curves([look_at((15.0, 15.0))], scene_map)
     theta = np.linspace(-np.pi, np.pi, 181)
     assert density_of(curves.posterior, theta) == pytest.approx(density_of(curves.prior, theta), abs=1e-3)
     assert np.ptp(density_of(curves.cue, theta)) < 1e-9
