@@ -45,6 +45,8 @@ def test_the_commands_run(beside_recordings):
         assert Path(output).stat().st_size > 0
 
 
-def test_the_picture_exists():
-    (picture,) = re.findall(r"!\[[^]]+\]\(([^)]+)\)", README)
-    assert (ROOT / picture).stat().st_size > 0
+def test_the_pictures_exist():
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", README)
+    assert len(pictures) == 2
+    for picture in pictures:
+        assert (ROOT / picture).stat().st_size > 0

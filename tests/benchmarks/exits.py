@@ -1,0 +1,152 @@
+"""Which exit will it take? What a turn signal adds to the prior: `python tests/benchmarks/exits.py LOG...`.
+
+Defends `ParticleFilter.heed`: Eq. 4 as a weight of what particles are about to do. Held-out vehicles are seen once
+(position to 0.5 m, direction to 0.05 rad, speed to 0.5 m/s) at each second of their last fifteen before they leave the
+scene; an exit's probability is the weight of the particles whose journey ends there. The signal is what an honest
+driver gives: left or right where the vehicle turns by more than 30 degrees within the next 4 s, else none. Beside it
+stand a signal of the wrong side, which must harm, and the very turn to some 8 degrees (`exact`): more than that no cue
+of direction can tell. Cross-entropies in nat, means over vehicles.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from sklearn.cluster import DBSCAN
+
+from dirprim_filter import FilterConfig, learn_primitives, read_tracks
+from dirprim_filter.detections import Detections
+from dirprim_filter.evaluation.splits import split
+from dirprim_filter.filtering.heeding import AHEAD_S
+from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT, Cue
+
+EXIT_M, FEWEST, NEAR_M = 8.0, 5, 12.0
+LAST_S, LEAST_TURN, FLOOR = 15.0, np.deg2rad(30.0), 1e-3
+
+
+class Cases(NamedTuple):
+    """Instants of held-out vehicles."""
+
+    vehicle: np.ndarray
+    motion: np.ndarray  # (n, 4) position, direction, speed
+    turn: np.ndarray  # (n,) radians within the next 4 s
+    exit: np.ndarray  # (n,)
+
+
+def exits_of(journeys):
+    """Centres of the places where journeys end, and the exit of each row's journey, -1 for none."""
+    ends = np.flatnonzero(journeys.duration == 0)
+    label = DBSCAN(eps=EXIT_M, min_samples=FEWEST).fit_predict(journeys.position[ends])
+    centers = np.array([journeys.position[ends[label == k]].mean(axis=0) for k in range(label.max() + 1)])
+    begins = np.concatenate([[0], ends[:-1] + 1])
+    return centers, np.repeat(label, ends - begins + 1)
+
+
+def cases_of(tracks, centers):
+    """One a second, of vehicles that end at an exit."""
+    tree, parts = cKDTree(centers), []
+    for vehicle in np.unique(tracks.track_id):
+        own = tracks[tracks.track_id == vehicle]
+        time_s = (own.time_ns - own.time_ns[-1]) * 1e-9
+        away, exit_ = tree.query(own.position[-1])
+        moving = own.speed > 0.5
+        if away > NEAR_M or moving.sum() < 2:
+            continue
+        course = np.interp(time_s, time_s[moving], np.unwrap(own.direction[moving]))
+        for t in np.arange(-LAST_S, -AHEAD_S):
+            i = np.searchsorted(time_s, t)
+            if time_s[0] <= t and moving[i]:
+                turn = np.interp(time_s[i] + AHEAD_S, time_s, course) - course[i]
+                parts.append((vehicle, [*own.position[i], own.direction[i], own.speed[i]], turn, exit_))
+    return Cases(*(np.array(column) for column in zip(*parts, strict=True)))
+
+
+def signals(turn):
+    """Cues, and which cases each is given in."""
+    return (TURN_LEFT, np.flatnonzero(turn > LEAST_TURN)), (TURN_RIGHT, np.flatnonzero(turn < -LEAST_TURN))
+
+
+def exact(turn):
+    """A cue for each case."""
+    return [(Cue(turn=angle, concentration=50.0), np.array([i])) for i, angle in enumerate(turn)]
+
+
+def cross_entropies(learned, cases, cues, *, exit_of_row, n_exits, rng):
+    """(n,) before and after the cues."""
+    n, particles = len(cases.turn), ParticleFilter(learned, FilterConfig(n_particles=500))
+    noisy = cases.motion + rng.normal(size=(n, 4)) * [0.5, 0.5, 0.05, 0.5]
+    seen = Detections(
+        track_id=np.arange(n).astype(str), time_ns=np.zeros(n, np.int64), position=noisy[:, :2],
+        direction=noisy[:, 2], speed=np.maximum(noisy[:, 3], 0.0),
+    )  # fmt: skip
+    slot = np.arange(n)
+    particles.reserve(n)
+    particles.begin(slot, rng.integers(2**63, size=n, dtype=np.uint64), seen)
+    particles.predict(slot, np.full(n, 0.1))  # now they follow journeys
+
+    def surprise():
+        cloud = particles.belief.cloud
+        row, weight = cloud.row[:n], np.exp(cloud.log_weight[:n])
+        label = np.where(row >= 0, np.append(exit_of_row, -1)[np.clip(row, -1, exit_of_row.size)], -1)
+        of_exit = np.stack([(weight * (label == k)).sum(axis=1) for k in range(n_exits)], axis=1)
+        unknown = weight.sum(axis=1) - of_exit.sum(axis=1)
+        p = (1 - FLOOR) * (of_exit + unknown[:, None] / n_exits) + FLOOR / n_exits
+        return -np.log(p[slot, cases.exit])
+
+    before = surprise()
+    for cue, given in cues:
+        if given.size:
+            particles.heed(given, cue)
+    return before, surprise()
+
+
+def mean_over_vehicles(value, vehicle):
+    _, number = np.unique(vehicle, return_inverse=True)
+    return (np.bincount(number, value) / np.bincount(number)).mean()
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", nargs="+")
+    parser.add_argument("--seeds", type=int, default=3)
+    given = parser.parse_args()
+    tracks = read_tracks(given.logs)
+    print(
+        "seed exits vehicles instants   before   signal  ratio    wrong    exact | right alone: before   signal  ratio"
+    )
+    for seed in range(given.seeds):
+        fold = split(tracks, by="vehicle", n_folds=2, rng=np.random.default_rng(seed))[0]
+        learned = learn_primitives(fold.train, rng=np.random.default_rng(seed))
+        centers, exit_of_row = exits_of(learned.journeys)
+        cases = cases_of(fold.test, centers)
+        cases = Cases(*(column[np.abs(cases.turn) > LEAST_TURN] for column in cases))
+        right = cases.turn < 0
+        of = {}
+        for name, cues in (("", signals(cases.turn)), ("wrong", signals(-cases.turn)), ("exact", exact(cases.turn))):
+            before, after = cross_entropies(
+                learned,
+                cases,
+                cues,
+                exit_of_row=exit_of_row,
+                n_exits=len(centers),
+                rng=np.random.default_rng([seed, 1]),
+            )
+            of[name] = mean_over_vehicles(after, cases.vehicle)
+            if not name:
+                of["before"] = mean_over_vehicles(before, cases.vehicle)
+                of["right"] = [mean_over_vehicles(column[right], cases.vehicle[right]) for column in (before, after)]
+        n_vehicles, (r_before, r_after) = np.unique(cases.vehicle).size, of["right"]
+        print(
+            f"{seed:4}{len(centers):6}{n_vehicles:9}{cases.turn.size:9}{of['before']:9.3f}{of['']:9.3f}"
+            f"{of[''] / of['before']:7.2f}{of['wrong']:9.3f}{of['exact']:9.3f} |"
+            f"{r_before:14.3f}{r_after:9.3f}{r_after / r_before:7.2f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
