@@ -25,6 +25,7 @@ from dirprim_filter.distributions.modes import dbscan
 from dirprim_filter.primitives.fitting import bounds_of, fit_all, fit_motion
 from dirprim_filter.primitives.rows import CellRows, TrackRows
 from tessellation import GridTessellation
+from tessellation.gates import residents
 
 
 def fig_2(n, rng):
@@ -124,7 +125,13 @@ def by_rows(most):
         cells = GridTessellation.covering(rows.position, cell_size=10.0)
         tracemalloc.start()
         begin = time.perf_counter()
-        fit_all(CellRows.of(rows, cells, standing_speed=0.3), bounds, at_once=True)
+        fit_all(
+            CellRows.of(
+                rows, residents(cells.cell_of(rows.position), cells.centers), rows.position, standing_speed=0.3
+            ),
+            bounds,
+            at_once=True,
+        )
         in_many = time.perf_counter() - begin
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
