@@ -7,11 +7,13 @@ from scipy import stats
 from scipy.special import i0e
 
 from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.filtering import _kernels, _relaxing
 from dirprim_filter.filtering.motion import motion_table, reaching, speeds_of_all_places
+from dirprim_filter.filtering.particle_filter import ParticleFilter
 from situations import one_cell_map
 from tessellation import GridTessellation
 from tessellation._kernels import locate
@@ -229,3 +231,22 @@ def test_cells_reach_beside_themselves_to_the_nearest():
     }  # fmt: skip
     nothing = GridTessellation.empty().locator
     assert locate(reaching(nothing, 3.5), 0.5, 0.5) == -1
+
+
+def test_who_follows_a_journey_of_another_place_turns_by_so_much_more_than_it(ring_map):
+    """The variance of turns has a part that grows as the square of the agility: to 5 %, six standard errors."""
+
+    def variance_of_turns(agility):
+        particles = ParticleFilter(ring_map, FilterConfig(n_particles=N, place_free_agility=agility))
+        particles.reserve(1)
+        far_off = Detections(track_id=["a"], time_ns=[0], position=[[500.0, 500.0]], direction=[0.0], speed=[8.0])
+        slot = np.array([0])
+        particles.begin(slot, np.array([7], np.uint64), far_off)
+        particles.predict(slot, np.array([0.1]))  # now they follow journeys
+        before = particles.belief.cloud.direction[0].copy()
+        particles.predict(slot, np.array([1.0]))
+        return np.var(wrap(particles.belief.cloud.direction[0] - before))
+
+    still, once, twice = (variance_of_turns(agility) for agility in (1e-6, 1.0, 2.0))
+    assert once > 2.0 * still
+    assert twice - still == pytest.approx(4.0 * (once - still), rel=0.05)

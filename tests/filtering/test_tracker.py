@@ -326,8 +326,7 @@ def test_a_vehicle_that_leaves_the_map_is_followed(ring_map):
     times = 0.1 * np.arange(60)
     path = np.column_stack([20.0 + 8.0 * times, 3.0 * times])  # straight on, where nobody went
     found, tracker = track(ring_map, [one("a", t, *place) for t, place in zip(times, path, strict=True)])
-    # every journey of this log turns left: the belief stays to the left of who goes straight on
-    assert np.linalg.norm(found.position - path, axis=1)[30:].max() < 2.0
+    assert np.linalg.norm(found.position - path, axis=1)[20:].max() < 1.5
     assert tracker.recoveries <= 2  # while it leaves the ring, against everyone's habit
 
 
@@ -370,3 +369,21 @@ def test_what_a_sensor_knows_of_motion_and_of_its_errors_sharpens_the_belief(rin
     assert knows_errors[1] < 0.3 * blind[1]
     turned_round = spread(direction=course + np.pi, speed=np.full(n, 8.0))
     assert np.isfinite(turned_round).all()
+
+
+def nees(primitive_map, told_noise_m, rng):
+    """Mean squared error of position in units of the claimed covariance, from the second second on."""
+    traffic = ring_traffic(rng, n_rows=30)
+    seen = traffic.position + rng.normal(0, 0.5, traffic.position.shape)
+    frames = Detections(track_id=traffic.track_id.astype(str), time_ns=traffic.time_ns, position=seen).frames()
+    found, _ = track(primitive_map, frames, n_particles=500, noise_m=told_noise_m)
+    truth = {(str(i), t): p for i, t, p in zip(traffic.track_id, traffic.time_ns, traffic.position, strict=True)}
+    off = found.position - [truth[key] for key in zip(found.track_id.astype(str), found.time_ns, strict=True)]
+    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.covariance[:, :2, :2]), off)
+    return squared[found.time_ns - traffic.time_ns.min() > 1e9].mean()
+
+
+def test_beliefs_are_as_wide_as_they_err(ring_map):
+    """2 is right. Forty vehicles, whose errors last for half a second: standard error 0.15, false alarms below 1e-6."""
+    assert 1.2 < nees(ring_map, 0.5, np.random.default_rng(31)) < 2.8
+    assert nees(ring_map, 0.2, np.random.default_rng(31)) > 4.0  # the control: a sensor that is believed too much
