@@ -95,11 +95,11 @@ class ClockFaults:
         return bool(self.zero > 1 or self.backward or self.jumps)
 
     def __str__(self) -> str:
-        seconds = LONG_STEP_NS // 1_000_000_000
-        return (
-            f"{self.zero} times of zero, {self.backward} that go back, {self.duplicate} that repeat the last one, "
-            f"{self.jumps} more than {seconds} s after it"
-        )
+        told = (
+            (self.zero, "of zero"), (self.backward, "that go back"), (self.duplicate, "that repeat the last one"),
+            (self.jumps, f"more than {LONG_STEP_NS // 1_000_000_000} s after the one before"),
+        )  # fmt: skip
+        return ", ".join(f"{n} times {what}" for n, what in told if n)
 
 
 class Clock:

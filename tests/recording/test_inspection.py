@@ -92,7 +92,7 @@ def test_odd_times_of_headers_and_jumps_are_told_too(tmp_path, capsys):
     }
     assert run(["info", str(path)]) == 0
     assert (
-        "header times by topic, as they stand in the file: 2 times of zero, 2 that go back" in capsys.readouterr().out
+        "header times by topic, as they stand in the file: 2 times of zero, 2 times that go back" in capsys.readouterr().out
     )
 
 
