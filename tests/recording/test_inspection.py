@@ -91,9 +91,8 @@ def test_odd_times_of_headers_and_jumps_are_told_too(tmp_path, capsys):
         "header": ClockFaults(zero=2, backward=2, duplicate=2, jumps=1),
     }
     assert run(["info", str(path)]) == 0
-    assert (
-        "header times by topic, as they stand in the file: 2 times of zero, 2 times that go back" in capsys.readouterr().out
-    )
+    told = "header times by topic, as they stand in the file: 2 times of zero, 2 times that go back"
+    assert told in capsys.readouterr().out
 
 
 def test_tracks_of_a_private_schema_are_counted_by_the_paths_of_its_fields(tmp_path, capsys):
