@@ -18,7 +18,7 @@ from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray
+from tessellation.arrays import BoolArray, FloatArray
 
 MARGIN_S = 2.0
 """A gap leaves the vehicle in sight so long before and after it: what is lost must have been found, and be found."""
@@ -125,13 +125,19 @@ class MethodResult:
     reports: tuple[TrackingReport, ...]
 
     def mean(self, figure: str) -> float:
-        """Of a figure of the reports, over the seeds; NaN where none has it."""
-        return float(np.mean([getattr(r, figure) for r in self.reports]))
+        """Of a figure of the reports, over the seeds that have it; NaN where none has."""
+        values = self._told(figure)
+        return float(np.mean(values)) if values.size else float("nan")
 
     def std(self, figure: str) -> float:
-        """Standard deviation over the seeds."""
-        values = [getattr(r, figure) for r in self.reports]
-        return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+        """Standard deviation over those seeds."""
+        values = self._told(figure)
+        return float(np.std(values, ddof=1)) if values.size > 1 else float("nan")
+
+    def _told(self, figure: str) -> FloatArray:
+        """A seed may have drawn vehicles without a gap: then it tells nothing of gaps."""
+        values = np.array([getattr(r, figure) for r in self.reports], dtype=np.float64)
+        return values[~np.isnan(values)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,19 +1,21 @@
 """Tracking experiments: what is hidden, what is held out, what a report says, and how to have it again."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, fields
 
 import numpy as np
 import pytest
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.evaluation.experiment import (
+    MethodResult,
     TrackingExperiment,
     evaluate_tracking,
     gaps,
     held_out,
     honest_tracking,
 )
+from dirprim_filter.evaluation.scoring import TrackingReport
 from dirprim_filter.simulation.sensor import detect
 from situations import ring_traffic
 
@@ -120,3 +122,13 @@ def test_a_file_may_set_the_filters_knobs():
     made = TrackingExperiment.of({"noise_m": 0.7, "filter": {"n_particles": 9}, "tracking": {"gate": 9.0}})
     assert made.filter == FilterConfig(n_particles=9, noise_m=0.7)
     assert made.tracking == TrackingConfig(gate=9.0)
+
+
+def test_a_seed_without_gaps_tells_nothing_of_gaps():
+    nan = float("nan")
+    figures = dict.fromkeys((field.name for field in fields(TrackingReport)), 1.0)
+    reports = tuple(TrackingReport(**(figures | {"hidden_rmse": of_gaps})) for of_gaps in (2.0, nan, 4.0))
+    result = MethodResult(name="prior", reports=reports)
+    assert result.mean("hidden_rmse") == 3.0
+    assert result.std("hidden_rmse") == pytest.approx(np.sqrt(2.0))
+    assert np.isnan(MethodResult(name="prior", reports=reports[1:2]).mean("hidden_rmse"))
