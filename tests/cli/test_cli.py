@@ -114,7 +114,7 @@ def test_what_exists_is_not_overwritten_without_force(log, learned, tmp_path, ca
     assert str(learned) in error
     assert "--force" in error
     assert learned.read_bytes() == before
-    assert dirprim("learn", log, "-o", learned, "--force", "--cells", 12) == DONE
+    assert dirprim("learn", log, "-o", learned, "--force", *GRID, "--cells", 12) == DONE
     assert load_map(learned).tessellation.n_cells == pytest.approx(12, abs=3)
 
 
