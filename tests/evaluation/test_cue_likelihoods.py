@@ -83,14 +83,11 @@ def test_no_other_concentration_fits_the_observation_better():
     assert observation_concentration(np.full(500, np.pi), truth) == 0.0  # worse than nothing is told by nothing
 
 
-@pytest.mark.parametrize("tessellation", ["grid", "joint"])
-def test_on_a_bend_the_prior_adds_to_the_cell_before_and_to_the_own_course(ring, tessellation):
-    table = evaluate_cues(ring, n_folds=2, tessellation=tessellation, rng=np.random.default_rng(3))
+def test_on_a_bend_the_prior_adds_to_the_cell_before_and_less_to_the_own_course(ring):
+    table = evaluate_cues(ring, n_folds=2, tessellation="grid", rng=np.random.default_rng(3))
     assert table.split_by == "vehicle"
     assert table.n_vehicles == 40
-    assert min(table.cell_before.gain, table.own_course.gain) > 0.3
-    if tessellation == "grid":  # learned cells are so small that both observations tell much the same
-        assert table.cell_before.gain > table.own_course.gain
+    assert table.cell_before.gain > table.own_course.gain > 0.3
     assert table.cell_before.log_gain > 0.2
     assert table.cell_before.posterior > max(table.prior, table.cell_before.observation)
 
@@ -105,7 +102,7 @@ def test_a_prior_that_knows_nothing_adds_nothing():  # the negative control of t
         + np.repeat(rng.uniform(-30, 30, (60, 2)), 40, axis=0),
         direction=course + rng.normal(0, 0.05, 2400), speed=np.full(2400, 8.0) + rng.random(2400),
     )  # fmt: skip
-    table = evaluate_cues(tracks, n_folds=2, rng=np.random.default_rng(5))
+    table = evaluate_cues(tracks, n_folds=2, tessellation="grid", rng=np.random.default_rng(5))
     assert table.own_course.log_gain < 0.05
 
 

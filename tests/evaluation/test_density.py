@@ -154,7 +154,7 @@ def test_random_rows_leak_what_held_out_vehicles_do_not():
         position=np.repeat(20.0 * np.arange(12), 40)[:, None] + rng.uniform(0, 3, (480, 2)),
         direction=np.repeat(course, 40) + rng.normal(0, 0.1, 480), speed=np.full(480, 5.0) + rng.random(480),
     )  # fmt: skip
-    methods = [method for method in all_methods(max_speed=10.0) if method.name == "primitive, flat"]
+    methods = [method for method in all_methods(max_speed=10.0) if method.name == "primitive, the paper's"]
     by = {
         split: evaluate_density(tracks, split_by=split, n_folds=2, methods=methods, rng=np.random.default_rng(7))
         for split in ("vehicle", "random")
