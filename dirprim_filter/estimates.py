@@ -115,6 +115,43 @@ class Particles:
         if self.mode.size == 0:
             object.__setattr__(self, "mode", np.full(len(self.weight), -1, np.int64))
 
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    @classmethod
+    def none(cls) -> Particles:
+        """No sample: of a filter that has none."""
+        empty = np.empty(0)
+        return cls(position=np.empty((0, 2)), direction=empty, speed=empty, weight=empty, vehicle=np.empty(0, np.int64))
+
+    def of(self, row: int) -> Particles:
+        """The samples of one vehicle, by its row in the frame's estimates."""
+        return self._chosen(np.flatnonzero(self.vehicle == row))
+
+    def thinned(self, stride: int) -> Particles:
+        """A copy of every `stride`-th sample."""
+        return self._chosen(np.arange(0, len(self), stride))
+
+    def _chosen(self, rows: IntArray) -> Particles:
+        return Particles(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+
+class Samples(Protocol):
+    """The samples behind the estimates of one instant, of which a sink takes what it wants, as copies.
+
+    Those of a tracker are where its next step will move them: they are there while a frame is written, not later.
+    """
+
+    def __len__(self) -> int: ...
+
+    def of(self, row: int) -> Particles:
+        """The samples of one vehicle, by its row in the frame's estimates."""
+        ...
+
+    def thinned(self, stride: int) -> Particles:
+        """Every `stride`-th sample; 1 for all."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Innovations:
@@ -138,7 +175,7 @@ class TrackedFrame:
         time_ns: nanoseconds since the log's epoch.
         detections: what was reported.
         estimates: what is believed.
-        particles: the samples behind it.
+        particles: the samples behind it; who keeps a frame keeps a copy of them.
         innovations: a row for each estimate; None where the tracker was not asked for them.
         begun_anew: ids of the vehicles whose belief no longer explained them, and was begun anew.
     """
@@ -146,7 +183,7 @@ class TrackedFrame:
     time_ns: int
     detections: Detections
     estimates: Estimates
-    particles: Particles
+    particles: Samples
     innovations: Innovations | None = None
     begun_anew: tuple[str, ...] = ()
 

@@ -121,9 +121,9 @@ class Forecaster:
         believed, particles = frame.estimates, frame.particles
         key = birth_key(self._seed, str(believed.track_id[row]), frame.time_ns)
         rng = np.random.default_rng(int(key))
-        if particles is not None:
-            own = particles.vehicle == row
-            belief = Start(particles.position[own], particles.direction[own], particles.speed[own])
-            return sample_paths_of_belief(self._table, belief, particles.weight[own], self._steps, rng=rng)
+        if len(particles):
+            own = particles.of(row)
+            belief = Start(own.position, own.direction, own.speed)
+            return sample_paths_of_belief(self._table, belief, own.weight, self._steps, rng=rng)
         mean = Start(believed.position[[row]], believed.direction[[row]], believed.speed[[row]])
-        return sample_paths(self._table, mean, self._steps, rng=rng)[0]
+        return np.asarray(sample_paths(self._table, mean, self._steps, rng=rng)[0])

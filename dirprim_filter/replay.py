@@ -35,8 +35,8 @@ def replay(stream: Iterable[Detections], tracker: Tracker, sinks: Sequence[Estim
             innovations=tracker.innovations(),
             begun_anew=tracker.begun_anew(),
         )
-        tracker.resample()
         for sink in sinks:
             sink.write(frame)
+        tracker.resample()
         n_frames += 1
     return n_frames

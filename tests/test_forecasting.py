@@ -136,7 +136,8 @@ def test_forecasts_come_as_often_as_asked_for(ring_map, ring):
 
 def test_a_frame_without_vehicles_is_not_forecast(ring_map):
     kept = Kept()
-    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=Estimates.concatenate([]), particles=None)
+    nobody = Estimates.concatenate([])
+    frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=nobody, particles=Particles.none())
     Forecaster(ring_map, [kept], rng=np.random.default_rng(0)).write(frame)
     assert kept == []
 
@@ -158,5 +159,5 @@ def test_a_belief_of_two_minds_has_futures_of_both_as_often_as_it_believes(ring_
     first = forecaster.paths(frame)[0, :, 0]
     assert (np.abs(np.abs(first[:, 0]) - 20.0) < 4.0).all()
     assert (first[:, 0] > 0).mean() == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / 1000))
-    of_mean = forecaster.paths(replace(frame, particles=None))[0, :, 0]
+    of_mean = forecaster.paths(replace(frame, particles=Particles.none()))[0, :, 0]
     assert (np.abs(of_mean[:, 0]) < 10.0).all()  # without particles from the mean, where there is no road

@@ -1,5 +1,7 @@
 """The main loop hands every frame to every sink, in order, and asks the log for no more than it needs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,16 @@ class Witness:
 
     def write(self, frame):
         self.seen.append((self.name, frame))
+
+
+class Keeper:
+    """A sink that keeps frames, and of their particles a copy."""
+
+    def __init__(self, seen):
+        self._seen = seen
+
+    def write(self, frame):
+        self._seen.append(("", replace(frame, particles=frame.particles.thinned(1))))
 
 
 @pytest.fixture
@@ -42,11 +54,12 @@ def test_sinks_see_every_frame_in_order_and_in_the_order_of_the_sinks(ring_map, 
 def test_particles_are_those_of_the_estimates_before_resampling(ring_map, detections):
     seen = []
     tracker = Tracker(ring_map, config=FilterConfig(n_particles=50), rng=np.random.default_rng(0))
-    replay(detections.frames(), tracker, [Witness("", seen)])
+    replay(detections.frames(), tracker, [Keeper(seen)])
     for _, frame in seen:
-        weight = frame.particles.weight.reshape(-1, 50)
+        particles = frame.particles
+        weight = particles.weight.reshape(-1, 50)
         np.testing.assert_allclose(1 / (weight**2).sum(axis=1), frame.estimates.effective_sample_size, rtol=1e-9)
-        mean = np.einsum("vp,vpi->vi", weight, frame.particles.position.reshape(-1, 50, 2))
+        mean = np.einsum("vp,vpi->vi", weight, particles.position.reshape(-1, 50, 2))
         np.testing.assert_allclose(mean, frame.estimates.position, rtol=1e-9, atol=1e-9)
 
 

@@ -290,7 +290,7 @@ def _followed(
         frame = TrackedFrame(
             time_ns=time_ns, detections=detections, estimates=tracker.estimate(), particles=tracker.particles()
         )
-        tracker.resample()
         for sink in sinks:
             sink.write(frame)
         yield frame
+        tracker.resample()

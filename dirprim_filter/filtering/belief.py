@@ -6,6 +6,7 @@ import hashlib
 
 import numpy as np
 
+from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering._kernels import Cloud
 from tessellation.arrays import IntArray
 
@@ -17,12 +18,14 @@ class ParticleBelief:
 
     Attributes:
         cloud: arrays of (slots, particles, ...).
+        step: how often it was changed; whoever changes it counts.
     """
 
     def __init__(self, *, n_particles: int) -> None:
         if n_particles < 1:
             raise ValueError(f"n_particles: expected at least 1, got {n_particles}")
         self.cloud = _empty_cloud(FIRST_CAPACITY, n_particles)
+        self.step = 0
 
     @property
     def n_slots(self) -> int:
@@ -41,8 +44,52 @@ class ParticleBelief:
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the particles of `target` those of `source`, random numbers to come included."""
+        self.step += 1
         for column in self.cloud:
             column[target] = column[source]
+
+
+class BelievedParticles:
+    """The `Samples` of some beliefs as they are now: copied when, and as far as, they are asked for.
+
+    Args:
+        belief: moves on.
+        slot: (v,) of which there are samples, one vehicle after the other.
+    """
+
+    def __init__(self, belief: ParticleBelief, slot: IntArray) -> None:
+        self._belief, self._slot, self._step = belief, slot, belief.step
+
+    def __len__(self) -> int:
+        return int(self._slot.size * self._belief.cloud.speed.shape[1])
+
+    def of(self, row: int) -> Particles:
+        """The samples of one vehicle, by its row.
+
+        Raises:
+            RuntimeError: the belief has moved on.
+        """
+        n = self._belief.cloud.speed.shape[1]
+        return self._copied(np.full(n, row), np.arange(n))
+
+    def thinned(self, stride: int) -> Particles:
+        """Every `stride`-th sample.
+
+        Raises:
+            RuntimeError: the beliefs have moved on.
+        """
+        return self._copied(*np.divmod(np.arange(0, len(self), stride), self._belief.cloud.speed.shape[1]))
+
+    def _copied(self, vehicle: IntArray, number: IntArray) -> Particles:
+        if self._belief.step != self._step:
+            raise RuntimeError(
+                "these particles have moved on: copy what is wanted of them while their frame is written"
+            )
+        cloud, of = self._belief.cloud, (self._slot[vehicle], number)
+        return Particles(
+            position=cloud.position[of], direction=cloud.direction[of], speed=cloud.speed[of],
+            weight=np.exp(cloud.log_weight[of]), vehicle=vehicle, mode=cloud.mode[of],
+        )  # fmt: skip
 
 
 def _empty_cloud(n_slots: int, n_particles: int) -> Cloud:

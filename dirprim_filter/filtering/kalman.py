@@ -126,10 +126,7 @@ class KalmanBank:
 
     def particles(self, slot: IntArray) -> Particles:
         """None: a Kalman filter has no samples."""
-        none = np.empty(0)
-        return Particles(
-            position=np.empty((0, 2)), direction=none, speed=none, weight=none, vehicle=np.empty(0, np.int64)
-        )
+        return Particles.none()
 
     def _update(self, s: int, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
         model = self._models[0]

@@ -15,10 +15,9 @@ import numpy as np
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering import _kernels, _measuring
 from dirprim_filter.filtering._heeding import heed
-from dirprim_filter.filtering.belief import ParticleBelief
+from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.heeding import AHEAD_S, cue_columns
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
 from dirprim_filter.filtering.motion import motion_table
@@ -62,6 +61,7 @@ class ParticleFilter:
             key: (v,) uint64, what their random numbers follow from.
             measured: v rows.
         """
+        self.belief.step += 1
         of_their_own = ~np.isnan(measured.covariance[:, 0, 0])
         spread = np.full(slot.size, self.config.noise_m)
         spread[of_their_own] = np.sqrt(np.linalg.eigvalsh(measured.covariance[of_their_own])[:, -1])
@@ -81,6 +81,7 @@ class ParticleFilter:
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
+        self.belief.step += 1
         self._split(_kernels.predict, (self._table, self.belief.cloud), (slot, dt_s), ())
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
@@ -92,6 +93,7 @@ class ParticleFilter:
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Weigh the particles by measurements; a belief none of whose particles is near is left as it was."""
+        self.belief.step += 1
         evidence = np.empty((slot.size, 2))
         columns = self._columns(measured)
         self._split(_measuring.weigh, (self.belief.cloud,), (slot, columns, evidence), (self._noise,))
@@ -109,6 +111,7 @@ class ParticleFilter:
         Returns:
             (v,) natural log of the density of the cue's turn under each belief, per radian.
         """
+        self.belief.step += 1
         result = np.empty(slot.size)
         self._split(heed, (self._table, self.belief.cloud), (slot, result), (*cue_columns(cue), ahead_s))
         return result
@@ -121,6 +124,7 @@ class ParticleFilter:
 
     def resample(self, slot: IntArray, effective_sample_size: FloatArray) -> None:
         """Systematic resampling of the beliefs whose effective sample size has fallen."""
+        self.belief.step += 1
         poor = effective_sample_size < self.config.resample_below * self.config.n_particles
         self._split(_kernels.resample, (self.belief.cloud,), (slot[poor],), (self.config.renewed_share,))
 
@@ -130,17 +134,9 @@ class ParticleFilter:
         self._split(_kernels.moments, (self.belief.cloud,), (slot, result), ())
         return result
 
-    def particles(self, slot: IntArray) -> Particles:
-        """Copies of the beliefs' samples, one vehicle after the other."""
-        cloud = self.belief.cloud
-        return Particles(
-            position=cloud.position[slot].reshape(-1, 2),
-            direction=cloud.direction[slot].ravel(),
-            speed=cloud.speed[slot].ravel(),
-            weight=np.exp(cloud.log_weight[slot]).ravel(),
-            vehicle=np.repeat(np.arange(slot.size), self.config.n_particles),
-            mode=cloud.mode[slot].ravel(),
-        )
+    def particles(self, slot: IntArray) -> BelievedParticles:
+        """The beliefs' samples, one vehicle after the other."""
+        return BelievedParticles(self.belief, slot)
 
     def _columns(self, measured: Detections) -> FloatArray:
         """(v, 8) measurements as the kernels take them."""

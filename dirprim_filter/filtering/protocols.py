@@ -7,7 +7,7 @@ is one of motion models and of nothing else.
 from typing import NamedTuple, Protocol
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Particles
+from dirprim_filter.estimates import Samples
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
@@ -62,6 +62,6 @@ class BayesFilter(Protocol):
         """Renew the samples that have lost their weight."""
         ...
 
-    def particles(self, slot: IntArray) -> Particles:
-        """Copies of the samples behind the beliefs, if there are any; `vehicle` counts the slots given."""
+    def particles(self, slot: IntArray) -> Samples:
+        """The samples behind the beliefs, if there are any, until the next step; `vehicle` counts the slots given."""
         ...

@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections
-from dirprim_filter.estimates import Estimates, Innovations, Particles
+from dirprim_filter.estimates import Estimates, Innovations, Samples
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.existence import GONE, unseen_for
 from dirprim_filter.filtering.measurements import measured_covariance
@@ -161,8 +161,8 @@ class Tracker:
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
         )
 
-    def particles(self) -> Particles:
-        """Copies of the samples behind the frame's estimates."""
+    def particles(self) -> Samples:
+        """The samples behind the frame's estimates, of which copies can be taken until the next step."""
         return self._filter.particles(self._frame.shown)
 
     def innovations(self) -> Innovations | None:

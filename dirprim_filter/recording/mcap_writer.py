@@ -36,6 +36,8 @@ from dirprim_filter.recording.records import (
 from tessellation.arrays import AnyArray
 
 CHUNK_BYTES = 1 << 20
+LEVEL = 3
+"""Of zstd: its own default."""
 FIELDS_SIZE = MESSAGE_HEADER.size - RECORD_HEADER_SIZE
 N_IDS = 1 << 16
 NO_TIME = (1 << 64) - 1
@@ -49,14 +51,17 @@ class McapWriter:
         profile: of the header.
         library: of the header: who writes.
         chunk_bytes: a chunk is closed when its contents exceed this.
+        level: of the compression.
     """
 
-    def __init__(self, file: FileIO, *, profile: str = "", library: str, chunk_bytes: int = CHUNK_BYTES) -> None:
+    def __init__(
+        self, file: FileIO, *, profile: str = "", library: str, chunk_bytes: int = CHUNK_BYTES, level: int = LEVEL
+    ) -> None:
         self._file = file
         self._at = 0
         self._crc = 0
         self._chunk_bytes = chunk_bytes
-        self._compressor = zstandard.ZstdCompressor()
+        self._compressor = zstandard.ZstdCompressor(level=level)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, tuple[int, Channel]] = {}
         self._counts: dict[int, int] = {}

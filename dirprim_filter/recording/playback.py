@@ -163,8 +163,4 @@ def _moved(seen: Detections, last: dict[str, tuple[int, FloatArray]]) -> Estimat
 
 
 def _frame(time_ns: int, detections: Detections, estimates: Estimates) -> TrackedFrame:
-    none = np.empty(0)
-    particles = Particles(
-        position=np.empty((0, 2)), direction=none, speed=none, weight=none, vehicle=np.empty(0, np.int64)
-    )
-    return TrackedFrame(time_ns=time_ns, detections=detections, estimates=estimates, particles=particles)
+    return TrackedFrame(time_ns=time_ns, detections=detections, estimates=estimates, particles=Particles.none())

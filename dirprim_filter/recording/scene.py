@@ -22,9 +22,10 @@ from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrim
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions.von_mises import mean_resultant_length
-from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.estimates import Estimates, Samples
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, set_time
+from dirprim_filter.recording.stencil import Stencils
 from dirprim_filter.tracks import Tracks, as_texts
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -97,31 +98,53 @@ def detections_scene(detections: Detections, rows: IntArray, time_ns: int, *, li
     return update
 
 
-def estimates_scene(estimates: Estimates, time_ns: int) -> SceneUpdate:
+class EstimatesScene:
     """For each vehicle an arrow over one second of its motion, the 90 % region of its position, and its id.
 
-    The update first deletes what earlier ones drew: a vehicle that is no longer tracked vanishes.
+    Each update first deletes what earlier ones drew: a vehicle that is no longer tracked vanishes. Vehicles are drawn
+    once and then filled in: a hundred of them, drawn ten times a second, would cost as much as tracking them.
     """
-    update = _fresh_update(time_ns)
-    variance, axes = np.linalg.eigh(estimates.covariance)
-    width = np.maximum(ELLIPSE_SCALE * np.sqrt(np.maximum(variance, 0.0)), MIN_AXIS)
-    turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
-    columns = (
-        as_texts(estimates.track_id), estimates.position, estimates.direction, estimates.speed, width, turn,
-    )  # fmt: skip
-    for name, (x, y), direction, speed, (minor, major), yaw in zip(*(c.tolist() for c in columns), strict=True):
-        entity = _entity(update, name, time_ns, 0)
-        arrow = entity.arrows.add(shaft_length=speed, shaft_diameter=0.3, head_length=0.8, head_diameter=0.8)
-        _place(arrow.pose, x, y, 0.5, direction)
-        _paint(arrow.color, ESTIMATE_COLOR)
-        region = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
-        _place(region.pose, x, y, 0.05, yaw)
-        region.size.x, region.size.y, region.size.z = major, minor, 0.05
-        _paint(region.color, ELLIPSE_COLOR)
-        label = entity.texts.add(billboard=True, font_size=14.0, scale_invariant=True, text=name)
-        _place(label.pose, x, y, 2.0, 0.0)
-        _paint(label.color, ESTIMATE_COLOR)
-    return update
+
+    def __init__(self) -> None:
+        entities = SceneUpdate.DESCRIPTOR.fields_by_name["entities"].number
+        self._stencils = Stencils(_drawn_estimate, 13, field=entities)
+
+    def encode(self, estimates: Estimates, time_ns: int) -> bytes:
+        """The `SceneUpdate` of the estimates of one instant."""
+        variance, axes = np.linalg.eigh(estimates.covariance)
+        minor, major = np.maximum(ELLIPSE_SCALE * np.sqrt(np.maximum(variance, 0.0)), MIN_AXIS).T
+        half_turn, half = 0.5 * np.arctan2(axes[:, 1, 1], axes[:, 0, 1]), 0.5 * estimates.direction
+        x, y = estimates.position.T
+        numbers = np.column_stack(
+            [
+                estimates.speed, x, y, np.sin(half), np.cos(half),
+                major, minor, x, y, np.sin(half_turn), np.cos(half_turn), x, y,
+            ]
+        )  # fmt: skip
+        shared = SceneEntity()
+        set_time(shared.timestamp, time_ns)
+        entities = self._stencils.encode(
+            as_texts(estimates.track_id).tolist(), numbers, shared=shared.SerializeToString()
+        )
+        return _fresh_update(time_ns).SerializeToString() + entities
+
+
+def _drawn_estimate(name: str, numbers: Sequence[float]) -> SceneEntity:
+    """A vehicle of `EstimatesScene`: its arrow by length and pose, its region by axes and pose, its label by place."""
+    length, *arrow_pose, major, minor, x, y, sine, cosine, label_x, label_y = numbers
+    entity = SceneEntity(id=name, frame_id=MAP_FRAME)
+    set_time(entity.lifetime, 0)
+    arrow = entity.arrows.add(shaft_length=length, shaft_diameter=0.3, head_length=0.8, head_diameter=0.8)
+    _turn(arrow.pose, *arrow_pose, z=0.5)
+    _paint(arrow.color, ESTIMATE_COLOR)
+    region = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
+    _turn(region.pose, x, y, sine, cosine, z=0.05)
+    region.size.x, region.size.y, region.size.z = major, minor, 0.05
+    _paint(region.color, ELLIPSE_COLOR)
+    label = entity.texts.add(billboard=True, font_size=14.0, scale_invariant=True, text=name)
+    _turn(label.pose, label_x, label_y, 0.0, 1.0, z=2.0)
+    _paint(label.color, ESTIMATE_COLOR)
+    return entity
 
 
 def forecast_scene(track_id: Sequence[str], paths: FloatArray, time_ns: int) -> SceneUpdate:
@@ -193,9 +216,10 @@ def _own_modes(primitive_map: PrimitiveMap) -> tuple[IntArray, IntArray]:
     return cell.astype(np.int64), mode.astype(np.int64)
 
 
-def particle_cloud(particles: Particles, time_ns: int, *, stride: int) -> PointCloud:
+def particle_cloud(particles: Samples, time_ns: int, *, stride: int) -> PointCloud:
     """Every `stride`-th particle as a point with its weight; single precision counts from the middle."""
-    position, weight = particles.position[::stride], particles.weight[::stride]
+    shown = particles.thinned(stride)
+    position, weight = shown.position, shown.weight
     origin = np.round(position.mean(axis=0)) if len(position) else np.zeros(2)
     points: AnyArray = np.zeros(len(position), _PARTICLE)
     points["x"], points["y"] = (position - origin).T
@@ -257,9 +281,14 @@ def _encoded_colors(rgba: FloatArray) -> AnyArray:
 
 
 def _place(pose: Any, x: float, y: float, z: float, yaw: float) -> None:
+    _turn(pose, x, y, math.sin(yaw / 2), math.cos(yaw / 2), z=z)
+
+
+def _turn(pose: Any, x: float, y: float, sine: float, cosine: float, *, z: float) -> None:
+    """A pose by the sine and cosine of half its yaw."""
     pose.position.SetInParent()
     pose.position.x, pose.position.y, pose.position.z = x, y, z
-    pose.orientation.z, pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    pose.orientation.z, pose.orientation.w = sine, cosine
 
 
 def _paint(color: Any, rgba: tuple[float, ...]) -> None:

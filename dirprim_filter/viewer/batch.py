@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import rerun as rr
 
-from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer import marks, shapes
 from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
@@ -65,7 +65,7 @@ class FrameBatch:
         self._time_ns.append(frame.time_ns)
         self._believed.append(frame.estimates)
         self._detected.append(frame.detections.position)
-        self._particles.append(marks.Dots.of(_thinned(frame.particles, self._stride), self._color))
+        self._particles.append(marks.Dots.of(frame.particles.thinned(self._stride), self._color))
         self._steps.append(steps)
         self._looks.append(look)
         for entity, row in metrics.items():
@@ -122,17 +122,6 @@ class FrameBatch:
             names = rr.Points2D.columns(positions=np.tile([-1.2, 1.2], (len(shown), 1)),
                                         labels=[look.track_id for look in shown])  # fmt: skip
             yield "/polar/vehicle", times, names.partition(n_shown)
-
-
-def _thinned(particles: Particles, stride: int) -> Particles:
-    """One particle in so many; a copy of them, so that the others need not be kept."""
-    if stride == 1:
-        return particles
-    kept = slice(None, None, stride)
-    return Particles(
-        position=particles.position[kept], direction=particles.direction[kept], speed=particles.speed[kept],
-        weight=particles.weight[kept], vehicle=particles.vehicle[kept], mode=particles.mode[kept],
-    )  # fmt: skip
 
 
 def _curves(rows: FloatArray) -> rr.ComponentColumnList:

@@ -62,7 +62,7 @@ def metrics(frame: TrackedFrame, nees: float) -> Mapping[str, tuple[float, ...]]
     rows: dict[str, tuple[float, ...]] = {
         "/metrics/existence": (len(believed), float(believed.existence.sum()), n_measured)
     }
-    has_samples = len(frame.particles.weight) > 0
+    has_samples = len(frame.particles) > 0
     ess = believed.effective_sample_size if has_samples else np.empty(0)
     rows["/metrics/ess"] = (_mean(ess), float(ess.min()) if ess.size else np.nan)
     rows["/metrics/log_evidence"] = (_mean(believed.log_evidence[believed.unseen_s == 0]),)

@@ -89,9 +89,8 @@ class Focus:
         if name not in names:
             return None
         row = names.index(name)
-        mine = frame.particles.direction[frame.particles.vehicle == row]
-        weight = frame.particles.weight[frame.particles.vehicle == row]
-        bins = np.floor(mine % TWO_PI / TWO_PI * (360 // BIN_DEG)).astype(np.int64)
+        mine = frame.particles.of(row)
+        bins = np.floor(mine.direction % TWO_PI / TWO_PI * (360 // BIN_DEG)).astype(np.int64)
         return Look(
             time_ns=frame.time_ns,
             track_id=name,
@@ -99,7 +98,7 @@ class Focus:
             speed=(float(believed.speed[row]), float(believed.speed_std[row])),
             direction=float(believed.direction[row]),
             course=self._course(name),
-            belief=np.asarray(np.bincount(bins, weight, 360 // BIN_DEG), np.float64) if mine.size else np.empty(0),
+            belief=np.asarray(np.bincount(bins, mine.weight, 360 // BIN_DEG), np.float64) if len(mine) else np.empty(0),
         )
 
     def _remember(self, time_ns: int, names: list[str], believed: Estimates) -> None:

@@ -146,12 +146,11 @@ def draw_frame(
         axes.plot(*position, "o", color=shade, markersize=marker, markeredgecolor="white", zorder=10)
 
 
-def draw_particles(axes: Axes, particles: Particles, row: int) -> None:
-    """The particles of one vehicle, coloured by direction, larger where they weigh more."""
-    mine = particles.vehicle == row
-    x, y = particles.position[mine].T
-    size = 2.0 * np.sqrt(particles.weight[mine] * mine.sum())
-    axes.scatter(x, y, s=size, c=direction_color(particles.direction[mine]) / 255.0, linewidths=0, zorder=7.5)
+def draw_particles(axes: Axes, particles: Particles) -> None:
+    """The particles of a vehicle, coloured by direction, larger where they weigh more."""
+    x, y = particles.position.T
+    size = 2.0 * np.sqrt(particles.weight * len(particles))
+    axes.scatter(x, y, s=size, c=direction_color(particles.direction) / 255.0, linewidths=0, zorder=7.5)
 
 
 def paths_of(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> list[FloatArray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dirprim_filter.distributions.angles import difference
@@ -53,7 +55,8 @@ class Moment:
         for row in np.flatnonzero(_is_telling(believed)):
             worth = (company, bool(on_bend[row]), -float(distance[row]))
             if worth > self._best:
-                self._best, self.frame, self.focus = worth, frame, str(believed.track_id[row])
+                self._best, self.focus = worth, str(believed.track_id[row])
+                self.frame = replace(frame, particles=frame.particles.thinned(1))
 
     def _on_bend(self, time_ns: int, believed: Estimates) -> AnyArray:
         """(n,) whether each vehicle has turned since the frame of `BEND_S` ago."""

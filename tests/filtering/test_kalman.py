@@ -23,7 +23,7 @@ def run(frames, **knobs):
         tracker.predict(frame)
         tracker.weigh()
         found.append(tracker.estimate())
-        assert len(tracker.particles().weight) == 0
+        assert len(tracker.particles()) == 0
         tracker.resample()
     return Estimates.concatenate(found)
 

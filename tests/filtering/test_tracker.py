@@ -136,7 +136,7 @@ def test_an_empty_frame_gives_no_estimate_and_changes_nothing(ring_map):
     without, _ = track(ring_map, frames[::2])
     assert of_vehicle(found, "a") == of_vehicle(without, "a")
     tracker.predict(Detections.none())
-    assert len(tracker.particles().weight) == 0
+    assert len(tracker.particles()) == 0
 
 
 def both(times_s, names=("a", "b")):
@@ -178,12 +178,13 @@ def test_a_frame_out_of_order_is_refused_and_changes_nothing(ring_map, filter_of
     assert of_vehicle(after, "b") == of_vehicle(before, "b")
 
 
-def test_particles_weigh_one_for_each_vehicle_and_are_copies(ring_map, traffic):
+def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_step(ring_map, traffic):
     frames = list(traffic.frames())
     _, tracker = track(ring_map, frames[:4])
     tracker.predict(frames[4])
     tracker.weigh()
-    estimates, particles = tracker.estimate(), tracker.particles()
+    estimates, samples = tracker.estimate(), tracker.particles()
+    particles = samples.thinned(1)
     weight = particles.weight.reshape(len(estimates), 100)
     np.testing.assert_allclose(weight.sum(axis=1), 1.0, rtol=1e-12)
     np.testing.assert_array_equal(particles.vehicle, np.repeat(np.arange(40), 100))
@@ -192,6 +193,18 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copies(ring_map, traffic):
     tracker.resample()
     np.testing.assert_allclose(np.einsum("vp,vpi->vi", weight, particles.position.reshape(40, 100, 2)), mean)
     assert (weight.max(axis=1) > 1 / 50).any()  # they were weighed
+    assert len(samples) == len(particles)
+    for late in (lambda: samples.thinned(7), lambda: samples.of(3)):
+        with pytest.raises(RuntimeError, match="moved on: copy what is wanted"):
+            late()
+
+
+def test_some_particles_are_some_of_all(ring_map, traffic):
+    _, tracker = track(ring_map, list(traffic.frames())[:4])
+    samples, all_of_them = tracker.particles(), tracker.particles().thinned(1)
+    for some, rows in ((samples.of(7), slice(700, 800)), (samples.thinned(7), slice(None, None, 7))):
+        for name in ("position", "direction", "speed", "weight", "vehicle", "mode"):
+            np.testing.assert_array_equal(getattr(some, name), getattr(all_of_them, name)[rows])
 
 
 def test_a_thousand_vehicles_one_after_another_need_no_more_memory_than_a_few(ring_map):

@@ -82,8 +82,10 @@ def test_damage_is_told(tracked):
 def test_each_frame_comes_when_its_time_has_come(rate):
     now, came = [100.0], []
     busy = {3: 0.31}  # the fourth frame takes the viewer long: the next comes late, those behind it in time again
-    none, nobody = Detections.none(), Estimates.concatenate([])
-    frames = [TrackedFrame(time_ns=i * STEP_NS, detections=none, estimates=nobody, particles=None) for i in range(10)]
+    nothing = {
+        "detections": Detections.none(), "estimates": Estimates.concatenate([]), "particles": Particles.none(),
+    }  # fmt: skip
+    frames = [TrackedFrame(time_ns=i * STEP_NS, **nothing) for i in range(10)]
 
     def sleep(seconds):
         now[0] += seconds

@@ -107,7 +107,7 @@ def demo_figure(
 def _draw_close_up(axes: Axes, primitives: PrimitiveMap, frame: TrackedFrame, truth: Tracks | None, row: int) -> None:
     estimates = frame.estimates
     draw_map(axes, primitives, opacity=0.12)
-    draw_particles(axes, frame.particles, row)
+    draw_particles(axes, frame.particles.of(row))
     draw_frame(axes, frame, truth, {str(estimates.track_id[row]): FOCUS_COLOR}, marker=5.5)
     half_axes, _ = shapes.covariance_axes(estimates.covariance[row], probability=CONFIDENCE)
     half = max(CLOSE_UP, 1.3 * float(half_axes.max()))
