@@ -17,7 +17,7 @@ from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._relaxing import MotionTable, draw_mode, offset_in, relax, step_of
 from dirprim_filter.primitives import _following as following
 from dirprim_filter.primitives import _likening as likening
-from dirprim_filter.primitives._likening import NO_ROW
+from dirprim_filter.primitives._likening import N_LAID_OUT, NO_ROW, NOBODY
 from tessellation._kernels import locate
 from tessellation.arrays import FloatArray, IntArray
 
@@ -76,26 +76,31 @@ def go_on(table: MotionTable, cloud: Cloud, v: int, h: float, n_steps: int, stat
 
     A share of those that look for a journey take one of another place, so that who does what none did here is not lost.
     """
-    journeys, alike = table.journeys, np.empty((3, table.journeys.most_alike))
+    journeys, alike = table.journeys, np.empty((N_LAID_OUT, table.journeys.most_alike))
     decay = following.decay_over(journeys, h)
     position, row, since = cloud.position[v], cloud.row[v], cloud.since[v]
     direction, speed = cloud.direction[v], cloud.speed[v]
     n = row.size
-    deviating, drifting = np.empty(2 * n), np.empty(2 * n)
+    deviating, drifting, looking = np.empty(2 * n), np.empty(2 * n), np.empty(n, np.int64)
     forgetting = random.draw_gap(decay.forgets, state)
     for _ in range(n_steps):
+        n_looking = 0
+        for p in range(n):
+            if forgetting == 0 or row[p] == NO_ROW:
+                looking[n_looking] = p
+                n_looking += 1
+            forgetting = forgetting - 1 if forgetting > 0 else random.draw_gap(decay.forgets, state)
+        likening.find_all(
+            journeys, looking[:n_looking], position, direction, speed, row, since, table.place_free_share, alike, state
+        )
         random.fill_normals(deviating, state)
         random.fill_even(drifting, state)  # over some steps a drift is normal whatever each step's is
         for p in range(n):
-            x, y, course, pace, r, t = position[p, 0], position[p, 1], direction[p], speed[p], row[p], since[p]
-            if forgetting == 0 or r == NO_ROW:
-                r, t = likening.find(journeys, x, y, course, pace, -1.0, table.place_free_share, alike, state)
-            forgetting = forgetting - 1 if forgetting > 0 else random.draw_gap(decay.forgets, state)
             east, north, course, pace, r, t, ended = following.follow(
-                journeys, decay, h, course, pace, r, t, deviating[p], deviating[n + p]
+                journeys, decay, h, direction[p], speed[p], row[p], since[p], deviating[p], deviating[n + p]
             )
-            position[p, 0] = x + east + decay.drift * drifting[p]
-            position[p, 1] = y + north + decay.drift * drifting[n + p]
+            position[p, 0] += east + decay.drift * drifting[p]
+            position[p, 1] += north + decay.drift * drifting[n + p]
             direction[p], speed[p], row[p], since[p] = course, pace, NO_ROW if ended else r, t
 
 
@@ -122,7 +127,7 @@ def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
 
     Particles that begin alike, as those of a forecast do, are looked around for once.
     """
-    journeys, alike = table.journeys, np.empty((3, table.journeys.most_alike))
+    journeys, alike = table.journeys, np.empty((N_LAID_OUT, table.journeys.most_alike))
     for v in vehicle:
         state = cloud.state[v]
         n, total = 0, 0.0
@@ -135,12 +140,12 @@ def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
                 continue
             same = p > 0 and x == cloud.position[v, p - 1, 0] and y == cloud.position[v, p - 1, 1]
             if not (same and direction == cloud.direction[v, p - 1] and speed == cloud.speed[v, p - 1]):
-                n, total = likening.look_around(journeys, x, y, direction, speed, -1.0, alike)
+                n, total = likening.look_around(journeys, x, y, direction, speed, NOBODY, alike)
             if random.uniform(state) < table.place_free_share:
                 n_here, here = 0, 0.0
             else:
                 n_here, here = n, total
-            row, since = likening.take_up(journeys, n_here, here, alike, speed, -1.0, state)
+            row, since = likening.take_up(journeys, n_here, here, alike, speed, NOBODY, state)
             cloud.row[v, p], cloud.since[v, p] = row, since
 
 
@@ -200,24 +205,18 @@ def weights(log_weight: FloatArray, out: FloatArray) -> None:
         out[p] = exp(log_weight[p])
 
 
-@njit(cache=True, nogil=True)
-def effective_sample_size(cloud: Cloud, vehicle: IntArray, result: FloatArray) -> None:
-    """1 / sum of squared weights, of each vehicle."""
-    squared = np.empty(cloud.position.shape[1])
-    for i in range(vehicle.size):
-        log_weight = cloud.log_weight[vehicle[i]]
-        for p in range(squared.size):
-            w = exp(log_weight[p])
-            squared[p] = w * w
-        result[i] = 1.0 / total_of(squared)
+@njit(cache=True)
+def effective_sample_size(weight: FloatArray, squared: FloatArray) -> float:
+    """1 / sum of squared weights; `squared` is room for them."""
+    for p in range(weight.size):
+        squared[p] = weight[p] * weight[p]
+    return 1.0 / total_of(squared)
 
 
-@njit(cache=True, nogil=True)
-def systematic(log_weight: FloatArray, u: float, survivors: IntArray) -> None:
+@njit(cache=True)
+def systematic(weight: FloatArray, u: float, survivors: IntArray) -> None:
     """Systematic resampling (Kitagawa 1996): particle p survives floor or ceil of n w_p times. Fills how often."""
-    n = log_weight.size
-    weight = np.empty(n)
-    weights(log_weight, weight)
+    n = weight.size
     share, cumulative, before = n / weight.sum(), 0.0, 0
     for p in range(n - 1):
         cumulative += weight[p]
@@ -244,19 +243,23 @@ def spread_of(column: FloatArray, survivors: IntArray, is_angle: bool) -> float:
 
 
 @njit(cache=True, nogil=True)
-def resample(cloud: Cloud, vehicle: IntArray, renewed_share: float) -> None:
-    """Replace each vehicle's particles by equally weighted survivors: the first of each stays where it is.
+def resample(cloud: Cloud, vehicle: IntArray, below: float, renewed_share: float) -> None:
+    """Replace the particles of each vehicle by equally weighted survivors: the first of each stays where it is.
 
-    Of its copies, a share looks for another journey when it next moves. Copies are spread in direction and speed by the
-    kernel of a regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times n^(-1/6), so that
-    few particles do not become one that is wrong.
+    A vehicle whose effective sample size is not below `below` keeps its own. Of a survivor's copies, a share looks for
+    another journey when it next moves. Copies are spread in direction and speed by the kernel of a regularised filter
+    (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times n^(-1/6), so that few particles do not become
+    one that is wrong.
     """
     n = cloud.position.shape[1]
     bandwidth = KERNEL_SHARE * n ** (-1.0 / 6.0)
-    survivors = np.empty(n, np.int64)
+    survivors, weight, squared = np.empty(n, np.int64), np.empty(n), np.empty(n)
     for v in vehicle:
+        weights(cloud.log_weight[v], weight)
+        if effective_sample_size(weight, squared) >= below:
+            continue
         state = cloud.state[v].copy()
-        systematic(cloud.log_weight[v], random.uniform(state), survivors)
+        systematic(weight, random.uniform(state), survivors)
         position, direction, speed, since = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.since[v]
         cell, mode, row = cloud.cell[v], cloud.mode[v], cloud.row[v]
         wider = bandwidth * spread_of(direction, survivors, True)
@@ -280,7 +283,7 @@ def resample(cloud: Cloud, vehicle: IntArray, renewed_share: float) -> None:
 
 @njit(cache=True, nogil=True)
 def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
-    """Fills (V, 9): mean x, y, covariance xx, xy, yy, mean direction, its resultant, mean speed, its deviation."""
+    """Fills (V, 10): mean x, y, covariance xx, xy, yy, direction, its resultant, speed, its deviation, sample size."""
     n = cloud.position.shape[1]
     weight, one, two, three = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for i in range(vehicle.size):
@@ -302,3 +305,4 @@ def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
         for p in range(n):
             one[p] = (pace[p] - speed) ** 2
         out[i, 8] = math.sqrt(mean_of(weight, one, total))
+        out[i, 9] = effective_sample_size(weight, one)

@@ -176,7 +176,7 @@ def _heeded(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Genera
     v, n = cloud.speed.shape
     vehicle = np.arange(v)
     heed(table, cloud, vehicle, np.empty(v), *cue_columns(cue), AHEAD_S)
-    _kernels.resample(cloud, vehicle, 0.0)
+    _kernels.resample(cloud, vehicle, np.inf, 0.0)
     kept = rng.permuted(np.tile(np.arange(n), (v, 1)), axis=1)[:, : n // PER_SAMPLE]
     of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}
     return cloud._replace(**of_particles)

@@ -102,7 +102,7 @@ class KalmanBank:
         return Evidence(evidence, ~(np.logaddexp(fit, self._log_outlier) >= np.log(2.0) + self._log_outlier))
 
     def moments(self, slot: IntArray) -> FloatArray:
-        """(v,) -> (v, 9), as `Estimates` names them; the course is the mean velocity's, and certain."""
+        """(v,) -> (v, 10), as `Estimates` names them; the course is the mean velocity's, and certain."""
         share = self.probability[slot][..., None]
         mean = (share * self.mean[slot]).sum(axis=1)
         off = self.mean[slot] - mean[:, None]
@@ -114,14 +114,11 @@ class KalmanBank:
             [
                 mean[:, :2], covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1],
                 direction, np.ones(slot.size), np.hypot(mean[:, 2], mean[:, 3]), speed_std,
+                np.ones(slot.size),
             ]
         )  # fmt: skip
 
-    def effective_sample_size(self, slot: IntArray) -> FloatArray:
-        """One each: a Gaussian has no samples."""
-        return np.ones(slot.size)
-
-    def resample(self, slot: IntArray, effective_sample_size: FloatArray) -> None:
+    def resample(self, slot: IntArray) -> None:
         """Nothing to resample."""
 
     def particles(self, slot: IntArray) -> Particles:

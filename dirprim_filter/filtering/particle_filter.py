@@ -47,7 +47,7 @@ class ParticleFilter:
         self._table = motion_table(primitive_map, config)
         self._noise = _noise(config)
         self._n_threads = os.cpu_count() or 1
-        self._threads = ThreadPoolExecutor(self._n_threads, "dirprim") if self._n_threads > 1 else None
+        self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
@@ -116,21 +116,15 @@ class ParticleFilter:
         self._split(heed, (self._table, self.belief.cloud), (slot, result), (*cue_columns(cue), ahead_s))
         return result
 
-    def effective_sample_size(self, slot: IntArray) -> FloatArray:
-        """(v,) -> (v,) 1 / sum of squared weights."""
-        result = np.empty(slot.size)
-        self._split(_kernels.effective_sample_size, (self.belief.cloud,), (slot, result), ())
-        return result
-
-    def resample(self, slot: IntArray, effective_sample_size: FloatArray) -> None:
-        """Systematic resampling of the beliefs whose effective sample size has fallen."""
+    def resample(self, slot: IntArray) -> None:
+        """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.belief.step += 1
-        poor = effective_sample_size < self.config.resample_below * self.config.n_particles
-        self._split(_kernels.resample, (self.belief.cloud,), (slot[poor],), (self.config.renewed_share,))
+        below = self.config.resample_below * self.config.n_particles
+        self._split(_kernels.resample, (self.belief.cloud,), (slot,), (below, self.config.renewed_share))
 
     def moments(self, slot: IntArray) -> FloatArray:
-        """(v,) -> (v, 9), as `Estimates` names them: x, y, xx, xy, yy, direction, resultant, speed, deviation."""
-        result = np.empty((slot.size, 9))
+        """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""
+        result = np.empty((slot.size, 10))
         self._split(_kernels.moments, (self.belief.cloud,), (slot, result), ())
         return result
 
@@ -165,8 +159,9 @@ class ParticleFilter:
         if self._threads is None or n < 2 or n * self.config.n_particles < PARALLEL_FROM:
             kernel(*first, *per_vehicle, *last)
             return
-        parts = zip(*(np.array_split(a, min(self._n_threads, n)) for a in per_vehicle), strict=True)
-        running = [self._threads.submit(kernel, *first, *part, *last) for part in parts]
+        own, *others = zip(*(np.array_split(a, min(self._n_threads, n)) for a in per_vehicle), strict=True)
+        running = [self._threads.submit(kernel, *first, *part, *last) for part in others]
+        kernel(*first, *own, *last)
         for part in running:
             part.result()
 

@@ -51,14 +51,13 @@ class BayesFilter(Protocol):
         ...
 
     def moments(self, slot: IntArray) -> FloatArray:
-        """(v, 9) as `Estimates` names them: x, y, xx, xy, yy, direction, its resultant, speed, its deviation."""
+        """(v, 10): x, y, xx, xy, yy, direction, its resultant, speed, its deviation, effective sample size.
+
+        As `Estimates` names them; where there are no samples their size is 1.
+        """
         ...
 
-    def effective_sample_size(self, slot: IntArray) -> FloatArray:
-        """(v,) 1 / sum of squared weights; 1 where there are no samples."""
-        ...
-
-    def resample(self, slot: IntArray, effective_sample_size: FloatArray) -> None:
+    def resample(self, slot: IntArray) -> None:
         """Renew the samples that have lost their weight."""
         ...
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class Roster:
         self._filter = bayes_filter
         self._slot: dict[str, int] = {}
         self._free: list[int] = []
+        self._members: dict[bool, tuple[list[str], IntArray]] = {}  # until somebody comes or goes
         self.time_ns: IntArray = np.empty(0, np.int64)
         self.measured_ns: IntArray = np.empty(0, np.int64)
         self.is_named: BoolArray = np.empty(0, np.bool_)
@@ -49,6 +51,7 @@ class Roster:
         """(v,) slots for vehicles that have none yet, first measured at `time_ns` (v,)."""
         if len(names) > len(self._free):
             self._grow(max(self.time_ns.size, len(names)))
+        self._members.clear()
         slot = np.array([self._free.pop() for _ in names], dtype=np.int64)
         self._slot.update(zip(names, slot.tolist(), strict=True))
         self.time_ns[slot] = self.measured_ns[slot] = time_ns
@@ -65,8 +68,11 @@ class Roster:
 
     def members(self, *, is_named: bool) -> tuple[list[str], IntArray]:
         """Names and slots (v,) of those with, or without, a name of their sensor's; in the order they came."""
-        chosen = [(name, slot) for name, slot in self._slot.items() if self.is_named[slot] == is_named]
-        return [name for name, _ in chosen], np.array([slot for _, slot in chosen], dtype=np.int64)
+        if is_named not in self._members:
+            slot = np.fromiter(self._slot.values(), np.int64, len(self._slot))
+            chosen = self.is_named[slot] == is_named
+            self._members[is_named] = list(compress(self._slot, chosen.tolist())), slot[chosen]
+        return self._members[is_named]
 
     def spare(self, n: int) -> IntArray:
         """(n,) slots that nobody has: room to think in, until somebody enters."""
@@ -80,6 +86,7 @@ class Roster:
         ended = doubtful | (self.measured_ns < before_ns)
         for name, slot in list(self._slot.items()):
             if ended[slot]:
+                self._members.clear()
                 self._free.append(self._slot.pop(name))
 
     def _grow(self, n_more: int) -> None:

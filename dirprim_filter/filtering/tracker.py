@@ -155,7 +155,7 @@ class Tracker:
             direction_resultant=m[:, 6],
             speed=m[:, 7],
             speed_std=m[:, 8],
-            effective_sample_size=self._filter.effective_sample_size(shown),
+            effective_sample_size=m[:, 9],
             log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
             existence=1.0 - roster.existence[home, GONE],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
@@ -180,8 +180,7 @@ class Tracker:
 
     def resample(self) -> None:
         """Renew the samples of measured beliefs that have lost their weight."""
-        slot = self._frame.slot
-        self._filter.resample(slot, self._filter.effective_sample_size(slot))
+        self._filter.resample(self._frame.slot)
 
     def _predict_named(self, row: IntArray) -> None:
         frame, roster, time_ns = self._frame, self._roster, self._time_ns

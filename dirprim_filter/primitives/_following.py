@@ -22,6 +22,7 @@ from dirprim_filter.primitives._likening import (
     DURATION,
     EAST,
     GAIN,
+    N_LAID_OUT,
     NO_ROW,
     NORTH,
     PACE,
@@ -143,7 +144,7 @@ def hallucinate(
         key: (n,) of the random numbers.
         path: is filled.
     """
-    state, alike = np.empty(4, np.uint64), np.empty((3, table.most_alike))
+    state, alike = np.empty(4, np.uint64), np.empty((N_LAID_OUT, table.most_alike))
     for i in range(len(start)):
         random.seed_state(key[i], state)
         for p in range(path.shape[1]):

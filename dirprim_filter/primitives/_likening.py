@@ -46,8 +46,14 @@ NO_ROW = -1
 COURSE, PACE, TURN, GAIN, DURATION, EAST, NORTH, VEHICLE = range(8)
 # Columns of `JourneyTable.place`.
 X, Y, COSINE, SINE, REACH, SLOWNESS = range(6)
-# Rows of what `look_around` finds: a row of a journey, the seconds since it, and the weight of all up to it.
-FOUND, SINCE, WEIGHT = range(3)
+# Rows of what `gather` lays out: the number of a row of a journey, what stands there of it, the seconds since it where
+# a motion is beside it, and the motion's weight.
+(
+    FOUND, AT_X, AT_Y, AT_COSINE, AT_SINE, AT_REACH, AT_SLOWNESS, AT_COURSE, AT_PACE, AT_TURN, AT_GAIN, SINCE, WEIGHT,
+) = range(13)  # fmt: skip
+N_LAID_OUT = 13
+NOBODY = -1.0
+BEYOND = 2.0 * FARTHEST
 
 
 class JourneyTable(NamedTuple):
@@ -117,42 +123,77 @@ def around(table: JourneyTable, x: float, y: float, direction: float, speed: flo
 
 
 @njit(cache=True, inline="always")
+def distance_of(
+    near: Around, east: float, north: float, cosine: float, sine: float, reach: float, slowness: float, course: float,
+    pace: float, turn: float, gain: float, direction: float, speed: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Squared distance of a motion, `east` and `north` of a row, to the journey from it, and how many seconds after."""
+    along = east * cosine + north * sine
+    is_beside = (along >= 0.0) & (along < reach)
+    ahead = along * slowness if is_beside else 0.0
+    across = north * cosine - east * sine - 0.5 * turn * ahead * along
+    rest = along - ahead * pace
+    off = speed - pace - gain * ahead
+    half = 0.5 * (direction - course - turn * ahead)
+    distance = off * off * near.faster + (across * across + rest * rest) * near.lateral
+    distance += 4.0 * squared_sine(half) * near.turned
+    is_passed = (not is_beside) & (pace > 2.0 * CREEP)  # the row before, or the one after, is nearer
+    return (BEYOND if is_passed else distance), ahead
+
+
+@njit(cache=True, inline="always")
 def distance_to(
     table: JourneyTable, near: Around, r: int, x: float, y: float, direction: float, speed: float
 ) -> tuple[float, float]:
-    """Squared distance of a motion to the journey's after row `r`, and how many seconds after it that is."""
-    dx, dy = x - table.place[r, X], y - table.place[r, Y]
-    c, s = table.place[r, COSINE], table.place[r, SINE]
-    along, pace, ahead = dx * c + dy * s, table.row[r, PACE], 0.0
-    if 0.0 <= along < table.place[r, REACH]:
-        ahead = along * table.place[r, SLOWNESS]
-    elif pace > 2.0 * CREEP:
-        return np.inf, 0.0  # the row before, or the one after, is nearer
-    across = dy * c - dx * s - 0.5 * table.row[r, TURN] * ahead * along
-    rest = along - ahead * pace
-    off = speed - pace - table.row[r, GAIN] * ahead
-    half = 0.5 * (direction - table.row[r, COURSE] - table.row[r, TURN] * ahead)
-    distance = off * off * near.faster + (across * across + rest * rest) * near.lateral
-    return distance + 4.0 * squared_sine(half) * near.turned, ahead
+    """The same of row `r`."""
+    row, place = table.row[r], table.place[r]
+    return distance_of(
+        near, x - place[X], y - place[Y], place[COSINE], place[SINE], place[REACH], place[SLOWNESS], row[COURSE],
+        row[PACE], row[TURN], row[GAIN], direction, speed,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def gather(table: JourneyTable, near: Around, but: float, alike: FloatArray) -> int:
+    """Lay out the candidates, but for journeys of vehicle `but`, side by side in `alike`. -> how many."""
+    n = 0
+    for a in range(near.n):
+        r = table.member[a + (near.first if a < near.n_first else near.other)]
+        row, place = table.row[r], table.place[r]
+        if row[VEHICLE] != but:
+            alike[FOUND, n], alike[AT_X, n], alike[AT_Y, n] = r, place[X], place[Y]
+            alike[AT_COSINE, n], alike[AT_SINE, n] = place[COSINE], place[SINE]
+            alike[AT_REACH, n], alike[AT_SLOWNESS, n] = place[REACH], place[SLOWNESS]
+            alike[AT_COURSE, n], alike[AT_PACE, n] = row[COURSE], row[PACE]
+            alike[AT_TURN, n], alike[AT_GAIN, n] = row[TURN], row[GAIN]
+            n += 1
+    return n
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"}, error_model="numpy")
+def weigh(near: Around, n: int, x: float, y: float, direction: float, speed: float, alike: FloatArray) -> float:
+    """How like the gathered journeys a motion is, e^{-d^2 / 2} for a distance d: several at a time. -> the total."""
+    since, weight, total = alike[SINCE], alike[WEIGHT], 0.0
+    for a in range(n):
+        distance, since[a] = distance_of(
+            near, x - alike[AT_X, a], y - alike[AT_Y, a], alike[AT_COSINE, a], alike[AT_SINE, a], alike[AT_REACH, a],
+            alike[AT_SLOWNESS, a], alike[AT_COURSE, a], alike[AT_PACE, a], alike[AT_TURN, a], alike[AT_GAIN, a],
+            direction, speed,
+        )  # fmt: skip
+        weight[a] = exp(-0.5 * distance) if distance <= FARTHEST else 0.0
+    for a in range(n):
+        total += weight[a]
+    return total
 
 
 @njit(cache=True)
 def look_around(
     table: JourneyTable, x: float, y: float, direction: float, speed: float, but: float, alike: FloatArray
 ) -> tuple[int, float]:
-    """How many rows are like this motion, and their total weight, e^{-d^2 / 2} each for a distance d.
-
-    Fills the first columns of `alike` (3, most_alike). Journeys of vehicle `but` are passed over.
-    """
-    near, n, total = around(table, x, y, direction, speed), 0, 0.0
-    for a in range(near.n):
-        r = table.member[a + (near.first if a < near.n_first else near.other)]
-        distance, ahead = distance_to(table, near, r, x, y, direction, speed)
-        if distance <= FARTHEST and table.row[r, VEHICLE] != but:
-            total += exp(-0.5 * distance)
-            alike[FOUND, n], alike[SINCE, n], alike[WEIGHT, n] = r, ahead, total
-            n += 1
-    return n, total
+    """All candidates for a motion, laid out in `alike`, and the total of their weights."""
+    near = around(table, x, y, direction, speed)
+    n = gather(table, near, but, alike)
+    return n, weigh(near, n, x, y, direction, speed, alike)
 
 
 @njit(cache=True, inline="always")
@@ -180,16 +221,16 @@ def take_up(
 ) -> tuple[int, float]:
     """One of the journeys that `look_around` found, or one of another place: the row, and the seconds since it."""
     left = random.uniform(state) * (total + table.strength)
-    if left < total:
-        low, high = 0, n - 1
-        while low < high:
-            middle = (low + high) // 2
-            if alike[WEIGHT, middle] <= left:
-                low = middle + 1
-            else:
-                high = middle
-        return int(alike[FOUND, low]), alike[SINCE, low]
-    return anywhere(table, speed, but, state)
+    if left >= total:
+        return anywhere(table, speed, but, state)
+    chosen = 0
+    for a in range(n):
+        if alike[WEIGHT, a] > 0.0:
+            chosen = a
+            if left < alike[WEIGHT, a]:
+                break
+            left -= alike[WEIGHT, a]
+    return int(alike[FOUND, chosen]), alike[SINCE, chosen]
 
 
 @njit(cache=True, inline="always")
@@ -221,6 +262,38 @@ def find(
         n, total = look_around(table, x, y, direction, speed, but, alike)
         row, since = take_up(table, n, total, alike, speed, but, state)
     return row, since
+
+
+@njit(cache=True)
+def find_all(
+    table: JourneyTable, looking: IntArray, position: FloatArray, direction: FloatArray, speed: FloatArray,
+    row: IntArray, since: FloatArray, strange: float, alike: FloatArray, state: UIntArray,
+) -> None:  # fmt: skip
+    """A journey for each particle of a vehicle that is looking for one, as by `find`; fills `row` and `since`.
+
+    They are near each other: who has the same candidates as the first is served with it, and so on with the rest.
+    """
+    left = 0
+    for p in looking:
+        if random.uniform(state) < strange:
+            row[p], since[p] = anywhere(table, speed[p], NOBODY, state)
+        else:
+            looking[left] = p
+            left += 1
+    while left > 0:
+        p = looking[0]
+        of = around(table, position[p, 0], position[p, 1], direction[p], speed[p])
+        n, others = gather(table, of, NOBODY, alike), 0
+        for p in looking[:left]:
+            x, y, course, pace = position[p, 0], position[p, 1], direction[p], speed[p]
+            near = around(table, x, y, course, pace)
+            if near.first == of.first and near.n == of.n and near.other == of.other:
+                total = weigh(near, n, x, y, course, pace, alike)
+                row[p], since[p] = take_up(table, n, total, alike, pace, NOBODY, state)
+            else:
+                looking[others] = p
+                others += 1
+        left = others
 
 
 @njit(cache=True)

@@ -87,7 +87,7 @@ def main():
             "restore": restore,
             "predict": lambda f=bayes_filter, r=restore, d=dt_s: (r(), f.predict(slot, d)),
             "weigh": lambda f=bayes_filter, r=restore: (r(), f.weigh(slot, detections)),
-            "resample": lambda f=bayes_filter, r=restore: (r(), f.resample(slot, f.effective_sample_size(slot))),
+            "resample": lambda f=bayes_filter, r=restore: (r(), f.resample(slot)),
         }
         taken = {part: least(run) for part, run in parts.items()}
         total = 0.0

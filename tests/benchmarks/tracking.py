@@ -52,23 +52,22 @@ def best_ms(step: Callable[[], object], repeats: int = REPEATS) -> float:
 
 def our_steps(primitive_map: PrimitiveMap, n: int, n_vehicles: int) -> dict[str, float]:
     """Milliseconds of each step for n particles in all."""
-    ours = ParticleFilter(primitive_map, FilterConfig(n_particles=n // n_vehicles, noise_m=NOISE_M))
+    ours = ParticleFilter(primitive_map, FilterConfig(n_particles=n // n_vehicles, noise_m=NOISE_M, resample_below=1.0))
     ours.reserve(n_vehicles)
     slot, angle = np.arange(n_vehicles), np.linspace(0, 6, n_vehicles)
     place = 20.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     measured = Detections(track_id=slot, time_ns=np.zeros(n_vehicles, np.int64), position=place)
     ours.begin(slot, np.arange(n_vehicles, dtype=np.uint64), measured)
-    dt_s, poor = np.full(n_vehicles, DT_S), np.zeros(n_vehicles)
+    dt_s = np.full(n_vehicles, DT_S)
 
     def whole() -> None:
         ours.predict(slot, dt_s)
         ours.weigh(slot, measured)
-        ours.resample(slot, poor)
+        ours.resample(slot)
 
     return {
         "predict": best_ms(lambda: ours.predict(slot, dt_s)),
         "weigh": best_ms(lambda: ours.weigh(slot, measured)),
-        "resample": best_ms(lambda: ours.resample(slot, poor)),
         "moments": best_ms(lambda: ours.moments(slot)),
         "whole": best_ms(whole),
     }

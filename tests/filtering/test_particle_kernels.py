@@ -42,7 +42,7 @@ def copied(cloud):
 
 
 def test_moments_are_numpys_weighted_mean_and_covariance(cloud):
-    out = np.empty((2, 9))
+    out = np.empty((2, 10))
     _kernels.moments(cloud, VEHICLE, out)
     for row, v in zip(out, VEHICLE, strict=True):
         w = np.exp(cloud.log_weight[v])
@@ -51,7 +51,7 @@ def test_moments_are_numpys_weighted_mean_and_covariance(cloud):
         expected = [
             *np.average(cloud.position[v], axis=0, weights=w), covariance[0, 0], covariance[0, 1], covariance[1, 1],
             np.angle(toward), np.abs(toward), np.average(cloud.speed[v], weights=w),
-            np.sqrt(np.cov(cloud.speed[v], aweights=w, ddof=0)),
+            np.sqrt(np.cov(cloud.speed[v], aweights=w, ddof=0)), 1 / (w**2).sum(),
         ]  # fmt: skip
         np.testing.assert_allclose(row, expected, rtol=1e-10)
 
@@ -81,18 +81,8 @@ def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(clo
 
 
 def effective_sample_size(weight):
-    with np.errstate(divide="ignore"):
-        log_weight = np.log(np.asarray(weight, dtype=float))[None]
-    n = log_weight.size
-    empty = np.zeros((1, n))
-    cloud = _kernels.Cloud(
-        np.zeros((1, n, 2)), empty, empty, *[empty.astype(np.int64)] * 3, empty,
-        log_weight,
-        np.zeros((1, 4), np.uint64),
-    )  # fmt: skip
-    out = np.empty(1)
-    _kernels.effective_sample_size(cloud, np.zeros(1, np.int64), out)
-    return out[0]
+    weight = np.asarray(weight, dtype=float)
+    return _kernels.effective_sample_size(weight, np.empty(weight.size))
 
 
 def test_effective_sample_size_is_n_of_equal_weights_and_one_of_a_single_survivor():
@@ -103,8 +93,7 @@ def test_effective_sample_size_is_n_of_equal_weights_and_one_of_a_single_survivo
 
 def ancestors(weight, u):
     survivors = np.empty(len(weight), np.int64)
-    with np.errstate(divide="ignore"):
-        _kernels.systematic(np.log(np.asarray(weight, dtype=float)), float(u), survivors)
+    _kernels.systematic(np.asarray(weight, dtype=float), float(u), survivors)
     return np.repeat(np.arange(len(weight)), survivors)
 
 
@@ -138,10 +127,19 @@ def test_a_particle_with_all_the_weight_is_the_only_ancestor(survivor):
     np.testing.assert_array_equal(ancestors(np.eye(7)[survivor], 0.999999), survivor)
 
 
+def test_a_belief_that_has_kept_its_weight_is_left_as_it_is(cloud):
+    before = copied(cloud)
+    size = [1.0 / np.exp(2.0 * cloud.log_weight[v]).sum() for v in VEHICLE]
+    below = np.mean(size)  # between the two
+    _kernels.resample(cloud, VEHICLE, below, 0.0)
+    for v, n in zip(VEHICLE, size, strict=True):
+        assert (cloud.log_weight[v] == before.log_weight[v]).all() == (n >= below)
+
+
 def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
     before = copied(cloud)
     heaviest = int(before.log_weight[2].argmax())
-    _kernels.resample(cloud, VEHICLE, 0.0)
+    _kernels.resample(cloud, VEHICLE, np.inf, 0.0)
     np.testing.assert_allclose(cloud.log_weight[VEHICLE], -np.log(500))
     rows = {tuple(before.position[2, p]): p for p in range(500)}
     origin = np.array([rows[tuple(place)] for place in cloud.position[2]])

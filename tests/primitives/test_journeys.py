@@ -130,7 +130,7 @@ def test_weights_are_those_of_a_slow_loop():
     ring = ring_traffic(rng, n_vehicles=30)
     journeys = replace(journeys_of(ring), nearness=1.3)
     table = journeys.table(**STILL)
-    alike = np.empty((3, table.most_alike))
+    alike = np.empty((_likening.N_LAID_OUT, table.most_alike))
     for _ in range(40):
         row = rng.integers(len(ring))
         x, y = ring.position[row] + rng.normal(0, 1, 2)
@@ -150,28 +150,42 @@ def test_weights_are_those_of_a_slow_loop():
             squared += ((speed - journeys.speed[r] - gain * since) / (0.5 + 0.15 * speed)) ** 2
             if squared / 1.3**2 <= 18.0:
                 expected[r] = np.exp(-0.5 * squared / 1.3**2)
-        assert set(alike[0, :n].astype(int)) == set(expected)
+        like = alike[_likening.WEIGHT, :n] > 0
+        assert set(alike[_likening.FOUND, :n][like].astype(int)) == set(expected)
         assert total == pytest.approx(sum(expected.values()), rel=1e-9)
 
 
-def test_a_journey_is_found_as_often_as_its_weight_whether_or_not_most_are_unlike():
+@pytest.fixture
+def crowded_table():
     journeys = replace(journeys_of(ring_traffic(np.random.default_rng(0), n_vehicles=12)), nearness=1.0, strength=0.5)
-    table, state = journeys.table(**STILL), np.empty(4, np.uint64)
-    alike = np.empty((3, table.most_alike))
+    return journeys.table(**STILL)
+
+
+def assert_found_by_weight(table, motion, drawn):
+    """Rows drawn for a motion, -2 and less for journeys of other places, are as many as their weights say."""
+    alike = np.empty((_likening.N_LAID_OUT, table.most_alike))
+    n, total = _likening.look_around(table, *motion, _likening.NOBODY, alike)
+    row, weight = alike[_likening.FOUND, :n].astype(int), alike[_likening.WEIGHT, :n]
+    wanted = dict(zip(row[weight > 0].tolist(), weight[weight > 0], strict=True)) | {-1: table.strength}
+    drawn = np.maximum(drawn, -1).tolist()
+    count = np.array([drawn.count(row) for row in wanted])
+    assert count.sum() == len(drawn)
+    expected = len(drawn) * np.array(list(wanted.values())) / (total + table.strength)
+    rare = expected < 5
+    count, expected = (np.append(c[~rare], c[rare].sum() + 1e-9) for c in (count, expected))
+    expected *= count.sum() / expected.sum()
+    assert stats.chisquare(count, expected).pvalue > FALSE_ALARM
+    assert stats.chisquare(np.roll(count, 1), expected).pvalue < FALSE_ALARM
+
+
+def test_a_journey_is_found_as_often_as_its_weight_whether_or_not_most_are_unlike(crowded_table):
+    state = np.empty(4, np.uint64)
+    alike = np.empty((_likening.N_LAID_OUT, crowded_table.most_alike))
     random.seed_state(np.uint64(5), state)
     for direction in (np.pi / 2, np.pi / 2 + 0.3):  # like some, like next to none
         motion = (20.0, 0.5, direction, 8.0)
-        n, total = _likening.look_around(table, *motion, -1.0, alike)
-        weight = np.diff(alike[2, :n], prepend=0.0)
-        wanted = dict(zip(alike[0, :n].astype(int).tolist(), weight, strict=True)) | {-1: table.strength}
-        drawn = [max(found(table, motion, alike, state), -1) for _ in range(20_000)]
-        count = np.array([drawn.count(row) for row in wanted])
-        expected = 20_000 * np.array(list(wanted.values())) / (total + table.strength)
-        rare = expected < 5
-        count, expected = (np.append(c[~rare], c[rare].sum() + 1e-9) for c in (count, expected))
-        expected *= count.sum() / expected.sum()
-        assert stats.chisquare(count, expected).pvalue > FALSE_ALARM
-        assert stats.chisquare(np.roll(count, 1), expected).pvalue < FALSE_ALARM
+        drawn = np.array([found(crowded_table, motion, alike, state) for _ in range(20_000)])
+        assert_found_by_weight(crowded_table, motion, drawn)
 
 
 @njit
@@ -181,12 +195,29 @@ def found(table, motion, alike, state):
     return row
 
 
+def test_particles_in_several_squares_find_journeys_each_by_its_own_weights(crowded_table):
+    motions = np.array([(20.0, 0.5, np.pi / 2, 8.0), (-20.0, -0.5, -np.pi / 2, 7.0), (20.0, 0.5, np.pi / 2 + 0.3, 8.0)])
+    which = np.random.default_rng(1).integers(3, size=60_000)
+    x, y, direction, speed = motions[which].T
+    row, since = np.full(which.size, _likening.NO_ROW), np.zeros(which.size)
+    looking = np.flatnonzero(np.arange(which.size) % 2)
+    state, alike = np.empty(4, np.uint64), np.empty((_likening.N_LAID_OUT, crowded_table.most_alike))
+    random.seed_state(np.uint64(6), state)
+    position = np.column_stack([x, y])
+    _likening.find_all(crowded_table, looking.copy(), position, direction, speed, row, since, 0.0, alike, state)
+    assert (row[::2] == _likening.NO_ROW).all()
+    for i, motion in enumerate(motions):
+        assert_found_by_weight(crowded_table, tuple(motion), row[looking][which[looking] == i])
+    _likening.find_all(crowded_table, looking.copy(), position, direction, speed, row, since, 1.0, alike, state)
+    assert (row[looking] < _likening.NO_ROW).all()  # all follow journeys of other places
+
+
 def test_a_fast_vehicle_finds_the_journey_it_is_on_anywhere_between_two_rows():
     table = journeys_of(straight(speed=25.0)).table(**STILL)
-    alike = np.empty((3, table.most_alike))
+    alike = np.empty((_likening.N_LAID_OUT, table.most_alike))
     for x in np.arange(0.5, 100.0, 1.0):
         n, _ = _likening.look_around(table, x, 0.0, 0.0, 25.0, -1.0, alike)
-        assert n == 1
+        assert (alike[_likening.WEIGHT, :n] > 0).sum() == 1
 
 
 def energy_distance(a, b):
