@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from dirprim_filter.distributions.highest_density import Region
 from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.forecasting import REGION_SHARES
 from dirprim_filter.primitives.transitions import Transitions
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
@@ -26,15 +28,14 @@ from dirprim_filter.viewer.colors import (
     track_color,
     with_alpha,
 )
-from dirprim_filter.viewer.fans import Fan, fans_of
 from dirprim_filter.viewer.lifelines import UNSEEN_S
 from tessellation import Tessellation
 from tessellation.arrays import FloatArray
 
 CONFIDENCE = 0.9
 """Ellipses hold this probability."""
-FANS: Mapping[str, float] = {"/forecasts/region_90": 0.9, "/forecasts/region_50": 0.5}
-"""Entities of the fans of forecasts, and the probability that each holds."""
+FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
+"""Entities of the fans of forecasts."""
 ParticleColor = Literal["direction", "mode", "weight"]
 PARTICLE_COLORS: tuple[ParticleColor, ...] = get_args(ParticleColor)
 
@@ -57,14 +58,14 @@ FLOW_WIDTH = 1.5
 FLOW_COLOR = (255, 170, 110)
 FORECAST_OPACITY = 0.25
 FAN_OPACITY = 0.2
+STEP_STRIDE = 2
+"""Every second instant is enough for a line."""
 FEW_FANS = 8
 """More than so many lie over each other: they are drawn fainter, as their number grows,"""
 FAINTEST_FAN = 0.05
 """but not fainter than this."""
 MOST_IDS = 60
 """Vehicles in a frame; the names of more would hide the map. The plots and the diary still tell them."""
-STEP_STRIDE = 2
-"""Every second instant is enough for a path and a fan."""
 PATHS_DRAWN = 6
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
@@ -248,15 +249,14 @@ class Forecast(NamedTuple):
     """
 
     paths: FloatArray
-    fans: Sequence[Fan]
+    fans: Sequence[Region]
 
     @classmethod
-    def of(cls, paths: FloatArray) -> Forecast:
-        """Of sampled futures, (n_samples, n_steps, 2) metres."""
+    def of(cls, paths: FloatArray, regions: Sequence[Region]) -> Forecast:
+        """Of sampled futures from the vehicle on, (n_samples, n_steps, 2) metres, and of their regions."""
         last = paths.shape[1] - 1
         kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
-        coarse = np.ascontiguousarray(paths[:, kept])
-        return cls(coarse[:PATHS_DRAWN], fans_of(coarse, tuple(FANS.values())))
+        return cls(paths[:PATHS_DRAWN, kept], regions)
 
 
 def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.ComponentColumnList]]:

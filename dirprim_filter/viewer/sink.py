@@ -7,7 +7,7 @@ What is true for the whole log is static; all else stands on the log's own time 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -17,6 +17,7 @@ import rerun as rr
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.transitions import cell_transitions
 from dirprim_filter.tracks import Tracks, as_texts
@@ -219,28 +220,22 @@ class RerunSink:
         if self.outlet.live or len(self._batch) >= BATCH_FRAMES:
             self._send_batch()
 
-    def write_forecast(self, time_ns: int, track_id: Sequence[str], paths: FloatArray) -> None:
+    def write_forecast(self, forecasts: Forecasts) -> None:
         """Sampled futures and their fans; a vehicle's stay until it goes or forecasts of another time come.
 
         Vehicles that are out of sight, or of which nobody knows yet where they head, get none.
 
         Args:
-            time_ns: when the forecasts were made; after `write` of the frame of that time.
-            track_id: n ids of the vehicles.
-            paths: (n, n_samples, n_steps, 2) metres, of one shape for one time; lines begin at the vehicle's last
-                estimate.
+            forecasts: of one shape for one time; after `write` of the frame of that time.
         """
-        if time_ns != self._forecast_ns:
+        if forecasts.time_ns != self._forecast_ns:
             self._show_pending_forecasts()
             self._forecasts = {}
-        for name, futures in zip(map(str, track_id), paths, strict=True):
-            if name in self._unsure:
-                continue
-            start = (
-                np.full((len(futures), 1, 2), self._last_seen[name][1]) if name in self._last_seen else futures[:, :1]
-            )
-            self._forecasts[name] = marks.Forecast.of(np.concatenate([start, futures], axis=1))
-        self._forecast_ns = time_ns
+        drawn = zip(forecasts.track_id, forecasts.coarse_paths(), forecasts.regions, strict=True)
+        for name, paths, regions in drawn:
+            if name not in self._unsure:
+                self._forecasts[name] = marks.Forecast.of(paths, regions)
+        self._forecast_ns = forecasts.time_ns
         self._forecasts_pending = True
 
     def _steps(self, believed: Estimates) -> tuple[list[str], FloatArray]:

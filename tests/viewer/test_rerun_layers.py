@@ -12,6 +12,7 @@ from rrd_files import rows_of
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Innovations, TrackedFrame
 from dirprim_filter.evaluation.tracking import score
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.writer import EstimateLog
@@ -118,7 +119,8 @@ def test_forecasts_of_a_vehicle_nobody_sees_are_not_drawn_and_fans_hold_the_othe
         sink.log_map(scene_map)
         for frame in believed[:3]:
             sink.write(frame)
-        sink.write_forecast(believed[2].time_ns, ["7", "8"], np.stack([futures, futures]))
+        start = believed[2].estimates.position
+        sink.write_forecast(Forecasts.of(believed[2].time_ns, ["7", "8"], start, np.stack([futures, futures])))
     ((time_ns, lines),) = rows_of(tmp_path / "run.rrd", "/forecasts/paths", "LineStrips3D:strips")
     assert time_ns == believed[2].time_ns
     assert len(lines) == marks.PATHS_DRAWN
@@ -203,7 +205,8 @@ def test_a_crowd_has_no_names_and_fainter_fans(tmp_path: Path, scene_frames: lis
     with open_stream(save=tmp_path / "run.rrd") as sink:
         sink.write(replace(first, estimates=many))
         futures = first.estimates.position[0] + np.cumsum(np.ones((n, 12, 6, 2)), axis=2)
-        sink.write_forecast(first.time_ns, [str(i) for i in range(n)], futures)
+        names = [str(i) for i in range(n)]
+        sink.write_forecast(Forecasts.of(first.time_ns, names, many.position, futures))
     labels = [v for _, v in rows_of(tmp_path / "run.rrd", "/tracks/ids", "Points3D:labels")]
     assert [len(v) for v in labels] == ([n] if n <= marks.MOST_IDS else [0])
     ((_, packed),) = rows_of(tmp_path / "run.rrd", "/forecasts/region_90", "Mesh3D:albedo_factor")

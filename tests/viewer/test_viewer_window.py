@@ -16,6 +16,7 @@ from rerun.experimental import ViewerClient
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Innovations, TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.colors import speed_color, track_color
@@ -128,7 +129,7 @@ def test_every_kind_of_recording_opens_without_a_complaint(
                 sink.write(replace(frame, innovations=told))
                 if frame is first:
                     futures = np.cumsum(np.ones((2, 20, 8, 2)), axis=2) + first.estimates.position[:, None, None]
-                    sink.write_forecast(first.time_ns, ["7", "8"], futures)
+                    sink.write_forecast(Forecasts.of(first.time_ns, ["7", "8"], first.estimates.position, futures))
             sink.log_run({"command": "test"}, {"frames": "6"})
     with open_stream("dirprim log", save=tmp_path / "log.rrd") as sink:
         sink.log_truth(scene_tracks)
