@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from dirprim_filter.cli.options import End, Fields, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.options import End, Fields, Group, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.playback import Playback
@@ -54,6 +54,7 @@ class Reading:
         str | None,
         typer.Option("--labels", help="What the objects are, such as car|truck; `dirprim info` tells; left out, all."),
     ] = None
+    group: Group = None
     start: Start = None
     end: End = None
     strict: Strict = False
@@ -91,6 +92,7 @@ class Reading:
             "mapping": FieldMapping.parse(self.fields) if self.fields else None,
             "origin": Origin.parse(self.origin) if self.origin else None,
             "labels": self.labels,
+            "group": self.group,
             "start_ns": time_ns(self.start),
             "end_ns": time_ns(self.end),
             "strict": self.strict,

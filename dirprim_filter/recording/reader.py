@@ -64,6 +64,8 @@ def read_tracks(
             origin: of the plane for satellite positions; left out: the first position.
             labels: what the wanted objects are, such as "car|truck": a name or a regular expression for the label that
                 their schema gives them, which is empty where it gives none.
+            group: the one that is wanted of those that a log holds, by its number there: recordings made apart, whose
+                times may overlap. Left out: all, as if they were one.
 
     Raises:
         NotMcapError: a file is no MCAP log.
