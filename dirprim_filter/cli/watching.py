@@ -25,7 +25,7 @@ def open_viewer(
     truth: Path | None = None,
     group: int | None = None,
 ) -> RerunSink:
-    """A stream to all of these, with the true tracks of a log, or of a group of it; where it is served is told on stderr.
+    """A stream to all of these, with the true tracks of a log or of its group; where it is served is told on stderr.
 
     What is shown of one `place` shares the layout of a viewer that stays open.
     """

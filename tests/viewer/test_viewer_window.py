@@ -69,9 +69,9 @@ def shown_at(client: ViewerClient, time_ns: int) -> np.ndarray:
     return settled_picture(client)
 
 
-def map_area(picture: np.ndarray, *, width: float = 0.5) -> np.ndarray:
+def map_area(picture: np.ndarray, *, width: float = 0.5, height: float = 0.7) -> np.ndarray:
     """The part of the window where the map is: the legend's bar below and the plots beside have its colours."""
-    return picture[: int(0.7 * len(picture)), : int(width * picture.shape[1])]
+    return picture[: int(height * len(picture)), : int(width * picture.shape[1])]
 
 
 def reports_of(client: ViewerClient) -> list[object]:
@@ -107,7 +107,7 @@ def test_petals_lie_where_their_cells_are_in_the_colour_of_their_speed(
     with open_stream("dirprim map", save=tmp_path / "map.rrd") as sink:
         sink.log_map(fast_slow)
     viewer.open(str(tmp_path / "map.rrd"))
-    picture = map_area(settled_picture(viewer, at_least_s=2.0), width=0.75)
+    picture = map_area(settled_picture(viewer, at_least_s=2.0), width=0.75, height=0.88)
     slow, fast = (speed_color(np.array(speed), fastest=8.0)[:3].astype(float) for speed in (1.0, 8.0))
     assert reports_of(viewer) == []
     right, up = place_of(picture, fast, tolerance=25) - place_of(picture, slow, tolerance=12)
