@@ -50,7 +50,7 @@ ROSE_THICKNESS = 0.05
 """Metres from the lowest petal to the highest."""
 ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
-ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 140))
+ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
 """What moves must stand out."""
 FLOW_LEAST = 0.05
 """Of those who leave a cell: ways that fewer take are not drawn."""
@@ -60,10 +60,10 @@ FLOW_WIDTH = 1.5
 """Points on the screen, of the way that most vehicles take."""
 FLOW_COLOR = (255, 170, 110)
 FORECAST_OPACITY = 0.25
-FAN_OPACITY = 0.2
+FAN_OPACITY = 0.15
 STEP_STRIDE = 2
 """Every second instant is enough for a line."""
-FEW_FANS = 8
+FEW_FANS = 6
 """More than so many lie over each other: they are drawn fainter, as their number grows,"""
 FAINTEST_FAN = 0.05
 """but not fainter than this."""
