@@ -60,10 +60,12 @@ class Reading:
     strict: Strict = False
 
     def tracks(self, logs: list[Path]) -> TrackLog:
-        """The tracks of logs, and what was lost."""
+        """The tracks of logs, and what was lost; on a terminal, with a bar for each log."""
+        from dirprim_filter.cli.progress import step_progress
         from dirprim_filter.recording.reader import read_track_logs
 
-        return read_track_logs(logs, **self._arguments())
+        with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as told:
+            return read_track_logs(logs, progress=told, **self._arguments())
 
     def detections(self, log: Path, *, motion: bool) -> DetectionStream:
         """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""
