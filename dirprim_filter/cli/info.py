@@ -110,7 +110,7 @@ def _counts(counts: Mapping[str, int]) -> str:
 
 
 def _groups(counts: Mapping[int, int]) -> str:
-    return f"{len(counts)}, from {min(counts)} to {max(counts)}, made apart: --group NUMBER plays one of them alone"
+    return f"{len(counts)}, from {min(counts)} to {max(counts)}; --group NUMBER takes one of them"
 
 
 def _span(summary: LogSummary) -> str:
