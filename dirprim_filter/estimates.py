@@ -126,13 +126,14 @@ class Particles:
 
     def of(self, row: int) -> Particles:
         """The samples of one vehicle, by its row in the frame's estimates."""
-        return self._chosen(np.flatnonzero(self.vehicle == row))
+        return self[self.vehicle == row]
 
     def thinned(self, stride: int) -> Particles:
         """A copy of every `stride`-th sample."""
-        return self._chosen(np.arange(0, len(self), stride))
+        return self[np.arange(0, len(self), stride)]
 
-    def _chosen(self, rows: IntArray) -> Particles:
+    def __getitem__(self, rows: BoolArray | IntArray) -> Particles:
+        """The chosen samples, by mask or indices."""
         return Particles(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 

@@ -1,4 +1,4 @@
-"""What next? Hallucinated trajectories of a vehicle, cell by cell.
+"""What next? Hallucinated trajectories of a vehicle, cell by cell, and the regions that hold them.
 
 Source: Senanayake et al. 2020, Algorithm 1: sample a mode of the cell, an angle and a speed; project the vehicle by one
 step; look up the cell it has come to; repeat.
@@ -6,19 +6,27 @@ step; look up the cell it has come to; repeat.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.config import FilterConfig
+from dirprim_filter.distributions.highest_density import Region, highest_density_regions
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.futures import Start, Steps, forecast_table, sample_paths, sample_paths_of_belief
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats
+
+REGION_SHARES = (0.9, 0.5)
+"""Of a vehicle's futures: how many each of its regions holds."""
+MOST_INSTANTS = 24
+"""Of a region: more could not be told apart."""
 
 
 def forecast(
@@ -60,11 +68,51 @@ def forecast(
     return np.asarray(sample_paths(table, start, steps, cue=cue, rng=rng)[0])
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Forecasts:
+    """Sampled futures of vehicles, and where they say that the vehicles may be.
+
+    Attributes:
+        time_ns: when they were made.
+        track_id: n ids of the vehicles.
+        start: (n, 2) metres, where the vehicles were then.
+        paths: (n, n_samples, n_steps, 2) metres.
+        regions: of each vehicle one for each of `REGION_SHARES`: it holds that share of the futures at every instant.
+    """
+
+    time_ns: int
+    track_id: Sequence[str]
+    start: FloatArray
+    paths: FloatArray
+    regions: Sequence[Sequence[Region]]
+
+    @classmethod
+    def of(cls, time_ns: int, track_id: Sequence[str], start: npt.ArrayLike, paths: npt.ArrayLike) -> Self:
+        """Check the futures, and find their regions.
+
+        Raises:
+            ValueError: shapes that do not fit, or a number that is not finite.
+        """
+        paths = as_floats("paths", paths, "n samples steps 2")
+        if len(track_id) != len(paths):
+            raise ValueError(f"paths: expected {len(track_id)} vehicles, as there are ids, got {len(paths)}")
+        start = as_floats("start", start, f"{len(paths)} 2")
+        forecasts = cls(time_ns=time_ns, track_id=track_id, start=start, paths=paths, regions=())
+        regions = [highest_density_regions(few, REGION_SHARES) for few in forecasts.coarse_paths()]
+        return cls(time_ns=time_ns, track_id=track_id, start=start, paths=paths, regions=regions)
+
+    def coarse_paths(self) -> FloatArray:
+        """The paths from the start on, at `MOST_INSTANTS` at most. -> (n, n_samples, n_instants, 2) metres."""
+        first = np.broadcast_to(self.start[:, None, None], (*self.paths.shape[:2], 1, 2))
+        stride = math.ceil((self.paths.shape[2] + 1) / MOST_INSTANTS)
+        return np.concatenate([first, self.paths[:, :, ::-stride][:, :, ::-1]], axis=2)  # the last is among them
+
+
 class ForecastSink(Protocol):
     """Takes forecasts as they are made: a log, a viewer."""
 
-    def write_forecast(self, time_ns: int, track_id: Sequence[str], paths: FloatArray) -> None:
-        """Take the futures of vehicles, (n, n_samples, n_steps, 2) metres, after the frame of that time."""
+    def write_forecast(self, forecasts: Forecasts) -> None:
+        """Take the futures of vehicles, after the frame of their time."""
         ...
 
 
@@ -109,9 +157,9 @@ class Forecaster:
             return
         self._next_ns = frame.time_ns + self._every_ns
         names = [str(name) for name in frame.estimates.track_id]
-        paths = self.paths(frame)
+        made = Forecasts.of(frame.time_ns, names, frame.estimates.position, self.paths(frame))
         for sink in self._sinks:
-            sink.write_forecast(frame.time_ns, names, paths)
+            sink.write_forecast(made)
 
     def paths(self, frame: TrackedFrame) -> FloatArray:
         """Futures of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""

@@ -98,8 +98,8 @@ def test_a_standing_vehicle_has_a_finite_future(ring_map):
 class Kept(list):
     """A sink of forecasts."""
 
-    def write_forecast(self, time_ns, track_id, paths):
-        self.append((time_ns, list(track_id), paths))
+    def write_forecast(self, forecasts):
+        self.append((forecasts.time_ns, list(forecasts.track_id), forecasts.paths))
 
 
 def forecasts(ring_map, detections, **knobs):

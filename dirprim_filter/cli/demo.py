@@ -72,7 +72,7 @@ def demo(
     tracks, truth = read_tracks(learning), read_tracks(tracking)
     typer.echo(f"learning from {learning.name}: {tracks.n_tracks} vehicles, {len(tracks)} rows ...", err=True)
     with learning_progress() as told:
-        learned = learn_primitives(tracks, progress=told, rng=np.random.default_rng(seed))
+        learned = learn_primitives(tracks, progress=told.progress, stage=told.stage, rng=np.random.default_rng(seed))
     save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
     compiling.wait()
     typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)

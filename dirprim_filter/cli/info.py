@@ -94,6 +94,7 @@ def _text(path: Path, summary: LogSummary) -> str:
         carrying = [t.name for t in summary.topics if t.tracks]
         lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else "  no topic carries tracks")
     lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
+    lines += [f"  groups in {topic}: {_groups(counts)}" for topic, counts in summary.groups.items()]
     if summary.attachments:
         lines.append(f"  attachments: {', '.join(summary.attachments)}")
     odd = {source: faults for source, faults in (summary.stamps or {}).items() if faults.is_odd or faults.duplicate}
@@ -106,6 +107,10 @@ def _counts(counts: Mapping[str, int]) -> str:
     most = sorted(counts.items(), key=lambda item: -item[1])
     told = [f"{label or 'none'} {n}" for label, n in most[:LABELS_TOLD]]
     return ", ".join(told) + (f" and {len(most) - LABELS_TOLD} more" if len(most) > LABELS_TOLD else "")
+
+
+def _groups(counts: Mapping[int, int]) -> str:
+    return f"{len(counts)}, from {min(counts)} to {max(counts)}; --group NUMBER takes one of them"
 
 
 def _span(summary: LogSummary) -> str:

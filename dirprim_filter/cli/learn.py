@@ -45,7 +45,7 @@ def learn(
     """
     import numpy as np
 
-    from dirprim_filter.cli.progress import learning_progress, working
+    from dirprim_filter.cli.progress import learning_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.primitives import learn_primitives
@@ -54,13 +54,13 @@ def learn(
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
-    with working(f"reading {', '.join(path.name for path in logs)}"):
-        log = reading.tracks(logs)
+    log = reading.tracks(logs)
     config = LearningConfig()
     with learning_progress() as told:
         learned = learn_primitives(
             log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
-            primitive=primitive.value, config=config, progress=told, rng=np.random.default_rng(seed),
+            primitive=primitive.value, config=config, progress=told.progress, stage=told.stage,
+            rng=np.random.default_rng(seed),
         )  # fmt: skip
     said = provenance(
         "learn", inputs=logs, config=config, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,

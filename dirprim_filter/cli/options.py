@@ -89,4 +89,8 @@ ColorBy = Annotated[ParticleColor, typer.Option("--color-by", help="What the col
 Truth = Annotated[
     Path | None, typer.Option("--truth", help="Show the true tracks of this log, and the errors.", exists=True)
 ]
+Group = Annotated[
+    int | None,
+    typer.Option("--group", help="One of the recordings that a log holds, by its number in `dirprim info`; else all."),
+]
 Connect = Annotated[str | None, typer.Option("--connect", help="Stream to the rerun viewer at this address.")]

@@ -5,17 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
     from dirprim_filter.detections import Detections
+    from dirprim_filter.estimates import TrackedFrame
 
 NS_PER_S = 1e9
+Frame = TypeVar("Frame", "Detections", "TrackedFrame")
 
 
-def with_progress(frames: Iterable[Detections], *, what: str, end_ns: int | None = None) -> Iterator[Detections]:
+def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = None) -> Iterator[Frame]:
     """The frames as they are; on a terminal, with a bar over the log's time.
 
     Args:
@@ -31,7 +33,7 @@ def with_progress(frames: Iterable[Detections], *, what: str, end_ns: int | None
         first_ns: int | None = None
         for done, frame in enumerate(frames, start=1):
             yield frame
-            now_ns = int(frame.time_ns[0])
+            now_ns = frame.time_ns if isinstance(frame.time_ns, int) else int(frame.time_ns[0])
             if first_ns is None:
                 first_ns = now_ns
                 # A log of one instant, or one whose end is told wrongly, must not be done before it is.
@@ -55,21 +57,40 @@ def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] |
         yield tell
 
 
-@contextmanager
-def learning_progress() -> Iterator[Callable[[int, float], None] | None]:
-    """What `learn_primitives` tells while it learns cells; on a terminal, a line that follows it.
+class LearningProgress(NamedTuple):
+    """What `learn_primitives` tells of its search for cells, and of its stages."""
 
-    When the search is over nobody knows before: so there is no remaining time, but what it has reached, and how fast.
+    progress: Callable[[int, float], None] | None
+    stage: Callable[[int], None] | None
+
+
+@contextmanager
+def learning_progress() -> Iterator[LearningProgress]:
+    """What `learn_primitives` tells while it learns; on a terminal, a line that follows it.
+
+    When the search for cells is over nobody knows before: so there is no remaining time, but which of how many stages
+    this is, what it has reached, and how fast.
     """
     if not sys.stderr.isatty():
-        yield None
+        yield LearningProgress(None, None)
         return
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    columns = (SpinnerColumn(), TextColumn("learning cells and primitives{task.fields[reached]}"), TimeElapsedColumn())
+    from dirprim_filter.primitives.learning import STAGES
+
+    told = TextColumn("learning {task.description}{task.fields[reached]}")
+    columns = (
+        SpinnerColumn(),
+        TextColumn("stage {task.fields[number]} of {task.total}:"),
+        told,
+        TimeElapsedColumn(),
+    )
     with _on_stderr(*columns) as progress:
-        task = progress.add_task("", total=None, reached="")
+        task = progress.add_task("", total=len(STAGES), number=0, reached="")
         steps = 0
+
+        def begin(number: int) -> None:
+            progress.update(task, completed=number, number=number + 1, description=STAGES[number], reached="")
 
         def tell(n_cells: int, objective: float) -> None:
             nonlocal steps
@@ -80,7 +101,7 @@ def learning_progress() -> Iterator[Callable[[int, float], None] | None]:
                 reached=f": {n_cells} cells, held-out log density {-objective:.3f}, {steps / elapsed_s:.1f} steps/s",
             )
 
-        yield tell
+        yield LearningProgress(tell, begin)
 
 
 @contextmanager

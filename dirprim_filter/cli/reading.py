@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from dirprim_filter.cli.options import End, Fields, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.options import End, Fields, Group, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.playback import Playback
@@ -54,15 +54,18 @@ class Reading:
         str | None,
         typer.Option("--labels", help="What the objects are, such as car|truck; `dirprim info` tells; left out, all."),
     ] = None
+    group: Group = None
     start: Start = None
     end: End = None
     strict: Strict = False
 
     def tracks(self, logs: list[Path]) -> TrackLog:
-        """The tracks of logs, and what was lost."""
+        """The tracks of logs, and what was lost; on a terminal, with a bar for each log."""
+        from dirprim_filter.cli.progress import step_progress
         from dirprim_filter.recording.reader import read_track_logs
 
-        return read_track_logs(logs, **self._arguments())
+        with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as told:
+            return read_track_logs(logs, progress=told, **self._arguments())
 
     def detections(self, log: Path, *, motion: bool) -> DetectionStream:
         """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""
@@ -91,6 +94,7 @@ class Reading:
             "mapping": FieldMapping.parse(self.fields) if self.fields else None,
             "origin": Origin.parse(self.origin) if self.origin else None,
             "labels": self.labels,
+            "group": self.group,
             "start_ns": time_ns(self.start),
             "end_ns": time_ns(self.end),
             "strict": self.strict,

@@ -25,13 +25,14 @@ def replay(
 
     Example: dirprim replay tracks.mcap --rate 2 --spawn
     """
+    from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.recording.playback import paced
     from dirprim_filter.viewer.stream import open_stream
 
     playback = reading.playback(log)
     n_frames = 0
     with open_stream(save=save, spawn=spawn, connect=connect, force=force) as viewer:
-        for frame in paced(playback, rate):
+        for frame in with_progress(paced(playback, rate), what=f"playing {log.name}", end_ns=playback.end_ns):
             viewer.write(frame)
             n_frames += 1
     typer.echo(f"{log}: {n_frames} frames of {', '.join(sorted(playback.topics))}")

@@ -114,6 +114,7 @@ def track(
                 map_file.stem, save=save, spawn=spawn, connect=connect, serve=bind if serve else None, force=force,
                 particle_stride=particle_stride or max(particles // PARTICLES_SHOWN, 1),
                 particle_color=color_by.value, focus=focus, truth=truth,
+                group=reading.group if truth == log else None,
             )  # fmt: skip
             open_files.enter_context(viewer)
             viewer.log_map(learned)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from dirprim_filter.cli.options import Bind, Connect, Focus, Force, Save, Serve, Spawn, Truth
+from dirprim_filter.cli.options import Bind, Connect, Focus, Force, Group, Save, Serve, Spawn, Truth
 
 if TYPE_CHECKING:
     from dirprim_filter.viewer.sink import RerunSink
@@ -44,6 +44,7 @@ def view(
     bind: Bind = "127.0.0.1",
     truth: Truth = None,
     focus: Focus = None,
+    group: Group = None,
     force: Force = False,
 ) -> None:
     """Open files in the rerun viewer: a map under its tracks, or two runs side by side on one time line.
@@ -71,9 +72,9 @@ def view(
         focus=focus,
     ) as viewer:
         if len(given.runs) == N_RUNS:
-            _beside(given, viewer, truth=truth, focus=focus)
+            _beside(given, viewer, truth=truth, focus=focus, group=group)
         else:
-            _together(given, viewer, truth=truth)
+            _together(given, viewer, truth=truth, group=group)
         keep_serving(viewer)
 
 
@@ -113,7 +114,7 @@ def _kind(file: Path) -> Kind:
     return Kind.TRACKS if ESTIMATES_SCHEMA in schemas else Kind.MAP if MAP_SCHEMA in schemas else Kind.LOG
 
 
-def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str | None) -> None:
+def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str | None, group: int | None) -> None:
     """Both runs as recordings, each with the maps and logs, then the two into one."""
     import tempfile
 
@@ -128,7 +129,7 @@ def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str 
                 continue
             recordings.append(Path(folder) / f"{i}.rrd")
             with open_stream(save=recordings[-1], focus=focus) as shown:
-                _together(given._replace(runs=[run]), shown, truth=truth)
+                _together(given._replace(runs=[run]), shown, truth=truth, group=group)
         show_side_by_side(recordings, _titles(given.runs), viewer)
 
 
@@ -141,7 +142,7 @@ def _titles(runs: Sequence[Path]) -> list[str]:
     return ["/".join(a[-n:]), "/".join(b[-n:])]
 
 
-def _together(given: _Given, viewer: RerunSink, *, truth: Path | None) -> None:
+def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: int | None) -> None:
     """Maps, logs and at most one run in one view."""
     from dirprim_filter.detections import Detections
     from dirprim_filter.recording import load_map, read_tracks
@@ -152,8 +153,10 @@ def _together(given: _Given, viewer: RerunSink, *, truth: Path | None) -> None:
     for path in given.maps:
         viewer.log_map(load_map(path))
     for path in [truth] if truth else given.logs[:1]:
-        viewer.log_truth(read_tracks(path))
-    detections = Detections.concatenate([frame for path in given.logs for frame in stream_detections(path)])
+        viewer.log_truth(read_tracks(path, group=group))
+    detections = Detections.concatenate(
+        [frame for path in given.logs for frame in stream_detections(path, group=group)]
+    )
     if not given.runs:
         viewer.log_detections(detections)
         return

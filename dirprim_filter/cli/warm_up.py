@@ -1,4 +1,4 @@
-"""Compiling the kernels of filter, forecast and fans before they are needed: `python -m dirprim_filter.cli.warm_up`.
+"""Compiling the kernels of filter, forecasts and regions before they are used: `python -m dirprim_filter.cli.warm_up`.
 
 The first run after an installation compiles for some fifteen seconds and caches what it has compiled. A command that
 has other work to do first can let a second core do that meanwhile.
@@ -11,11 +11,11 @@ import numpy as np
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions.highest_density import highest_density_regions
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.forecasting import forecast
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.relaxation import FALLBACK
-from dirprim_filter.viewer.fans import fans_of
 from tessellation import GridTessellation
 
 
@@ -40,7 +40,7 @@ def warm_up() -> None:
         tracker.estimate()
         tracker.resample()
     paths = forecast(anywhere, position=(0.0, 0.0), direction=0.0, speed=1.0, n_samples=2, rng=np.random.default_rng(0))
-    fans_of(paths, (0.5,))
+    highest_density_regions(paths, (0.5,))
 
 
 if __name__ == "__main__":

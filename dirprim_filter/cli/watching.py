@@ -23,15 +23,16 @@ def open_viewer(
     particle_color: Literal["direction", "mode", "weight"] = "direction",
     focus: str | None = None,
     truth: Path | None = None,
+    group: int | None = None,
 ) -> RerunSink:
-    """A stream to all of these, with the true tracks of a log in it; where it is served is told on stderr.
+    """A stream to all of these, with the true tracks of a log or of its group; where it is served is told on stderr.
 
     What is shown of one `place` shares the layout of a viewer that stays open.
     """
     from dirprim_filter.recording import read_tracks
     from dirprim_filter.viewer.stream import open_stream
 
-    true_tracks = read_tracks(truth) if truth is not None else None
+    true_tracks = read_tracks(truth, group=group) if truth is not None else None
     viewer = open_stream(
         f"dirprim {place}",
         save=save, spawn=spawn, connect=connect, serve=serve, force=force, particle_stride=particle_stride,

@@ -46,6 +46,8 @@ REACH_M = 3.0
 """Metres around the data that Voronoi cells cover: about a lane."""
 
 Progress = Callable[[int, float], None]
+STAGES = ("cells", "how much each leans on what is usual", "primitives", "how vehicles relax", "how they go on")
+"""What is learned, one after the other."""
 
 
 def learn_primitives(
@@ -58,6 +60,7 @@ def learn_primitives(
     primitive: Literal["curved", "flat"] = "curved",
     config: LearningConfig | None = None,
     progress: Progress | None = None,
+    stage: Callable[[int], None] | None = None,
     rng: np.random.Generator,
 ) -> PrimitiveMap:
     """Learn how vehicles move at each place.
@@ -74,6 +77,7 @@ def learn_primitives(
             so; "flat", constant in a cell as in the paper. With "dbscan" cells are flat.
         config: every other knob.
         progress: told the number of cells and the held-out objective while cells are learned.
+        stage: told the number of each of `STAGES` as it begins.
         rng: chooses the held-out vehicles and the first cells.
 
     Returns:
@@ -90,19 +94,25 @@ def learn_primitives(
     rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s)
     free = fit_place_free(rows, config)
     strength = config.prior_strengths[0]
+    begin = stage or (lambda _: None)
+    begin(0)
     recipe = Recipe(modes, primitive == "curved" and modes == "bic", strength, Usual(0.0, free.speed_spread), config)
     layouts = _layouts(
         rows, tessellation, recipe, free, cell_size=cell_size, n_cells=n_cells, progress=progress, rng=rng
     )
+    begin(1)
     few = rows.some(TRIAL_ROWS, rng=rng)
     layout, recipe, place_free_strength = _choose(few, layouts, recipe, free, rng=rng)
+    begin(2)
     learned = assemble(layout.cells, fit_cells(rows, layout, recipe, free), free, place_free_strength)
+    begin(3)
     relaxation = learn_relaxation(learned, few, standing_speed=config.standing_speed)
     logger.info(
         "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
         layout.cells.n_cells, rows.n_vehicles, place_free_strength,
     )  # fmt: skip
     n_rows = residents(layout.cells.cell_of(rows.position), layout.cells.centers).start
+    begin(4)
     return replace(
         learned,
         relaxation=relaxation,

@@ -43,8 +43,7 @@ class DetectionStream:
     @property
     def end_ns(self) -> int | None:
         """The last log time to come, as the chunks say; None of an empty log."""
-        last = max((chunk.end_ns for chunk in self._log.layout.chunks), default=None)
-        asked = self._reading.get("end_ns")
+        last, asked = self._log.end_ns, self._reading.get("end_ns")
         return last if last is None or asked is None else min(last, asked)
 
     @property

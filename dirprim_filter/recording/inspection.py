@@ -85,6 +85,9 @@ def inspect(
         damage=damage,
         is_checked=True,
         stamps={source: clock.faults for source, clock in reading.clocks.items()},
+        groups={
+            topic: dict(sorted(counts.items())) for topic, counts in sorted(reading.groups.items()) if len(counts) > 1
+        },
         labels={topic: dict(counts) for topic, counts in sorted(reading.labels.items()) if set(counts) != {""}},
         attachments=attachments,
         metadata=metadata,
@@ -97,6 +100,7 @@ class _Inspection:
     def __init__(self, log: Scan, decoders: Decoders) -> None:
         self.clocks: Mapping[str, Clock] = {"log": Clock(), "publish": Clock(), "header": Clock()}
         self.labels: dict[str, Counter[str]] = {}
+        self.groups: dict[str, Counter[int]] = {}
         self.undecodable = 0
         self.start_ns: int | None = None
         self.end_ns: int | None = None
@@ -148,6 +152,8 @@ class _Inspection:
             labels, n = np.unique(rows.label[topic_of == topic], return_counts=True)
             counts = dict(zip(labels.tolist(), n.tolist(), strict=True))
             self.labels.setdefault(topic, Counter()).update(counts)
+            groups, n = np.unique(rows.group[topic_of == topic], return_counts=True)
+            self.groups.setdefault(topic, Counter()).update(dict(zip(groups.tolist(), n.tolist(), strict=True)))
         self.undecodable += len(failures)
 
     def _take_estimates(self, messages: Sequence[Message]) -> None:

@@ -43,6 +43,7 @@ class Reading(TypedDict, total=False):
     mapping: FieldMapping | None
     origin: Origin | None
     labels: str | None
+    group: int | None
 
 
 class TimedRows(NamedTuple):
@@ -73,6 +74,7 @@ class Observations:
         mapping: FieldMapping | None = None,
         origin: Origin | None = None,
         labels: str | None = None,
+        group: int | None = None,
     ) -> None:
         self.drops = Drops()
         self._clock = Clock()
@@ -82,6 +84,7 @@ class Observations:
         self._strict = strict
         self._decoders = Decoders(mapping)
         self._labels = None if labels is None else matching(labels, of="labels")
+        self._group = group
         self._frame = FrameChange(log.path, frame, origin)
 
     @property
@@ -130,7 +133,7 @@ class Observations:
         if len(parts) > 1:
             order = np.argsort(number, kind="stable")
             number, time_ns, rows = number[order], time_ns[order], rows[order]
-        wanted = self._wanted(number, time_ns, rows.label)
+        wanted = self._wanted(number, time_ns, rows)
         wanted[wanted] = self._valid(rows[wanted])
         rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
         self.drops.unplaced += int((~placed).sum())
@@ -152,7 +155,7 @@ class Observations:
         times = map(attrgetter(f"{self._time_source}_time_ns"), messages)
         return signed(np.fromiter(times, np.uint64, len(messages)))[rows.message]
 
-    def _wanted(self, message: IntArray, time_ns: IntArray, label: AnyArray) -> BoolArray:
+    def _wanted(self, message: IntArray, time_ns: IntArray, rows: ObservedRows) -> BoolArray:
         timed = time_ns != NO_TIME
         self.drops.untimed += int(np.unique(message[~timed]).size)
         wanted: BoolArray = timed
@@ -161,8 +164,10 @@ class Observations:
         if self._end_ns is not None:
             wanted = wanted & (time_ns < self._end_ns)
         if self._labels is not None:
-            names, of = np.unique(label, return_inverse=True)
+            names, of = np.unique(rows.label, return_inverse=True)
             wanted = wanted & np.array([self._labels(name) for name in names.tolist()], np.bool_)[of]
+        if self._group is not None:
+            wanted = wanted & (rows.group == self._group)
         return wanted
 
     def _valid(self, rows: ObservedRows) -> BoolArray:

@@ -44,6 +44,7 @@ class Playback:
 
     Attributes:
         topics: what is played.
+        end_ns: the last log time to come, as the chunks say; None of an empty log.
         damage: what of the file could not be read so far.
         dropped: what of the readable messages was left out so far.
 
@@ -65,7 +66,8 @@ class Playback:
         self._strict = reading.get("strict", False)
         self.damage: list[Damage] = []
         self.dropped = Drops()
-        with Scan(path) as log:
+        with Scan(path, end_ns=reading.get("end_ns")) as log:
+            self.end_ns = log.end_ns
             named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
         self._is_estimated = ESTIMATES_TOPIC in named and topics in (None, ESTIMATES_TOPIC)
         self._seen = {int(frame.time_ns[0]): frame for frame in seen.frames()} if seen is not None else {}

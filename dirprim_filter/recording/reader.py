@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Unpack
@@ -17,7 +18,7 @@ from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.geodesy import Origin
 from dirprim_filter.recording.inspection import inspect
-from dirprim_filter.recording.observations import Observations, Reading, TimeSource, log_losses
+from dirprim_filter.recording.observations import Observations, Reading, TimedRows, TimeSource, log_losses
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -33,6 +34,7 @@ __all__ = [
 ]  # fmt: skip
 
 PathOrText = str | PathLike[str]
+NS_PER_S = 1_000_000_000
 
 
 def read_tracks(
@@ -64,6 +66,8 @@ def read_tracks(
             origin: of the plane for satellite positions; left out: the first position.
             labels: what the wanted objects are, such as "car|truck": a name or a regular expression for the label that
                 their schema gives them, which is empty where it gives none.
+            group: the one that is wanted of those that a log holds, by its number there: recordings made apart, whose
+                times may overlap. Left out: all, as if they were one.
 
     Raises:
         NotMcapError: a file is no MCAP log.
@@ -80,9 +84,10 @@ def read_track_logs(
     source: PathOrText | Sequence[PathOrText],
     *,
     topics: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
     **reading: Unpack[Reading],
 ) -> TrackLog:
-    """As `read_tracks`, with what was lost."""
+    """As `read_tracks`, with what was lost; `progress` is told how many of how many seconds of a log are read."""
     paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
     if not paths:
         raise ValueError("source: expected at least one log, got none")
@@ -93,7 +98,8 @@ def read_track_logs(
         chosen = choose_topics(path, topics, strict=reading.get("strict", False), mapping=reading.get("mapping"))
         with _scan(path, chosen, reading) as log:
             observations = Observations(log, **reading)
-            columns.append(Columns.of_rows(observations).without_repeats(observations.drops))
+            rows = observations if progress is None else _telling(observations, log.end_ns, progress)
+            columns.append(Columns.of_rows(rows).without_repeats(observations.drops))
             damage += [(path, broken) for broken in log.damage]
             log_losses(path, log.damage, observations.drops, observations.clock)
         dropped += observations.drops
@@ -101,6 +107,18 @@ def read_track_logs(
         reading["origin"] = observations.origin  # one plane for all logs
     tracks = Columns.of_logs(columns, [path.stem for path in paths]).as_tracks(dropped)
     return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
+
+
+def _telling(
+    observations: Iterable[TimedRows], end_ns: int | None, progress: Callable[[int, int], None]
+) -> Iterator[TimedRows]:
+    """The same, and after each part how far that is."""
+    first_ns: int | None = None
+    for part in observations:
+        yield part
+        first_ns = int(part.time_ns[0]) if first_ns is None else first_ns
+        if end_ns is not None and end_ns > first_ns:
+            progress((int(part.time_ns[-1]) - first_ns) // NS_PER_S, math.ceil((end_ns - first_ns) / NS_PER_S))
 
 
 def stream_detections(

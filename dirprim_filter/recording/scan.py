@@ -114,6 +114,12 @@ class Scan:
         """Let go of the file; no more messages come."""
         self.file.close()
 
+    @property
+    def end_ns(self) -> int | None:
+        """The last log time to come, as the chunks say; None of an empty log."""
+        last = max((chunk.end_ns for chunk in self.layout.chunks), default=None)
+        return last if last is None else min(last, self._times[1])
+
     def is_wanted(self, topic: str) -> bool:
         """Whether messages of a topic are delivered."""
         return self._topics is None or self._topics(topic)

@@ -7,7 +7,6 @@ a reader that turns messages into columns takes an unset one for a null.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrim
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions.von_mises import mean_resultant_length
 from dirprim_filter.estimates import Estimates, Samples
+from dirprim_filter.forecasting import REGION_SHARES, Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, set_time
 from dirprim_filter.recording.stencil import Stencils
@@ -42,7 +42,11 @@ VEHICLE_COLOR = (0.35, 0.6, 0.95, 0.8)
 DETECTION_COLOR = (1.0, 0.85, 0.2, 1.0)
 ESTIMATE_COLOR = (0.2, 0.85, 0.4, 1.0)
 ELLIPSE_COLOR = (0.2, 0.85, 0.4, 0.3)
-FORECAST_COLOR = (0.9, 0.35, 0.75, 0.4)
+FORECAST_COLOR = (0.8, 0.475, 0.655, 0.4)
+REGION_COLORS = ((0.8, 0.475, 0.655, 0.18), (0.8, 0.475, 0.655, 0.35))
+"""Of the wider region and of the narrower one within it: one hue, Okabe and Ito's reddish purple, told by lightness."""
+REGION_HEIGHTS = (0.01, 0.02)
+"""Metres: areas in one plane would flicker."""
 CELL_COLOR = (0.55, 0.55, 0.55, 0.6)
 PETAL_COLOR = (0.95, 0.55, 0.15, 0.9)
 SLOW_TO_FAST: FloatArray = np.array([[0.27, 0.0, 0.33], [0.13, 0.57, 0.55], [0.99, 0.91, 0.15]])
@@ -147,20 +151,23 @@ def _drawn_estimate(name: str, numbers: Sequence[float]) -> SceneEntity:
     return entity
 
 
-def forecast_scene(track_id: Sequence[str], paths: FloatArray, time_ns: int) -> SceneUpdate:
-    """A line for each sampled path. Earlier forecasts are deleted.
-
-    Args:
-        track_id: (n) ids.
-        paths: (n, n_samples, n_steps, 2) metres.
-        time_ns: when the forecast was made.
-    """
+def forecast_scene(forecasts: Forecasts) -> SceneUpdate:
+    """A line for each sampled path, and each vehicle's regions as areas. Earlier forecasts are deleted."""
+    time_ns = forecasts.time_ns
     update = _fresh_update(time_ns)
-    style = _line(LinePrimitive(), LinePrimitive.LINE_STRIP, 2.0, FORECAST_COLOR).SerializeToString()
-    for name, samples in zip(track_id, _encoded_points(LinePrimitive, paths), strict=True):
+    style = _line(LinePrimitive(), LinePrimitive.LINE_STRIP, 1.0, FORECAST_COLOR).SerializeToString()
+    paths = _encoded_points(LinePrimitive, forecasts.paths)
+    for name, samples, regions in zip(forecasts.track_id, paths, forecasts.regions, strict=True):
         entity = _entity(update, name, time_ns, 0)
         for path in samples:
             entity.lines.add().MergeFromString(style + path.tobytes())
+        for share, region, color, height in zip(REGION_SHARES, regions, REGION_COLORS, REGION_HEIGHTS, strict=True):
+            area = entity.triangles.add()
+            _place(area.pose, 0.0, 0.0, height, 0.0)
+            _paint(area.color, color)
+            area.MergeFromString(_encoded_points(TriangleListPrimitive, region.vertex).tobytes())
+            area.indices.extend(region.triangle.ravel().tolist())
+            entity.metadata.add(key=f"triangles_{len(entity.triangles) - 1}_share", value=repr(share))
     return update
 
 

@@ -51,6 +51,7 @@ class LogSummary:
         stamps: what is odd about the times of messages in the order of the file, by their source: log, publish, and the
             header of messages that tell of objects; None where it is not checked.
         labels: by topic, how many rows each label of its objects has; of topics that have labels.
+        groups: by topic, how many rows each group of its objects has; of topics that have more than one.
         attachments: names of the files attached.
         metadata: names of the metadata records.
     """
@@ -63,6 +64,7 @@ class LogSummary:
     is_checked: bool
     stamps: Mapping[str, ClockFaults] | None
     labels: Mapping[str, Mapping[str, int]]
+    groups: Mapping[str, Mapping[int, int]]
     attachments: tuple[str, ...]
     metadata: tuple[str, ...]
 
@@ -106,6 +108,6 @@ def _of(index: Index, counts: Mapping[int, int], wanted: Callable[[str], bool] |
     n_messages = sum(messages.values())
     return LogSummary(
         topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={},
-        start_ns=index.start_ns if n_messages else None, end_ns=index.end_ns if n_messages else None,
+        groups={},        start_ns=index.start_ns if n_messages else None, end_ns=index.end_ns if n_messages else None,
         attachments=tuple(index.attachments), metadata=tuple(index.metadata),
     )  # fmt: skip

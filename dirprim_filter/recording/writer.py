@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -13,12 +13,13 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import scene
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray, IntArray, as_floats
+from tessellation.arrays import IntArray
 
 OBJECTS_TOPIC = "/objects"
 OBJECTS_SCENE_TOPIC = "/objects/scene"
@@ -161,22 +162,14 @@ class EstimateLog:
         """Draw the map's cells and roses: at the time of the next message, as a map has none of its own."""
         self._map = primitive_map
 
-    def write_forecast(self, time_ns: int, track_id: Sequence[str], paths: FloatArray) -> None:
-        """Draw sampled futures.
-
-        Args:
-            time_ns: when the forecasts were made.
-            track_id: (n) ids of the vehicles.
-            paths: (n, n_samples, n_steps, 2) positions, metres.
+    def write_forecast(self, forecasts: Forecasts) -> None:
+        """Draw sampled futures, and the regions that hold them.
 
         Raises:
-            ValueError: shapes that do not fit, or a negative time.
+            ValueError: a negative time.
         """
-        paths = as_floats("paths", paths, "n samples steps 2")
-        if len(track_id) != len(paths):
-            raise ValueError(f"paths: expected {len(track_id)} vehicles, as there are ids, got {len(paths)}")
-        self._begin(time_ns)
-        self._log.write(FORECAST_TOPIC, scene.forecast_scene(track_id, paths, time_ns), time_ns)
+        self._begin(forecasts.time_ns)
+        self._log.write(FORECAST_TOPIC, scene.forecast_scene(forecasts), forecasts.time_ns)
 
     def _begin(self, time_ns: int) -> None:
         if not self._begun:

@@ -13,7 +13,7 @@ from dirprim_filter.viewer import marks, shapes
 from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
 from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
 from dirprim_filter.viewer.timeline import time_column
-from tessellation.arrays import FloatArray
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 Columns = tuple[str, rr.TimeColumn, rr.ComponentColumnList]
 """An entity, its instants, and what it shows at each."""
@@ -45,8 +45,9 @@ class FrameBatch:
         self._time_ns: list[int] = []
         self._believed: list[Estimates] = []
         self._detected: list[FloatArray] = []
+        self._in_full: list[BoolArray] = []
         self._particles: list[marks.Dots] = []
-        self._steps: list[tuple[list[str], FloatArray]] = []
+        self._steps: list[tuple[IntArray, FloatArray]] = []
         self._looks: list[Look | None] = []
         self._metrics: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
 
@@ -57,15 +58,28 @@ class FrameBatch:
         self,
         frame: TrackedFrame,
         *,
-        steps: tuple[list[str], FloatArray],
+        in_full: BoolArray,
+        steps: tuple[IntArray, FloatArray],
         look: Look | None,
         metrics: Mapping[str, tuple[float, ...]],
     ) -> None:
-        """Take a frame, the steps (n, 2, 2) of the vehicles of it that were seen before, and what is told of it."""
+        """Take a frame and what is told of it.
+
+        Args:
+            frame: of vehicles.
+            in_full: (n_vehicles,) which of them are drawn with all that is known of them.
+            steps: which of them were seen before, (n,), and their steps since, (n, 2, 2) metres.
+            look: at one of them.
+            metrics: of the frame.
+        """
         self._time_ns.append(frame.time_ns)
         self._believed.append(frame.estimates)
         self._detected.append(frame.detections.position)
-        self._particles.append(marks.Dots.of(frame.particles.thinned(self._stride), self._color))
+        shown = frame.particles.thinned(self._stride)
+        if not in_full.all():
+            shown = shown[in_full[shown.vehicle]]
+        self._particles.append(marks.Dots.of(shown, self._color))
+        self._in_full.append(in_full)
         self._steps.append(steps)
         self._looks.append(look)
         for entity, row in metrics.items():
@@ -78,29 +92,33 @@ class FrameBatch:
         times = time_column(self._time_ns)
         believed = Estimates.concatenate(self._believed)
         n_believed = [len(part) for part in self._believed]
+        frame = np.repeat(np.arange(len(n_believed)), n_believed)
+        in_full = np.concatenate(self._in_full)
+        prominence = np.where(in_full, 1.0, marks.in_crowd(np.array(n_believed))[frame])
         for entity, draw in (
             ("/tracks/estimates", marks.estimates),
             ("/tracks/motion", marks.motion),
         ):
-            yield entity, times, draw(believed).partition(n_believed)
+            yield entity, times, draw(believed, prominence).partition(n_believed)
         unseen = believed.unseen_s > UNSEEN_S
-        frame = np.repeat(np.arange(len(n_believed)), n_believed)
-        few = np.array([n <= marks.MOST_IDS for n in n_believed])
-        named = marks.ids(believed[few[frame]], depth=self._depth)
-        yield "/tracks/ids", times, named.partition(np.where(few, n_believed, 0))
+        named = marks.ids(believed[in_full], depth=self._depth)
+        yield "/tracks/ids", times, named.partition(np.bincount(frame[in_full], minlength=len(n_believed)))
         for entity, chosen in (
-            ("/tracks/covariance", ~unseen),
-            ("/tracks/unseen", unseen & (shapes.reach(believed.covariance) < marks.WIDEST_UNSEEN)),
+            ("/tracks/covariance", in_full & ~unseen),
+            ("/tracks/unseen", in_full & unseen & (shapes.reach(believed.covariance) < marks.WIDEST_UNSEEN)),
         ):
             counts = np.bincount(frame[chosen], minlength=len(n_believed))
             yield entity, times, marks.covariance(believed[chosen]).partition(counts)
         n_detected = [len(part) for part in self._detected]
-        yield "/detections", times, marks.detections(np.concatenate(self._detected)).partition(n_detected)
+        detected = np.concatenate(self._detected)
+        yield "/detections", times, marks.detections(detected, n_detected)
         n_particles = [len(dots.color) for dots in self._particles]
         yield "/tracks/particles", times, marks.particles(self._particles).partition(n_particles)
-        stepped = [name for names, _ in self._steps for name in names]
-        steps = marks.trails(stepped, np.concatenate([part for _, part in self._steps]))
-        yield "/tracks/trails", times, steps.partition([len(names) for names, _ in self._steps])
+        first = np.cumsum([0, *n_believed[:-1]])
+        stepped = np.concatenate([start + rows for start, (rows, _) in zip(first, self._steps, strict=True)])
+        way = np.concatenate([part for _, part in self._steps])
+        steps = marks.trails(believed.track_id[stepped], way, prominence[stepped])
+        yield "/tracks/trails", times, steps.partition([len(rows) for rows, _ in self._steps])
         yield from self._of_focus(times)
         for entity, rows in self._metrics.items():
             when = time_column([time_ns for time_ns, _ in rows])

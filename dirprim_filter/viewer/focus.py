@@ -1,5 +1,7 @@
 """The vehicle to look at: the one asked for, else the one that the filter understands least; and what is told of it.
 
+Of a crowd only a few are drawn in full, by the same measure: with a thousand ellipses nobody sees one.
+
 Told are its speed between the quantiles of the prior's speeds, and Eq. 4 around the circle: what is usual at the place
 (the prior), what its course says (the cue), and both together.
 """
@@ -19,7 +21,7 @@ from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from tessellation.arrays import FloatArray
+from tessellation.arrays import BoolArray, FloatArray
 
 KEPT_S = 8.0
 """So long a vehicle stays the one to look at: a plot of one after the other would tell of none."""
@@ -29,6 +31,12 @@ COURSE_S = 1.0
 """Over which its course is taken."""
 TURN_SPREAD = 0.3
 """Radians by which a vehicle may turn from its course; the cue is no surer."""
+CROWD = 40
+"""More vehicles than this are a crowd,"""
+STILL_CROWD = 32
+"""and remain one down to this: a vehicle more or less must not change the picture."""
+DRAWN_IN_FULL = 12
+"""Of a crowd."""
 QUANTILES = (0.05, 0.5, 0.95)
 N_SPEEDS = 160
 STANDING_SPEED = LearningConfig().standing_speed
@@ -79,6 +87,9 @@ class Focus:
         self._evidence: dict[str, float] = {}
         self._places: dict[str, list[tuple[int, FloatArray, float]]] = {}
         self._last_ns: int | None = None
+        self._is_crowd = False
+        self._few: set[str] = set()
+        self._few_since_ns = 0
 
     def see(self, frame: TrackedFrame) -> Look | None:
         """The vehicle in this frame; None where it is not there."""
@@ -100,6 +111,26 @@ class Focus:
             course=self._course(name),
             belief=np.asarray(np.bincount(bins, mine.weight, 360 // BIN_DEG), np.float64) if len(mine) else np.empty(0),
         )
+
+    def in_full(self, frame: TrackedFrame, *, box: FloatArray) -> BoolArray:
+        """Which vehicles of the frame that was seen last are drawn with all that is known of them. -> (n,).
+
+        All, unless they are a crowd: then some within the box, (2, 2) metres, that the filter understands least, each
+        for `KEPT_S` at most, and the vehicle to look at.
+        """
+        believed = frame.estimates
+        names = [str(name) for name in believed.track_id]
+        self._is_crowd = len(names) > (STILL_CROWD if self._is_crowd else CROWD)
+        if not self._is_crowd:
+            return np.ones(len(names), np.bool_)
+        if frame.time_ns >= self._few_since_ns + KEPT_S * 1e9 or not self._few:
+            self._few, self._few_since_ns = set(), frame.time_ns
+        is_near = ((believed.position >= box[0]) & (believed.position <= box[1])).all(axis=1)
+        near = [name for name, is_in in zip(names, is_near.tolist(), strict=True) if is_in and name in self._before]
+        least = sorted(near, key=lambda name: (name not in self._few, self._evidence[name]))
+        self._few = set(least[:DRAWN_IN_FULL])
+        shown = self._few | {self._chosen or self._now}
+        return np.array([name in shown for name in names], np.bool_)
 
     def _remember(self, time_ns: int, names: list[str], believed: Estimates) -> None:
         passed_s = 0.0 if self._last_ns is None else (time_ns - self._last_ns) * 1e-9

@@ -10,6 +10,7 @@ import rerun as rr
 
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer.colors import speed_color
+from dirprim_filter.viewer.focus import CROWD, DRAWN_IN_FULL
 from tessellation.arrays import FloatArray
 
 N_STEPS = 48
@@ -40,6 +41,9 @@ with 90 % probability. Dark: out of sight. **Lines behind**: the last five secon
 
 **White ring**: the vehicle that the filter understands least, or the one asked for. Its speed and its direction are
 plotted: the prior of its place, the cue (its course of the last second), and both together, Eq. 4.
+
+**A crowd**: of more than {crowd} vehicles only {few}, those understood least, have a name, particles, an ellipse and a
+fan; the others are small.
 
 Layers are switched on and off in the panel on the left.
 """
@@ -95,7 +99,9 @@ class Legend:
 
     def text(self) -> rr.TextDocument:
         """The text beside the map."""
-        return rr.TextDocument(TEXT.format(fastest=self.fastest), media_type="text/markdown")
+        return rr.TextDocument(
+            TEXT.format(fastest=self.fastest, crowd=CROWD, few=DRAWN_IN_FULL), media_type="text/markdown"
+        )
 
     def _x(self, speed: FloatArray) -> FloatArray:
         (west, _), (east, _) = self.extent

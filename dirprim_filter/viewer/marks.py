@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from dirprim_filter.distributions.highest_density import Region
 from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.forecasting import REGION_SHARES
 from dirprim_filter.primitives.transitions import Transitions
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
@@ -26,15 +28,15 @@ from dirprim_filter.viewer.colors import (
     track_color,
     with_alpha,
 )
-from dirprim_filter.viewer.fans import Fan, fans_of
+from dirprim_filter.viewer.focus import CROWD
 from dirprim_filter.viewer.lifelines import UNSEEN_S
 from tessellation import Tessellation
-from tessellation.arrays import FloatArray
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 CONFIDENCE = 0.9
 """Ellipses hold this probability."""
-FANS: Mapping[str, float] = {"/forecasts/region_90": 0.9, "/forecasts/region_50": 0.5}
-"""Entities of the fans of forecasts, and the probability that each holds."""
+FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
+"""Entities of the fans of forecasts."""
 ParticleColor = Literal["direction", "mode", "weight"]
 PARTICLE_COLORS: tuple[ParticleColor, ...] = get_args(ParticleColor)
 
@@ -48,6 +50,8 @@ ROSE_THICKNESS = 0.05
 """Metres from the lowest petal to the highest."""
 ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
+ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
+"""What moves must stand out."""
 FLOW_LEAST = 0.05
 """Of those who leave a cell: ways that fewer take are not drawn."""
 FLOW_LENGTH = 0.7
@@ -56,15 +60,17 @@ FLOW_WIDTH = 1.5
 """Points on the screen, of the way that most vehicles take."""
 FLOW_COLOR = (255, 170, 110)
 FORECAST_OPACITY = 0.25
-FAN_OPACITY = 0.2
-FEW_FANS = 8
+FAN_OPACITY = 0.15
+STEP_STRIDE = 2
+"""Every second instant is enough for a line."""
+FEW_FANS = 6
 """More than so many lie over each other: they are drawn fainter, as their number grows,"""
 FAINTEST_FAN = 0.05
 """but not fainter than this."""
-MOST_IDS = 60
-"""Vehicles in a frame; the names of more would hide the map. The plots and the diary still tell them."""
-STEP_STRIDE = 2
-"""Every second instant is enough for a path and a fan."""
+FADING = 0.35
+"""Power of their number by which marks of a crowd shrink, and darken: what they cover grows more slowly than they."""
+ESTIMATE_RADIUS, MOTION_RADIUS, TRAIL_RADIUS, DETECTION_RADIUS, TRUTH_RADIUS = 3.0, 1.5, 1.0, 2.5, 0.75
+"""Points on the screen."""
 PATHS_DRAWN = 6
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
@@ -80,26 +86,26 @@ GREY = (70, 80, 100)
 WHITE = (255, 255, 255)
 
 
-def _points(radius: float) -> npt.ArrayLike:
-    """A size on the screen, the same at every zoom."""
+def _points(radius: float | FloatArray) -> npt.ArrayLike:
+    """Sizes on the screen, the same at every zoom."""
     return rr.Radius.ui_points(radius)
 
 
 STYLES: Mapping[str, rr.AsComponents] = {
-    "/truth": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(0.75)),
-    "/detections": rr.Points3D.from_fields(colors=WHITE, radii=_points(2.5)),
     "/truth/trails": rr.LineStrips3D.from_fields(colors=(150, 155, 165), radii=_points(0.5)),
     "/forecasts/paths": rr.LineStrips3D.from_fields(radii=_points(0.5)),
     "/focus/ring": rr.LineStrips3D.from_fields(colors=WHITE, radii=_points(1.0)),
-    "/tracks/trails": rr.LineStrips3D.from_fields(radii=_points(1.0)),
     "/tracks/particles": rr.Points3D.from_fields(radii=_points(1.0)),
     "/tracks/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.75)),
     "/tracks/unseen": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5), fill_mode="majorwireframe"),
-    "/tracks/motion": rr.Arrows3D.from_fields(radii=_points(1.5)),
-    "/tracks/estimates": rr.Points3D.from_fields(radii=_points(3.0)),
     "/tracks/ids": rr.Points3D.from_fields(radii=_points(0.0), show_labels=True),
 }
 """By entity."""
+
+
+def in_crowd(n: IntArray) -> FloatArray:
+    """How large and how light each of n vehicles is drawn of which there is no more to tell, 1 unless they are many."""
+    return np.asarray(np.minimum(1.0, (CROWD / np.maximum(n, 1)) ** FADING))
 
 
 def cells(tessellation: Tessellation) -> rr.LineStrips3D:
@@ -155,9 +161,19 @@ def truth(tracks: Tracks) -> rr.ComponentColumnList:
     return rr.LineStrips3D.columns(strips=_raised(outline, HEIGHT["truth"]))
 
 
-def detections(position: FloatArray) -> rr.ComponentColumnList:
-    """White dots."""
-    return rr.Points3D.columns(positions=_raised(position, HEIGHT["detections"]))
+def truth_style(n: int) -> rr.LineStrips3D:
+    """White outlines of n vehicles at most; of a crowd, of which they would hide all else, thin and grey ones."""
+    share = float(in_crowd(np.array(n)))
+    return rr.LineStrips3D.from_fields(colors=[round(255 * share)] * 3, radii=_points(TRUTH_RADIUS * share))
+
+
+def detections(position: FloatArray, n_each: Sequence[int]) -> rr.ComponentColumnList:
+    """White dots, so many at each instant; those of a crowd smaller and grey."""
+    places = rr.Points3D.columns(positions=_raised(position, HEIGHT["detections"])).partition(n_each)
+    share = in_crowd(np.array(n_each))
+    color = np.rint(255 * share)[:, None].repeat(3, axis=1).astype(np.uint8)
+    of_all = rr.Points3D.columns(radii=_points(DETECTION_RADIUS * share), colors=color)
+    return rr.ComponentColumnList([*places, *of_all])
 
 
 class Dots(NamedTuple):
@@ -184,10 +200,10 @@ def particles(parts: Sequence[Dots]) -> rr.ComponentColumnList:
     return rr.Points3D.columns(positions=place, colors=color)
 
 
-def estimates(believed: Estimates) -> rr.ComponentColumnList:
+def estimates(believed: Estimates, prominence: FloatArray) -> rr.ComponentColumnList:
     """Large dots in the vehicle's colour."""
     place = _raised(believed.position, HEIGHT["estimates"])
-    return rr.Points3D.columns(positions=place, colors=_shade(believed))
+    return rr.Points3D.columns(positions=place, colors=_shade(believed), radii=_points(ESTIMATE_RADIUS * prominence))
 
 
 def ids(believed: Estimates, *, depth: float) -> rr.ComponentColumnList:
@@ -199,12 +215,13 @@ def ids(believed: Estimates, *, depth: float) -> rr.ComponentColumnList:
     )
 
 
-def motion(believed: Estimates) -> rr.ComponentColumnList:
+def motion(believed: Estimates, prominence: FloatArray) -> rr.ComponentColumnList:
     """Arrows to where the vehicles will be in one second."""
     return rr.Arrows3D.columns(
         origins=_raised(believed.position, HEIGHT["motion"]),
         vectors=_raised(shapes.motion_arrow(believed.direction, believed.speed), 0.0),
         colors=_shade(believed),
+        radii=_points(MOTION_RADIUS * prominence),
     )
 
 
@@ -221,10 +238,12 @@ def covariance(believed: Estimates) -> rr.ComponentColumnList:
     )
 
 
-def trails(track_id: Sequence[str], step: FloatArray) -> rr.ComponentColumnList:
+def trails(track_id: AnyArray, step: FloatArray, prominence: FloatArray) -> rr.ComponentColumnList:
     """The step of each vehicle from where it was last seen to where it is. (n, 2, 2) metres."""
     color = track_color(track_id)
-    return rr.LineStrips3D.columns(strips=_raised(step, HEIGHT["trails"]), colors=color)
+    color[:, :3] = np.rint(prominence[:, None] * color[:, :3])
+    strips = _raised(step, HEIGHT["trails"])
+    return rr.LineStrips3D.columns(strips=strips, colors=color, radii=_points(TRAIL_RADIUS * prominence))
 
 
 def true_trails(step: FloatArray) -> rr.ComponentColumnList:
@@ -248,15 +267,14 @@ class Forecast(NamedTuple):
     """
 
     paths: FloatArray
-    fans: Sequence[Fan]
+    fans: Sequence[Region]
 
     @classmethod
-    def of(cls, paths: FloatArray) -> Forecast:
-        """Of sampled futures, (n_samples, n_steps, 2) metres."""
+    def of(cls, paths: FloatArray, regions: Sequence[Region]) -> Forecast:
+        """Of sampled futures from the vehicle on, (n_samples, n_steps, 2) metres, and of their regions."""
         last = paths.shape[1] - 1
         kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
-        coarse = np.ascontiguousarray(paths[:, kept])
-        return cls(coarse[:PATHS_DRAWN], fans_of(coarse, tuple(FANS.values())))
+        return cls(paths[:PATHS_DRAWN, kept], regions)
 
 
 def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.ComponentColumnList]]:

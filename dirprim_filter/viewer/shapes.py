@@ -30,6 +30,8 @@ PETAL_VERTICES = 24
 REACH = 1.5
 """How far the longest petal goes, as a share of the way from the cell's centre to its border: along a lane it
 ends before the next cell's petal begins."""
+LARGEST_ROSE = 0.18
+"""The same as a share of the width of a square as large as all cells: those of a map of few cells would hide it."""
 N_SECTORS = 24
 """Of a rose diagram: 15 degrees each."""
 SMALLEST_SECTOR = 0.003
@@ -40,6 +42,8 @@ POINTS_IN_SECTOR = 64
 standard deviation of 0.6 degrees."""
 MOST_BEND = 1.0
 """Radians by which a petal turns at most from its root to its tip."""
+LITTLE_MORE = 1.6
+"""Times as long as the busy square is a map that is shown in whole."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
 
@@ -80,7 +84,7 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     theta = mean[:, None] + half_width[:, None] * np.linspace(-1.0, 1.0, PETAL_VERTICES)
     sharpest = von_mises.log_density(np.zeros(()), np.zeros(()), np.array(SHARPEST_PETAL))
     log_p = von_mises.log_density(theta, mean[:, None], concentration[:, None]) - sharpest
-    reach = REACH * 0.5 * np.sqrt(primitives.tessellation.area[cell])
+    reach = _rose_reach(primitives.tessellation)[cell]
     radius = reach[:, None] * np.sqrt(weight[:, None] * np.exp(log_p))
     center = primitives.tessellation.centers[cell][:, None, :]
     curvature = (primitives.bend[cell, mode] * _heading(mean)).sum(axis=-1)
@@ -134,10 +138,16 @@ def rose_sectors(primitives: PrimitiveMap) -> Roses:
     cell, share = held[row], probability[row, sector]
     width = TWO_PI / N_SECTORS
     theta = (sector * width)[:, None] + np.linspace(-0.5, 0.5, SECTOR_VERTICES) * width
-    radius = REACH * 0.5 * np.sqrt(tessellation.area[cell] * share)
+    radius = _rose_reach(tessellation)[cell] * np.sqrt(share)
     center = tessellation.centers[cell][:, None, :]
     rim = center + radius[:, None, None] * _heading(theta)
     return Roses(polygon=np.concatenate([center, rim], axis=1), probability=share, cell=cell)
+
+
+def _rose_reach(tessellation: Tessellation) -> FloatArray:
+    """How far the longest petal of each cell may go. -> (n_cells,) metres."""
+    own = 0.5 * REACH * np.sqrt(tessellation.area)
+    return np.asarray(np.minimum(own, LARGEST_ROSE * np.sqrt(tessellation.area.sum())))
 
 
 def fastest_speed(petals: Petals) -> float:
@@ -182,8 +192,10 @@ def map_extent(primitives: PrimitiveMap) -> FloatArray:
 
 
 def busy_box(primitives: PrimitiveMap, *, share: float) -> FloatArray:
-    """The busy square of a map, by the rows that it was learned from. -> (2, 2)."""
-    return busy_square(primitives.tessellation, primitives.n_rows[:-1], share=share)
+    """The busy square of a map, by the rows that it was learned from; all of it, if it is little more. -> (2, 2)."""
+    busy = busy_square(primitives.tessellation, primitives.n_rows[:-1], share=share)
+    whole = map_extent(primitives)
+    return whole if np.ptp(whole, axis=0).max() <= LITTLE_MORE * np.ptp(busy, axis=0).max() else busy
 
 
 def busy_square(tessellation: Tessellation, n_rows: IntArray, *, share: float) -> FloatArray:

@@ -7,7 +7,7 @@ What is true for the whole log is static; all else stands on the log's own time 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -17,6 +17,7 @@ import rerun as rr
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.transitions import cell_transitions
 from dirprim_filter.tracks import Tracks, as_texts
@@ -31,7 +32,7 @@ from dirprim_filter.viewer.program import WebServer
 from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.scenery import scenery
 from dirprim_filter.viewer.timeline import time_column
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 
@@ -116,7 +117,7 @@ class RerunSink:
         self._batch = self._new_batch()
         self._focus, self._lines, self._tally = Focus(focus), Lifelines(), Tally()
         self._last_seen: dict[str, tuple[int, FloatArray]] = {}
-        self._unsure: set[str] = set()
+        self._not_forecast: set[str] = set()
         self._forecasts: dict[str, marks.Forecast] = {}
         self._forecast_ns = 0
         self._forecasts_pending = False
@@ -171,6 +172,7 @@ class RerunSink:
         if self._box is None:
             self._box = shapes.extent(tracks.position)
         times, counts = np.unique(tracks.time_ns, return_counts=True)
+        self._static("/truth", marks.truth_style(int(counts.max())))
         # One empty instant after the last: otherwise the last vehicles would stand there for ever.
         after = times[-1] + (int(np.median(np.diff(times))) if len(times) > 1 else 1)
         outlines = marks.truth(tracks).partition(np.append(counts, 0))
@@ -188,9 +190,11 @@ class RerunSink:
             return
         if self._box is None:
             self._box = shapes.extent(detections.position)
-        places = marks.detections(np.concatenate([frame.position for frame in frames]))
+        n_each = [len(frame) for frame in frames]
+        places = np.concatenate([frame.position for frame in frames])
         times = time_column([int(frame.time_ns[0]) for frame in frames])
-        self.stream.send_columns("/detections", [times], places.partition([len(frame) for frame in frames]))
+        drawn = marks.detections(places, n_each)
+        self.stream.send_columns("/detections", [times], drawn)
 
     def log_report(self, markdown: str) -> None:
         """A text about the run: configuration, results."""
@@ -205,64 +209,60 @@ class RerunSink:
     def write(self, frame: TrackedFrame) -> None:
         """Show one frame; vehicles that it does not name vanish."""
         believed = frame.estimates
+        if self._box is None:
+            self._box = shapes.extent(np.concatenate([believed.position, frame.detections.position]))
         if not self._laid_out:
-            if self._box is None:
-                self._box = shapes.extent(np.concatenate([believed.position, frame.detections.position]))
             self._begin(tracked=True)
             self._batch = self._new_batch()
         self._forget_forecasts(frame.time_ns)
         values = metrics(frame, float("nan") if self._truth is None else self._truth.nees(frame))
         self._tally.add(values)
-        self._batch.add(frame, steps=self._steps(believed), look=self._focus.see(frame), metrics=values)
+        look = self._focus.see(frame)
+        in_full = self._focus.in_full(frame, box=self._box)
+        self._batch.add(frame, in_full=in_full, steps=self._steps(believed), look=look, metrics=values)
         self._lines.see(frame)
-        self._see(frame.time_ns, believed)
+        self._see(frame.time_ns, believed, in_full)
         if self.outlet.live or len(self._batch) >= BATCH_FRAMES:
             self._send_batch()
 
-    def write_forecast(self, time_ns: int, track_id: Sequence[str], paths: FloatArray) -> None:
+    def write_forecast(self, forecasts: Forecasts) -> None:
         """Sampled futures and their fans; a vehicle's stay until it goes or forecasts of another time come.
 
-        Vehicles that are out of sight, or of which nobody knows yet where they head, get none.
+        Vehicles that are out of sight, of which nobody knows yet where they head, or of a crowd get none.
 
         Args:
-            time_ns: when the forecasts were made; after `write` of the frame of that time.
-            track_id: n ids of the vehicles.
-            paths: (n, n_samples, n_steps, 2) metres, of one shape for one time; lines begin at the vehicle's last
-                estimate.
+            forecasts: of one shape for one time; after `write` of the frame of that time.
         """
-        if time_ns != self._forecast_ns:
+        if forecasts.time_ns != self._forecast_ns:
             self._show_pending_forecasts()
             self._forecasts = {}
-        for name, futures in zip(map(str, track_id), paths, strict=True):
-            if name in self._unsure:
-                continue
-            start = (
-                np.full((len(futures), 1, 2), self._last_seen[name][1]) if name in self._last_seen else futures[:, :1]
-            )
-            self._forecasts[name] = marks.Forecast.of(np.concatenate([start, futures], axis=1))
-        self._forecast_ns = time_ns
+        drawn = zip(forecasts.track_id, forecasts.coarse_paths(), forecasts.regions, strict=True)
+        for name, paths, regions in drawn:
+            if name not in self._not_forecast:
+                self._forecasts[name] = marks.Forecast.of(paths, regions)
+        self._forecast_ns = forecasts.time_ns
         self._forecasts_pending = True
 
-    def _steps(self, believed: Estimates) -> tuple[list[str], FloatArray]:
+    def _steps(self, believed: Estimates) -> tuple[IntArray, FloatArray]:
         """The step of each vehicle since it was last seen; the layout shows the steps of the last seconds."""
         names = [str(name) for name in believed.track_id]
-        known = [row for row, name in enumerate(names) if name in self._last_seen]
+        known = np.array([row for row, name in enumerate(names) if name in self._last_seen], np.int64)
         start = np.array([self._last_seen[names[row]][1] for row in known]).reshape(-1, 2)
-        return [names[row] for row in known], np.stack([start, believed.position[known]], axis=1)
+        return known, np.stack([start, believed.position[known]], axis=1)
 
-    def _see(self, time_ns: int, believed: Estimates) -> None:
+    def _see(self, time_ns: int, believed: Estimates, in_full: BoolArray) -> None:
         oldest_ns = time_ns - int(TRAIL_S * 1e9)
         self._last_seen = {name: seen for name, seen in self._last_seen.items() if seen[0] >= oldest_ns}
         names = [str(name) for name in believed.track_id]
         self._last_seen |= {name: (time_ns, place) for name, place in zip(names, believed.position, strict=True)}
         is_unsure = (believed.unseen_s > UNSEEN_S) | (believed.direction_resultant < SURE_FROM)
-        self._unsure = {names[row] for row in np.flatnonzero(is_unsure)}
+        self._not_forecast = {names[row] for row in np.flatnonzero(is_unsure | ~in_full)}
 
     def _forget_forecasts(self, time_ns: int) -> None:
         """Drop the forecasts of vehicles that have gone."""
         self._show_pending_forecasts()
         since_ns = time_ns - int(UNSEEN_S * 1e9)
-        here = {name for name, (seen_ns, _) in self._last_seen.items() if seen_ns >= since_ns} - self._unsure
+        here = {name for name, (seen_ns, _) in self._last_seen.items() if seen_ns >= since_ns} - self._not_forecast
         kept = {name: paths for name, paths in self._forecasts.items() if name in here}
         if len(kept) < len(self._forecasts):
             self._forecasts = kept
@@ -308,6 +308,8 @@ class RerunSink:
         box = shapes.extent(np.empty((0, 2))) if self._box is None else self._box
         for path, style in scenery():
             self._static(path, style)
+        if tracked and self._primitives is not None:
+            self._static("/map/roses", marks.ROSES_UNDER_TRAFFIC)
         self._static(BOX_PATH, rr.AnyValues(box=box.ravel()))
         self.lay_out(Layout(box=box, live=self.outlet.live, tracked=tracked))
 

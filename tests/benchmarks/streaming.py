@@ -26,7 +26,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink, TrackedFrame
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.forecasting import Forecaster, ForecastSink
+from dirprim_filter.forecasting import Forecaster, Forecasts, ForecastSink
 from dirprim_filter.replay import replay
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.sink import RerunSink
@@ -48,10 +48,10 @@ class Timed:
         self.sink.write(frame)
         self.seconds += time.perf_counter() - began
 
-    def write_forecast(self, time_ns: int, track_id: list[str], paths: np.ndarray) -> None:
+    def write_forecast(self, forecasts: Forecasts) -> None:
         """Pass on."""
         began = time.perf_counter()
-        self.sink.write_forecast(time_ns, track_id, paths)
+        self.sink.write_forecast(forecasts)
         self.seconds += time.perf_counter() - began
 
 

@@ -57,12 +57,16 @@ def test_steps_tell_how_many_of_how_many():
         with step_progress("writing", "chunks") as tell:
             for done in range(1, 5):
                 tell(done, 4)
-        with learning_progress() as tell:
-            tell(17, -0.5)
+        with learning_progress() as told:
+            told.stage(0)
+            told.progress(17, -0.5)
+        with learning_progress() as told:
+            told.stage(4)
         with working("reading y"):
             pass
     assert "4 of 4 chunks" in text_of(shown)
-    assert "17 cells, held-out log density 0.500" in text_of(shown)
+    assert "stage 1 of 5: learning cells: 17 cells, held-out log density 0.500" in text_of(shown)
+    assert "stage 5 of 5: learning how they go on" in text_of(shown)
     assert "reading y" in text_of(shown)
 
 
@@ -71,7 +75,7 @@ def test_a_pipe_gets_nothing(capsys):
     assert list(with_progress(frames, what="x", end_ns=1)) == frames
     with step_progress("x", "y") as tell, learning_progress() as learned, working("z"):
         assert tell is None
-        assert learned is None
+        assert learned == (None, None)
     assert capsys.readouterr().err == ""
 
 
@@ -86,7 +90,9 @@ def test_the_long_commands_tell_of_their_steps(tmp_path, ring, capsys):
     write_tracks(ring[ring.track_id < 6], tmp_path / "ring.mcap")
     commands = {
         f"convert {tmp_path}/t.csv -o {tmp_path}/t.mcap": r"9 of 9 instants",
+        f"learn {tmp_path}/ring.mcap -o {tmp_path}/map.mcap --tessellation grid --cell-size 8": r"stage 5 of 5: learn",
         f"recover {tmp_path}/t.mcap -o {tmp_path}/whole.mcap": r"(\d+) of \1 chunks",
+        f"replay {tmp_path}/ring.mcap --rate inf --save {tmp_path}/r.rrd": r"(\d+\.\d) of \1 s of the log",
         f"evaluate forecast {tmp_path}/ring.mcap --folds 2 --horizon 1 --samples 20": r"4 of 4 fits",
     }
     for command, told in commands.items():

@@ -32,7 +32,7 @@ NEED_A_MAP = (["track"], ["forecast"])
 def test_whatever_reads_a_log_has_the_options_of_reading(capsys, command):
     assert run([*command, "--help"]) == 0
     told = capsys.readouterr().out
-    for option in ("topics", "time-source", "frame", "fields", "origin", "labels", "start", "end", "strict"):
+    for option in ("topics", "time-source", "frame", "fields", "origin", "labels", "group", "start", "end", "strict"):
         assert f"--{option} " in told
 
 

@@ -11,12 +11,14 @@ import pytest
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import DecodeError
+from matplotlib.path import Path as Outline
 from mcap.reader import make_reader
 from scipy.stats import chi2
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
 from dirprim_filter.recording import save_map, scene
 from dirprim_filter.recording.schemas.dirprim import decode_estimates, encode_estimates
@@ -87,9 +89,15 @@ def estimate_log(tmp_path):
         log.write_map_scene(a_map())
         for time_ns in range(0, 3_000_000_000, 100_000_000):
             log.write(a_frame(time_ns))
-        ids = ["a", "b"]
-        log.write_forecast(2_900_000_000, ids, np.random.default_rng(0).normal(size=(2, 5, 10, 2)))
+        log.write_forecast(Forecasts.of(2_900_000_000, ["a", "b"], np.zeros((2, 2)), futures()))
     return path
+
+
+def futures():
+    """Of two vehicles, 60 each, that part as they go on: (2, 60, 10, 2) metres."""
+    rng = np.random.default_rng(0)
+    heading = np.cumsum(rng.normal(0.0, 0.1, (2, 60, 10)), axis=2)
+    return np.cumsum(4.0 * np.stack([np.cos(heading), np.sin(heading)], axis=-1), axis=2)
 
 
 def messages(path, topic):
@@ -198,14 +206,39 @@ def test_the_fastest_petal_is_yellow_and_the_slowest_the_darkest():
 def test_forecasts_are_lines(estimate_log):
     (message,) = messages(estimate_log, "/dirprim/forecast")
     entities = SceneUpdate.FromString(message.data).entities
-    assert [(e.id, len(e.lines), len(e.lines[0].points)) for e in entities] == [("a", 5, 10), ("b", 5, 10)]
+    assert [(e.id, len(e.lines), len(e.lines[0].points)) for e in entities] == [("a", 60, 10), ("b", 60, 10)]
     drawn = [[[(point.x, point.y) for point in line.points] for line in entity.lines] for entity in entities]
-    assert (np.array(drawn) == np.random.default_rng(0).normal(size=(2, 5, 10, 2))).all()
-    with (
-        pytest.raises(ValueError, match="expected 1 vehicles"),
-        EstimateLog(estimate_log.with_name("b.mcap"), metadata={}) as log,
-    ):
-        log.write_forecast(0, ["a"], np.zeros((2, 5, 10, 2)))
+    assert (np.array(drawn) == futures()).all()
+
+
+def test_regions_of_forecasts_hold_the_share_of_the_paths_that_they_tell(estimate_log):
+    """Read by the stock reader and judged by matplotlib: at every instant, and not much more than the share."""
+    (message,) = messages(estimate_log, "/dirprim/forecast")
+    for entity, paths in zip(SceneUpdate.FromString(message.data).entities, futures(), strict=True):
+        told = {note.key: float(note.value) for note in entity.metadata}
+        assert told == {"triangles_0_share": 0.9, "triangles_1_share": 0.5}
+        areas, held = [], []
+        for k, (region, share) in enumerate(zip(entity.triangles, (0.9, 0.5), strict=True)):
+            corner = np.array([(p.x, p.y) for p in region.points])[np.array(region.indices).reshape(-1, 3)]
+            held.append(
+                [
+                    np.any([Outline(c).contains_points(paths[:, step], radius=1e-6) for c in corner], axis=0).mean()
+                    for step in range(paths.shape[1])
+                ]
+            )
+            assert min(held[k]) >= share - 0.05  # straight edges between nodes cost a sample or two
+            (ax, ay), (bx, by) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
+            areas.append(0.5 * (ax * by - ay * bx).sum())
+            assert (region.color.r, region.color.g, region.color.b, region.color.a) == scene.REGION_COLORS[k]
+        assert held[1][-1] < 0.75  # at the last instant the narrow one leaves out what the wide one holds
+        assert 0 < areas[1] < 0.7 * areas[0]
+
+
+def test_forecasts_whose_shapes_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="expected 1 vehicles"):
+        Forecasts.of(0, ["a"], np.zeros((1, 2)), np.zeros((2, 5, 10, 2)))
+    with pytest.raises(ValueError, match="start"):
+        Forecasts.of(0, ["a"], np.zeros((2, 2)), np.zeros((1, 5, 10, 2)))
 
 
 def test_a_stride_of_none_is_refused(tmp_path):

@@ -1,4 +1,4 @@
-"""What objects are: read as independent writers wrote it, chosen by name or pattern, and told by `info`."""
+"""What objects are, and of which group: read as others wrote it, chosen by name or number, and told by `info`."""
 
 import json
 
@@ -11,6 +11,8 @@ from test_ros2_schemas import N_TIMES, SCENE, array_log, carla, detected, detect
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.reader import inspect, read_tracks, stream_detections
+from dirprim_filter.recording.writer import write_tracks
+from dirprim_filter.tracks import Tracks
 
 AUTOWARE = (1, 7, 2)  # car, pedestrian, truck: ObjectClassification.msg
 
@@ -95,3 +97,21 @@ def test_the_command_line_tells_and_chooses(tmp_path, capsys):
     output = ["--rate", "inf", "--save", str(tmp_path / "a.rrd")]
     assert run(["replay", str(path), "--labels", "bus", *output]) == 0
     assert "0 frames" in capsys.readouterr().out
+
+
+def test_one_group_is_played_alone(tmp_path, capsys):
+    """Two recordings that begin at the same time: without the word they are one crowd, with it each is itself."""
+    both = Tracks(
+        track_id=np.repeat(["a", "b", "c"], 4), time_ns=np.tile(np.arange(4) * 10**8, 3), position=np.ones((12, 2)),
+        direction=np.zeros(12), speed=np.ones(12), group=np.repeat([3, 3, 8], 4),
+    )  # fmt: skip
+    write_tracks(both, tmp_path / "both.mcap")
+    assert inspect(tmp_path / "both.mcap").groups == {"/objects": {3: 8, 8: 4}, "/objects/scene": {3: 8, 8: 4}}
+    for topic in ("/objects", "/objects/scene"):
+        for group, ids in ((3, {"a", "b"}), (8, {"c"}), (None, {"a", "b", "c"})):
+            assert set(read_tracks(tmp_path / "both.mcap", topics=topic, group=group).track_id) == ids
+            seen = list(stream_detections(tmp_path / "both.mcap", topics=topic, group=group))
+            assert [set(frame.track_id) for frame in seen] == [ids] * 4
+    assert run(["info", str(tmp_path / "both.mcap")]) == 0
+    assert "groups in /objects: 2, from 3 to 8" in capsys.readouterr().out
+    assert len(read_tracks(tmp_path / "both.mcap", group=4)) == 0

@@ -320,6 +320,7 @@ def test_inspect_counts_what_the_stock_reader_counts():
         "is_checked": True,
         "stamps": {source: {"zero": 1, "backward": 0, "duplicate": 0, "jumps": 0} for source in SOURCES},
         "labels": {"ground_truth": {"car": len(list(decoded(path)))}},
+        "groups": {},
         "attachments": [],
         "metadata": [],
     }  # fmt: skip

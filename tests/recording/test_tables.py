@@ -285,3 +285,19 @@ def test_real_annotations_are_all_accounted_for(video, scale, n_rows):
     assert len(read.tracks) + sum(read.dropped.values()) == n_rows
     assert (read.tracks.speed > 25.0).mean() < 0.005  # some boxes jump when a lost track is found again
     assert np.ptp(read.tracks.position, axis=0).max() < 100.0
+
+
+def test_a_vehicle_of_which_a_heading_is_missing_gets_its_motion_from_positions(tmp_path):
+    rows = [f"{0.1 * k:.1f},{name},{k},0,{heading},{speed}" for k in range(4) for name, heading, speed in (
+        ("told", 1.5, 3), ("part", "" if k == 2 else 1.5, 3), ("none", "", ""))]  # fmt: skip
+    read = read_csv(table(tmp_path, "\n".join([HEADER, *rows])))
+    assert read.dropped == {}
+    motion = {name: read.tracks[read.tracks.track_id == name] for name in ("told", "part", "none")}
+    assert [len(own) for own in motion.values()] == [4, 4, 4]
+    np.testing.assert_array_equal(motion["told"].direction, 1.5)
+    np.testing.assert_array_equal(motion["told"].speed, 3.0)
+    for name in ("part", "none"):  # a metre each 0.1 s to the east
+        np.testing.assert_allclose(motion[name].direction, 0.0, atol=1e-12)
+        np.testing.assert_allclose(motion[name].speed, 10.0)
+    (told,) = read.notes.values()
+    assert told == 3

@@ -12,11 +12,13 @@ from rrd_files import rows_of
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Innovations, TrackedFrame
 from dirprim_filter.evaluation.tracking import score
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.writer import EstimateLog
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import colors, marks
+from dirprim_filter.viewer.focus import CROWD, DRAWN_IN_FULL, STILL_CROWD, Focus
 from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.sink import RerunSink
 from dirprim_filter.viewer.stream import open_stream
@@ -118,7 +120,8 @@ def test_forecasts_of_a_vehicle_nobody_sees_are_not_drawn_and_fans_hold_the_othe
         sink.log_map(scene_map)
         for frame in believed[:3]:
             sink.write(frame)
-        sink.write_forecast(believed[2].time_ns, ["7", "8"], np.stack([futures, futures]))
+        start = believed[2].estimates.position
+        sink.write_forecast(Forecasts.of(believed[2].time_ns, ["7", "8"], start, np.stack([futures, futures])))
     ((time_ns, lines),) = rows_of(tmp_path / "run.rrd", "/forecasts/paths", "LineStrips3D:strips")
     assert time_ns == believed[2].time_ns
     assert len(lines) == marks.PATHS_DRAWN
@@ -195,17 +198,50 @@ def test_a_report_is_a_table_whatever_stands_in_it() -> None:
     assert "{no json" in text
 
 
-@pytest.mark.parametrize("n", [3, marks.MOST_IDS + 1])
-def test_a_crowd_has_no_names_and_fainter_fans(tmp_path: Path, scene_frames: list[TrackedFrame], n: int) -> None:
-    first = scene_frames[0]
-    row = np.zeros(n, np.int64)
-    many = replace(first.estimates[row], track_id=np.arange(n))
+@pytest.mark.parametrize("n", [3, CROWD + 1])
+@pytest.mark.parametrize("worst_first", [True, False])
+def test_of_a_crowd_the_few_understood_least_are_drawn_in_full(
+    tmp_path: Path, scene_frames: list[TrackedFrame], n: int, worst_first: bool
+) -> None:
+    evidence = np.arange(n) - float(n)
+    names = [str(i) for i in range(n)]
     with open_stream(save=tmp_path / "run.rrd") as sink:
-        sink.write(replace(first, estimates=many))
-        futures = first.estimates.position[0] + np.cumsum(np.ones((n, 12, 6, 2)), axis=2)
-        sink.write_forecast(first.time_ns, [str(i) for i in range(n)], futures)
-    labels = [v for _, v in rows_of(tmp_path / "run.rrd", "/tracks/ids", "Points3D:labels")]
-    assert [len(v) for v in labels] == ([n] if n <= marks.MOST_IDS else [0])
-    ((_, packed),) = rows_of(tmp_path / "run.rrd", "/forecasts/region_90", "Mesh3D:albedo_factor")
-    expected = marks.FAN_OPACITY if n <= marks.FEW_FANS else marks.FAINTEST_FAN
-    assert int(packed[0]) & 255 == round(255 * expected)
+        for frame in scene_frames[:3]:
+            many = replace(
+                frame.estimates[np.zeros(n, np.int64)],
+                track_id=np.arange(n), log_evidence=evidence if worst_first else evidence[::-1],
+            )  # fmt: skip
+            sink.write(replace(frame, estimates=many))
+        futures = many.position[:, None, None] + np.cumsum(np.ones((n, 12, 6, 2)), axis=2)
+        sink.write_forecast(Forecasts.of(frame.time_ns, names, many.position, futures))
+    few = (names if worst_first else names[::-1])[: n if n <= CROWD else DRAWN_IN_FULL]
+    labels = [set(v) for _, v in rows_of(tmp_path / "run.rrd", "/tracks/ids", "Points3D:labels")]
+    assert labels[1:] == [set(few)] * 2
+    sizes = [v for _, v in rows_of(tmp_path / "run.rrd", "/tracks/estimates", "Points3D:radii")]
+    assert all((np.unique(v).size == 2) == (n > CROWD) for v in sizes[1:])
+    assert all(
+        {names[i] for i in np.flatnonzero(v == v.min())} == set(few) for v in sizes[1:]
+    )  # on the screen: negative
+    dots = [v for _, v in rows_of(tmp_path / "run.rrd", "/tracks/particles", "Points3D:positions")]
+    assert [len(v) for v in dots[1:]] == [len(frame.particles.weight) // 2 * len({"0", "1"} & set(few))] * 2
+    ((_, lines),) = rows_of(tmp_path / "run.rrd", "/forecasts/paths", "LineStrips3D:strips")
+    assert len(lines) == marks.PATHS_DRAWN * len(few)
+
+
+def test_a_crowd_is_one_until_it_is_clearly_none(scene_frames: list[TrackedFrame]) -> None:
+    focus, everywhere = Focus(None), np.array([[-1e3, -1e3], [1e3, 1e3]])
+    drawn = []
+    for n in (CROWD, CROWD + 1, STILL_CROWD + 1, STILL_CROWD, CROWD):
+        many = replace(scene_frames[0].estimates[np.zeros(n, np.int64)], track_id=np.arange(n))
+        frame = replace(scene_frames[0], estimates=many)
+        focus.see(frame)
+        drawn.append(int(focus.in_full(frame, box=everywhere).sum()))
+    assert drawn == [CROWD, DRAWN_IN_FULL, DRAWN_IN_FULL, STILL_CROWD, CROWD]
+
+
+def test_marks_of_a_crowd_cover_more_ground_the_more_they_are_but_less_each() -> None:
+    n = np.array([0, 1, CROWD, CROWD + 1, 100, 1000])
+    share = marks.in_crowd(n)
+    np.testing.assert_array_equal(share[:3], 1.0)
+    assert (np.diff(share[2:]) < 0).all()
+    assert (np.diff(n[2:] * share[2:] ** 2) > 0).all()

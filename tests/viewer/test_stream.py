@@ -15,6 +15,7 @@ from rerun.chunk import RrdReader
 from rrd_files import rows_of
 
 from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import program as viewer_room
@@ -129,17 +130,18 @@ def test_a_frame_shows_the_same_whether_it_is_sent_alone_or_in_a_batch(
 def test_forecasts_of_one_time_are_shown_together_until_their_vehicle_goes(
     tmp_path: Path, scene_frames: list[TrackedFrame]
 ) -> None:
-    futures = np.arange(24.0).reshape(3, 4, 2)  # with where the vehicle is, five instants, of which three are shown
+    futures = np.arange(72.0).reshape(3, 12, 2)  # with where the vehicle is, 13 instants, of which seven are shown
     nobody = scene_frames[-1]  # one frame without a vehicle is a report that failed to come, not its end
     later = replace(nobody, time_ns=nobody.time_ns + 1_000_000_000)
     with open_stream(save=tmp_path / "f.rrd") as sink:
         for frame in [*scene_frames, later]:
             sink.write(frame)
             if frame is scene_frames[1]:
-                sink.write_forecast(frame.time_ns, ["7", "8"], np.stack([futures, futures]))
+                start = frame.estimates.position
+                sink.write_forecast(Forecasts.of(frame.time_ns, ["7", "8"], start, np.stack([futures, futures])))
     first, last = rows_of(tmp_path / "f.rrd", "/forecasts/paths", "LineStrips3D:strips")
     assert (first[0], last[0]) == (scene_frames[1].time_ns, later.time_ns)
-    assert first[1].shape == (6, 3, 3)
+    assert first[1].shape == (6, 7, 3)
     assert first[1][:3, 1:, :2] == pytest.approx(futures[:, 1::2])
     assert first[1][:3, 0, :2] == pytest.approx(np.tile(scene_frames[1].estimates.position[0], (3, 1)))
     assert last[1].size == 0

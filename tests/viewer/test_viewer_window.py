@@ -16,6 +16,7 @@ from rerun.experimental import ViewerClient
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Innovations, TrackedFrame
+from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.colors import speed_color, track_color
@@ -68,9 +69,9 @@ def shown_at(client: ViewerClient, time_ns: int) -> np.ndarray:
     return settled_picture(client)
 
 
-def map_area(picture: np.ndarray, *, width: float = 0.5) -> np.ndarray:
+def map_area(picture: np.ndarray, *, width: float = 0.5, height: float = 0.7) -> np.ndarray:
     """The part of the window where the map is: the legend's bar below and the plots beside have its colours."""
-    return picture[: int(0.7 * len(picture)), : int(width * picture.shape[1])]
+    return picture[: int(height * len(picture)), : int(width * picture.shape[1])]
 
 
 def reports_of(client: ViewerClient) -> list[object]:
@@ -106,7 +107,7 @@ def test_petals_lie_where_their_cells_are_in_the_colour_of_their_speed(
     with open_stream("dirprim map", save=tmp_path / "map.rrd") as sink:
         sink.log_map(fast_slow)
     viewer.open(str(tmp_path / "map.rrd"))
-    picture = map_area(settled_picture(viewer, at_least_s=2.0), width=0.75)
+    picture = map_area(settled_picture(viewer, at_least_s=2.0), width=0.75, height=0.88)
     slow, fast = (speed_color(np.array(speed), fastest=8.0)[:3].astype(float) for speed in (1.0, 8.0))
     assert reports_of(viewer) == []
     right, up = place_of(picture, fast, tolerance=25) - place_of(picture, slow, tolerance=12)
@@ -128,7 +129,7 @@ def test_every_kind_of_recording_opens_without_a_complaint(
                 sink.write(replace(frame, innovations=told))
                 if frame is first:
                     futures = np.cumsum(np.ones((2, 20, 8, 2)), axis=2) + first.estimates.position[:, None, None]
-                    sink.write_forecast(first.time_ns, ["7", "8"], futures)
+                    sink.write_forecast(Forecasts.of(first.time_ns, ["7", "8"], first.estimates.position, futures))
             sink.log_run({"command": "test"}, {"frames": "6"})
     with open_stream("dirprim log", save=tmp_path / "log.rrd") as sink:
         sink.log_truth(scene_tracks)

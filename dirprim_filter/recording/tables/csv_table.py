@@ -38,9 +38,9 @@ TURN = 2 * np.pi
 def read_csv(path: str | Path) -> Table:
     """The tracks of a csv file.
 
-    Rows with an empty cell or a number that is not finite, with a negative speed, and second rows of a
-    vehicle at one time are dropped and counted. Where `heading_rad` or `speed_mps` is missing, both are
-    differenced from the positions.
+    Rows without a time or a place, with an infinite number, with a negative speed, and second rows of a vehicle at one
+    time are dropped and counted. Where `heading_rad` or `speed_mps` is missing in a row of a vehicle, both are
+    differenced from its positions.
 
     Raises:
         TableError: a column is missing or in another unit, or a cell is no number.

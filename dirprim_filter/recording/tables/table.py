@@ -62,10 +62,10 @@ class TableRows:
 def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int] | None = None) -> Table:
     """The table of rows: bad ones dropped and counted, times in order, ids unique.
 
-    Dropped are rows with a number that is missing or not finite, with a negative speed, and of two rows of a
-    vehicle at one time the second. A vehicle id that stands in two groups means two vehicles: all ids become
-    `group/id`. Where direction or speed is missing, both are differenced from the positions; a row that
-    stands alone in time is then dropped as well.
+    Dropped are rows whose time or position is missing, with an infinite number, with a negative speed, and of two
+    rows of a vehicle at one time the second. A vehicle id that stands in two groups means two vehicles: all ids become
+    `group/id`. Where direction or speed is missing in a row of a vehicle, both are differenced from all its
+    positions; a row that stands alone in time is then dropped as well.
 
     Args:
         rows: the rows as read.
@@ -75,12 +75,12 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
     counts = dict(dropped or {})
     notes: dict[str, int] = {}
     finite = rows.time_known & np.isfinite(rows.position).all(axis=1)
-    motion = None if rows.direction is None or rows.speed is None else (rows.direction, rows.speed)
-    good = finite
-    if motion is not None:
-        finite = finite & np.isfinite(motion[0]) & np.isfinite(motion[1])
-        good = finite & ~(motion[1] < 0)
-        _count(counts, "negative speed", int((finite & ~good).sum()))
+    nowhere = np.full(len(finite), np.nan)
+    direction = nowhere if rows.direction is None else rows.direction
+    speed = nowhere if rows.speed is None else rows.speed
+    finite &= ~np.isinf(direction) & ~np.isinf(speed)
+    good = finite & ~(speed < 0)
+    _count(counts, "negative speed", int((finite & ~good).sum()))
     _count(counts, "a number that is missing or not finite", int((~finite).sum()))
 
     names, vehicle, group = _vehicles(rows, names, notes)
@@ -93,14 +93,25 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
 
     track_id = as_track_ids(np.array(names, dtype=np.str_))[vehicle[kept]]
     times, position, groups = rows.time_ns[kept], rows.position[kept], group[kept]
-    if motion is not None:
-        tracks = Tracks(
-            track_id=track_id, time_ns=times, position=position, group=groups,
-            direction=motion[0][kept], speed=motion[1][kept],
-        )  # fmt: skip
-    else:
-        tracks = Tracks.from_positions(track_id=track_id, time_ns=times, position=position, group=groups)
-        _count(counts, "alone in time, so that no velocity can be derived", len(kept) - len(tracks))
+    told = np.isfinite(direction[kept]) & np.isfinite(speed[kept])
+    is_told = np.ones(len(names), np.bool_)
+    is_told[vehicle[kept][~told]] = False
+    whole = is_told[vehicle[kept]]
+    if told.any():
+        _count(
+            notes,
+            "rows of vehicles whose heading or speed is told of a part; differenced from positions",
+            int((told & ~whole).sum()),
+        )
+    given = Tracks(
+        track_id=track_id[whole], time_ns=times[whole], position=position[whole], group=groups[whole],
+        direction=direction[kept][whole], speed=speed[kept][whole],
+    )  # fmt: skip
+    derived = Tracks.from_positions(
+        track_id=track_id[~whole], time_ns=times[~whole], position=position[~whole], group=groups[~whole]
+    )
+    _count(counts, "alone in time, so that no velocity can be derived", int((~whole).sum()) - len(derived))
+    tracks = Tracks.concatenate([part for part in (given, derived) if len(part)] or [given])
     return Table(tracks=tracks, dropped=counts, notes=notes)
 
 

@@ -1,6 +1,6 @@
 """Compiled: kernel densities of a vehicle's futures on a grid, and the area where they are high as triangles.
 
-Forecasts come for every vehicle each second of the log: in numpy their fans took as long as tracking did.
+Forecasts come for every vehicle each second of the log: in numpy their regions took as long as tracking did.
 """
 
 import math
@@ -13,7 +13,7 @@ from tessellation.arrays import FloatArray, IntArray
 
 
 class Knobs(NamedTuple):
-    """What `fans` says of them, by its names there."""
+    """What `highest_density` says of them, by its names there."""
 
     n_squares: int
     finest_m: float
@@ -24,23 +24,23 @@ class Knobs(NamedTuple):
     neighbours_among: int
     company: float
     spared: float
-    corner: float
+    eased: float
     faintest: float
 
 
 @njit(cache=True, nogil=True)
-def fans(
+def regions(
     path: FloatArray, probability: FloatArray, knobs: Knobs
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:  # fmt: skip
-    """The fans of one vehicle, one after the other.
+    """The regions of one vehicle, one after the other.
 
     Args:
         path: (n_samples, n_steps, 2) metres.
-        probability: (k,) of each fan.
-        knobs: as `fans` has them.
+        probability: (k,) of each region.
+        knobs: as `highest_density` has them.
 
     Returns:
-        (n, 2) vertices, metres; (m, 3) triangles, of the vertices of their own fan; (k,) how many vertices each fan
+        (n, 2) vertices, metres; (m, 3) triangles, of the vertices of their own region; (k,) how many vertices each
         has, and (k,) how many triangles.
     """
     n_samples, n_steps, _ = path.shape
@@ -54,11 +54,11 @@ def fans(
     west, south = west - margin, south - margin
     columns = math.ceil((east + margin - west) / side) + 1
     rows = math.ceil((north + margin - south) / side) + 1
-    node = np.empty((n_samples, n_steps, 2), np.int64)
+    place = np.empty((n_samples, n_steps, 2))
     for a in range(n_samples):
         for s in range(n_steps):
-            node[a, s, 0] = round((path[a, s, 1] - south) / side)
-            node[a, s, 1] = round((path[a, s, 0] - west) / side)
+            place[a, s, 0] = (path[a, s, 1] - south) / side
+            place[a, s, 1] = (path[a, s, 0] - west) / side
     stride = max(n_samples // knobs.neighbours_among, 1)
     kernel = np.empty(n_steps)
     neighbour_distances(path, stride, min(knobs.neighbour, (n_samples - 1) // stride), kernel)
@@ -66,7 +66,7 @@ def fans(
         kernel[s] = min(max(kernel[s] / side, knobs.narrowest), knobs.widest)
     k, size = probability.size, 3 * rows * columns
     height = np.zeros((k, rows, columns))
-    highest_densities(node, kernel, knobs.reach, probability, knobs.company, knobs.spared, knobs.corner, height)
+    highest_densities(place, kernel, knobs.reach, probability, knobs.company, knobs.spared, knobs.eased, height)
     for i in range(k):
         for r in range(rows):
             for c in range(columns):
@@ -119,42 +119,48 @@ def neighbour_distances(path: FloatArray, stride: int, nth: int, out: FloatArray
 
 @njit(cache=True)
 def highest_densities(
-    node: IntArray, kernel: FloatArray, reach: float, probability: FloatArray, company: float, spared: float,
-    corner: float, height: FloatArray,
+    place: FloatArray, kernel: FloatArray, reach: float, probability: FloatArray, company: float, spared: float,
+    eased: float, height: FloatArray,
 ) -> None:  # fmt: skip
     """How many times its step's level the density is at each node of a grid, at the step where that is most.
 
-    The level is the density at so many of the step's samples that the probability is held; see `fans`.
+    The level is the density at so many of the step's samples that the probability is held; see `highest_density`.
 
     Args:
-        node: (n_samples, n_steps, 2) row and column of the node nearest to each sample.
+        place: (n_samples, n_steps, 2) row and column of each sample, from 0 to the last but one.
         kernel: (n_steps,) standard deviation in nodes.
         reach: standard deviations.
         probability: (k,).
         company: of the density at a lone sample: the least level,
         spared: unless the step would lack more than this of its probability.
-        corner: the level is lowered by this factor.
+        eased: the level is lowered by this factor.
         height: (k, rows, columns) zeros; is filled.
     """
-    n_samples, n_steps, _ = node.shape
+    n_samples, n_steps, _ = place.shape
     rows, columns = height.shape[1:]
     density, at_sample = np.zeros((rows, columns)), np.empty(n_samples)
+    widest = 2 * int(reach * kernel.max() + 0.5) + 1
+    of_row, of_column = np.empty(widest), np.empty(widest)
     for s in range(n_steps):
         radius = int(reach * kernel[s] + 0.5)
-        weight = np.exp(-0.5 * (np.arange(-radius, radius + 1) / kernel[s]) ** 2)
-        weight /= weight.sum()
         first_row, first_column, last_row, last_column = rows, columns, 0, 0
         for a in range(n_samples):
-            r, c = node[a, s, 0], node[a, s, 1]
+            r, c = round(place[a, s, 0]), round(place[a, s, 1])
+            _bell(place[a, s, 0] - (r - radius), kernel[s], of_row[: 2 * radius + 1])
+            _bell(place[a, s, 1] - (c - radius), kernel[s], of_column[: 2 * radius + 1])
             low_r, high_r = max(r - radius, 0), min(r + radius + 1, rows)
             low_c, high_c = max(c - radius, 0), min(c + radius + 1, columns)
             for i in range(low_r, high_r):
                 for j in range(low_c, high_c):
-                    density[i, j] += weight[i - r + radius] * weight[j - c + radius]
+                    density[i, j] += of_row[i - r + radius] * of_column[j - c + radius]
             first_row, last_row = min(first_row, low_r), max(last_row, high_r)
             first_column, last_column = min(first_column, low_c), max(last_column, high_c)
         for a in range(n_samples):
-            at_sample[a] = density[node[a, s, 0], node[a, s, 1]]
+            r, c = int(place[a, s, 0]), int(place[a, s, 1])
+            up, right = place[a, s, 0] - r, place[a, s, 1] - c
+            at_sample[a] = (1.0 - up) * ((1.0 - right) * density[r, c] + right * density[r, c + 1]) + up * (
+                (1.0 - right) * density[r + 1, c] + right * density[r + 1, c + 1]
+            )
         at_sample.sort()
         least = company / (2.0 * math.pi * kernel[s] ** 2)
         enough = n_samples - np.searchsorted(at_sample, least)
@@ -164,8 +170,21 @@ def highest_densities(
                 level = max(level, least)
             for i in range(first_row, last_row):
                 for j in range(first_column, last_column):
-                    height[k, i, j] = max(height[k, i, j], density[i, j] / (corner * level))
+                    height[k, i, j] = max(height[k, i, j], density[i, j] / (eased * level))
         density[first_row:last_row, first_column:last_column] = 0.0
+
+
+@njit(cache=True)
+def _bell(middle: float, deviation: float, out: FloatArray) -> None:
+    """Fill a normal density at 0, 1, 2, ...; each is the one before times a factor that itself shrinks by another."""
+    curvature = 1.0 / deviation**2
+    value = math.exp(-0.5 * curvature * middle**2) / (math.sqrt(2.0 * math.pi) * deviation)
+    factor = math.exp(curvature * (middle - 0.5))
+    shrinks = math.exp(-curvature)
+    for i in range(out.size):
+        out[i] = value
+        value *= factor
+        factor *= shrinks
 
 
 @njit(cache=True)

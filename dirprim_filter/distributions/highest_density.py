@@ -1,8 +1,9 @@
-"""Where forecasts say a vehicle may be: the fan that holds a share of its sampled futures at every instant.
+"""Where samples lie: highest density regions of positions, at one instant or at several.
 
 At each instant a highest density region (Hyndman 1996): the least area that holds the share of the samples, found where
-a kernel density estimate is above the quantile of its own values at the samples. The fan is the union of these regions
-over all instants, so it splits where futures do, which an ellipse or a ribbon could not.
+a kernel density estimate is above the quantile of its own values at the samples. Of a vehicle's futures the region is
+the union over all instants, a fan, which holds the share at each of them; it splits where futures do, which an ellipse
+or a ribbon could not.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.viewer import _kernels
+from dirprim_filter.distributions import _highest_density
 from tessellation.arrays import FloatArray, IntArray
 
 N_SQUARES = 24
-"""Of the grid along the longer side of a fan: finer could not be seen."""
+"""Of the grid along the longer side of a region: finer could not be seen."""
 FINEST_M = 0.75
 """Side of a square at least."""
 KERNEL_SQUARES = 1.2
@@ -29,24 +30,24 @@ alone makes no region."""
 SOME_COMPANY = 1.3
 """Of the density at a lone sample: what is less dense is left out,"""
 SPARED = 0.1
-"""if the fan then lacks no more than this of its share: strays would lie about it like crumbs."""
+"""if the region then lacks no more than this of its share: strays would lie about it like crumbs."""
 NEIGHBOURS_AMONG = 60
 """Samples at most by which that is judged."""
 KERNEL_REACH = 3.0
-CORNER = float(np.exp(-0.25 / KERNEL_SQUARES**2))
-"""Of the kernel at the corner of its square to that in the middle: a sample counts as the middle, and may be there."""
+EASED = 0.85
+"""The level is lowered by this factor: edges are straight between nodes, and samples of one place have an area."""
 FAINTEST = 1e-3
 """Of the level: so small a density is drawn as none."""
 
 
-KNOBS = _kernels.Knobs(
+KNOBS = _highest_density.Knobs(
     n_squares=N_SQUARES, finest_m=FINEST_M, narrowest=KERNEL_SQUARES, widest=WIDEST_KERNEL, reach=KERNEL_REACH,
-    neighbour=NEIGHBOUR, neighbours_among=NEIGHBOURS_AMONG, company=SOME_COMPANY, spared=SPARED, corner=CORNER,
+    neighbour=NEIGHBOUR, neighbours_among=NEIGHBOURS_AMONG, company=SOME_COMPANY, spared=SPARED, eased=EASED,
     faintest=FAINTEST,
 )  # fmt: skip
 
 
-class Fan(NamedTuple):
+class Region(NamedTuple):
     """An area as triangles that do not overlap, all counter-clockwise.
 
     Attributes:
@@ -58,13 +59,19 @@ class Fan(NamedTuple):
     triangle: IntArray
 
 
-def fans_of(paths: FloatArray, probabilities: Sequence[float]) -> list[Fan]:
-    """The fan of one vehicle for each probability. (n_samples, n_steps, 2) metres."""
+def highest_density_regions(paths: FloatArray, probabilities: Sequence[float]) -> list[Region]:
+    """The region of each probability, which holds it at every instant.
+
+    Args:
+        paths: (n_samples, n_steps, 2) metres, futures of one vehicle; one step for the region of one instant.
+        probabilities: above 0, below 1.
+    """
     share = np.array(probabilities, np.float64)
-    vertex, triangle, n_vertices, n_triangles = _kernels.fans(np.ascontiguousarray(paths, np.float64), share, KNOBS)
+    path = np.ascontiguousarray(paths, np.float64)
+    vertex, triangle, n_vertices, n_triangles = _highest_density.regions(path, share, KNOBS)
     last_vertex, last_triangle = np.cumsum(n_vertices).tolist(), np.cumsum(n_triangles).tolist()
     first_vertex, first_triangle = [0, *last_vertex], [0, *last_triangle]
     return [
-        Fan(vertex[first_vertex[i] : last_vertex[i]], triangle[first_triangle[i] : last_triangle[i]])
+        Region(vertex[first_vertex[i] : last_vertex[i]], triangle[first_triangle[i] : last_triangle[i]])
         for i in range(share.size)
     ]

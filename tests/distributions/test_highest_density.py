@@ -1,20 +1,29 @@
-"""Laws of fans: at every instant they hold the share of the futures that they say, and they split where futures do."""
+"""Laws of highest density regions: they hold the share of the futures that they say, and split where futures do."""
 
 import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
+from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.distance import cdist
+from scipy.stats import norm
 
-from dirprim_filter.viewer import _kernels
-from dirprim_filter.viewer.fans import CORNER, FINEST_M, KERNEL_REACH, KERNEL_SQUARES, N_SQUARES, fans_of
+from dirprim_filter.distributions import _highest_density
+from dirprim_filter.distributions.highest_density import (
+    EASED,
+    FINEST_M,
+    KERNEL_REACH,
+    KERNEL_SQUARES,
+    N_SQUARES,
+    highest_density_regions,
+)
 
 SHARES = (0.9, 0.5)
 
 
-def fan_triangles(paths: np.ndarray, shares: tuple[float, ...]) -> list[np.ndarray]:
-    """The corners of the triangles of each fan, (n, 3, 2)."""
-    return [fan.vertex[fan.triangle] for fan in fans_of(paths, shares)]
+def region_triangles(paths: np.ndarray, shares: tuple[float, ...]) -> list[np.ndarray]:
+    """The corners of the triangles of each region, (n, 3, 2)."""
+    return [fan.vertex[fan.triangle] for fan in highest_density_regions(paths, shares)]
 
 
 def area_of(triangles: np.ndarray) -> np.ndarray:
@@ -38,20 +47,19 @@ def fork(n: int, *, seed: int) -> np.ndarray:
 
 def test_at_every_instant_the_fan_holds_its_share_of_the_futures() -> None:
     paths = fork(60, seed=1)
-    for share, fan in zip(SHARES, fan_triangles(paths, SHARES), strict=True):
-        for step in range(paths.shape[1]):
-            # A sample counts as the middle of its square: one at the very edge may lie half a square outside.
-            assert holds(fan, paths[:, step]).mean() >= share - 0.1
+    for share, fan in zip(SHARES, region_triangles(paths, SHARES), strict=True):
+        for step in range(paths.shape[1]):  # straight edges between nodes cost a sample or two
+            assert holds(fan, paths[:, step]).mean() >= share - 0.05
 
 
 def test_a_smaller_share_is_a_smaller_area_within_the_larger() -> None:
-    wide, narrow = fan_triangles(fork(60, seed=2), SHARES)
+    wide, narrow = region_triangles(fork(60, seed=2), SHARES)
     assert 0.0 < area_of(narrow).sum() < 0.8 * area_of(wide).sum()
     assert holds(wide, narrow.mean(axis=1)).mean() > 0.98
 
 
 def test_triangles_do_not_overlap_and_all_turn_one_way() -> None:
-    (fan,) = fan_triangles(fork(40, seed=3), (0.9,))
+    (fan,) = region_triangles(fork(40, seed=3), (0.9,))
     assert (area_of(fan) >= -1e-9).all()
     rng = np.random.default_rng(4)
     points = rng.uniform(fan.min(axis=(0, 1)), fan.max(axis=(0, 1)), (3000, 2))
@@ -62,7 +70,7 @@ def test_triangles_do_not_overlap_and_all_turn_one_way() -> None:
 
 
 def test_a_fan_splits_where_futures_do() -> None:
-    (fan,) = fan_triangles(fork(60, seed=5), (0.9,))
+    (fan,) = region_triangles(fork(60, seed=5), (0.9,))
     ends = fork(60, seed=5)[:, -1]
     north = ends[:, 1] > 10
     between = 0.5 * (ends[north].mean(axis=0) + ends[~north].mean(axis=0))
@@ -74,46 +82,48 @@ def test_the_area_is_that_of_the_highest_density_region() -> None:
     rng = np.random.default_rng(6)
     cloud = np.array([40.0, 25.0]) + 12.0 * rng.normal(size=(4000, 1, 2))
     kernel = KERNEL_SQUARES * np.ptp(cloud, axis=0).max() / N_SQUARES
-    for share, fan in zip(SHARES, fan_triangles(cloud, SHARES), strict=True):
-        # A normal law, blurred by the kernel; the level is lowered by what lies between the middle of a square and its
-        # corner, and a twentieth of the area is what 4,000 samples and straight edges may cost.
-        squared = (-2.0 * np.log(1.0 - share) * 144.0 / (144.0 + kernel**2) - 2.0 * np.log(CORNER)) * (144 + kernel**2)
+    for share, fan in zip(SHARES, region_triangles(cloud, SHARES), strict=True):
+        # A normal law, blurred by the kernel; a twentieth of the area is what samples and straight edges may cost.
+        squared = (-2.0 * np.log(1.0 - share) * 144.0 / (144.0 + kernel**2) - 2.0 * np.log(EASED)) * (144 + kernel**2)
         assert area_of(fan).sum() == pytest.approx(np.pi * squared, rel=0.07)
 
 
 @pytest.mark.parametrize("paths", [np.full((5, 3, 2), 7.0), np.zeros((1, 1, 2)), np.arange(4.0).reshape(1, 2, 2)])
 def test_futures_that_agree_have_a_small_fan(paths: np.ndarray) -> None:
-    for fan in fan_triangles(paths, SHARES):
+    for fan in region_triangles(paths, SHARES):
         assert 0.0 < area_of(fan).sum() < 40.0
         away = np.linalg.norm(fan.reshape(-1, 1, 2) - paths[0], axis=-1)
         assert (away.min(axis=0) < FINEST_M).all()
 
 
-def test_densities_are_those_of_a_gaussian_blur() -> None:
+def test_densities_are_sums_of_normal_ones() -> None:
     rng = np.random.default_rng(7)
-    node = rng.integers(6, [24, 34], (40, 5, 2))
+    place = rng.uniform(6, [24, 34], (40, 5, 2))
     kernel, shares, company = np.array([1.2, 1.5, 1.9, 2.2, 1.2]), np.array([0.9, 0.5]), 1.3
     found = np.zeros((2, 30, 40))
-    _kernels.highest_densities(node, kernel, KERNEL_REACH, shares, company, 0.1, CORNER, found)
+    _highest_density.highest_densities(place, kernel, KERNEL_REACH, shares, company, 0.1, EASED, found)
     expected = np.zeros_like(found)
     for step, width in enumerate(kernel):
-        count = np.zeros((30, 40))
-        np.add.at(count, (node[:, step, 0], node[:, step, 1]), 1.0)
-        density = gaussian_filter(count, width, mode="constant", truncate=KERNEL_REACH)
-        at_sample = np.sort(density[node[:, step, 0], node[:, step, 1]])
+        density = np.zeros((30, 40))
+        radius = int(KERNEL_REACH * width + 0.5)
+        for row, column in place[:, step]:
+            r, c = np.arange(30)[:, None], np.arange(40)
+            near = (abs(r - round(row)) <= radius) & (abs(c - round(column)) <= radius)
+            density += near * norm.pdf(r, row, width) * norm.pdf(c, column, width)
+        at_sample = np.sort(RegularGridInterpolator((np.arange(30), np.arange(40)), density)(place[:, step]))
         least = company / (2 * np.pi * width**2)
         for k, share in enumerate(shares):
             level = at_sample[int((1 - share) * 40)]
             if (at_sample >= least).mean() >= share - 0.1:
                 level = max(level, least)
-            expected[k] = np.maximum(expected[k], density / (CORNER * level))
+            expected[k] = np.maximum(expected[k], density / (EASED * level))
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_neighbours_are_the_nearest() -> None:
     path = np.random.default_rng(8).normal(size=(30, 4, 2))
     found = np.empty(4)
-    _kernels.neighbour_distances(path, 2, 3, found)
+    _highest_density.neighbour_distances(path, 2, 3, found)
     expected = [np.median(np.sort(cdist(path[::2, k], path[::2, k]), axis=1)[:, 3]) for k in range(4)]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
@@ -125,7 +135,7 @@ def test_triangles_cover_what_is_high_and_nothing_twice(shape: tuple[int, int]) 
         height = np.full(shape, -1.0)
         height[1:-1, 1:-1] = gaussian_filter(rng.normal(size=shape), 1.2)[1:-1, 1:-1]
         vertex, triangle = np.empty((3 * height.size, 2)), np.empty((3 * height.size, 3), np.int64)
-        n_vertices, n_triangles = _kernels.triangles_above(height, vertex, triangle)
+        n_vertices, n_triangles = _highest_density.triangles_above(height, vertex, triangle)
         corners = vertex[:n_vertices][triangle[:n_triangles]]
         assert n_triangles == 0 or triangle[:n_triangles].max() < n_vertices
         assert (area_of(corners) >= -1e-12).all()
