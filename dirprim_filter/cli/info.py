@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from dirprim_filter.recording.summary import LogSummary
+    from dirprim_filter.recording.summary import LogSummary, SizeSummary
 
 LABELS_TOLD = 12
 """Of a topic, to people; to machines all."""
@@ -94,6 +94,7 @@ def _text(path: Path, summary: LogSummary) -> str:
         carrying = [t.name for t in summary.topics if t.tracks]
         lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else "  no topic carries tracks")
     lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
+    lines += [f"  sizes in {topic}: {_size(size)}" for topic, size in summary.sizes.items()]
     if summary.attachments:
         lines.append(f"  attachments: {', '.join(summary.attachments)}")
     odd = {source: faults for source, faults in (summary.stamps or {}).items() if faults.is_odd or faults.duplicate}
@@ -106,6 +107,12 @@ def _counts(counts: Mapping[str, int]) -> str:
     most = sorted(counts.items(), key=lambda item: -item[1])
     told = [f"{label or 'none'} {n}" for label, n in most[:LABELS_TOLD]]
     return ", ".join(told) + (f" and {len(most) - LABELS_TOLD} more" if len(most) > LABELS_TOLD else "")
+
+
+def _size(size: SizeSummary) -> str:
+    metres = (size.length_m, size.width_m, size.height_m)
+    told = " x ".join("?" if one is None else f"{one:.2f}" for one in metres)
+    return f"median {told} m (length x width x height) of {size.rows} rows"
 
 
 def _span(summary: LogSummary) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.sizes import known_sizes
 from dirprim_filter.tracks import Tracks, as_track_ids, repeated_rows
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
@@ -39,6 +40,7 @@ class TableRows:
         direction: (n,) radians counter-clockwise from east; None where the table has none.
         speed: (n,) m/s; None where the table has none.
         group: (n,) int64; None where the table has none.
+        size: (n, 3) length, width and height, metres; what is not positive is unknown; None where the table has none.
     """
 
     vehicle: IntArray
@@ -48,6 +50,7 @@ class TableRows:
     direction: FloatArray | None = None
     speed: FloatArray | None = None
     group: IntArray | None = None
+    size: FloatArray | None = None
 
     @classmethod
     def concatenate(cls, parts: Sequence[TableRows]) -> TableRows:
@@ -93,13 +96,16 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
 
     track_id = as_track_ids(np.array(names, dtype=np.str_))[vehicle[kept]]
     times, position, groups = rows.time_ns[kept], rows.position[kept], group[kept]
+    size = np.empty((0, 3)) if rows.size is None else known_sizes(rows.size[kept])
     if motion is not None:
         tracks = Tracks(
-            track_id=track_id, time_ns=times, position=position, group=groups,
+            track_id=track_id, time_ns=times, position=position, group=groups, size=size,
             direction=motion[0][kept], speed=motion[1][kept],
         )  # fmt: skip
     else:
-        tracks = Tracks.from_positions(track_id=track_id, time_ns=times, position=position, group=groups)
+        tracks = Tracks.from_positions(
+            track_id=track_id, time_ns=times, position=position, group=groups, size=size
+        )  # fmt: skip
         _count(counts, "alone in time, so that no velocity can be derived", len(kept) - len(tracks))
     return Table(tracks=tracks, dropped=counts, notes=notes)
 
