@@ -92,14 +92,15 @@ def _text(path: Path, summary: LogSummary) -> str:
         lines.append("  " + "  ".join(texts + numbers))
     if summary.is_checked:
         carrying = [t.name for t in summary.topics if t.tracks]
-        lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else "  no topic carries tracks")
+        none = "  no topic carries tracks; --fields tells where the objects of an unknown schema are"
+        lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else none)
     lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
     lines += [f"  sizes in {topic}: {_size(size)}" for topic, size in summary.sizes.items()]
     if summary.attachments:
         lines.append(f"  attachments: {', '.join(summary.attachments)}")
     odd = {source: faults for source, faults in (summary.stamps or {}).items() if faults.is_odd or faults.duplicate}
     lines += [f"  {source} times by topic, as they stand in the file: {faults}" for source, faults in odd.items()]
-    lines += [f"  damage: {d.kind} at byte {d.offset}: {d.detail}" for d in summary.damage]
+    lines += [f"  damage: {damage}" for damage in summary.damage]
     return "\n".join(lines)
 
 

@@ -59,10 +59,23 @@ class Reading:
     strict: Strict = False
 
     def tracks(self, logs: list[Path]) -> TrackLog:
-        """The tracks of logs, and what was lost."""
+        """The tracks of logs, and what was lost.
+
+        Raises:
+            RecordingError: as the reader; or nothing is left of what was asked for.
+        """
+        from dirprim_filter.recording.errors import RecordingError
         from dirprim_filter.recording.reader import read_track_logs
 
-        return read_track_logs(logs, **self._arguments())
+        log = read_track_logs(logs, **self._arguments())
+        if not len(log.tracks):
+            asked = {"--start": self.start, "--end": self.end, "--labels": self.labels}
+            said = "".join(f" {option} {value}" for option, value in asked.items() if value is not None)
+            raise RecordingError(
+                f"{', '.join(map(str, logs))}: expected moving objects{said}, got none; left out: {log.dropped}; "
+                "`dirprim info` tells times and labels"
+            )
+        return log
 
     def detections(self, log: Path, *, motion: bool) -> DetectionStream:
         """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""

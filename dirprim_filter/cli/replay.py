@@ -29,9 +29,10 @@ def replay(
     from dirprim_filter.viewer.stream import open_stream
 
     playback = reading.playback(log)
+    frames = paced(playback, rate)
     n_frames = 0
     with open_stream(save=save, spawn=spawn, connect=connect, force=force) as viewer:
-        for frame in paced(playback, rate):
+        for frame in frames:
             viewer.write(frame)
             n_frames += 1
     typer.echo(f"{log}: {n_frames} frames of {', '.join(sorted(playback.topics))}")
