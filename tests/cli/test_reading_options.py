@@ -85,3 +85,12 @@ def test_an_unknown_schema_is_named_with_what_was_looked_for_and_the_way_out(tmp
     for part in ("osi3.GroundTruth", "nav_msgs/msg/Odometry", "the log has /car (acme.Car)", "tell by --fields"):
         assert part in told
     assert told.count("\n") == 1
+
+
+def test_standard_output_is_no_place_for_what_is_renamed_when_whole(tmp_path, ring, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_tracks(ring[ring.track_id < 8], tmp_path / "log.mcap")
+    for command in ("recover", "learn"):
+        assert run([command, "log.mcap", "-o", "-"]) == 2
+        assert "expected the name of a file, got -" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
