@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from dirprim_filter.sizes import as_sizes, chosen_sizes, joined_sizes
 from dirprim_filter.tracks import Tracks, as_texts, as_times, check_lengths
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
@@ -28,10 +29,11 @@ class Detections:
         speed: (n,) measured speed, m/s; NaN where it is not measured. Left out: nowhere.
         covariance: (n, 2, 2) of the position's error, square metres; NaN where the sensor does not tell, and the
             filter's own noise holds. Left out: nowhere.
+        size: (n, 3) measured length, width and height of the body, metres; NaN where unknown. Left out: nowhere known.
 
     Raises:
-        ValueError: shapes that do not fit, a position that is not finite, an infinite direction, a speed below 0, or a
-            covariance that is not positive definite.
+        ValueError: shapes that do not fit, a position that is not finite, an infinite direction, a speed below 0, a
+            covariance that is not positive definite, or a size that is not positive.
     """
 
     track_id: AnyArray
@@ -40,6 +42,7 @@ class Detections:
     direction: FloatArray = field(default_factory=lambda: np.empty(0))
     speed: FloatArray = field(default_factory=lambda: np.empty(0))
     covariance: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
+    size: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
         columns = {
@@ -50,6 +53,7 @@ class Detections:
         n = len(columns["position"])
         for name, rest in (("direction", ()), ("speed", ()), ("covariance", (2, 2))):
             columns[name] = _where_known(name, getattr(self, name), (n, *rest))
+        columns["size"] = as_sizes(self.size, n)
         check_lengths(columns)
         if (columns["speed"] < 0).any():
             raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(columns['speed'])}")
@@ -71,6 +75,7 @@ class Detections:
             direction=self.direction[rows],
             speed=self.speed[rows],
             covariance=self.covariance[rows],
+            size=chosen_sizes(self.size, rows),
         )
 
     @classmethod
@@ -89,13 +94,17 @@ class Detections:
         parts = list(parts)
         if not parts:
             return cls.none()
-        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
+        names = [f.name for f in fields(cls) if f.name != "size"]
+        return cls(
+            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+            size=joined_sizes([part.size for part in parts]),
+        )
 
     def without_ids(self) -> Detections:
         """The same rows of nobody in particular."""
         return Detections(
             track_id=np.full(len(self), NO_ID, np.str_), time_ns=self.time_ns, position=self.position,
-            direction=self.direction, speed=self.speed, covariance=self.covariance,
+            direction=self.direction, speed=self.speed, covariance=self.covariance, size=self.size,
         )  # fmt: skip
 
     def instant(self, *, after_ns: int) -> int:

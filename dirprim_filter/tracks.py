@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.sizes import as_sizes, chosen_sizes, joined_sizes
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
 logger = logging.getLogger(__name__)
@@ -80,9 +81,12 @@ class Tracks:
         direction: (n,) course over ground, radians counter-clockwise from east in (-pi, pi].
         speed: (n,) metres per second, not negative.
         group: (n,) int64, rows of one group may share vehicles or circumstances: what to split by. Left out: all 0.
+        size: (n, 3) length, width and height of the body, metres; NaN where unknown. Left out: nowhere known, which
+            takes no memory.
 
     Raises:
-        ValueError: shapes that do not fit, NaN, negative speeds, or a vehicle with two rows at one time.
+        ValueError: shapes that do not fit, NaN, negative speeds, sizes that are not positive, or a vehicle with two
+            rows at one time.
     """
 
     track_id: AnyArray
@@ -91,6 +95,7 @@ class Tracks:
     direction: FloatArray
     speed: FloatArray
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    size: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.time_ns))
@@ -108,9 +113,12 @@ class Tracks:
         if (speed < 0).any():
             row = int(np.argmax(speed < 0))
             raise ValueError(f"speed: expected at least 0 m/s, got {speed[row]} in row {row}")
+        size = as_sizes(self.size, n)
         if (columns["time_ns"][1:] < columns["time_ns"][:-1]).any():  # else long columns are not copied
             order = np.argsort(columns["time_ns"], kind="stable")
             columns = {name: column[order] for name, column in columns.items()}
+            size = chosen_sizes(size, order)
+        columns["size"] = size
         for name, column in columns.items():
             object.__setattr__(self, name, column)
         check_not_repeated(self.track_id, self.time_ns)
@@ -127,6 +135,7 @@ class Tracks:
             direction=self.direction[rows],
             speed=self.speed[rows],
             group=self.group[rows],
+            size=chosen_sizes(self.size, rows),
         )
 
     @property
@@ -136,7 +145,13 @@ class Tracks:
 
     @classmethod
     def from_positions(
-        cls, *, track_id: npt.ArrayLike, time_ns: npt.ArrayLike, position: npt.ArrayLike, group: npt.ArrayLike = ()
+        cls,
+        *,
+        track_id: npt.ArrayLike,
+        time_ns: npt.ArrayLike,
+        position: npt.ArrayLike,
+        group: npt.ArrayLike = (),
+        size: npt.ArrayLike = (),
     ) -> Tracks:
         """Tracks whose direction and speed are central differences of the positions of each vehicle.
 
@@ -147,6 +162,7 @@ class Tracks:
             time_ns: (n,) nanoseconds.
             position: (n, 2) metres.
             group: (n,) optional groups.
+            size: (n, 3) optional sizes, metres.
 
         Raises:
             ValueError: as the constructor.
@@ -156,6 +172,7 @@ class Tracks:
         groups = np.asarray(group, dtype=np.int64)
         groups = groups if groups.size else np.zeros(ids.size, np.int64)
         check_lengths({"track_id": ids, "time_ns": times, "position": position, "group": groups})
+        sizes = as_sizes(size, ids.size)
         check_not_repeated(ids, times)
         velocity = differenced_velocity(ids, times, position)
         known = np.isfinite(velocity[:, 0])
@@ -172,6 +189,7 @@ class Tracks:
             direction=np.arctan2(velocity[known, 1], velocity[known, 0]),
             speed=np.hypot(velocity[known, 0], velocity[known, 1]),
             group=groups[known],
+            size=chosen_sizes(sizes, known),
         )
 
     @classmethod
@@ -195,6 +213,7 @@ class Tracks:
             direction=np.concatenate([p.direction for p in parts]),
             speed=np.concatenate([p.speed for p in parts]),
             group=np.concatenate([p.group for p in parts]),
+            size=joined_sizes([p.size for p in parts]),
         )
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from dirprim_filter.recording.summary import LogSummary
+    from dirprim_filter.recording.summary import LogSummary, SizeSummary
 
 LABELS_TOLD = 12
 """Of a topic, to people; to machines all."""
@@ -92,14 +92,16 @@ def _text(path: Path, summary: LogSummary) -> str:
         lines.append("  " + "  ".join(texts + numbers))
     if summary.is_checked:
         carrying = [t.name for t in summary.topics if t.tracks]
-        lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else "  no topic carries tracks")
+        none = "  no topic carries tracks; --fields tells where the objects of an unknown schema are"
+        lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else none)
     lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
     lines += [f"  groups in {topic}: {_groups(counts)}" for topic, counts in summary.groups.items()]
+    lines += [f"  sizes in {topic}: {_size(size)}" for topic, size in summary.sizes.items()]
     if summary.attachments:
         lines.append(f"  attachments: {', '.join(summary.attachments)}")
     odd = {source: faults for source, faults in (summary.stamps or {}).items() if faults.is_odd or faults.duplicate}
     lines += [f"  {source} times by topic, as they stand in the file: {faults}" for source, faults in odd.items()]
-    lines += [f"  damage: {d.kind} at byte {d.offset}: {d.detail}" for d in summary.damage]
+    lines += [f"  damage: {damage}" for damage in summary.damage]
     return "\n".join(lines)
 
 
@@ -111,6 +113,12 @@ def _counts(counts: Mapping[str, int]) -> str:
 
 def _groups(counts: Mapping[int, int]) -> str:
     return f"{len(counts)}, from {min(counts)} to {max(counts)}; --group NUMBER takes one of them"
+
+
+def _size(size: SizeSummary) -> str:
+    metres = (size.length_m, size.width_m, size.height_m)
+    told = " x ".join("?" if one is None else f"{one:.2f}" for one in metres)
+    return f"median {told} m (length x width x height) of {size.rows} rows"
 
 
 def _span(summary: LogSummary) -> str:

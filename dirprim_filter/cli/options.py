@@ -26,6 +26,17 @@ class ParticleColor(StrEnum):
     WEIGHT = "weight"
 
 
+def named_file(path: Path) -> Path:
+    """An output that can get its name when it is whole, which standard output cannot.
+
+    Raises:
+        BadParameter: it is "-".
+    """
+    if str(path) == "-":
+        raise typer.BadParameter("expected the name of a file, got -; outputs are renamed when they are whole")
+    return path
+
+
 def time_ns(text: str | None) -> int | None:
     """A time on the command line: nanoseconds, or RFC 3339; None stays None.
 
@@ -56,7 +67,7 @@ def _log(text: str) -> Path:
 Log = Annotated[Path, typer.Argument(help="An MCAP log; - for standard input, or a URL.", parser=_log)]
 Logs = Annotated[list[Path], typer.Argument(help="MCAP logs; - for standard input, or URLs.", parser=_log)]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
-Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.")]
+Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file)]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
 Tessellation = Annotated[

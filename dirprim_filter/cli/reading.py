@@ -60,12 +60,25 @@ class Reading:
     strict: Strict = False
 
     def tracks(self, logs: list[Path]) -> TrackLog:
-        """The tracks of logs, and what was lost; on a terminal, with a bar for each log."""
+        """The tracks of logs, and what was lost; on a terminal, with a bar for each log.
+
+        Raises:
+            RecordingError: as the reader; or nothing is left of what was asked for.
+        """
         from dirprim_filter.cli.progress import step_progress
+        from dirprim_filter.recording.errors import RecordingError
         from dirprim_filter.recording.reader import read_track_logs
 
         with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as told:
-            return read_track_logs(logs, progress=told, **self._arguments())
+            log = read_track_logs(logs, progress=told, **self._arguments())
+        if not len(log.tracks):
+            asked = {"--start": self.start, "--end": self.end, "--labels": self.labels}
+            said = "".join(f" {option} {value}" for option, value in asked.items() if value is not None)
+            raise RecordingError(
+                f"{', '.join(map(str, logs))}: expected moving objects{said}, got none; left out: {log.dropped}; "
+                "`dirprim info` tells times and labels"
+            )
+        return log
 
     def detections(self, log: Path, *, motion: bool) -> DetectionStream:
         """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""

@@ -30,9 +30,10 @@ def replay(
     from dirprim_filter.viewer.stream import open_stream
 
     playback = reading.playback(log)
+    frames = paced(playback, rate)
     n_frames = 0
     with open_stream(save=save, spawn=spawn, connect=connect, force=force) as viewer:
-        for frame in with_progress(paced(playback, rate), what=f"playing {log.name}", end_ns=playback.end_ns):
+        for frame in with_progress(frames, what=f"playing {log.name}", end_ns=playback.end_ns):
             viewer.write(frame)
             n_frames += 1
     typer.echo(f"{log}: {n_frames} frames of {', '.join(sorted(playback.topics))}")

@@ -134,3 +134,13 @@ def index_run(buffer: AnyArray, at: Any) -> tuple[int, int]:
         n_entries += n_bytes // ENTRY
         at = end
     return at, n_entries
+
+
+@njit(cache=True)
+def gather(contents: AnyArray, start: AnyArray, stop: AnyArray, at: AnyArray, out: AnyArray) -> None:
+    """Copy the bytes from each start to its stop to where they belong in `out`."""
+    for i in range(len(start)):
+        data = contents[start[i] : stop[i]]
+        place = out[at[i] : at[i] + len(data)]  # an index that may be negative would keep the loop from being one copy
+        for j in range(len(data)):
+            place[j] = data[j]

@@ -82,6 +82,7 @@ class DetectionStream:
             time_ns=batch.time_ns,
             position=rows.position,
             covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
+            size=rows.size,
         )
         if not self._motion:
             return seen

@@ -96,10 +96,10 @@ class ClockFaults:
 
     def __str__(self) -> str:
         told = (
-            (self.zero, "of zero"), (self.backward, "that go back"), (self.duplicate, "that repeat the last one"),
+            (self.zero, "of zero"), (self.backward, "before the last one"), (self.duplicate, "equal to the last one"),
             (self.jumps, f"more than {LONG_STEP_NS // 1_000_000_000} s after the one before"),
         )  # fmt: skip
-        return ", ".join(f"{n} times {what}" for n, what in told if n)
+        return ", ".join(f"{n} {'times' if n > 1 else 'time'} {what}" for n, what in told if n)
 
 
 class Clock:

@@ -29,7 +29,8 @@ class NoTracksError(RecordingError):
         topics = ", ".join(f"{topic} ({schema or 'no schema'})" for topic, schema in has) or "no topics"
         broken = f"; it is damaged: {damage[0]}" if damage else ""
         super().__init__(
-            f"{fspath(path)}: expected {wanted}; the log has {topics}{broken}; choose a topic or another log"
+            f"{fspath(path)}: expected {wanted}; the log has {topics}{broken}; choose a topic or another log, or tell "
+            "by --fields where the objects of an unknown schema are"
         )
 
 

@@ -13,6 +13,7 @@ from dirprim_filter.recording.schemas.shredded import NANOSECONDS, NO_TIME, Shre
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 _KINDS: dict[str, Kind] = {"id": "name", "frame": "name", "label": "name", "time": "time"}
+SIZE = ("length", "width", "height")
 KMH = 3.6
 FARTHEST_S = float(1 << 63) / NANOSECONDS
 """Seconds from here on do not fit into int64 nanoseconds."""
@@ -44,6 +45,9 @@ class FieldMapping:
         heading_deg: the same in degrees.
         group: a whole number.
         label: what the object is.
+        length: of the body, metres.
+        width: the same across.
+        height: the same upwards.
     """
 
     x: str
@@ -63,6 +67,9 @@ class FieldMapping:
     heading_deg: str | None = None
     group: str | None = None
     label: str | None = None
+    length: str | None = None
+    width: str | None = None
+    height: str | None = None
 
     def __post_init__(self) -> None:
         paths = self._paths()
@@ -182,4 +189,5 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         speed=speed,
         group=np.where(np.isfinite(group), group, 0).astype(np.int64),
         label=rows.name("label", np.full(rows.message.size, "")),
+        size=np.column_stack([rows.number(name) for name in SIZE]) if any(map(rows.has, SIZE)) else None,
     )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 
 import numpy as np
@@ -21,9 +21,13 @@ from dirprim_filter.recording.records import Channel, Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.summary import LogSummary, TopicSummary
+from dirprim_filter.recording.summary import LogSummary, SizeSummary, TopicSummary
+from tessellation.arrays import FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
+
+MAX_CENTIMETRES = 10_000
+"""Longer bodies count as so long."""
 
 
 @dataclass(slots=True)
@@ -89,9 +93,33 @@ def inspect(
             topic: dict(sorted(counts.items())) for topic, counts in sorted(reading.groups.items()) if len(counts) > 1
         },
         labels={topic: dict(counts) for topic, counts in sorted(reading.labels.items()) if set(counts) != {""}},
+        sizes={topic: sizes.summary() for topic, sizes in sorted(reading.sizes.items())},
         attachments=attachments,
         metadata=metadata,
     )
+
+
+@dataclass(slots=True)
+class _Sizes:
+    """Sizes of objects, counted by the centimetre: of however many rows, their medians."""
+
+    rows: int = 0
+    counts: IntArray = field(default_factory=lambda: np.zeros((3, MAX_CENTIMETRES + 1), np.int64))
+
+    def add(self, size: FloatArray) -> None:
+        """(n, 3) metres."""
+        told = ~np.isnan(size)
+        self.rows += int(told.any(axis=1).sum())
+        for axis in range(3):
+            metres = size[told[:, axis], axis]
+            rounded = np.rint(np.minimum(metres * 100, MAX_CENTIMETRES)).astype(np.int64)
+            self.counts[axis] += np.bincount(rounded, minlength=MAX_CENTIMETRES + 1)
+
+    def summary(self) -> SizeSummary:
+        """The medians."""
+        below = self.counts.cumsum(axis=1)
+        medians = [float(np.searchsorted(of, (of[-1] + 1) // 2)) / 100 if of[-1] else None for of in below]
+        return SizeSummary(rows=self.rows, length_m=medians[0], width_m=medians[1], height_m=medians[2])
 
 
 class _Inspection:
@@ -101,6 +129,7 @@ class _Inspection:
         self.clocks: Mapping[str, Clock] = {"log": Clock(), "publish": Clock(), "header": Clock()}
         self.labels: dict[str, Counter[str]] = {}
         self.groups: dict[str, Counter[int]] = {}
+        self.sizes: defaultdict[str, _Sizes] = defaultdict(_Sizes)
         self.undecodable = 0
         self.start_ns: int | None = None
         self.end_ns: int | None = None
@@ -154,6 +183,9 @@ class _Inspection:
             self.labels.setdefault(topic, Counter()).update(counts)
             groups, n = np.unique(rows.group[topic_of == topic], return_counts=True)
             self.groups.setdefault(topic, Counter()).update(dict(zip(groups.tolist(), n.tolist(), strict=True)))
+            size = rows.size[topic_of == topic]
+            if np.isfinite(size).any():
+                self.sizes[topic].add(size)
         self.undecodable += len(failures)
 
     def _take_estimates(self, messages: Sequence[Message]) -> None:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import mmap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from io import BytesIO
 from itertools import repeat
 from operator import getitem
 from typing import Any, BinaryIO, Self
 
 import numpy as np
 
+from dirprim_filter.recording._kernels import gather
 from dirprim_filter.recording.records import Bytes, Channel, Message
 from dirprim_filter.recording.source import let_go
 from tessellation.arrays import AnyArray
+
+SHORT_BYTES = 1 << 11
+"""Messages longer than this on average are not copied to be read: that would cost more than it saves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,9 +63,8 @@ class MessageColumns:
         return self[np.argsort(times, kind="stable")]
 
     def messages(self, channels: list[Channel]) -> Iterator[Message]:
-        """The messages, made one by one: many tuples at a time would keep the garbage collector busy."""
-        *told, channel, start, stop = (column.tolist() for column in self._columns().values())
-        return _made(told, map(channels.__getitem__, channel), repeat(self.contents), start, stop)
+        """The messages in the order of these columns."""
+        return _made([self], slice(None), channels)
 
     def spilled(self, file: BinaryIO) -> Self:
         """The same on disk: appended to `file` and mapped, so that the system may take the memory back."""
@@ -90,23 +94,46 @@ class MessageColumns:
         return {f.name: getattr(self, f.name) for f in fields(self)[:-1]}
 
 
-def interleaved(parts: list[MessageColumns], channels: list[Channel]) -> Iterator[Message]:
+def interleaved(parts: Sequence[MessageColumns], channels: list[Channel]) -> Iterator[Message]:
     """The messages of several parts in order of log time; those of one time in the order of the parts."""
-    order = np.argsort(np.concatenate([part.log_time_ns for part in parts]), kind="stable")
-    names = [f.name for f in fields(MessageColumns)[:-1]]
-    columns = [np.concatenate([getattr(part, name) for part in parts])[order].tolist() for name in names]
-    *told, channel, start, stop = columns
-    part_of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order].tolist()
-    contents = [part.contents for part in parts]
-    return _made(told, map(channels.__getitem__, channel), map(contents.__getitem__, part_of), start, stop)
+    return _made(parts, np.argsort(np.concatenate([part.log_time_ns for part in parts]), kind="stable"), channels)
 
 
-def _made(
-    told: list[list[int]], channels: Iterable[Channel], contents: Iterable[Any], start: list[int], stop: list[int]
-) -> Iterator[Message]:
-    """Messages of times and sequence number, channel, and where the data stand; no step of Python for each."""
-    data = map(getitem, contents, map(slice, start, stop))
-    return map(tuple.__new__, repeat(Message), zip(*told, channels, data, strict=True))
+def _made(parts: Sequence[MessageColumns], order: AnyArray | slice, channels: list[Channel]) -> Iterator[Message]:
+    """The messages of all parts in an order, made one by one, without a step of Python for each.
+
+    Many tuples at a time would keep the garbage collector busy.
+    """
+    told = [
+        np.concatenate([getattr(part, name) for part in parts])[order].tolist()
+        for name in ("log_time_ns", "publish_time_ns", "sequence", "channel")
+    ]
+    of = map(channels.__getitem__, told.pop())
+    return map(tuple.__new__, repeat(Message), zip(*told, of, _data(parts, order), strict=True))
+
+
+def _data(parts: Sequence[MessageColumns], order: AnyArray | slice) -> Iterator[bytes]:
+    """The messages' data in an order.
+
+    Short ones are first put side by side: read one after the other they need no slice, which saves half of the time.
+    """
+    length = np.concatenate([part.stop - part.start for part in parts])
+    if length.sum() > SHORT_BYTES * length.size:
+        part_of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order].tolist()
+        start, stop = (
+            np.concatenate([getattr(part, at) for part in parts])[order].tolist() for at in ("start", "stop")
+        )
+        contents: list[Any] = [part.contents for part in parts]
+        return map(getitem, map(contents.__getitem__, part_of), map(slice, start, stop))
+    lengths = length[order]
+    at = np.empty_like(length)
+    at[order] = np.cumsum(lengths) - lengths
+    beside = bytearray(int(lengths.sum()))
+    out, first = np.frombuffer(beside, np.uint8), 0
+    for part in parts:
+        gather(np.frombuffer(part.contents, np.uint8), part.start, part.stop, at[first : first + len(part)], out)
+        first += len(part)
+    return map(BytesIO(beside).read, lengths.tolist())
 
 
 def _padded(n_bytes: int, to: int = 8) -> int:

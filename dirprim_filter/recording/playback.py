@@ -127,6 +127,8 @@ def paced(
 ) -> Iterator[TrackedFrame]:
     """The frames, each when its time has come by the clock; one that is late comes at once.
 
+    The rate is checked at once, not at the first frame.
+
     Args:
         frames: ascending in time.
         rate: seconds of the log for each second of the clock; infinity waits for nothing.
@@ -138,6 +140,12 @@ def paced(
     """
     if not rate > 0:
         raise ValueError(f"rate: expected more than 0 seconds of the log each second, got {rate}")
+    return _paced(frames, rate, clock, sleep)
+
+
+def _paced(
+    frames: Iterable[TrackedFrame], rate: float, clock: Callable[[], float], sleep: Callable[[float], None]
+) -> Iterator[TrackedFrame]:
     begun: tuple[int, float] | None = None
     for frame in frames:
         if begun is None:

@@ -60,8 +60,8 @@ def read_tracks(
             start_ns: the first time wanted, nanoseconds.
             end_ns: the first time no longer wanted.
             strict: raise at the first damage instead of going on.
-            frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms. Without
-                transforms all objects must be of one frame.
+            frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms, which
+                must not be a vehicle's. Without transforms all objects must be of one frame.
             mapping: where to find the fields of objects, for schemas that are not known.
             origin: of the plane for satellite positions; left out: the first position.
             labels: what the wanted objects are, such as "car|truck": a name or a regular expression for the label that

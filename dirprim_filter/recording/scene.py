@@ -7,6 +7,7 @@ a reader that turns messages into columns takes an unset one for a null.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,13 @@ from dirprim_filter.estimates import Estimates, Samples
 from dirprim_filter.forecasting import REGION_SHARES, Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, set_time
+from dirprim_filter.recording.schemas.scene_update import SIZE_NOTES
 from dirprim_filter.recording.stencil import Stencils
 from dirprim_filter.tracks import Tracks, as_texts
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 VEHICLE_SIZE = (4.5, 1.9, 1.5)
-"""Length, width and height of the cube that stands for a vehicle, metres: a middling car."""
+"""Length, width and height of the cube that stands for a vehicle of unknown size, metres: a middling car."""
 DETECTION_DIAMETER = 0.6
 ELLIPSE_SCALE = 2.0 * np.sqrt(-2.0 * np.log(0.1))
 """Axes of the 90 % region of a normal law in the plane, in standard deviations (chi-squared, 2 degrees)."""
@@ -73,19 +75,25 @@ def frame_transform(time_ns: int) -> FrameTransform:
 
 
 def tracks_scene(tracks: Tracks, rows: IntArray, time_ns: int, *, lifetime_ns: int) -> SceneUpdate:
-    """A cube for each vehicle of one instant; its metadata tells direction and speed to the last bit."""
+    """A cube for each vehicle of one instant; its metadata tells direction, speed and size to the last bit."""
     update = SceneUpdate()
     columns = (as_texts(tracks.track_id[rows]), tracks.position[rows], tracks.direction[rows],
-               tracks.speed[rows], tracks.group[rows])  # fmt: skip
-    for name, (x, y), direction, speed, group in zip(*(c.tolist() for c in columns), strict=True):
+               tracks.speed[rows], tracks.group[rows], tracks.size[rows])  # fmt: skip
+    for name, (x, y), direction, speed, group, size in zip(*(c.tolist() for c in columns), strict=True):
         entity = _entity(update, name, time_ns, lifetime_ns)
         entity.frame_locked = True
         entity.metadata.add(key="direction_rad", value=repr(direction))
         entity.metadata.add(key="speed_mps", value=repr(speed))
         entity.metadata.add(key="group", value=str(group))
+        for key, metres in zip(SIZE_NOTES, size, strict=True):
+            if not math.isnan(metres):
+                entity.metadata.add(key=key, value=repr(metres))
+        length, width, height = (
+            middling if math.isnan(metres) else metres for metres, middling in zip(size, VEHICLE_SIZE, strict=True)
+        )
         cube = entity.cubes.add()
-        _place(cube.pose, x, y, VEHICLE_SIZE[2] / 2, direction)
-        cube.size.x, cube.size.y, cube.size.z = VEHICLE_SIZE
+        _place(cube.pose, x, y, height / 2, direction)
+        cube.size.x, cube.size.y, cube.size.z = length, width, height
         _paint(cube.color, VEHICLE_COLOR)
     return update
 

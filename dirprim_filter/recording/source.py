@@ -7,6 +7,7 @@ bounded. The copy lasts as long as the process: a pipe can be read only once, bu
 from __future__ import annotations
 
 import atexit
+import errno
 import logging
 import mmap
 import re
@@ -37,7 +38,7 @@ def local_file(path: str | PathLike[str]) -> Path:
     """The file itself; of a pipe ("-" is standard input) or of a URL the copy, made when first asked for.
 
     Raises:
-        RecordingError: a URL, and fsspec or what it needs for this scheme is missing.
+        RecordingError: a URL that cannot be read, or fsspec or what it needs for this scheme is missing.
         OSError: it cannot be read.
     """
     name = fspath(path)
@@ -87,13 +88,17 @@ def _fetched(name: str, url: str) -> Path:
         import fsspec  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise RecordingError(
-            f"{name}: expected fsspec to read URLs, it is not installed; pip install 'dirprim-filter[remote]'"
+            f"{url}: expected fsspec to read URLs, it is not installed; pip install 'dirprim-filter[remote]'"
         ) from error
     try:
         with fsspec.open(url, "rb") as remote:
             return _copied(name, remote)
-    except (ImportError, ValueError) as error:  # the scheme is unknown, or its package is missing
-        raise RecordingError(f"{name}: expected a URL that fsspec can read: {error}; copy the log here") from error
+    except FileNotFoundError as error:  # some tell no more than a path, even where nobody answers
+        why = f": {error.__cause__}" if error.__cause__ else ""
+        raise FileNotFoundError(errno.ENOENT, f"No such file{why}", url) from error
+    except Exception as error:  # the scheme is unknown, its package is missing, or of that package's own kind
+        why = str(error) or type(error).__name__
+        raise RecordingError(f"{url}: expected a URL that fsspec can read: {why}; copy the log here") from error
 
 
 def _copied(name: str, stream: BinaryIO) -> Path:

@@ -38,6 +38,23 @@ class TopicSummary:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SizeSummary:
+    """How large the objects of a topic are.
+
+    Attributes:
+        rows: how many tell of their size.
+        length_m: median over those that tell it, to a centimetre; None where none does.
+        width_m: the same across.
+        height_m: the same upwards.
+    """
+
+    rows: int
+    length_m: float | None
+    width_m: float | None
+    height_m: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LogSummary:
     """What stands in a log.
 
@@ -52,6 +69,7 @@ class LogSummary:
             header of messages that tell of objects; None where it is not checked.
         labels: by topic, how many rows each label of its objects has; of topics that have labels.
         groups: by topic, how many rows each group of its objects has; of topics that have more than one.
+        sizes: by topic, how large its objects are; of topics that tell sizes.
         attachments: names of the files attached.
         metadata: names of the metadata records.
     """
@@ -65,6 +83,7 @@ class LogSummary:
     stamps: Mapping[str, ClockFaults] | None
     labels: Mapping[str, Mapping[str, int]]
     groups: Mapping[str, Mapping[int, int]]
+    sizes: Mapping[str, SizeSummary]
     attachments: tuple[str, ...]
     metadata: tuple[str, ...]
 
@@ -107,7 +126,7 @@ def _of(index: Index, counts: Mapping[int, int], wanted: Callable[[str], bool] |
     )
     n_messages = sum(messages.values())
     return LogSummary(
-        topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={},
-        groups={},        start_ns=index.start_ns if n_messages else None, end_ns=index.end_ns if n_messages else None,
+        topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={}, groups={}, sizes={},
+        start_ns=index.start_ns if n_messages else None, end_ns=index.end_ns if n_messages else None,
         attachments=tuple(index.attachments), metadata=tuple(index.metadata),
     )  # fmt: skip

@@ -13,6 +13,7 @@ from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import TimedRows
+from dirprim_filter.sizes import chosen_sizes, has_sizes, joined_sizes, unknown_sizes
 from dirprim_filter.tracks import Numbers, Tracks, as_track_ids, repeated_rows
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -53,6 +54,25 @@ class _Column:
         return self._values
 
 
+class _SizeColumn(_Column):
+    """The sizes: begun at the first that is told, as most logs tell none."""
+
+    def __init__(self) -> None:
+        super().__init__(np.float64, 3)
+        self._untold = 0
+
+    def extend(self, values: AnyArray) -> None:
+        if not self._n:
+            if not (has_sizes(values) and np.isfinite(values).any()):
+                self._untold += len(values)
+                return
+            super().extend(unknown_sizes(self._untold))
+        super().extend(values)
+
+    def whole(self) -> AnyArray:
+        return super().whole() if self._n else unknown_sizes(self._untold)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
     """Rows as logs tell them, not yet tracks.
@@ -65,6 +85,7 @@ class Columns:
         direction: (n,) radians; NaN where the log does not tell.
         speed: (n,) m/s; NaN where the log does not tell.
         group: (n,) int64.
+        size: (n, 3) metres; NaN where the log does not tell.
     """
 
     names: AnyArray
@@ -74,6 +95,7 @@ class Columns:
     direction: FloatArray
     speed: FloatArray
     group: IntArray
+    size: FloatArray
 
     @classmethod
     def of_rows(cls, parts: Iterable[TimedRows]) -> Columns:
@@ -87,6 +109,7 @@ class Columns:
         kept = {
             "vehicle": _Column(np.int64), "time_ns": _Column(np.int64), "position": _Column(np.float64, 2),
             "direction": _Column(np.float64), "speed": _Column(np.float64), "group": _Column(np.int64),
+            "size": _SizeColumn(),
         }  # fmt: skip
         for time_ns, rows in parts:
             names = rows.track_id.tolist()
@@ -94,7 +117,7 @@ class Columns:
                 named = zip(names, time_ns.tolist(), strict=True)
                 names = [name or f"{time}/{next(nameless)}" for name, time in named]
             vehicle = np.fromiter(map(numbers.__getitem__, names), np.int64, len(names))
-            of_batch = (vehicle, time_ns, rows.position, rows.direction, rows.speed, rows.group)
+            of_batch = (vehicle, time_ns, rows.position, rows.direction, rows.speed, rows.group, rows.size)
             for column, values in zip(kept.values(), of_batch, strict=True):
                 column.extend(values)
         return cls(
@@ -129,6 +152,7 @@ class Columns:
             direction=np.concatenate([log.direction for log in logs]),
             speed=np.concatenate([log.speed for log in logs]),
             group=np.concatenate(groups),
+            size=joined_sizes([log.size for log in logs]),
         )
 
     def __getitem__(self, rows: BoolArray) -> Columns:
@@ -143,6 +167,7 @@ class Columns:
             direction=self.direction[rows],
             speed=self.speed[rows],
             group=self.group[rows],
+            size=chosen_sizes(self.size, rows),
         )
 
     def without_repeats(self, drops: Drops) -> Columns:
@@ -159,11 +184,11 @@ class Columns:
         known, rest = self[is_told[self.vehicle]], self[~is_told[self.vehicle]]
         ids = as_track_ids(self.names)
         derived = Tracks.from_positions(
-            track_id=ids[rest.vehicle], time_ns=rest.time_ns, position=rest.position, group=rest.group
+            track_id=ids[rest.vehicle], time_ns=rest.time_ns, position=rest.position, group=rest.group, size=rest.size
         )
         drops.alone += rest.time_ns.size - len(derived)
         taken = Tracks(
             track_id=ids[known.vehicle], time_ns=known.time_ns, position=known.position,
-            direction=known.direction, speed=known.speed, group=known.group,
+            direction=known.direction, speed=known.speed, group=known.group, size=known.size,
         )  # fmt: skip
         return Tracks.concatenate([part for part in (taken, derived) if len(part)] or [taken])

@@ -5,7 +5,8 @@ rotation at a constant rate, by scipy's rotations, which are here already and do
 pytransform3d, the other library looked at, interpolates screws over float times and knows no gaps; it is the oracle
 in the tests.
 
-Source: REP 105 (names of frames: `earth` is geocentric, so no plane); tf2's `lookupTransform`.
+Source: REP 105 (names of frames: `map` and `odom` stand still, `base_link` goes with the vehicle, `earth` is
+geocentric, so no plane); tf2's `lookupTransform`.
 """
 
 from __future__ import annotations
@@ -38,6 +39,11 @@ MAX_GAP_NS = 2_000_000_000
 MAX_EXTRAPOLATION_NS = 100_000_000
 """So far beyond the first and the last transform a frame is taken to move on as it did: one frame of 10 Hz."""
 GEOCENTRIC = "earth"
+FIXED = ("map", "world", "odom")
+"""Frames that stand still on the ground by name: without a transform they may be the map."""
+MOVING = ("base_link", "base_footprint")
+"""Frames that go with a vehicle."""
+MAP = "map"
 
 
 class Placement(NamedTuple):
@@ -196,7 +202,8 @@ class FrameChange:
         The transform of an object is that of its own stamp where it has one, else that of (n,) `time_ns`.
 
         Raises:
-            MissingTransformError: nothing joins an object's frame to the target.
+            MissingTransformError: nothing joins an object's frame to the target; or no target was named, and the root
+                of the object's frame is one that moves.
         """
         placed = np.ones(len(rows), np.bool_)
         for frame in dict.fromkeys(rows.frame_id.tolist()) if not _all_equal(rows) else [str(rows.frame_id[0])]:
@@ -247,13 +254,25 @@ class FrameChange:
         """A frame in the target; None where they are the same."""
         if self._tree is None:
             self._tree = TransformTree.of_log(self._path)
-        self.target = self.target or self._tree.root_of(frame)
+        self.target = self.target or self._root(self._tree, frame, int(time_ns[0]))
         if frame == self.target:
             return None
         found = self._tree.placement(frame, self.target, time_ns)
         if found is None:
             raise MissingTransformError(self._path, frame=frame, target=self.target, time_ns=int(time_ns[0]))
         return found
+
+    def _root(self, tree: TransformTree, frame: str, time_ns: int) -> str:
+        """The frame that all objects are brought into: where those of `frame` have come as far as the log tells."""
+        root = tree.root_of(frame)
+        if root in MOVING:
+            raise MissingTransformError(self._path, frame=root, target=MAP, time_ns=time_ns)
+        if root not in FIXED:
+            logger.warning(
+                "%s: positions are read as they stand in frame %r, which the log places in no other; --frame %s says "
+                "that this is meant", self._path, root, root,
+            )  # fmt: skip
+        return root
 
 
 def _all_equal(rows: ObservedRows) -> bool:

@@ -159,7 +159,7 @@ class Focus:
         past = self._places[name]
         (then_ns, start, start_spread), (now_ns, end, end_spread) = past[0], past[-1]
         distance = float(np.hypot(*(end - start)))
-        if now_ns - then_ns < 0.5e9 * COURSE_S or distance < start_spread + end_spread:
+        if now_ns - then_ns < 0.5e9 * COURSE_S or distance <= start_spread + end_spread:
             return 0.0, 0.0
         variance = (start_spread**2 + end_spread**2) / distance**2 + TURN_SPREAD**2
         return float(np.arctan2(*(end - start)[::-1])), 1.0 / variance

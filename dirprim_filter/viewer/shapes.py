@@ -46,6 +46,8 @@ LITTLE_MORE = 1.6
 """Times as long as the busy square is a map that is shown in whole."""
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
+MIDDLING = (4.5, 1.8)
+"""Length and width of a car, metres."""
 
 
 class Petals(NamedTuple):
@@ -248,12 +250,14 @@ def motion_arrow(direction: FloatArray, speed: FloatArray, *, duration_s: float 
     return arrow
 
 
-def vehicle_outline(
-    position: FloatArray, direction: FloatArray, *, length: float = 4.5, width: float = 1.8
-) -> FloatArray:
-    """The closed outline of vehicles from above, with a pointed bow. (n, 2), (n,) -> (n, 6, 2) metres."""
+def vehicle_outline(position: FloatArray, direction: FloatArray, size: FloatArray) -> FloatArray:
+    """The closed outline of vehicles from above, with a pointed bow. (n, 2), (n,), (n, 3) -> (n, 6, 2) metres.
+
+    Those of unknown size are drawn as a `MIDDLING` car.
+    """
     body = np.array([[-0.5, -0.5], [0.28, -0.5], [0.5, 0.0], [0.28, 0.5], [-0.5, 0.5], [-0.5, -0.5]])
-    outline: FloatArray = position[:, None, :] + _turned(body * [length, width], np.asarray(direction)[:, None])
+    across = np.where(np.isnan(size[:, :2]), MIDDLING, size[:, :2])
+    outline: FloatArray = position[:, None, :] + _turned(body * across[:, None], np.asarray(direction)[:, None])
     return outline
 
 

@@ -64,3 +64,33 @@ def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(tmp_path, ring, ca
         assert run([command, *arguments, "strict", "--strict"]) == 1
         assert "expected an undamaged log" in capsys.readouterr().err
         assert not (tmp_path / "strict").exists()
+
+
+@pytest.mark.parametrize("option", [("--start", "9999999999999999"), ("--labels", "bus")])
+def test_nothing_left_of_a_log_is_said_with_what_was_asked(tmp_path, ring, capsys, monkeypatch, option):
+    monkeypatch.chdir(tmp_path)
+    write_tracks(ring[ring.track_id < 8], tmp_path / "log.mcap")
+    assert run(["learn", "log.mcap", "-o", "map.mcap", *option]) == 1
+    assert f"log.mcap: expected moving objects {' '.join(option)}, got none" in capsys.readouterr().err
+    assert not (tmp_path / "map.mcap").exists()
+
+
+def test_an_unknown_schema_is_named_with_what_was_looked_for_and_the_way_out(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    private_json(tmp_path / "log.mcap")
+    assert run(["info", "log.mcap"]) == 0
+    assert "no topic carries tracks; --fields tells where" in capsys.readouterr().out
+    assert run(["learn", "log.mcap", "-o", "map.mcap"]) == 1
+    told = capsys.readouterr().err
+    for part in ("osi3.GroundTruth", "nav_msgs/msg/Odometry", "the log has /car (acme.Car)", "tell by --fields"):
+        assert part in told
+    assert told.count("\n") == 1
+
+
+def test_standard_output_is_no_place_for_what_is_renamed_when_whole(tmp_path, ring, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_tracks(ring[ring.track_id < 8], tmp_path / "log.mcap")
+    for command in ("recover", "learn"):
+        assert run([command, "log.mcap", "-o", "-"]) == 2
+        assert "expected the name of a file, got -" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]

@@ -1,6 +1,7 @@
 """`info`: the same of a log by its index as by reading it; odd times counted; quick where a log is long."""
 
 import json
+import re
 from dataclasses import replace
 
 import pytest
@@ -59,7 +60,7 @@ def test_a_long_log_is_told_by_its_index_unless_it_is_to_be_checked(log, capsys,
     assert run(["info", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["is_checked"] is False
     assert run(["info", str(path), "--check"]) == 3
-    assert "damage: chunk" in capsys.readouterr().out
+    assert re.search(r"damage: chunk_\w+ at byte \d+ \(\d+ bytes, \d+ messages lost\): ", capsys.readouterr().out)
     assert run(["info", str(path), "--strict"]) == 1
 
 
@@ -91,7 +92,7 @@ def test_odd_times_of_headers_and_jumps_are_told_too(tmp_path, capsys):
         "header": ClockFaults(zero=2, backward=2, duplicate=2, jumps=1),
     }
     assert run(["info", str(path)]) == 0
-    told = "header times by topic, as they stand in the file: 2 times of zero, 2 times that go back"
+    told = "header times by topic, as they stand in the file: 2 times of zero, 2 times before the last one"
     assert told in capsys.readouterr().out
 
 

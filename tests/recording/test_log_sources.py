@@ -67,8 +67,25 @@ def test_urls(tmp_path):
     assert rows(scan((tmp_path / "log.mcap").as_uri())) == SENT
     with pytest.raises(RecordingError, match="fsspec can read"):
         scan("nosuchscheme://log.mcap")
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match=r"No such file: 'memory://none.mcap'"):
         scan("memory://none.mcap")
+
+
+def test_an_error_of_a_remotes_own_library_is_one_line_that_names_the_url(capsys):
+    fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
+
+    class NoCredentialsError(Exception):
+        """As botocore's, of no kind that Python knows."""
+
+    class Remote(fsspec.AbstractFileSystem):
+        def _open(self, path, **_):
+            raise NoCredentialsError("unable to locate credentials")
+
+    fsspec.register_implementation("vault", Remote, clobber=True)
+    assert run(["info", "vault://bucket/log.mcap"]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("error: vault://bucket/log.mcap: expected a URL that fsspec can read: unable to locate")
+    assert told.count("\n") == 1
 
 
 def test_what_is_no_log_is_said_by_its_name(tmp_path, monkeypatch):

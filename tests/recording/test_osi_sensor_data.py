@@ -14,7 +14,11 @@ OSI = {
     "Identifier": {"value": (1, "uint64")},
     "Timestamp": {"seconds": (1, "int64"), "nanos": (2, "uint32")},
     "MountingPosition": {"position": (1, "Vector3d"), "orientation": (2, "Orientation3d")},
-    "BaseMoving": {"position": (2, "Vector3d"), "orientation": (3, "Orientation3d"), "velocity": (4, "Vector3d")},
+    "Dimension3d": {"length": (1, "double"), "width": (2, "double"), "height": (3, "double")},
+    "BaseMoving": {
+        "dimension": (1, "Dimension3d"), "position": (2, "Vector3d"), "orientation": (3, "Orientation3d"),
+        "velocity": (4, "Vector3d"),
+    },
     "DetectedItemHeader": {"tracking_id": (2, "Identifier")},
     "DetectedMovingObject": {"header": (1, "DetectedItemHeader"), "base": (2, "BaseMoving")},
     "Attributes": {"bbcenter_to_rear": (6, "Vector3d")},

@@ -102,7 +102,31 @@ def test_each_frame_comes_when_its_time_has_come(rate):
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
 def test_a_rate_must_be_positive(rate):
     with pytest.raises(ValueError, match="rate: expected more than 0"):
-        list(paced([], rate))
+        paced([], rate)
+
+
+def test_a_wrong_rate_leaves_no_file_behind(tmp_path, capsys):
+    write_tracks(standing(), tmp_path / "log.mcap")
+    assert run(["replay", str(tmp_path / "log.mcap"), "--rate", "0", "--save", str(tmp_path / "log.rrd")]) == 1
+    assert "rate: expected more than 0" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def standing(n=100):
+    """A vehicle that never moves."""
+    zero = np.zeros(n)
+    return Tracks(
+        track_id=zero.astype(np.int64), time_ns=np.arange(n) * STEP_NS, position=np.zeros((n, 2)), direction=zero,
+        speed=zero,
+    )  # fmt: skip
+
+
+def test_a_vehicle_that_stands_is_shown(tmp_path, capsys):
+    """As is seen of it, its places are without error, and it has no course."""
+    write_tracks(standing(), tmp_path / "log.mcap")
+    options = ["--rate", "inf", "--save", str(tmp_path / "log.rrd")]
+    assert run(["replay", str(tmp_path / "log.mcap"), *options]) == 0
+    assert "100 frames of /objects" in capsys.readouterr().out
 
 
 def test_the_command_writes_what_rerun_reads(tracked, tmp_path, capsys):

@@ -157,15 +157,27 @@ def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
     assert "\n" not in str(error.value)
     with pytest.raises(MissingTransformError, match="'base_link' to frame 'moon'"):
         list(stream_detections(path, frame="moon"))
-    assert len(read_tracks(path)) == N  # alone in its tree, base_link is the root
+    with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns"):
+        read_tracks(path)  # the root of its tree, but one that moves: a map of it would be of no place
+    assert len(read_tracks(path, frame="base_link")) == N
     two = write_ros(
         tmp_path / "two.mcap", [(("base_link", "camera")[k % 2], [carla(k, 1)]) for k in range(N)], static_only=True
     )
     with pytest.raises(MissingTransformError, match="'camera' to frame 'base_link'"):
-        read_tracks(two)
+        read_tracks(two, frame="base_link")
     early = write_ros(tmp_path / "early.mcap", frames, transforms=range(100, 110))
     with pytest.raises(MissingTransformError, match=f"'base_link' to frame 'map' at {START_NS} ns"):
         read_tracks(early)
+
+
+@pytest.mark.parametrize(
+    ("frame", "asked", "is_told"),
+    [("lidar_top", None, True), ("lidar_top", "lidar_top", False), ("map", None, False), ("world", None, False)],
+)
+def test_positions_in_a_frame_that_may_be_a_sensors_are_told(tmp_path, caplog, frame, asked, is_told):
+    path = write_ros(tmp_path / "log.mcap", [(frame, [carla(k, 1)]) for k in range(N)])
+    assert len(read_tracks(path, frame=asked)) == N
+    assert (f"--frame {frame} says that this is meant" in caplog.text) == is_told
 
 
 def test_objects_of_a_time_without_transforms_are_counted(tmp_path, caplog):

@@ -103,7 +103,7 @@ def test_arrows_and_outlines_point_along_the_direction() -> None:
     direction = np.array([0.0, np.pi / 2, -3 * np.pi / 4])
     arrow = shapes.motion_arrow(direction, np.array([2.0, 3.0, 4.0]), duration_s=0.5)
     assert arrow == pytest.approx(np.array([[1, 0], [0, 1.5], [-np.sqrt(2), -np.sqrt(2)]]), abs=1e-12)
-    outline = shapes.vehicle_outline(np.zeros((3, 2)), direction, length=4.0, width=2.0)
+    outline = shapes.vehicle_outline(np.zeros((3, 2)), direction, np.array([[4.0, 2.0, 1.5]] * 3))
     bow = outline[:, 2]
     assert np.arctan2(bow[:, 1], bow[:, 0]) == pytest.approx(direction)
     assert np.hypot(*bow.T) == pytest.approx(2.0)

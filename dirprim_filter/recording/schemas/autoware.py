@@ -4,7 +4,8 @@ The pose is that of the shape's centre in the header's frame, and so is its cova
 the axes of the object's body. `orientation_availability` says whether the orientation is measured (2), measured up to
 front and back (1), or not at all (0); a body whose orientation is not measured has no heading while it stands. A
 detection has no name; it has a twist only where `has_twist` says so, and a covariance where `has_position_covariance`
-does. Of several classifications the most probable counts.
+does. Of several classifications the most probable counts. The dimensions are length, width and height of a bounding
+box, diameter and height of a cylinder; of a polygon only the height.
 
 Source: https://github.com/autowarefoundation/autoware_msgs, autoware_perception_msgs; the names before 2024 were
 autoware_auto_perception_msgs.
@@ -25,11 +26,12 @@ from dirprim_filter.recording.schemas.attitude import (
     xyz,
 )
 from dirprim_filter.recording.schemas.covariances import covariance, covariances
+from dirprim_filter.recording.schemas.extents import extents, sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.labels import UNTOLD, label_names, most_probable
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
-from tessellation.arrays import AnyArray
+from tessellation.arrays import AnyArray, FloatArray
 
 _PACKAGES = ("autoware_perception_msgs", "autoware_auto_perception_msgs")
 UNAVAILABLE = 0
@@ -37,6 +39,8 @@ _KINEMATICS = ".objects[].kinematics"
 _GUESSES = ".objects[].classification[]"
 LABELS = ("unknown", "car", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian")
 """ObjectClassification.msg."""
+_BOX, _CYLINDER, _POLYGON = 0, 1, 2
+"""Shape.msg, `type`."""
 
 
 def _fields(pose_name: str, twist_name: str) -> dict[str, Field]:
@@ -49,10 +53,20 @@ def _fields(pose_name: str, twist_name: str) -> dict[str, Field]:
         "unsure": Field(path=f"{_KINEMATICS}.has_position_covariance", optional=True),
         "label": Field(path=f"{_GUESSES}.label", optional=True),
         "probability": Field(path=f"{_GUESSES}.probability", optional=True),
+        "shape": Field(path=".objects[].shape.type", optional=True),
+        **extents(".objects[].shape.dimensions"),
         **pose(f"{_KINEMATICS}.{pose_name}.pose"),
         **covariance(f"{_KINEMATICS}.{pose_name}.covariance", n_rows=6),
         **xyz("v", f"{_KINEMATICS}.{twist_name}.twist.linear"),
     }
+
+
+def _sizes(shredded: Shredded) -> FloatArray:
+    kind = shredded.integers("shape", default=_BOX)[:, None]
+    told = sizes(shredded)
+    round_one = told[:, [0, 0, 2]]
+    outlined = told * [np.nan, np.nan, 1.0]
+    return np.select([kind == _BOX, kind == _CYLINDER, kind == _POLYGON], [told, round_one, outlined], np.nan)
 
 
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
@@ -76,6 +90,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         climb=velocity[:, 2],
         covariance=covariances(shredded, shredded.integers("unsure", default=1) > 0),
         label=label_names(label, LABELS),
+        size=_sizes(shredded),
     )
 
 

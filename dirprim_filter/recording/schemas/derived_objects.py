@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, VELOCITY, course, heading, pose, xyz
 from dirprim_filter.recording.schemas.covariances import covariance, covariances
+from dirprim_filter.recording.schemas.extents import solid, solid_sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.labels import UNTOLD, label_names
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
@@ -38,6 +39,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         climb=velocity[:, 2],
         covariance=covariances(shredded),
         label=label_names(shredded.integers("label", default=UNTOLD), LABELS),
+        size=solid_sizes(shredded),
     )
 
 
@@ -52,6 +54,7 @@ def _family(schema: str, pose_path: str, twist_path: str) -> Family:
             **pose(f".objects[]{pose_path}"),
             **covariance(".objects[].pose.covariance", n_rows=6),
             **xyz("v", f".objects[]{twist_path}.linear"),
+            **solid(".objects[].shape"),
         },
         objects=_objects,
     )

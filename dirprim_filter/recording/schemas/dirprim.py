@@ -16,6 +16,7 @@ from dirprim_filter.recording.schemas.covariances import matrices
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.sizes import has_sizes
 from dirprim_filter.tracks import Tracks, as_texts
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -33,6 +34,7 @@ _ESTIMATE_COLUMNS = (
     "direction", "direction_resultant", "speed", "speed_std", "effective_sample_size", "log_evidence",
 )  # fmt: skip
 _COVARIANCE = ("covariance_xx", "covariance_xy", "covariance_yy")
+_SIZE = ("length", "width", "height")
 _LATER_COLUMNS = ("existence", "unseen_s")
 """Logs of before they were written have none of them."""
 
@@ -118,10 +120,13 @@ def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: 
         message.covariance_xx.extend(observed.covariance[rows, 0, 0].tolist())
         message.covariance_xy.extend(observed.covariance[rows, 0, 1].tolist())
         message.covariance_yy.extend(observed.covariance[rows, 1, 1].tolist())
+    if has_sizes(observed.size) and not np.isnan(size := observed.size[rows]).all():
+        for name, column in zip(_SIZE, size.T.tolist(), strict=True):
+            getattr(message, name).extend(column)
     return message
 
 
-_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE)
+_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE)
 _COLUMNS = ("x", "y", *_OPTIONAL)
 
 
@@ -158,6 +163,7 @@ def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         speed=columns["speed"],
         group=group,
         covariance=matrices(*(columns[label] for label in _COVARIANCE)),
+        size=np.stack([columns[label] for label in _SIZE], axis=-1),
     )[kept]
 
 

@@ -1,7 +1,8 @@
 """`visualization_msgs/MarkerArray`: what a node drew of its objects.
 
 A marker that adds or changes a cube, a sphere, a cylinder or a mesh is an object, named "namespace/id"; arrows,
-lines and texts are no objects, nor is what deletes. Each marker has a header of its own. No velocity.
+lines and texts are no objects, nor is what deletes. Each marker has a header of its own. No velocity. The scale is the
+size of what is drawn; of a mesh it is a factor, and the size unknown.
 
 Source: visualization_msgs/msg/Marker.msg of ROS 2.
 """
@@ -11,17 +12,20 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.extents import extents, sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
 from tessellation.arrays import AnyArray
 
 BODIES = (1, 2, 3, 10)  # CUBE, SPHERE, CYLINDER, MESH_RESOURCE
+MESH = 10
 ADD = 0
 
 
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-    is_body = np.isin(shredded.integers("type"), BODIES) & (shredded.integers("action") == ADD)
+    kind = shredded.integers("type")
+    is_body = np.isin(kind, BODIES) & (shredded.integers("action") == ADD)
     message = shredded.message_of(".markers[]")
     space, number = shredded.names("space"), shredded.names("id")
     return rows_of(
@@ -30,6 +34,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         stamp_ns=shredded.times("stamp"),
         frame_id=shredded.names("frame"),
         place=numbers(shredded, *POSITION),
+        size=np.where((kind == MESH)[:, None], np.nan, sizes(shredded)),
     )[is_body]
 
 
@@ -43,6 +48,7 @@ MARKERS = Family(
         "type": Field(path=".markers[].type"),
         "action": Field(path=".markers[].action"),
         **xyz("p", ".markers[].pose.position"),
+        **extents(".markers[].scale"),
     },
     objects=_objects,
 )

@@ -10,6 +10,7 @@ import numpy as np
 
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.sizes import chosen_sizes, joined_sizes, known_sizes, unknown_sizes
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
@@ -30,6 +31,7 @@ class ObservedRows:
         group: (n,) int64; 0 where the message knows no groups.
         covariance: (n, 2, 2) of the position's error, square metres; NaN where the message does not tell.
         label: (n,) str, what the object is in the words of its schema; empty where the message does not tell.
+        size: (n, 3) length, width and height of the body, metres; NaN where the message does not tell.
     """
 
     message: IntArray
@@ -44,6 +46,7 @@ class ObservedRows:
     group: IntArray
     covariance: FloatArray
     label: AnyArray
+    size: FloatArray
 
     def __len__(self) -> int:
         return int(self.message.size)
@@ -52,15 +55,18 @@ class ObservedRows:
         """The rows of a mask or of indices; the same rows where a mask leaves out none."""
         if rows.dtype == np.bool_ and rows.all():
             return self
-        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "size"}
+        return replace(self, **columns, size=chosen_sizes(self.size, rows))
 
 
 def concatenated(parts: Sequence[ObservedRows]) -> ObservedRows:
     """All rows of all parts, of which there is at least one; `message` stays as it is."""
     if len(parts) == 1:
         return parts[0]
+    names = [f.name for f in fields(ObservedRows) if f.name != "size"]
     return ObservedRows(
-        **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ObservedRows)}
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        size=joined_sizes([part.size for part in parts]),
     )
 
 
@@ -97,6 +103,7 @@ def rows_of(
     group: IntArray | None = None,
     covariance: FloatArray | None = None,
     label: AnyArray | None = None,
+    size: FloatArray | None = None,
 ) -> ObservedRows:
     """Rows of which all but the place may be unknown.
 
@@ -112,6 +119,7 @@ def rows_of(
         group: (n,) int64.
         covariance: (n, 2, 2) square metres.
         label: (n,) str.
+        size: (n, 3) metres; what is not positive is unknown: a field that nobody set reads as 0.
     """
     unknown = np.full(message.size, np.nan)
     return ObservedRows(
@@ -127,6 +135,7 @@ def rows_of(
         group=np.zeros(message.size, np.int64) if group is None else group,
         covariance=np.full((message.size, 2, 2), np.nan) if covariance is None else covariance,
         label=np.full(message.size, "") if label is None else label,
+        size=unknown_sizes(message.size) if size is None else known_sizes(size),
     )
 
 

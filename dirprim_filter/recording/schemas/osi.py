@@ -5,7 +5,7 @@ those of its global ground truth.
 
 Source: ASAM OSI 3.7, osi_object.proto: `base.position` is the centre of the bounding box in the global frame,
 x east, y north, metres; `base.velocity` is in the same frame; an object that stands has no course, its body's
-yaw stands in.
+yaw stands in. `base.dimension` is the size of that box, along the body's axes.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.recording.schemas.attitude import POSITION, VELOCITY, course, xyz
+from dirprim_filter.recording.schemas.extents import extents, sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.labels import UNTOLD, label_names
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
@@ -21,6 +22,7 @@ from tessellation.arrays import AnyArray
 
 LABELS = ("unknown", "other", "vehicle", "pedestrian", "animal")
 """`MovingObject.Type`."""
+DIMENSION = ("length", "width", "height")
 VEHICLE = 2
 VEHICLES = (
     "vehicle", "vehicle", "small_car", "compact_car", "car", "luxury_car", "delivery_van", "heavy_truck",
@@ -56,6 +58,7 @@ def _family(schema: str, truth: str) -> Family:
             direction=direction,
             speed=speed,
             label=_labels(shredded),
+            size=sizes(shredded),
         )[shredded.marks("placed")]
 
     return Family(
@@ -71,6 +74,7 @@ def _family(schema: str, truth: str) -> Family:
             "yaw": Field(path=f"{movers}.base.orientation.yaw"),
             **xyz("p", f"{movers}.base.position"),
             **xyz("v", f"{movers}.base.velocity"),
+            **extents(f"{movers}.base.dimension", DIMENSION),
         },
         objects=objects,
     )

@@ -13,8 +13,10 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.recording.schemas.attitude import POSITION, rotated, xyz
+from dirprim_filter.recording.schemas.extents import extents, sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.osi import DIMENSION
 from dirprim_filter.recording.schemas.shredded import NO_TIME, Shredded
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -69,6 +71,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         stamp_ns=np.where(measured == NO_TIME, sent, measured)[message],
         frame_id=np.full(message.size, ""),
         place=place,
+        size=sizes(shredded)[placed],
     )
 
 
@@ -80,6 +83,7 @@ SENSOR_DATA = Family(
         "id": Field(path=".moving_object[].header.tracking_id.value", kind="name"),
         "placed": Field(path=".moving_object[].base.position", kind="mark"),
         **xyz("p", ".moving_object[].base.position"),
+        **extents(".moving_object[].base.dimension", DIMENSION),
         **xyz("mount", ".mounting_position.position"),
         **_turn("mounted", ".mounting_position.orientation"),
         "host": Field(path=f"{_TRUTH}.host_vehicle_id.value", kind="name"),

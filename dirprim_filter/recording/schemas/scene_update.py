@@ -1,9 +1,10 @@
 """Objects of `foxglove.SceneUpdate` messages, by the convention of nuScenes logs.
 
-One entity is one object; its first cube's pose is the object's; other primitives (lines of a lane map, arrows,
-texts) are no objects, so entities without a cube are passed over. Velocity is not part of the schema: it is
-taken from the entity's metadata `direction_rad` and `speed_mps` where these are, and `group` and `category`, what the
-object is, likewise.
+One entity is one object; its first cube is the object's body, or its first upright cylinder, or its first model;
+other primitives (lines of a lane map, arrows, texts) are no objects, so entities without a body are passed over.
+Velocity is not part of the schema: it is taken from the entity's metadata `direction_rad` and `speed_mps` where these
+are, and `group` and `category`, what the object is, likewise. The size is the body's, a model's unknown; where metadata
+tell the speed the size stands there too, as `length_m`, `width_m` and `height_m`, and that of the cube is but drawn.
 
 Source: https://docs.foxglove.dev/docs/sdk/schemas/scene-update and https://github.com/foxglove/nuscenes2mcap.
 """
@@ -15,30 +16,52 @@ import math
 import numpy as np
 
 from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.extents import extents, sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
-from tessellation.arrays import AnyArray, FloatArray, IntArray
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 INT64_TEXT_LENGTH = 20
 _ENTITIES = ".entities[]"
 _NOTES = ".entities[].metadata[]"
+_PLACES = (POSITION, ("r.x", "r.y", "r.z"), ("m.x", "m.y", "m.z"))
+SIZE_NOTES = ("length_m", "width_m", "height_m")
+"""In the metadata: of what was observed, where the cube may be of a middling size."""
 
 
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(_ENTITIES)
     notes = _Notes(shredded, message.size)
+    is_cube, is_cylinder = shredded.marks("cube"), shredded.marks("cylinder", default=False)
+    is_body = is_cube | is_cylinder | shredded.marks("model", default=False)
     return rows_of(
         message,
         track_id=shredded.names("id"),
         stamp_ns=shredded.times("stamp"),
         frame_id=shredded.names("frame"),
-        place=numbers(shredded, *POSITION),
+        place=_of_body(is_cube, is_cylinder, *(numbers(shredded, *labels) for labels in _PLACES)),
         direction=notes.numbers("direction_rad"),
         speed=notes.numbers("speed_mps"),
         group=notes.groups(),
         label=notes.texts("category"),
-    )[shredded.marks("cube")]
+        size=_sizes(shredded, is_cube, is_cylinder, notes),
+    )[is_body]
+
+
+def _of_body(is_cube: BoolArray, is_cylinder: BoolArray, *bodies: FloatArray) -> FloatArray:
+    """(n, 3) of the cube where there is one, else of the cylinder, else of the model."""
+    return np.select([is_cube[:, None], is_cylinder[:, None]], bodies[:2], bodies[2])
+
+
+def _sizes(shredded: Shredded, is_cube: BoolArray, is_cylinder: BoolArray, notes: _Notes) -> FloatArray:
+    """(n, 3) metres."""
+    cube, cylinder = sizes(shredded), numbers(shredded, "round.x", "round.y", "round.z")
+    drawn = _of_body(is_cube, is_cylinder, cube, cylinder, np.full_like(cube, np.nan))
+    if not notes.has("speed_mps").any():
+        return drawn
+    noted = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)
+    return np.where(notes.has("speed_mps")[:, None], noted, drawn)
 
 
 class _Notes:
@@ -49,6 +72,12 @@ class _Notes:
         self._entity = shredded.parent_of(_NOTES)
         self._key = shredded.names("key")
         self._value = shredded.names("value")
+
+    def has(self, key: str) -> BoolArray:
+        """(n,) which entities have a note."""
+        found = np.zeros(self._n, np.bool_)
+        found[self._entity[self._key == key]] = True
+        return found
 
     def numbers(self, key: str) -> FloatArray:
         """(n,) a number of each entity; NaN, so unknown, where it is missing or no number."""
@@ -85,6 +114,10 @@ def _group(text: str) -> int:
     return int(text) if is_number else 0
 
 
+def _elsewhere(prefix: str, path: str) -> dict[str, Field]:
+    return {f"{prefix}.{axis}": Field(path=f"{_ENTITIES}.{path}.{axis}", optional=True) for axis in "xyz"}
+
+
 SCENE_UPDATE = Family(
     schemas=("foxglove.SceneUpdate", "foxglove_msgs/msg/SceneUpdate"),
     fields={
@@ -92,7 +125,13 @@ SCENE_UPDATE = Family(
         "frame": Field(path=f"{_ENTITIES}.frame_id", kind="name"),
         "id": Field(path=f"{_ENTITIES}.id", kind="name"),
         "cube": Field(path=f"{_ENTITIES}.cubes[0]", kind="mark"),
+        "cylinder": Field(path=f"{_ENTITIES}.cylinders[0]", kind="mark", optional=True),
+        "model": Field(path=f"{_ENTITIES}.models[0]", kind="mark", optional=True),
         **xyz("p", f"{_ENTITIES}.cubes[0].pose.position"),
+        **_elsewhere("r", "cylinders[0].pose.position"),
+        **_elsewhere("m", "models[0].pose.position"),
+        **extents(f"{_ENTITIES}.cubes[0].size"),
+        **_elsewhere("round", "cylinders[0].size"),
         "key": Field(path=f"{_NOTES}.key", kind="name"),
         "value": Field(path=f"{_NOTES}.value", kind="name"),
     },

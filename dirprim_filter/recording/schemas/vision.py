@@ -1,7 +1,8 @@
 """`vision_msgs/Detection3DArray`: boxes, without a velocity, and often without a name.
 
 The box's centre is a pose in the header's frame. `id` stays the same over time where the detector tracks; it is
-empty where it does not. Of several hypotheses the one of the highest score counts.
+empty where it does not. Of several hypotheses the one of the highest score counts. The box's size is along its own
+axes, x forward.
 
 Source: https://github.com/ros-perception/vision_msgs, version 4 (ROS 2 Humble and later).
 """
@@ -11,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.extents import extents, sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.labels import most_probable
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
@@ -31,6 +33,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         frame_id=shredded.names("frame")[message],
         place=numbers(shredded, *POSITION),
         label=label,
+        size=sizes(shredded),
     )
 
 
@@ -43,6 +46,7 @@ DETECTIONS_3D = Family(
         "label": Field(path=".detections[].results[].hypothesis.class_id", kind="name", optional=True),
         "score": Field(path=".detections[].results[].hypothesis.score", optional=True),
         **xyz("p", ".detections[].bbox.center.position"),
+        **extents(".detections[].bbox.size"),
     },
     objects=_objects,
 )

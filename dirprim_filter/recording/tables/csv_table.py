@@ -1,8 +1,8 @@
 """Tracks from comma-separated text, columns by name.
 
-`time_s, track_id, x_m, y_m` and, if there, `heading_rad, speed_mps, group`; other columns are ignored. A name
-says its unit: x east and y north in metres, the heading (taken as the course over ground) in radians
-counter-clockwise from east.
+`time_s, track_id, x_m, y_m` and, if there, `heading_rad, speed_mps, group, length_m, width_m, height_m`; other columns
+are ignored. A name says its unit: x east and y north in metres, the heading (taken as the course over ground) in
+radians counter-clockwise from east, the size of the body in metres; an empty cell of a size is one that is unknown.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from dirprim_filter.recording.tables.table import Table, TableRows, table_of
 logger = logging.getLogger(__name__)
 
 REQUIRED = ("time_s", "track_id", "x_m", "y_m")
-OPTIONAL = ("heading_rad", "speed_mps", "group")
+SIZE = ("length_m", "width_m", "height_m")
+OPTIONAL = ("heading_rad", "speed_mps", "group", *SIZE)
 
 REMEDY: Mapping[str, str] = {
     "time_ms": "divide by 1e3", "time_us": "divide by 1e6", "time_ns": "divide by 1e9",
@@ -30,6 +31,8 @@ REMEDY: Mapping[str, str] = {
     "heading_deg": "multiply by pi/180, and make it counter-clockwise from east",
     "speed_kmh": "divide by 3.6", "speed_kph": "divide by 3.6", "speed_mph": "multiply by 0.44704",
     "speed_fps": "multiply by 0.3048", "speed_kn": "multiply by 0.514444",
+    "length_ft": "multiply by 0.3048", "width_ft": "multiply by 0.3048", "height_ft": "multiply by 0.3048",
+    "length_cm": "divide by 100", "width_cm": "divide by 100", "height_cm": "divide by 100",
 }  # fmt: skip
 
 TURN = 2 * np.pi
@@ -67,8 +70,11 @@ def read_csv(path: str | Path) -> Table:
 def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
     time_ns, time_known = block.nanoseconds(place["time_s"], "time_s")
     floats = {
-        name: block.floats(place[name], name) for name in ("x_m", "y_m", "heading_rad", "speed_mps") if name in place
+        name: block.floats(place[name], name)
+        for name in ("x_m", "y_m", "heading_rad", "speed_mps", *SIZE)
+        if name in place
     }
+    size = np.column_stack([floats.get(name, np.full(len(time_ns), np.nan)) for name in SIZE])
     return TableRows(
         vehicle=ids.numbers(block.texts(place["track_id"])),
         time_ns=time_ns,
@@ -77,6 +83,7 @@ def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
         direction=floats.get("heading_rad"),
         speed=floats.get("speed_mps"),
         group=block.whole_numbers(place["group"], "group") if "group" in place else None,
+        size=size if any(name in place for name in SIZE) else None,
     )
 
 
@@ -92,7 +99,7 @@ def _check_header(path: Path, line: int, columns: list[str]) -> None:
         raise TableError(path, line, f"one column {twice[0]}", f"{columns.count(twice[0])}", "remove the others")
     for name in known:
         stem = name.partition("_")[0]
-        other = [c for c in columns if c == stem or (c in REMEDY and c.startswith(f"{stem}_"))]
+        other = [c for c in columns if (c == stem and name not in SIZE) or (c in REMEDY and c.startswith(f"{stem}_"))]
         if name not in columns and other:
             remedy = REMEDY.get(other[0], "convert it where the unit differs")
             raise TableError(path, line, f"column {name}", other[0], f"{remedy}, and name it {name}")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.sizes import known_sizes
 from dirprim_filter.tracks import Tracks, as_track_ids, repeated_rows
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
@@ -39,6 +40,7 @@ class TableRows:
         direction: (n,) radians counter-clockwise from east; None where the table has none.
         speed: (n,) m/s; None where the table has none.
         group: (n,) int64; None where the table has none.
+        size: (n, 3) length, width and height, metres; what is not positive is unknown; None where the table has none.
     """
 
     vehicle: IntArray
@@ -48,6 +50,7 @@ class TableRows:
     direction: FloatArray | None = None
     speed: FloatArray | None = None
     group: IntArray | None = None
+    size: FloatArray | None = None
 
     @classmethod
     def concatenate(cls, parts: Sequence[TableRows]) -> TableRows:
@@ -93,6 +96,7 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
 
     track_id = as_track_ids(np.array(names, dtype=np.str_))[vehicle[kept]]
     times, position, groups = rows.time_ns[kept], rows.position[kept], group[kept]
+    size = np.empty((0, 3)) if rows.size is None else known_sizes(rows.size[kept])
     told = np.isfinite(direction[kept]) & np.isfinite(speed[kept])
     is_told = np.ones(len(names), np.bool_)
     is_told[vehicle[kept][~told]] = False
@@ -105,10 +109,14 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
         )
     given = Tracks(
         track_id=track_id[whole], time_ns=times[whole], position=position[whole], group=groups[whole],
-        direction=direction[kept][whole], speed=speed[kept][whole],
+        direction=direction[kept][whole], speed=speed[kept][whole], size=size[whole] if len(size) else size,
     )  # fmt: skip
     derived = Tracks.from_positions(
-        track_id=track_id[~whole], time_ns=times[~whole], position=position[~whole], group=groups[~whole]
+        track_id=track_id[~whole],
+        time_ns=times[~whole],
+        position=position[~whole],
+        group=groups[~whole],
+        size=size[~whole] if len(size) else size,
     )
     _count(counts, "alone in time, so that no velocity can be derived", int((~whole).sum()) - len(derived))
     tracks = Tracks.concatenate([part for part in (given, derived) if len(part)] or [given])

@@ -1,0 +1,304 @@
+"""How large objects are: read as independent writers wrote it, kept through our own logs, and told by `info`."""
+
+import json
+
+import numpy as np
+import pytest
+from google.protobuf import json_format
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_files import DATA, scene, write_protobuf_log
+from mcap_protobuf.decoder import DecoderFactory
+from test_foxglove_schemas import PLACE, TIMES, json_log, private
+from test_osi_sensor_data import sensor_data_class
+from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detection, marker, point, tracked
+
+from dirprim_filter.cli.main import run
+from dirprim_filter.detections import Detections
+from dirprim_filter.recording import decoding, read_tracks, write_tracks
+from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.reader import inspect, stream_detections
+from dirprim_filter.recording.scene import VEHICLE_SIZE
+from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.sizes import has_sizes
+from dirprim_filter.tracks import Tracks
+
+NAN = np.nan
+L, W, H = 4.25, 1.875, 1.5
+
+
+def shaped(make, kind):
+    """An object of Autoware's of a kind of shape."""
+    footprint = {"points": [point(1, 2, 3)] * 4}
+    return lambda k, i: make(k, i) | {"shape": {"type": kind, "footprint": footprint, "dimensions": point(L, W, H)}}
+
+
+def solid(kind, *dimensions):
+    shape = {"type": kind, "dimensions": list(dimensions), "polygon": {"points": []}}
+    return lambda k, i: carla(k, i) | {"shape": shape}
+
+
+def drawn(kind):
+    return lambda k, i: marker(k, i, kind=kind) | {"scale": point(L, W, H)}
+
+
+def boxed(*size):
+    return lambda k, i: detection(k, i) | {"bbox": detection(k, i)["bbox"] | {"size": point(*size)}}
+
+
+AUTOWARE = "autoware_perception_msgs/msg/TrackedObjects"
+DETECTED = "autoware_auto_perception_msgs/msg/DetectedObjects"
+DERIVED = "derived_object_msgs/msg/ObjectArray"
+VISION = "vision_msgs/msg/Detection3DArray"
+MARKERS = "visualization_msgs/msg/MarkerArray"
+ROS = {
+    "Autoware, box": (AUTOWARE, shaped(tracked, 0), (L, W, H)),
+    "Autoware, cylinder": (AUTOWARE, shaped(tracked, 1), (L, L, H)),
+    "Autoware, polygon": (AUTOWARE, shaped(tracked, 2), (NAN, NAN, H)),
+    "Autoware, of a later kind": (AUTOWARE, shaped(tracked, 3), (NAN, NAN, NAN)),
+    "Autoware, detected": (DETECTED, shaped(detected, 0), (L, W, H)),
+    "derived, box": (DERIVED, solid(1, L, W, H), (L, W, H)),
+    "derived, sphere": (DERIVED, solid(2, 0.5), (1.0, 1.0, 1.0)),
+    "derived, cylinder": (DERIVED, solid(3, H, 0.5), (1.0, 1.0, H)),
+    "derived, cone": (DERIVED, solid(4, H, 0.5), (1.0, 1.0, H)),
+    "derived, unset": (DERIVED, solid(0), (NAN, NAN, NAN)),
+    "derived, too short": (DERIVED, solid(1, L), (L, NAN, NAN)),
+    "vision": (VISION, boxed(L, W, H), (L, W, H)),
+    "vision, flat": (VISION, boxed(L, W, 0), (L, W, NAN)),
+    "vision, unset": (VISION, boxed(0, 0, 0), (NAN, NAN, NAN)),
+    "marker, cube": (MARKERS, drawn(1), (L, W, H)),
+    "marker, sphere": (MARKERS, drawn(2), (L, W, H)),
+    "marker, cylinder": (MARKERS, drawn(3), (L, W, H)),
+    "marker, mesh": (MARKERS, drawn(10), (NAN, NAN, NAN)),
+}
+
+
+@pytest.mark.parametrize("name", ROS)
+def test_sizes_of_ros_2_objects(tmp_path, name):
+    schema, make, expected = ROS[name]
+    path = array_log(tmp_path, schema, lambda k, _: [make(k, i) for i in range(3)])
+    tracks = read_tracks(path)
+    np.testing.assert_array_equal(tracks.size, [expected] * len(tracks))
+    assert len(tracks) == 3 * N_TIMES
+    assert has_sizes(tracks.size) == np.isfinite(expected).any()
+    for frame in stream_detections(path):
+        np.testing.assert_array_equal(frame.size, [expected] * len(frame))
+
+
+def body(entity, kind, *size):
+    """The entity's cube becomes another body."""
+    pose = type(entity.cubes[0].pose)()
+    pose.CopyFrom(entity.cubes[0].pose)
+    entity.ClearField("cubes")
+    made = getattr(entity, kind).add()
+    made.pose.CopyFrom(pose)
+    for axis, metres in zip("xyz", size, strict=False):
+        setattr(made.size, axis, metres)
+
+
+def mixed(k):
+    """A cube, a cylinder, a model, a cube whose size is not set, and a line."""
+    update = scene([(name, 10.0 * i + k, 0.0) for i, name in enumerate(("cube", "round", "model", "unset", "line"))])
+    cube = update.entities[0].cubes[0]
+    cube.size.x, cube.size.y, cube.size.z = L, W, H
+    body(update.entities[1], "cylinders", 0.5, 0.5, 1.75)
+    body(update.entities[2], "models")
+    update.entities[2].models[0].scale.x = 7.0
+    update.entities[4].ClearField("cubes")
+    update.entities[4].lines.add()
+    return update
+
+
+def as_json(update):
+    """By protobuf's own rules, but for times, which Foxglove writes as numbers."""
+    told = json_format.MessageToDict(
+        update, preserving_proto_field_name=True, always_print_fields_with_no_presence=True
+    )  # fmt: skip
+    for entity in told["entities"]:
+        entity["timestamp"] = {"sec": 0, "nsec": 0}
+    return told
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_sizes_of_scenes(tmp_path, encoding):
+    path = tmp_path / "log.mcap"
+    if encoding == "json":
+        told = [(k * 10**8, as_json(mixed(k))) for k in range(5)]
+        json_log(path, "foxglove.SceneUpdate", told)
+    else:
+        write_protobuf_log(path, [("/objects", k * 10**8, mixed(k)) for k in range(5)])
+    tracks = read_tracks(path)
+    expected = {"cube": (L, W, H), "round": (0.5, 0.5, 1.75), "model": (NAN,) * 3, "unset": (NAN,) * 3}
+    assert set(tracks.track_id) == set(expected)
+    for i, (name, size) in enumerate(expected.items()):
+        rows = tracks[tracks.track_id == name]
+        np.testing.assert_array_equal(rows.size, [size] * 5)
+        np.testing.assert_array_equal(rows.position, [[10.0 * i + k, 0.0] for k in range(5)])
+
+
+def test_sizes_of_osi_objects_are_what_the_stock_decoder_finds():
+    path = DATA / "mcap_osi" / "MovingHostWithStopLine.mcap"
+    if not path.exists():
+        pytest.skip(f"real logs are not at {path.parent}")
+    expected = {}
+    with path.open("rb") as file:
+        for _, _, message, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            for mover in view.global_ground_truth.moving_object:
+                size = mover.base.dimension
+                expected[message.log_time, mover.id.value] = (size.length, size.width, size.height)
+    tracks = read_tracks(path)
+    assert has_sizes(tracks.size)
+    for time_ns, name, size in zip(tracks.time_ns.tolist(), tracks.track_id.tolist(), tracks.size, strict=True):
+        told = np.array(expected[time_ns, name])
+        np.testing.assert_array_equal(size, np.where(told > 0, told, NAN))
+    (summary,) = inspect(path).sizes.values()
+    medians = np.nanmedian(np.where(np.array(list(expected.values())) > 0, list(expected.values()), NAN), axis=0)
+    np.testing.assert_allclose([summary.length_m, summary.width_m, summary.height_m], medians, atol=0.0051)
+
+
+def test_sizes_that_a_sensor_of_osi_perceives(tmp_path):
+    kind, definition = sensor_data_class()
+    with (tmp_path / "log.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("osi3.SensorData", "protobuf", definition)
+        channel = writer.register_channel("/osi", "protobuf", schema)
+        for k in range(4):
+            message = kind()
+            truth = message.sensor_view.add().global_ground_truth
+            truth.host_vehicle_id.value = 3
+            host = truth.moving_object.add()
+            host.id.value, host.base.position.x = 3, 0.0
+            message.moving_object.add().header.tracking_id.value = 1  # not placed, so no object
+            for name, sized in ((7, True), (8, False)):
+                seen = message.moving_object.add()
+                seen.header.tracking_id.value, seen.base.position.x = name, k + 10.0 * name
+                if sized:
+                    size = seen.base.dimension
+                    size.length, size.width, size.height = L, W, H
+            writer.add_message(channel, k * 10**8, message.SerializeToString(), k * 10**8)
+        writer.finish()
+    tracks = read_tracks(tmp_path / "log.mcap")
+    np.testing.assert_array_equal(tracks.size[tracks.track_id == 7], [(L, W, H)] * 4)
+    np.testing.assert_array_equal(tracks.size[tracks.track_id == 8], [(NAN, NAN, NAN)] * 4)
+
+
+def test_sizes_by_the_paths_of_a_private_schema(tmp_path):
+    def sized(k):
+        told = private(k)
+        for one in told["list"]:
+            one["box"] = {"l": L, "w": W}
+        return told | {"tall": H}
+
+    path = json_log(tmp_path / "log.mcap", "acme.Objects", [(TIMES[k], sized(k)) for k in range(len(PLACE))])
+    places = "id=.list[].name,x=.list[].at[0],y=.list[].at[1]"
+    tracks = read_tracks(path, mapping=FieldMapping.parse(f"{places},length=.list[].box.l,width=.list[].box.w"))
+    np.testing.assert_array_equal(tracks.size, [(L, W, NAN)] * len(tracks))
+    tracks = read_tracks(path, mapping=FieldMapping.parse(f"{places},height=.tall"))
+    np.testing.assert_array_equal(tracks.size, [(NAN, NAN, H)] * len(tracks))
+    assert not has_sizes(read_tracks(path, mapping=FieldMapping.parse(places)).size)
+
+
+def three(size):
+    """Three vehicles at twenty instants, the first without a size, the last without a height."""
+    n = 60
+    rows = {
+        "track_id": np.tile(NAMES, 20), "time_ns": 10**9 + np.repeat(np.arange(20), 3) * 10**8,
+        "position": np.random.default_rng(2).normal(size=(n, 2)), "direction": np.zeros(n), "speed": np.ones(n),
+    }  # fmt: skip
+    return Tracks(**rows, size=np.tile(size, (20, 1)))
+
+
+SOME = np.array([[NAN, NAN, NAN], [L, W, H], [12.0 + 1e-12, 2.5, NAN]])
+
+
+@pytest.mark.parametrize("topics", [None, "/objects/scene"])
+@pytest.mark.parametrize("size", [SOME, SOME * NAN])
+def test_sizes_read_back_equal(tmp_path, topics, size):
+    tracks = three(size)
+    write_tracks(tracks, tmp_path / "log.mcap")
+    back = read_tracks(tmp_path / "log.mcap", topics=topics)
+    np.testing.assert_array_equal(back.size, tracks.size)
+    assert has_sizes(back.size) == has_sizes(tracks.size)
+
+
+def test_detected_sizes_read_back_equal(tmp_path):
+    tracks = three(SOME)
+    sent = Detections(track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position, size=tracks.size)
+    write_tracks(three(SOME * NAN), tmp_path / "log.mcap", detections=sent)
+    for back, frame in zip(stream_detections(tmp_path / "log.mcap"), sent.frames(), strict=True):
+        np.testing.assert_array_equal(back.size, frame.size)
+
+
+def test_cubes_are_drawn_as_large_as_vehicles_are_known_to_be(tmp_path):
+    """By an independent reader; each stands on the ground."""
+    write_tracks(three(SOME), tmp_path / "log.mcap")
+    expected = np.where(np.isnan(SOME), VEHICLE_SIZE, SOME)
+    with (tmp_path / "log.mcap").open("rb") as file:
+        scenes = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/objects/scene"])
+        for _, _, _, update in scenes:
+            cubes = [entity.cubes[0] for entity in update.entities]
+            np.testing.assert_array_equal([(c.size.x, c.size.y, c.size.z) for c in cubes], expected)
+            np.testing.assert_array_equal([c.pose.position.z for c in cubes], expected[:, 2] / 2)
+
+
+def test_logs_are_joined_whether_they_tell_of_sizes_or_not(tmp_path):
+    write_tracks(three(SOME * NAN), tmp_path / "without.mcap")
+    write_tracks(three(SOME), tmp_path / "with.mcap")
+    tracks = read_tracks([tmp_path / "without.mcap", tmp_path / "with.mcap"])
+    for name, size in (("without/b", (NAN,) * 3), ("with/b", (L, W, H)), ("with/c", SOME[2])):
+        np.testing.assert_array_equal(tracks.size[tracks.track_id == name], [size] * 20)
+
+
+def test_a_log_whose_sizes_begin_late_is_whole(tmp_path, monkeypatch):
+    """More messages than are decoded together: the rows before the first size are unknown, not lost."""
+    monkeypatch.setattr(decoding, "BATCH_MESSAGES", 64)
+    n = 500
+    truth = Tracks(
+        track_id=np.zeros(n, np.int64), time_ns=np.arange(n) * 10**7, position=np.zeros((n, 2)), direction=np.zeros(n),
+        speed=np.zeros(n), size=np.where(np.arange(n)[:, None] < 400, NAN, [[L, W, H]]),
+    )  # fmt: skip
+    write_tracks(truth, tmp_path / "log.mcap")
+    np.testing.assert_array_equal(read_tracks(tmp_path / "log.mcap").size, truth.size)
+
+
+def test_info_tells_sizes(tmp_path, capsys):
+    write_tracks(three(np.array([[4.0, 2.0, NAN], [5.0, NAN, NAN], [9.0, 2.0, NAN]])), tmp_path / "log.mcap")
+    assert run(["info", str(tmp_path / "log.mcap")]) == 0
+    told = "sizes in /objects: median 5.00 x 2.00 x ? m (length x width x height) of 60 rows"
+    assert told in capsys.readouterr().out
+    assert run(["info", str(tmp_path / "log.mcap"), "--json"]) == 0
+    sizes = json.loads(capsys.readouterr().out)["sizes"]
+    assert sizes["/objects"] == {"rows": 60, "length_m": 5.0, "width_m": 2.0, "height_m": None}
+    write_tracks(three(SOME * NAN), tmp_path / "none.mcap")
+    assert inspect(tmp_path / "none.mcap").sizes == {}
+
+
+def test_sizes_of_a_table(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(
+        "time_s,track_id,x_m,y_m,heading_rad,speed_mps,length_m,width_m,height\n"
+        "0,a,0,0,0,1,4.5,1.9,3\n1,a,1,0,0,1,,1.9,3\n2,a,2,0,0,1,0,-1,3\n3,a,nan,0,0,1,7,7,3\n"
+    )
+    expected = [[4.5, 1.9, NAN], [NAN, 1.9, NAN], [NAN, NAN, NAN]]
+    read = read_csv(path)
+    np.testing.assert_array_equal(read.tracks.size, expected)
+    assert list(read.dropped.values()) == [1]
+    lines = [line.split(",") for line in path.read_text().splitlines()[:-1]]
+    path.write_text("\n".join(",".join(cells[:4] + cells[6:]) for cells in lines))
+    np.testing.assert_array_equal(read_csv(path).tracks.size, expected)  # motion from positions
+    assert run(["convert", str(path), "-o", str(tmp_path / "log.mcap"), "--format", "csv"]) == 0
+    np.testing.assert_array_equal(read_tracks(tmp_path / "log.mcap").size, expected)
+
+
+def test_headers_name_the_units_of_sizes(tmp_path, capsys):
+    path = tmp_path / "table.csv"
+    path.write_text("time_s,track_id,x_m,y_m,length_ft\n0,a,0,0,15\n")
+    assert run(["convert", str(path), "-o", str(tmp_path / "log.mcap"), "--format", "csv"]) == 1
+    assert "multiply by 0.3048, and name it length_m" in capsys.readouterr().err
+
+
+def test_a_mapping_names_its_own_header():
+    """`height` is of the body, `z` of the place."""
+    mapping = FieldMapping.parse("x=.x,y=.y,z=.z,height=.tall")
+    assert (mapping.z, mapping.height, str(mapping)) == (".z", ".tall", "x=.x,y=.y,z=.z,height=.tall")
