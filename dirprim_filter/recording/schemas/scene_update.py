@@ -12,11 +12,12 @@ Source: https://docs.foxglove.dev/docs/sdk/schemas/scene-update and https://gith
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from dirprim_filter.recording.schemas.attitude import POSITION, xyz
-from dirprim_filter.recording.schemas.extents import extents, sizes
+from dirprim_filter.recording.schemas.extents import SIZE, extents
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
@@ -26,6 +27,7 @@ INT64_TEXT_LENGTH = 20
 _ENTITIES = ".entities[]"
 _NOTES = ".entities[].metadata[]"
 _PLACES = (POSITION, ("r.x", "r.y", "r.z"), ("m.x", "m.y", "m.z"))
+_ROUND = ("round.x", "round.y", "round.z")
 SIZE_NOTES = ("length_m", "width_m", "height_m")
 """In the metadata: of what was observed, where the cube may be of a middling size."""
 
@@ -33,35 +35,40 @@ SIZE_NOTES = ("length_m", "width_m", "height_m")
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(_ENTITIES)
     notes = _Notes(shredded, message.size)
-    is_cube, is_cylinder = shredded.marks("cube"), shredded.marks("cylinder", default=False)
-    is_body = is_cube | is_cylinder | shredded.marks("model", default=False)
+    is_body = shredded.marks("cube")
+    for other in ("cylinder", "model"):
+        is_body = is_body | shredded.marks(other, default=False)
     return rows_of(
         message,
         track_id=shredded.names("id"),
         stamp_ns=shredded.times("stamp"),
         frame_id=shredded.names("frame"),
-        place=_of_body(is_cube, is_cylinder, *(numbers(shredded, *labels) for labels in _PLACES)),
+        place=_of_body(shredded, *_PLACES),
         direction=notes.numbers("direction_rad"),
         speed=notes.numbers("speed_mps"),
         group=notes.groups(),
         label=notes.texts("category"),
-        size=_sizes(shredded, is_cube, is_cylinder, notes),
+        size=_sizes(shredded, notes),
     )[is_body]
 
 
-def _of_body(is_cube: BoolArray, is_cylinder: BoolArray, *bodies: FloatArray) -> FloatArray:
-    """(n, 3) of the cube where there is one, else of the cylinder, else of the model."""
-    return np.select([is_cube[:, None], is_cylinder[:, None]], bodies[:2], bodies[2])
+def _of_body(shredded: Shredded, cube: Sequence[str], cylinder: Sequence[str], model: Sequence[str]) -> FloatArray:
+    """(n, 3) of the cube where there is one, else of the cylinder, else of the model, by the labels of each."""
+    is_cube, is_cylinder = shredded.marks("cube"), shredded.marks("cylinder", default=False)
+    found = numbers(shredded, *cube)
+    for here, labels in ((~is_cube & is_cylinder, cylinder), (~is_cube & ~is_cylinder, model)):
+        if here.any():  # rarely: most logs draw cubes alone
+            found[here] = numbers(shredded, *labels)[here]
+    return found
 
 
-def _sizes(shredded: Shredded, is_cube: BoolArray, is_cylinder: BoolArray, notes: _Notes) -> FloatArray:
+def _sizes(shredded: Shredded, notes: _Notes) -> FloatArray:
     """(n, 3) metres."""
-    cube, cylinder = sizes(shredded), numbers(shredded, "round.x", "round.y", "round.z")
-    drawn = _of_body(is_cube, is_cylinder, cube, cylinder, np.full_like(cube, np.nan))
-    if not notes.has("speed_mps").any():
-        return drawn
-    noted = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)
-    return np.where(notes.has("speed_mps")[:, None], noted, drawn)
+    drawn = _of_body(shredded, SIZE, _ROUND, SIZE)  # who has a model alone has no cube, so none of its size
+    told = notes.has("speed_mps")
+    if told.any():
+        drawn[told] = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)[told]
+    return drawn
 
 
 class _Notes:
