@@ -59,6 +59,12 @@ def track(
         int | None,
         typer.Option(min=1, help="Write one particle in so many; left out, some 100 of each vehicle, 50 to rerun."),
     ] = None,
+    in_full: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Vehicles of a crowd in rerun with particles, ellipse, name and forecast; the rest are small."
+        ),
+    ] = None,
     forecast: Annotated[float, typer.Option(help="Each second forecast so many seconds ahead; 0 for none.")] = 0.0,
     place_free: Annotated[bool, typer.Option("--place-free", help="Ignore the places: the ablation.")] = False,
     motion: Annotated[
@@ -114,6 +120,7 @@ def track(
                 map_file.stem, save=save, spawn=spawn, connect=connect, serve=bind if serve else None, force=force,
                 particle_stride=particle_stride or max(particles // PARTICLES_SHOWN, 1),
                 particle_color=color_by.value, focus=focus, truth=truth,
+                most_in_full=in_full,
                 group=reading.group if truth == log else None,
             )  # fmt: skip
             open_files.enter_context(viewer)

@@ -56,7 +56,7 @@ def view(
     from dirprim_filter.cli.watching import keep_serving, open_viewer
 
     elsewhere = save is not None or connect is not None or serve
-    given = _sorted(files)
+    given = _sorted(files, elsewhere=elsewhere)
     if _all_recordings(files) and not elsewhere and len(files) != N_RUNS:
         from dirprim_filter.viewer.program import show_files
 
@@ -73,6 +73,10 @@ def view(
     ) as viewer:
         if len(given.runs) == N_RUNS:
             _beside(given, viewer, truth=truth, focus=focus, group=group)
+        elif _all_recordings(files):
+            from dirprim_filter.viewer.side_by_side import show_again
+
+            show_again(files[0], viewer)
         else:
             _together(given, viewer, truth=truth, group=group)
         keep_serving(viewer)
@@ -82,15 +86,15 @@ def _all_recordings(files: Sequence[Path]) -> bool:
     return all(file.suffix == ".rrd" for file in files)
 
 
-def _sorted(files: Sequence[Path]) -> _Given:
-    """What each file is.
+def _sorted(files: Sequence[Path], *, elsewhere: bool) -> _Given:
+    """What each file is; `elsewhere`: a viewer that is started for them would open any number of recordings.
 
     Raises:
         ValueError: more than two runs, or an .rrd together with what is not a run.
     """
     kinds = {file: _kind(file) for file in files}
     runs = [file for file, kind in kinds.items() if kind in (Kind.RECORDING, Kind.TRACKS)]
-    if len(runs) > N_RUNS and not _all_recordings(files):
+    if len(runs) > N_RUNS and not (_all_recordings(files) and not elsewhere):
         raise ValueError(f"view: expected at most {N_RUNS} runs, got {len(runs)}: {', '.join(map(str, runs))}")
     recordings = [file for file, kind in kinds.items() if kind is Kind.RECORDING]
     if len(runs) < N_RUNS and recordings and len(files) > 1:

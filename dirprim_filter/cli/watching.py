@@ -22,6 +22,7 @@ def open_viewer(
     particle_stride: int = 1,
     particle_color: Literal["direction", "mode", "weight"] = "direction",
     focus: str | None = None,
+    most_in_full: int | None = None,
     truth: Path | None = None,
     group: int | None = None,
 ) -> RerunSink:
@@ -30,6 +31,7 @@ def open_viewer(
     What is shown of one `place` shares the layout of a viewer that stays open.
     """
     from dirprim_filter.recording import read_tracks
+    from dirprim_filter.viewer.focus import DRAWN_IN_FULL
     from dirprim_filter.viewer.stream import open_stream
 
     true_tracks = read_tracks(truth, group=group) if truth is not None else None
@@ -37,6 +39,7 @@ def open_viewer(
         f"dirprim {place}",
         save=save, spawn=spawn, connect=connect, serve=serve, force=force, particle_stride=particle_stride,
         particle_color=particle_color, focus=focus,
+        most_in_full=DRAWN_IN_FULL if most_in_full is None else most_in_full,
     )  # fmt: skip
     if true_tracks is not None:
         viewer.log_truth(true_tracks)

@@ -1,11 +1,13 @@
-"""Charts of evaluations."""
+"""Charts of tracking and of forecasts, in colours that the colour-blind tell apart (Okabe and Ito, 2008)."""
 
 from __future__ import annotations
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dirprim_filter.evaluation.experiment import TrackingTable
 from dirprim_filter.evaluation.forecasting import ForecastTable
+from dirprim_filter.viewer.figures.page import DOTS_PER_INCH
 
 PANELS = {
     "RMSE, m": {"seen": "seen_rmse", "in gaps": "hidden_rmse"},
@@ -19,37 +21,64 @@ FORECAST_PANELS = {
     "energy score, m": "energy", "best of 20, m": "best_of_20", "mean to truth, m": "fde",
     "90 % regions hold": "coverage_90",
 }  # fmt: skip
+COVERAGE = 0.9
+COVERAGE_PANEL = "90 % regions hold"
+BAR_COLORS = ("#0072B2", "#E69F00", "#999999")
+LINE_STYLES = (
+    ("#0072B2", "-", "o"), ("#D55E00", "--", "s"), ("#009E73", "-.", "^"), ("#CC79A7", ":", "D"),
+    ("#E69F00", "--", "v"), ("#56B4E9", "-.", "P"), ("#000000", ":", "x"),
+)  # fmt: skip
+"""Colour, dashes and mark of each method's line: any one of the three tells it apart."""
 
 
 def forecast_chart(table: ForecastTable) -> Figure:
     """A panel for each figure, a line for each method over the seconds ahead."""
-    figure = Figure(figsize=(3.2 * len(FORECAST_PANELS), 3.4), layout="constrained")
-    for axes, (title, name) in zip(figure.subplots(1, len(FORECAST_PANELS)), FORECAST_PANELS.items(), strict=True):
-        for row in table.methods:
-            axes.plot([s.horizon_s for s in row.horizons], [getattr(s, name) for s in row.horizons], label=row.name)
-        if name == "coverage_90":
-            axes.axhline(0.9, color="black", linewidth=0.8, linestyle=":")
+    figure = Figure(figsize=(3.2 * len(FORECAST_PANELS), 3.7), dpi=DOTS_PER_INCH, layout="constrained")
+    panels = figure.subplots(1, len(FORECAST_PANELS))
+    for axes, (title, name) in zip(panels, FORECAST_PANELS.items(), strict=True):
+        for k, row in enumerate(table.methods):
+            color, dashes, mark = LINE_STYLES[k % len(LINE_STYLES)]
+            axes.plot(
+                [s.horizon_s for s in row.horizons], [getattr(s, name) for s in row.horizons], label=row.name,
+                color=color, linestyle=dashes, marker=mark, markersize=4,
+            )  # fmt: skip
+        if title == COVERAGE_PANEL:
+            axes.axhline(COVERAGE, color="0.3", linewidth=0.8, linestyle=":")
             axes.set_ylim(0.0, 1.0)
         else:
             axes.set_ylim(bottom=0.0)
-        axes.set_title(title, fontsize=10)
+        _dress(axes, title)
         axes.set_xlabel("seconds ahead")
-    axes.legend(fontsize=7)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, frameon=False
+    )
     return figure
 
 
 def tracking_chart(table: TrackingTable) -> Figure:
     """A panel for each kind of figure, a group of bars for each method, whiskers for the deviation of the runs."""
-    figure = Figure(figsize=(3.2 * len(PANELS), 3.4), layout="constrained")
-    for axes, (title, bars) in zip(figure.subplots(1, len(PANELS)), PANELS.items(), strict=True):
+    height = 1.5 + 0.6 * len(table.methods)
+    figure = Figure(figsize=(3.2 * len(PANELS), height), dpi=DOTS_PER_INCH, layout="constrained")
+    for axes, (title, bars) in zip(figure.subplots(1, len(PANELS), sharey=True), PANELS.items(), strict=True):
         width = 0.8 / len(bars)
         for i, (label, name) in enumerate(bars.items()):
             at = [row + (i - 0.5 * (len(bars) - 1)) * width for row in range(len(table.methods))]
             means, deviations = [m.mean(name) for m in table.methods], [m.std(name) for m in table.methods]
-            axes.barh(at, means, height=width, xerr=deviations, label=label, error_kw={"linewidth": 0.8})
+            drawn = axes.barh(
+                at, means, height=width, xerr=deviations, label=label, color=BAR_COLORS[i], error_kw={"linewidth": 0.8}
+            )
+            axes.bar_label(drawn, fmt="%.2f", fontsize=7, padding=3)
+        if title == COVERAGE_PANEL:
+            axes.axvline(COVERAGE, color="0.3", linewidth=0.8, linestyle=":")
         axes.set_yticks(range(len(table.methods)), [m.name for m in table.methods])
-        axes.invert_yaxis()
-        axes.set_title(title, fontsize=10)
+        axes.set_xlim(0.0, 1.18 * max(axes.get_xlim()[1], 1.0))  # a number beside the longest bar
+        _dress(axes, title)
         if len(bars) > 1:
-            axes.legend(fontsize=7)
+            axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=len(bars))
+    axes.invert_yaxis()
     return figure
+
+
+def _dress(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=10)
+    axes.spines[["top", "right"]].set_visible(False)

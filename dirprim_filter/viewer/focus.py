@@ -77,10 +77,12 @@ class Focus:
 
     Args:
         chosen: its id; None for whichever is understood least.
+        most_in_full: vehicles of a crowd that are drawn with all that is known of them.
     """
 
-    def __init__(self, chosen: str | None) -> None:
+    def __init__(self, chosen: str | None, *, most_in_full: int = DRAWN_IN_FULL) -> None:
         self._chosen = chosen
+        self._most_in_full = most_in_full
         self._now: str | None = None
         self._since_ns = 0
         self._before: set[str] = set()
@@ -120,7 +122,7 @@ class Focus:
         """
         believed = frame.estimates
         names = [str(name) for name in believed.track_id]
-        self._is_crowd = len(names) > (STILL_CROWD if self._is_crowd else CROWD)
+        self._is_crowd = len(names) > max(STILL_CROWD if self._is_crowd else CROWD, self._most_in_full)
         if not self._is_crowd:
             return np.ones(len(names), np.bool_)
         if frame.time_ns >= self._few_since_ns + KEPT_S * 1e9 or not self._few:
@@ -128,7 +130,7 @@ class Focus:
         is_near = ((believed.position >= box[0]) & (believed.position <= box[1])).all(axis=1)
         near = [name for name, is_in in zip(names, is_near.tolist(), strict=True) if is_in and name in self._before]
         least = sorted(near, key=lambda name: (name not in self._few, self._evidence[name]))
-        self._few = set(least[:DRAWN_IN_FULL])
+        self._few = set(least[: self._most_in_full])
         shown = self._few | {self._chosen or self._now}
         return np.array([name in shown for name in names], np.bool_)
 

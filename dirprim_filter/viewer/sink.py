@@ -25,7 +25,7 @@ from dirprim_filter.viewer import marks, shapes
 from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
 from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
 from dirprim_filter.viewer.curves import Tally, Truth, metrics
-from dirprim_filter.viewer.focus import Focus
+from dirprim_filter.viewer.focus import DRAWN_IN_FULL, Focus
 from dirprim_filter.viewer.legend import Legend
 from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
 from dirprim_filter.viewer.program import WebServer
@@ -93,6 +93,7 @@ class RerunSink:
         particle_stride: show one particle in so many.
         particle_color: what the colour of particles tells.
         focus: id of the vehicle to look at closely; None for whichever is understood least.
+        most_in_full: vehicles of a crowd that are drawn with particles, ellipse, name and forecast.
 
     Attributes:
         outlet: as given.
@@ -106,6 +107,7 @@ class RerunSink:
         particle_stride: int = 1,
         particle_color: marks.ParticleColor = "direction",
         focus: str | None = None,
+        most_in_full: int = DRAWN_IN_FULL,
     ) -> None:
         self.outlet = outlet
         self.stream = outlet.stream
@@ -115,7 +117,7 @@ class RerunSink:
         self._primitives: PrimitiveMap | None = None
         self._truth: Truth | None = None
         self._batch = self._new_batch()
-        self._focus, self._lines, self._tally = Focus(focus), Lifelines(), Tally()
+        self._focus, self._lines, self._tally = Focus(focus, most_in_full=most_in_full), Lifelines(), Tally()
         self._last_seen: dict[str, tuple[int, FloatArray]] = {}
         self._not_forecast: set[str] = set()
         self._forecasts: dict[str, marks.Forecast] = {}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import rerun as rr
 
+from dirprim_filter.viewer.focus import DRAWN_IN_FULL
 from dirprim_filter.viewer.marks import ParticleColor
 from dirprim_filter.viewer.program import (
     VIEWER_URL,
@@ -30,6 +31,7 @@ def open_stream(
     particle_stride: int = 1,
     particle_color: ParticleColor = "direction",
     focus: str | None = None,
+    most_in_full: int = DRAWN_IN_FULL,
 ) -> RerunSink:
     """A stream to a file, to a viewer started for it, to a running viewer, to browsers, or to several of them.
 
@@ -44,6 +46,7 @@ def open_stream(
         particle_stride: show one particle in so many.
         particle_color: what the colour of particles tells.
         focus: id of the vehicle to look at closely; left out, whichever is understood least.
+        most_in_full: vehicles of a crowd that are drawn with particles, ellipse, name and forecast.
 
     Raises:
         ValueError: nowhere to stream to, or a stride below 1.
@@ -82,7 +85,9 @@ def open_stream(
         stream.set_sinks(*sinks)
         if_failed.pop_all()
     outlet = Outlet(stream, file=file, live=live, server=server)
-    return RerunSink(outlet, particle_stride=particle_stride, particle_color=particle_color, focus=focus)
+    return RerunSink(
+        outlet, particle_stride=particle_stride, particle_color=particle_color, focus=focus, most_in_full=most_in_full
+    )
 
 
 def _identity(save: Path | None, *, live: bool) -> uuid.UUID:

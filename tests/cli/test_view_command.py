@@ -148,3 +148,14 @@ def test_time_is_the_logs_own_to_the_nanosecond(folder):
         for t in chunk.to_record_batch().column("message_log_time").to_numpy().astype(np.int64)
     }
     assert times == set((np.arange(20) * 100_000_000).tolist())
+
+
+def test_an_rrd_is_shown_again_elsewhere_as_it_was(folder, tmp_path):
+    """To a browser or another file: what it holds, and its layout."""
+    assert dirprim("view", folder / "prior.rrd", "--save", tmp_path / "again.rrd") == DONE
+    assert entities(tmp_path / "again.rrd") == entities(folder / "prior.rrd")
+    assert dirprim("view", folder / "map.mcap", "--save", tmp_path / "map.rrd") == DONE
+    assert dirprim("view", tmp_path / "map.rrd", "--save", tmp_path / "map_again.rrd") == DONE
+    assert entities(tmp_path / "map_again.rrd") == entities(tmp_path / "map.rrd")
+    three = [folder / "prior.rrd", tmp_path / "again.rrd", tmp_path / "map.rrd"]
+    assert dirprim("view", *three, "--save", tmp_path / "three.rrd") == FAILED

@@ -236,6 +236,12 @@ def test_a_crowd_is_one_until_it_is_clearly_none(scene_frames: list[TrackedFrame
         frame = replace(scene_frames[0], estimates=many)
         focus.see(frame)
         drawn.append(int(focus.in_full(frame, box=everywhere).sum()))
+    everyone = Focus(None, most_in_full=CROWD + 1)
+    crowd = replace(
+        frame, estimates=replace(frame.estimates[np.zeros(CROWD + 1, np.int64)], track_id=np.arange(CROWD + 1))
+    )
+    everyone.see(crowd)
+    assert everyone.in_full(crowd, box=everywhere).all()
     assert drawn == [CROWD, DRAWN_IN_FULL, DRAWN_IN_FULL, STILL_CROWD, CROWD]
 
 

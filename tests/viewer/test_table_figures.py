@@ -1,6 +1,7 @@
 """Tables as charts: each method is there with its number, and one that is hopeless does not flatten the others."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from matplotlib.container import BarContainer
 
 from dirprim_filter.evaluation.cues import CueTable, ObservationScore
 from dirprim_filter.evaluation.density import DensityScore, DensityTable, MethodScore
+from dirprim_filter.viewer.charts import tracking_chart
 from dirprim_filter.viewer.figures import cue_table_figure, density_table_figure
 
 
@@ -57,3 +59,23 @@ def test_cue_bars_are_means_over_steps() -> None:
     np.testing.assert_allclose([bar.get_height() for bar in bars], [2.4, 2.0, 3.0])
     assert panel.get_ylabel() == "mean density of the truth [1/rad]"
     assert "+60% per vehicle, +0.40 nat per step" in panel.get_title(loc="left")
+
+
+def test_a_chart_of_tracking_has_a_bar_for_each_figure_and_none_for_what_was_not_measured() -> None:
+    """No gaps, so nothing in them: an empty bar without a number, and no warning."""
+    told = {"prior": 0.5, "place-free": 2.0}
+    methods = [
+        SimpleNamespace(
+            name=name, mean=lambda figure, v=v: float("nan") if "hidden" in figure else v, std=lambda _: float("nan")
+        )
+        for name, v in told.items()
+    ]
+    figure = tracking_chart(SimpleNamespace(methods=methods))
+    figure.draw_without_rendering()
+    rmse, *_, switches = figure.axes
+    assert [text.get_text() for text in rmse.get_yticklabels()] == list(told)
+    widths = [bar.get_width() for bar in rmse.patches]
+    assert widths[:2] == list(told.values())
+    assert np.isnan(widths[2:]).all()
+    assert {text.get_text() for text in rmse.texts} == {"0.50", "2.00", ""}
+    assert switches.get_xlim()[0] == 0.0
