@@ -42,8 +42,8 @@ with 90 % probability. Dark: out of sight. **Lines behind**: the last five secon
 **White ring**: the vehicle that the filter understands least, or the one asked for. Its speed and its direction are
 plotted: the prior of its place, the cue (its course of the last second), and both together, Eq. 4.
 
-**A crowd**: of more than {crowd} vehicles only {few}, or as many as `--in-full` says, have a name, particles, an ellipse
-and a fan: those understood least. The others are small.
+**A crowd**: of more than {crowd} vehicles only {few}, or as many as `--in-full` says, have a name, particles, an
+ellipse and a fan: those understood least. The others are small.
 
 Layers are switched on and off in the panel on the left.
 """
