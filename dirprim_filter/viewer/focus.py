@@ -8,9 +8,11 @@ Told are its speed between the quantiles of the prior's speeds, and Eq. 4 around
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammainc
@@ -21,6 +23,7 @@ from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.tracks import as_texts
 from tessellation.arrays import BoolArray, FloatArray
 
 KEPT_S = 8.0
@@ -72,6 +75,15 @@ class Look:
     belief: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
+class _Places(NamedTuple):
+    """Where the vehicles of one frame were."""
+
+    time_ns: int
+    row_of: dict[str, int]
+    position: FloatArray
+    spread: FloatArray  # metres
+
+
 class Focus:
     """Follows the vehicle to look at from frame to frame.
 
@@ -87,7 +99,7 @@ class Focus:
         self._since_ns = 0
         self._before: set[str] = set()
         self._evidence: dict[str, float] = {}
-        self._places: dict[str, list[tuple[int, FloatArray, float]]] = {}
+        self._past: deque[_Places] = deque()
         self._last_ns: int | None = None
         self._is_crowd = False
         self._few: set[str] = set()
@@ -96,10 +108,10 @@ class Focus:
     def see(self, frame: TrackedFrame) -> Look | None:
         """The vehicle in this frame; None where it is not there."""
         believed = frame.estimates
-        names = [str(name) for name in believed.track_id]
+        names = as_texts(believed.track_id).tolist()
         self._remember(frame.time_ns, names, believed)
         name = self._chosen or self._worst(frame.time_ns, names, believed)
-        if name not in names:
+        if name is None or name not in names:
             return None
         row = names.index(name)
         mine = frame.particles.of(row)
@@ -121,7 +133,7 @@ class Focus:
         for `KEPT_S` at most, and the vehicle to look at.
         """
         believed = frame.estimates
-        names = [str(name) for name in believed.track_id]
+        names = as_texts(believed.track_id).tolist()
         self._is_crowd = len(names) > max(STILL_CROWD if self._is_crowd else CROWD, self._most_in_full)
         if not self._is_crowd:
             return np.ones(len(names), np.bool_)
@@ -136,16 +148,18 @@ class Focus:
 
     def _remember(self, time_ns: int, names: list[str], believed: Estimates) -> None:
         passed_s = 0.0 if self._last_ns is None else (time_ns - self._last_ns) * 1e-9
-        kept = np.exp(-passed_s / MEMORY_S)
+        kept = float(np.exp(-passed_s / MEMORY_S))
         self._last_ns = time_ns
-        evidence, places = {}, {}
-        spread = np.sqrt(0.5 * np.trace(believed.covariance, axis1=1, axis2=2)).tolist()
-        for row, name in enumerate(names):
-            now = float(believed.log_evidence[row])
-            evidence[name] = kept * self._evidence.get(name, now) + (1.0 - kept) * now
-            past = [p for p in self._places.get(name, []) if p[0] >= time_ns - 1.5e9 * COURSE_S]
-            places[name] = [*past, (time_ns, believed.position[row], spread[row])]
-        self._before, self._evidence, self._places = set(self._evidence), evidence, places
+        before, now = self._evidence, believed.log_evidence.tolist()
+        self._before = set(before)
+        self._evidence = {
+            name: kept * before.get(name, one) + (1.0 - kept) * one for name, one in zip(names, now, strict=True)
+        }
+        spread = np.sqrt(0.5 * np.trace(believed.covariance, axis1=1, axis2=2))
+        row_of = dict(zip(names, range(len(names)), strict=True))
+        self._past.append(_Places(time_ns, row_of, believed.position, spread))
+        while self._past[0].time_ns < time_ns - 1.5e9 * COURSE_S:
+            self._past.popleft()
 
     def _worst(self, time_ns: int, names: list[str], believed: Estimates) -> str | None:
         """The present one for `KEPT_S`; then, of those measured now, the one of the lowest log evidence."""
@@ -158,10 +172,15 @@ class Focus:
         return self._now
 
     def _course(self, name: str) -> tuple[float, float]:
-        past = self._places[name]
-        (then_ns, start, start_spread), (now_ns, end, end_spread) = past[0], past[-1]
+        now = then = self._past[-1]
+        for past in reversed(self._past):
+            if name not in past.row_of:
+                break
+            then = past
+        start, end = (places.position[places.row_of[name]] for places in (then, now))
+        start_spread, end_spread = (float(places.spread[places.row_of[name]]) for places in (then, now))
         distance = float(np.hypot(*(end - start)))
-        if now_ns - then_ns < 0.5e9 * COURSE_S or distance <= start_spread + end_spread:
+        if now.time_ns - then.time_ns < 0.5e9 * COURSE_S or distance <= start_spread + end_spread:
             return 0.0, 0.0
         variance = (start_spread**2 + end_spread**2) / distance**2 + TURN_SPREAD**2
         return float(np.arctan2(*(end - start)[::-1])), 1.0 / variance

@@ -247,7 +247,7 @@ class RerunSink:
 
     def _steps(self, believed: Estimates) -> tuple[IntArray, FloatArray]:
         """The step of each vehicle since it was last seen; the layout shows the steps of the last seconds."""
-        names = [str(name) for name in believed.track_id]
+        names = as_texts(believed.track_id).tolist()
         known = np.array([row for row, name in enumerate(names) if name in self._last_seen], np.int64)
         start = np.array([self._last_seen[names[row]][1] for row in known]).reshape(-1, 2)
         return known, np.stack([start, believed.position[known]], axis=1)
@@ -255,7 +255,7 @@ class RerunSink:
     def _see(self, time_ns: int, believed: Estimates, in_full: BoolArray) -> None:
         oldest_ns = time_ns - int(TRAIL_S * 1e9)
         self._last_seen = {name: seen for name, seen in self._last_seen.items() if seen[0] >= oldest_ns}
-        names = [str(name) for name in believed.track_id]
+        names = as_texts(believed.track_id).tolist()
         self._last_seen |= {name: (time_ns, place) for name, place in zip(names, believed.position, strict=True)}
         is_unsure = (believed.unseen_s > UNSEEN_S) | (believed.direction_resultant < SURE_FROM)
         self._not_forecast = {names[row] for row in np.flatnonzero(is_unsure | ~in_full)}
