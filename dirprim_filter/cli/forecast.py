@@ -114,5 +114,6 @@ def _of_log(
         )  # fmt: skip
         seen = with_progress(stream, what=f"forecasting {log.name}", end_ns=stream.end_ns)
         n_frames = replay(seen, tracker, [estimates, forecaster])
+        reading.require_frames(n_frames, log, stream.dropped)
     typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}")
     return losses.exit_code(stream.damage, stream.dropped.total)

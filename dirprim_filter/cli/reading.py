@@ -19,6 +19,8 @@ import typer
 from dirprim_filter.cli.options import End, Fields, Group, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
+    from dirprim_filter.recording.drops import Drops
+    from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import DetectionStream, TrackLog
 
@@ -66,19 +68,35 @@ class Reading:
             RecordingError: as the reader; or nothing is left of what was asked for.
         """
         from dirprim_filter.cli.progress import step_progress
-        from dirprim_filter.recording.errors import RecordingError
         from dirprim_filter.recording.reader import read_track_logs
 
         with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as told:
             log = read_track_logs(logs, progress=told, **self._arguments())
         if not len(log.tracks):
-            asked = {"--start": self.start, "--end": self.end, "--labels": self.labels}
-            said = "".join(f" {option} {value}" for option, value in asked.items() if value is not None)
-            raise RecordingError(
-                f"{', '.join(map(str, logs))}: expected moving objects{said}, got none; left out: {log.dropped}; "
-                "`dirprim info` tells times and labels"
-            )
+            raise self._nothing_left(logs, log.dropped)
         return log
+
+    def require_frames(self, n_frames: int, log: Path, dropped: Drops) -> None:
+        """Nothing of what was asked for is an error; nothing of a log of which all was asked for is not.
+
+        Raises:
+            RecordingError: there were no frames, and only a part of the log was asked for.
+        """
+        if n_frames == 0 and self._asked():
+            raise self._nothing_left([log], dropped)
+
+    def _asked(self) -> str:
+        """The options that choose a part of a log."""
+        asked = {"--start": self.start, "--end": self.end, "--labels": self.labels, "--group": self.group}
+        return "".join(f" {option} {value}" for option, value in asked.items() if value is not None)
+
+    def _nothing_left(self, logs: list[Path], dropped: Drops) -> RecordingError:
+        from dirprim_filter.recording.errors import RecordingError
+
+        return RecordingError(
+            f"{', '.join(map(str, logs))}: expected moving objects{self._asked()}, got none; left out: {dropped}; "
+            "`dirprim info` tells times, labels and groups"
+        )
 
     def detections(self, log: Path, *, motion: bool) -> DetectionStream:
         """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""

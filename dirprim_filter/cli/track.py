@@ -133,6 +133,7 @@ def track(
             sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=config, rng=rng))
         frames = (seen.without_ids() for seen in stream) if no_ids else stream
         n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), tracker, sinks)
+        reading.require_frames(n_frames, log, stream.dropped)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs begun anew": str(tracker.recoveries)})
             keep_serving(viewer)

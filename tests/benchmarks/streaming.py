@@ -2,9 +2,10 @@
 
 Decisions: what moves is sent in columns of many frames, an entity for each kind of thing; ellipses are half axes and a
 turn, not lines; a file gets one particle in twenty unless asked otherwise; fans of forecasts are compiled, and share
-their vertices; Eq. 4 of the ringed vehicle is drawn for many frames at once. Wanted: streaming takes at most 20 % of
-the time of tracking, and ten minutes stay under 600 MB (from the seconds measured: sizes grow with the number of
-frames).
+their vertices (finding their regions counts as tracking: the MCAP has them too); Eq. 4 of the ringed vehicle is drawn
+for many frames at once; of more than 40 vehicles only a few are drawn with their particles. Wanted: streaming takes at
+most 20 % of the time of tracking, and ten minutes stay under 600 MB (from the seconds measured: sizes grow with the
+number of frames).
 
     python tests/benchmarks/streaming.py [--seconds 60] [--vehicles 100] [--particles 1000]
 """

@@ -5,7 +5,7 @@ import json
 import pytest
 from mcap.writer import Writer
 
-from dirprim_filter import write_tracks
+from dirprim_filter import save_map, write_tracks
 from dirprim_filter.cli.main import run
 
 
@@ -51,6 +51,21 @@ ON_DAMAGE = {
     "forecast": ["--log", "log.mcap", "--map", "map.mcap", "--samples", "2", "-o"],
     "replay": ["log.mcap", "--rate", "inf", "--save"],
 }
+
+
+@pytest.mark.parametrize("command", NEED_A_MAP, ids=" ".join)
+def test_asking_for_what_a_log_does_not_hold_is_an_error_and_leaves_no_file(
+    tmp_path, ring_map, ring, capsys, monkeypatch, *, command
+):
+    monkeypatch.chdir(tmp_path)
+    write_tracks(ring[ring.track_id < 2], tmp_path / "log.mcap")
+    save_map(ring_map, tmp_path / "map.mcap")
+    before = set(tmp_path.iterdir())
+    for option in (["--group", "99"], ["--labels", "bus"], ["--start", "9000000000000000"]):
+        assert run([*command, *ON_DAMAGE[command[0]], "out.mcap", *option]) == 1
+        told = capsys.readouterr().err
+        assert f"log.mcap: expected moving objects {' '.join(option)}, got none" in told
+        assert set(tmp_path.iterdir()) == before
 
 
 def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(tmp_path, ring, capsys, monkeypatch):
