@@ -128,9 +128,10 @@ class Particles:
         """The samples of one vehicle, by its row in the frame's estimates."""
         return self[self.vehicle == row]
 
-    def thinned(self, stride: int) -> Particles:
-        """A copy of every `stride`-th sample."""
-        return self[np.arange(0, len(self), stride)]
+    def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
+        """A copy of every `stride`-th sample; of some vehicles, where `rows` of the frame's estimates are given."""
+        kept = np.arange(0, len(self), stride)
+        return self[kept if rows is None else kept[rows[self.vehicle[kept]]]]
 
     def __getitem__(self, rows: BoolArray | IntArray) -> Particles:
         """The chosen samples, by mask or indices."""
@@ -149,8 +150,8 @@ class Samples(Protocol):
         """The samples of one vehicle, by its row in the frame's estimates."""
         ...
 
-    def thinned(self, stride: int) -> Particles:
-        """Every `stride`-th sample; 1 for all."""
+    def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
+        """Every `stride`-th sample, 1 for all; of some vehicles, where `rows` of the frame's estimates are given."""
         ...
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering._kernels import Cloud
-from tessellation.arrays import IntArray
+from tessellation.arrays import BoolArray, IntArray
 
 FIRST_CAPACITY = 16
 
@@ -72,13 +72,16 @@ class BelievedParticles:
         n = self._belief.cloud.speed.shape[1]
         return self._copied(np.full(n, row), np.arange(n))
 
-    def thinned(self, stride: int) -> Particles:
-        """Every `stride`-th sample.
+    def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
+        """Every `stride`-th sample; of some vehicles, where `rows` are given.
 
         Raises:
             RuntimeError: the beliefs have moved on.
         """
-        return self._copied(*np.divmod(np.arange(0, len(self), stride), self._belief.cloud.speed.shape[1]))
+        vehicle, number = np.divmod(np.arange(0, len(self), stride), self._belief.cloud.speed.shape[1])
+        if rows is not None:
+            vehicle, number = vehicle[rows[vehicle]], number[rows[vehicle]]
+        return self._copied(vehicle, number)
 
     def _copied(self, vehicle: IntArray, number: IntArray) -> Particles:
         if self._belief.step != self._step:

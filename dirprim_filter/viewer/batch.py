@@ -75,9 +75,7 @@ class FrameBatch:
         self._time_ns.append(frame.time_ns)
         self._believed.append(frame.estimates)
         self._detected.append(frame.detections.position)
-        shown = frame.particles.thinned(self._stride)
-        if not in_full.all():
-            shown = shown[in_full[shown.vehicle]]
+        shown = frame.particles.thinned(self._stride, rows=None if in_full.all() else in_full)
         self._particles.append(marks.Dots.of(shown, self._color))
         self._in_full.append(in_full)
         self._steps.append(steps)

@@ -70,6 +70,8 @@ class Lifelines:
         free = (lane for lane in range(N_LANES) if lane not in taken)
         anew = set(frame.begun_anew)
         for name, unseen_s in unseen.items():
+            if self._state.get(name) == name and unseen_s <= UNSEEN_S and name not in anew:
+                continue  # in sight as before, as most are
             if name not in self._state:
                 first_ns = self._first_ns.setdefault(name, time_ns)
                 if unseen_s > 0 or first_ns == time_ns:

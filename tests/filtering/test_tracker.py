@@ -202,7 +202,14 @@ def test_particles_weigh_one_for_each_vehicle_and_are_copied_before_the_next_ste
 def test_some_particles_are_some_of_all(ring_map, traffic):
     _, tracker = track(ring_map, list(traffic.frames())[:4])
     samples, all_of_them = tracker.particles(), tracker.particles().thinned(1)
-    for some, rows in ((samples.of(7), slice(700, 800)), (samples.thinned(7), slice(None, None, 7))):
+    odd = np.arange(40) % 2 == 1
+    of_odd = np.flatnonzero((np.arange(4000) % 7 == 0) & np.repeat(odd, 100))
+    for some, rows in (
+        (samples.of(7), slice(700, 800)),
+        (samples.thinned(7), slice(None, None, 7)),
+        (samples.thinned(7, rows=odd), of_odd),
+        (all_of_them.thinned(7, rows=odd), of_odd),
+    ):
         for name in ("position", "direction", "speed", "weight", "vehicle", "mode"):
             np.testing.assert_array_equal(getattr(some, name), getattr(all_of_them, name)[rows])
 
