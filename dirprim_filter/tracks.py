@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -62,6 +63,8 @@ def as_track_ids(value: npt.ArrayLike) -> AnyArray:
     return text
 
 
+@lru_cache(maxsize=1 << 16)
+@lru_cache(maxsize=1 << 16)
 def _is_decimal_int64(name: str) -> bool:
     digits = name.removeprefix("-")
     if not (digits.isascii() and digits.isdigit() and len(digits) <= 19):

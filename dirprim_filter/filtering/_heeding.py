@@ -6,7 +6,6 @@ particles are about to do: the journeys that they follow, or the mean directions
 
 import math
 
-import numpy as np
 from numba import njit
 
 from dirprim_filter.filtering._kernels import Cloud
@@ -47,7 +46,7 @@ def heed(
         ahead_s: how much later the vehicle will have turned.
     """
     for i in range(vehicle.size):
-        v, top = vehicle[i], -np.inf
+        v, weight = vehicle[i], cloud.weight[vehicle[i]]
         for p in range(cloud.speed.shape[1]):
             row = cloud.row[v, p]
             if row != NO_ROW:
@@ -62,11 +61,7 @@ def heed(
             fit = 0.0
             for m in range(turn.size):
                 fit += math.exp(log_scale[m] + concentration[m] * (math.cos(turned - turn[m]) - 1.0))
-            cloud.log_weight[v, p] += math.log(max(fit, 1e-300))
-            top = max(top, cloud.log_weight[v, p])
-        total = 0.0
-        for p in range(cloud.speed.shape[1]):
-            total += math.exp(cloud.log_weight[v, p] - top)
-        log_evidence[i] = top + math.log(total)
-        for p in range(cloud.speed.shape[1]):
-            cloud.log_weight[v, p] -= log_evidence[i]
+            weight[p] *= max(fit, 1e-300)
+        total = weight.sum()
+        log_evidence[i] = math.log(total)
+        weight /= total

@@ -15,6 +15,8 @@ from dirprim_filter.filtering._kernels import Cloud, mean_of
 from tessellation.arrays import FloatArray, IntArray
 
 X, Y, XX, XY, YY, LOG_NORMAL, DIRECTION, SPEED = range(8)
+LEAST = 1e-200
+"""Weight below which a particle has none: far above the subnormal numbers, with which processors are slow."""
 
 
 class Noise(NamedTuple):
@@ -63,9 +65,9 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
     kept apart, and without branches, so that they are compiled to vector instructions.
     """
     n = cloud.position.shape[1]
-    fit, share = np.empty(n), np.empty(n)
+    fit = np.empty(n)
     for i in range(vehicle.size):
-        weight, place = cloud.log_weight[vehicle[i]], cloud.position[vehicle[i]]
+        weight, place = cloud.weight[vehicle[i]], cloud.position[vehicle[i]]
         direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
         x, y, xx, xy, yy = measured[i, X], measured[i, Y], measured[i, XX], measured[i, XY], measured[i, YY]
         course, pace = measured[i, DIRECTION], measured[i, SPEED]
@@ -76,49 +78,46 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
         for p in range(n):
             density = scale * exp(-0.5 * fit[p]) + noise.outlier
             fit[p] = density if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
-        for p in range(n):
-            share[p] = exp(weight[p])
-        near = mean_of(share, fit, 1.0)
+        near = mean_of(weight, fit, 1.0)
         if not math.isnan(course):
             for p in range(n):
                 fit[p] *= direction_fit(noise, direction[p], course)
         if not math.isnan(pace):
             for p in range(n):
                 fit[p] *= speed_fit(noise, speed[p], pace)
-        total = mean_of(share, fit, 1.0)
+        total = mean_of(weight, fit, 1.0)
         evidence[i, 0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
         evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
         if total > 0.0:
             for p in range(n):
-                later = weight[p] + log(fit[p]) - evidence[i, 0]
-                weight[p] = later if fit[p] > 0.0 else -np.inf
+                later = weight[p] * fit[p] / total
+                weight[p] = later if later > LEAST else 0.0
 
 
 @njit(cache=True, nogil=True)
 def weigh_at_birth(cloud: Cloud, vehicle: IntArray, measured: FloatArray, spread: FloatArray, noise: Noise) -> None:
     """Correct particles drawn around a position with an isotropic `spread` (V,) to what was measured; normalise."""
+    log_fit = np.empty(cloud.weight.shape[1])
     for i in range(vehicle.size):
-        weight, place = cloud.log_weight[vehicle[i]], cloud.position[vehicle[i]]
+        weight, place = cloud.weight[vehicle[i]], cloud.position[vehicle[i]]
         direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
         top = -np.inf
         for p in range(weight.size):
             dx, dy = place[p, 0] - measured[i, X], place[p, 1] - measured[i, Y]
             distance = measured[i, XX] * dx * dx + 2.0 * measured[i, XY] * dx * dy + measured[i, YY] * dy * dy
-            weight[p] -= 0.5 * (distance - (dx * dx + dy * dy) / (spread[i] * spread[i]))
-            weight[p] += log_motion_fit(noise, direction[p], speed[p], measured[i, DIRECTION], measured[i, SPEED])
-            top = max(top, weight[p])
-        total = 0.0
+            log_fit[p] = -0.5 * (distance - (dx * dx + dy * dy) / (spread[i] * spread[i]))
+            log_fit[p] += log_motion_fit(noise, direction[p], speed[p], measured[i, DIRECTION], measured[i, SPEED])
+            top = max(top, log_fit[p])
         for p in range(weight.size):
-            total += math.exp(weight[p] - top)
-        for p in range(weight.size):
-            weight[p] -= top + math.log(total)
+            weight[p] = math.exp(log_fit[p] - top)
+        weight /= weight.sum()
 
 
 @njit(cache=True, nogil=True)
 def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, result: FloatArray, noise: Noise) -> None:
     """Fills (V,) the log density of each measurement under the belief, outlying positions aside."""
     for i in range(vehicle.size):
-        weight, place = cloud.log_weight[vehicle[i]], cloud.position[vehicle[i]]
+        weight, place = cloud.weight[vehicle[i]], cloud.position[vehicle[i]]
         direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
         course, pace = measured[i, DIRECTION], measured[i, SPEED]
         is_moving = not (math.isnan(course) and math.isnan(pace))
@@ -127,8 +126,8 @@ def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, result
             dx, dy = place[p, 0] - measured[i, X], place[p, 1] - measured[i, Y]
             distance = measured[i, XX] * dx * dx + 2.0 * measured[i, XY] * dx * dy + measured[i, YY] * dy * dy
             if distance < 100.0:
-                fit = weight[p] - 0.5 * distance
+                log_fit = -0.5 * distance
                 if is_moving:
-                    fit += log_motion_fit(noise, direction[p], speed[p], course, pace)
-                total += math.exp(fit)
+                    log_fit += log_motion_fit(noise, direction[p], speed[p], course, pace)
+                total += weight[p] * math.exp(log_fit)
         result[i] = measured[i, LOG_NORMAL] + math.log(total) if total > 0.0 else -np.inf

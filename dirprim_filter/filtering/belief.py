@@ -94,7 +94,7 @@ class BelievedParticles:
             position=cloud.position.reshape(-1, 2).take(at, axis=0),
             direction=cloud.direction.take(at),
             speed=cloud.speed.take(at),
-            weight=np.exp(cloud.log_weight.take(at)),
+            weight=cloud.weight.take(at),
             vehicle=vehicle,
             mode=cloud.mode.take(at),
         )
@@ -110,7 +110,7 @@ def _empty_cloud(n_slots: int, n_particles: int) -> Cloud:
         mode=np.zeros(shape, np.int64),
         row=np.full(shape, -1, np.int64),
         since=np.zeros(shape),
-        log_weight=np.full(shape, -np.log(n_particles)),
+        weight=np.full(shape, 1.0 / n_particles),
         state=np.zeros((n_slots, 4), np.uint64),
     )
 

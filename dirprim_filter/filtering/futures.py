@@ -166,7 +166,7 @@ def _cloud(start: Start, *, rng: np.random.Generator) -> Cloud:
         mode=np.empty((v, n), np.int64),
         row=np.empty((v, n), np.int64),
         since=np.empty((v, n)),
-        log_weight=np.full((v, n), -np.log(n)),
+        weight=np.full((v, n), 1.0 / n),
         state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
     )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,10 @@ from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
-PARALLEL_FROM = 2000
-"""Particles below which handing work to a second thread costs more than it saves."""
+PARALLEL_FROM_NS = 400_000.0
+"""Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
+PARTS_PER_THREAD = 4
+"""Vehicles differ in work: a thread that is done early takes another part."""
 
 
 class ParticleFilter:
@@ -69,11 +72,13 @@ class ParticleFilter:
         for s in np.unique(spread):
             rows = np.flatnonzero(spread == s)
             born = (slot[rows], np.asarray(key)[rows], measured.position[rows])
-            self._split(_kernels.be_born, (self._table, cloud), born, (float(s),))
+            self._split(_kernels.be_born, (self._table, cloud), born, (float(s),), each_ns=80.0)
         more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if more.size:
             columns = self._columns(measured[more])
-            self._split(_measuring.weigh_at_birth, (cloud,), (slot[more], columns, spread[more]), (self._noise,))
+            self._split(
+                _measuring.weigh_at_birth, (cloud,), (slot[more], columns, spread[more]), (self._noise,), each_ns=60.0
+            )
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""
@@ -82,13 +87,15 @@ class ParticleFilter:
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
         self.belief.step += 1
-        self._split(_kernels.predict, (self._table, self.belief.cloud), (slot, dt_s), ())
+        self._split(_kernels.predict, (self._table, self.belief.cloud), (slot, dt_s), (), each_ns=60.0)
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         result = np.empty(slot.size)
         columns = self._columns(measured)
-        self._split(_measuring.log_likelihood, (self.belief.cloud,), (slot, columns, result), (self._noise,))
+        self._split(
+            _measuring.log_likelihood, (self.belief.cloud,), (slot, columns, result), (self._noise,), each_ns=20.0
+        )
         return result
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
@@ -96,7 +103,7 @@ class ParticleFilter:
         self.belief.step += 1
         evidence = np.empty((slot.size, 2))
         columns = self._columns(measured)
-        self._split(_measuring.weigh, (self.belief.cloud,), (slot, columns, evidence), (self._noise,))
+        self._split(_measuring.weigh, (self.belief.cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
         unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
         return Evidence(evidence[:, 0], unexplained | ~np.isfinite(evidence[:, 0]))
 
@@ -113,19 +120,19 @@ class ParticleFilter:
         """
         self.belief.step += 1
         result = np.empty(slot.size)
-        self._split(heed, (self._table, self.belief.cloud), (slot, result), (*cue_columns(cue), ahead_s))
+        self._split(heed, (self._table, self.belief.cloud), (slot, result), (*cue_columns(cue), ahead_s), each_ns=60.0)
         return result
 
     def resample(self, slot: IntArray) -> None:
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.belief.step += 1
         below = self.config.resample_below * self.config.n_particles
-        self._split(_kernels.resample, (self.belief.cloud,), (slot,), (below, self.config.renewed_share))
+        self._split(_kernels.resample, (self.belief.cloud,), (slot,), (below, self.config.renewed_share), each_ns=12.0)
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""
         result = np.empty((slot.size, 10))
-        self._split(_kernels.moments, (self.belief.cloud,), (slot, result), ())
+        self._split(_kernels.moments, (self.belief.cloud,), (slot, result), (), each_ns=8.0)
         return result
 
     def particles(self, slot: IntArray) -> BelievedParticles:
@@ -151,19 +158,28 @@ class ParticleFilter:
         first: tuple[Any, ...],
         per_vehicle: tuple[AnyArray, ...],
         last: tuple[Any, ...],
+        *,
+        each_ns: float,
     ) -> None:
-        """Run a kernel on all vehicles, on several threads where that pays."""
+        """Run a kernel that takes about `each_ns` a particle on all vehicles, on several threads where that pays."""
         n = per_vehicle[0].size
         if n == 0:
             return
-        if self._threads is None or n < 2 or n * self.config.n_particles < PARALLEL_FROM:
+        if self._threads is None or n < 2 or n * self.config.n_particles * each_ns < PARALLEL_FROM_NS:
             kernel(*first, *per_vehicle, *last)
             return
-        own, *others = zip(*(np.array_split(a, min(self._n_threads, n)) for a in per_vehicle), strict=True)
-        running = [self._threads.submit(kernel, *first, *part, *last) for part in others]
-        kernel(*first, *own, *last)
-        for part in running:
-            part.result()
+        n_parts = min(PARTS_PER_THREAD * self._n_threads, n)
+        ends = [n * i // n_parts for i in range(n_parts + 1)]
+        parts = iter([tuple(a[i:j] for a in per_vehicle) for i, j in pairwise(ends)])
+
+        def work() -> None:
+            for part in parts:
+                kernel(*first, *part, *last)
+
+        running = [self._threads.submit(work) for _ in range(self._n_threads - 1)]
+        work()
+        for other in running:
+            other.result()
 
 
 def _noise(config: FilterConfig) -> _measuring.Noise:

@@ -84,10 +84,12 @@ class Roster:
         """End those not measured since `before_ns`, and of the nameless those that hardly exist."""
         doubtful = ~self.is_named & (1.0 - self.existence[:, GONE] < forget_below)
         ended = doubtful | (self.measured_ns < before_ns)
-        for name, slot in list(self._slot.items()):
-            if ended[slot]:
+        for is_named in (True, False):
+            names, slot = self.members(is_named=is_named)
+            gone = list(compress(names, ended[slot].tolist()))
+            if gone:
                 self._members.clear()
-                self._free.append(self._slot.pop(name))
+                self._free += [self._slot.pop(name) for name in gone]
 
     def _grow(self, n_more: int) -> None:
         old = self.time_ns.size

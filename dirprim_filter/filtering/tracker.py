@@ -127,9 +127,10 @@ class Tracker:
         """Weigh the moved beliefs by the frame's measurements; begin anew those that have lost their vehicle."""
         frame, roster = self._frame, self._roster
         slot, row = frame.slot, frame.row
+        measured = frame.detections[row]
         if self._with_innovations:
-            frame.innovation = self._innovation(slot, frame.detections[row])
-        evidence = self._filter.weigh(slot, frame.detections[row])
+            frame.innovation = self._innovation(slot, measured)
+        evidence = self._filter.weigh(slot, measured)
         roster.measured_ns[slot] = self._time_ns
         roster.log_evidence[slot] = np.where(np.isfinite(evidence.log_density), evidence.log_density, 0.0)
         roster.n_unexplained[slot] = np.where(evidence.is_unexplained, roster.n_unexplained[slot] + 1, 0)
@@ -184,7 +185,7 @@ class Tracker:
 
     def _predict_named(self, row: IntArray) -> None:
         frame, roster, time_ns = self._frame, self._roster, self._time_ns
-        frame.named = [str(name) for name in frame.detections.track_id[row]]
+        frame.named = frame.detections.track_id[row].tolist()
         is_new = np.array([name not in roster for name in frame.named], dtype=np.bool_)
         self._advance_in_whole_steps(roster.members(is_named=True)[1])
         new = _chosen(frame.named, is_new)
@@ -209,6 +210,8 @@ class Tracker:
             self._filter.predict(slot[late], _seconds(dt_ns[late]))
 
     def _begin(self, slot: IntArray, row: IntArray) -> None:
+        if slot.size == 0:
+            return
         key = [birth_key(self._seed, str(name), self._time_ns) for name in self._frame.detections.track_id[row]]
         self._filter.begin(slot, np.array(key, dtype=np.uint64), self._frame.detections[row])
 

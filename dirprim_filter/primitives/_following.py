@@ -15,20 +15,20 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _random as random
+from dirprim_filter.distributions._elementary import EXACT, cos, sin
 from dirprim_filter.distributions._random import UIntArray
+from dirprim_filter.primitives._candidates import find, room_for
 from dirprim_filter.primitives._likening import (
     COURSE,
     CREEP,
     DURATION,
     EAST,
     GAIN,
-    N_LAID_OUT,
     NO_ROW,
     NORTH,
     PACE,
     TURN,
     JourneyTable,
-    find,
 )
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
@@ -68,35 +68,19 @@ def decay_over(table: JourneyTable, h: float) -> Decay:
 
 
 @njit(cache=True, inline="always")
-def unit_vector(angle: float) -> tuple[float, float]:
-    """Cosine and sine; of small angles, as deviations are, by their series, to 1e-9."""
-    if abs(angle) > 0.4:
-        return math.cos(angle), math.sin(angle)
-    q = angle * angle
-    cosine = 1.0 - q * (1.0 / 2.0 - q * (1.0 / 24.0 - q * (1.0 / 720.0 - q * (1.0 / 40320.0))))
-    sine = angle * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0 - q * (1.0 / 362880.0)))))
-    return cosine, sine
+def go_along(
+    table: JourneyTable, h: float, speed: float, row: int, since: float
+) -> tuple[float, float, float, float, float, float, int, float, bool]:
+    """A step of `h` seconds along a journey, as much faster than it as `speed` is higher.
 
-
-@njit(cache=True, inline="always")
-def follow(
-    table: JourneyTable, decay: Decay, h: float, direction: float, speed: float, row: int, since: float,
-    turning: float, hurrying: float,
-) -> tuple[float, float, float, float, int, float, bool]:  # fmt: skip
-    """A step of `h` seconds: the way east and north, direction, speed, row, seconds since it, and whether it ended.
-
-    `turning` and `hurrying` are normal draws: by how much it comes to deviate in direction and in speed.
+    Returns:
+        its way east and north; its direction and speed before, and after; the row, the seconds since it, and whether it
+        has ended.
     """
-    r, kept, noise, gain = row, decay.direction_kept, decay.direction_noise, decay.speed_noise
-    at_rest = gain * CREEP
-    if row < NO_ROW:
-        r, kept, noise, at_rest = -2 - row, decay.turned_kept, decay.turned_noise, at_rest + decay.hurried_noise
+    r = row if row > NO_ROW else -2 - row
     pace = max(table.row[r, PACE] + table.row[r, GAIN] * since, 0.0)
-    turned = direction - table.row[r, COURSE] - table.row[r, TURN] * since
-    if abs(turned) > math.pi:
-        turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
-    faster = min(max((speed + CREEP) / (pace + CREEP), 1.0 / FASTER), FASTER)
-    left = h * faster
+    course = table.row[r, COURSE] + table.row[r, TURN] * since
+    left = h * min(max((speed + CREEP) / (pace + CREEP), 1.0 / FASTER), FASTER)
     east = north = 0.0
     while left > table.row[r, DURATION] - since and table.row[r + 1, DURATION] > 0.0:
         rest = table.row[r, DURATION] - since
@@ -110,22 +94,44 @@ def follow(
     since += left
     ended = since > table.row[r, DURATION]
     since = min(since, table.row[r, DURATION])
-    later = turned * kept + noise * min(speed, 1.0) * turning
+    course_later = table.row[r, COURSE] + table.row[r, TURN] * since
     pace_later = max(table.row[r, PACE] + table.row[r, GAIN] * since, 0.0)
-    off = (speed - pace) * decay.speed_kept + (gain * pace_later + at_rest) * hurrying
-    course = table.row[r, COURSE] + table.row[r, TURN] * since + later
-    if abs(course) > math.pi:
-        course -= 2.0 * math.pi * math.floor(course / (2.0 * math.pi) + 0.5)
-    c, s = unit_vector(0.5 * (turned + later))
-    return (
-        c * east - s * north,
-        s * east + c * north,
-        course,
-        max(pace_later + off, 0.0),
-        r if row > NO_ROW else -2 - r,
-        since,
-        ended,
-    )
+    return east, north, course, pace, course_later, pace_later, r if row > NO_ROW else -2 - r, since, ended
+
+
+@njit(inline="always", **EXACT)
+def wrapped(angle: float) -> float:
+    """The angle in [-pi, pi)."""
+    return angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5)
+
+
+@njit(inline="always", **EXACT)
+def turned_later(decay: Decay, elsewhere: float, turned: float, speed: float, turning: float) -> float:
+    """How far a vehicle is turned from its journey after a step; `elsewhere` is 1 on one of another place, else 0."""
+    kept = decay.direction_kept + elsewhere * (decay.turned_kept - decay.direction_kept)
+    noise = decay.direction_noise + elsewhere * (decay.turned_noise - decay.direction_noise)
+    return turned * kept + noise * min(speed, 1.0) * turning
+
+
+@njit(inline="always", **EXACT)
+def speed_later(decay: Decay, elsewhere: float, speed: float, pace: float, pace_later: float, hurrying: float) -> float:
+    """Its speed after a step in which its journey's went from `pace` to `pace_later`."""
+    noise = decay.speed_noise * (pace_later + CREEP) + elsewhere * decay.hurried_noise
+    return max(pace_later + (speed - pace) * decay.speed_kept + noise * hurrying, 0.0)
+
+
+@njit(cache=True, inline="always")
+def follow(
+    table: JourneyTable, decay: Decay, h: float, direction: float, speed: float, row: int, since: float,
+    turning: float, hurrying: float,
+) -> tuple[float, float, float, float, int, float, bool]:  # fmt: skip
+    """A step of `h` seconds: the way east and north, direction, speed, row, seconds since it, and whether it ended."""
+    east, north, course, pace, course_later, pace_later, r, since, ended = go_along(table, h, speed, row, since)
+    elsewhere, turned = 1.0 if row < NO_ROW else 0.0, wrapped(direction - course)
+    later = turned_later(decay, elsewhere, turned, speed, turning)
+    s, c = sin(0.5 * (turned + later)), cos(0.5 * (turned + later))
+    speed = speed_later(decay, elsewhere, speed, pace, pace_later, hurrying)
+    return c * east - s * north, s * east + c * north, wrapped(course_later + later), speed, r, since, ended
 
 
 @njit(cache=True, nogil=True)
@@ -144,12 +150,12 @@ def hallucinate(
         key: (n,) of the random numbers.
         path: is filled.
     """
-    state, alike = np.empty(4, np.uint64), np.empty((N_LAID_OUT, table.most_alike))
+    state, found = np.empty(4, np.uint64), room_for(table)
     for i in range(len(start)):
         random.seed_state(key[i], state)
         for p in range(path.shape[1]):
             x, y, direction, speed = start[i, 0], start[i, 1], start[i, 2], start[i, 3]
-            row, since = find(table, x, y, direction, speed, but[i], 0.0, alike, state)
+            row, since = find(table, x, y, direction, speed, but[i], 0.0, found, state)
             before = 0.0
             for t in range(time_s.size):
                 n = math.ceil((time_s[t] - before) / step_s - 1e-9)
@@ -157,7 +163,7 @@ def hallucinate(
                 decay = decay_over(table, h)
                 for _ in range(n):
                     if random.uniform(state) < decay.forgets:
-                        row, since = find(table, x, y, direction, speed, but[i], 0.0, alike, state)
+                        row, since = find(table, x, y, direction, speed, but[i], 0.0, found, state)
                     turning, hurrying = random.draw_normal(state), random.draw_normal(state)
                     east, north, direction, speed, row, since, ended = follow(
                         table, decay, h, direction, speed, row, since, turning, hurrying
@@ -165,7 +171,7 @@ def hallucinate(
                     x += east + decay.drift * (random.uniform(state) - 0.5)
                     y += north + decay.drift * (random.uniform(state) - 0.5)
                     if ended:
-                        row, since = find(table, x, y, direction, speed, but[i], 0.0, alike, state)
+                        row, since = find(table, x, y, direction, speed, but[i], 0.0, found, state)
                 before = time_s[t]
                 path[i, p, t, 0], path[i, p, t, 1] = x, y
 

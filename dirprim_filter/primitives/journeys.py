@@ -19,6 +19,7 @@ import numpy as np
 
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives import _following, _likening
+from dirprim_filter.primitives._candidates import MOST_SPEEDS, N_STEADY, SLOWEST_STEADY, SPEEDS_PER_MPS, STEADY_RATIO
 from dirprim_filter.primitives._likening import (
     CREEP,
     FARTHEST,
@@ -26,13 +27,8 @@ from dirprim_filter.primitives._likening import (
     LATERAL_M,
     LONGEST_M,
     MOST_PIXELS,
-    MOST_SPEEDS,
-    N_STEADY,
     PIXEL_M,
     SECTORS,
-    SLOWEST_STEADY,
-    SPEEDS_PER_MPS,
-    STEADY_RATIO,
     JourneyTable,
 )
 from dirprim_filter.primitives.rows import TrackRows

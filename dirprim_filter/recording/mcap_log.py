@@ -41,9 +41,9 @@ class McapLog:
     Args:
         path: the file to write.
         metadata: goes into the `dirprim` metadata record, beside the producer.
-        max_chunk_ns: close a chunk after this much log time, whatever its size: what a kill may lose. Short
-            chunks compress less well; None leaves them at 1 MiB.
-        level: of the compression: 1 takes half the time of 3.
+        max_chunk_ns: a chunk and the instant after it, which may still be under way when a tracker is killed, span at
+            most this much log time, whatever their size. Short chunks compress less well; None leaves them at 1 MiB.
+        level: of the compression: 1 takes half the time of 3, -3 half of that.
         force: overwrite an existing file.
 
     Raises:
@@ -69,6 +69,7 @@ class McapLog:
         self._n_messages: dict[int, int] = {}
         self._max_chunk_ns = max_chunk_ns
         self._chunk_start_ns: int | None = None
+        self._last_ns = 0
 
     def __enter__(self) -> Self:
         self._writer = McapWriter(self._partial.__enter__(), library=PRODUCER, level=self._level)
@@ -109,9 +110,10 @@ class McapLog:
         if self._max_chunk_ns is not None:
             if self._chunk_start_ns is None:
                 self._chunk_start_ns = time_ns
-            elif time_ns - self._chunk_start_ns >= self._max_chunk_ns:
+            elif time_ns - self._chunk_start_ns + (time_ns - self._last_ns) >= self._max_chunk_ns:
                 self._writer.close_chunk()
                 self._chunk_start_ns = time_ns
+            self._last_ns = time_ns
         sequence = self._n_messages[channel]
         self._n_messages[channel] = sequence + 1
         self._writer.add(channel, sequence, time_ns, time_ns, data)

@@ -22,7 +22,7 @@ from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrim
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions.von_mises import mean_resultant_length
-from dirprim_filter.estimates import Estimates, Samples
+from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.forecasting import REGION_SHARES, Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, set_time
@@ -231,10 +231,9 @@ def _own_modes(primitive_map: PrimitiveMap) -> tuple[IntArray, IntArray]:
     return cell.astype(np.int64), mode.astype(np.int64)
 
 
-def particle_cloud(particles: Samples, time_ns: int, *, stride: int) -> PointCloud:
-    """Every `stride`-th particle as a point with its weight; single precision counts from the middle."""
-    shown = particles.thinned(stride)
-    position, weight = shown.position, shown.weight
+def particle_cloud(particles: Particles, time_ns: int) -> PointCloud:
+    """Each particle as a point with its weight; single precision counts from the middle."""
+    position, weight = particles.position, particles.weight
     origin = np.round(position.mean(axis=0)) if len(position) else np.zeros(2)
     points: AnyArray = np.zeros(len(position), _PARTICLE)
     points["x"], points["y"] = (position - origin).T

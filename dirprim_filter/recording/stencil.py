@@ -1,7 +1,8 @@
 """Protobuf messages encoded once, with holes for the numbers that change from frame to frame.
 
 The same vehicles are drawn again and again, and nothing but numbers changes. A double takes eight bytes whatever it is,
-so a message encoded with numbers that stand for the holes tells where the numbers go.
+so a message encoded with numbers that stand for the holes tells where the numbers go. While the vehicles are the same,
+so is all between the holes.
 Source: the wire format, https://protobuf.dev/programming-guides/encoding.
 """
 
@@ -13,7 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from google.protobuf.message import Message
 
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 _BYTES = np.arange(8)
 _LENGTH_DELIMITED = 2
@@ -33,6 +34,9 @@ class Stencils:
         self._hole = [struct.pack("<4sHH", b"hole", i, 0x7EAD) for i in range(n_holes)]
         self._key = _varint(field << 3 | _LENGTH_DELIMITED)
         self._drawn: dict[str, tuple[bytes, list[int]]] = {}
+        self._names: Sequence[str] = ()
+        self._n_shared = 0
+        self._laid_out: tuple[bytes, AnyArray, AnyArray] | None = None
 
     def encode(self, names: Sequence[str], numbers: FloatArray, *, shared: bytes) -> bytes:
         """The field as it stands in its message.
@@ -42,21 +46,32 @@ class Stencils:
             numbers: (n, n_holes) that are filled in.
             shared: encoded fields that all items have beside those that are drawn: their time.
         """
+        if not names:
+            return b""
+        if self._laid_out is None or names != self._names or len(shared) != self._n_shared:
+            self._names, self._n_shared = list(names), len(shared)
+            self._laid_out = self._lay_out(names, len(shared))
+        template, shared_at, hole_at = self._laid_out
+        encoded = bytearray(template)
+        view = np.frombuffer(encoded, np.uint8)
+        view[shared_at] = np.frombuffer(shared, np.uint8)
+        view[hole_at] = np.ascontiguousarray(numbers, "<f8").view(np.uint8).reshape(hole_at.shape)
+        return bytes(encoded)
+
+    def _lay_out(self, names: Sequence[str], n_shared: int) -> tuple[bytes, AnyArray, AnyArray]:
+        """The field of these items, where what they share goes, (n, n_shared), and the numbers, (n, n_holes, 8)."""
         before = self._drawn
         self._drawn = drawn = {name: before.get(name) or self._stencil(name) for name in names}
-        parts, body_at, at = [], [], 0
+        parts, shared_at, at = [], [], 0
         for name in names:
             body = drawn[name][0]
-            part = b"".join((self._key, _varint(len(shared) + len(body)), shared, body))
+            part = b"".join((self._key, _varint(n_shared + len(body)), bytes(n_shared), body))
             parts.append(part)
             at += len(part)
-            body_at.append(at - len(body))
-        encoded = bytearray().join(parts)
-        if names:
-            holes: IntArray = np.array([drawn[name][1] for name in names]) + np.array(body_at)[:, None]
-            filling = np.ascontiguousarray(numbers, "<f8").view(np.uint8).reshape(*holes.shape, 8)
-            np.frombuffer(encoded, np.uint8)[holes[..., None] + _BYTES] = filling
-        return bytes(encoded)
+            shared_at.append(at - len(body) - n_shared)
+        start: IntArray = np.array(shared_at)[:, None]
+        holes = np.array([drawn[name][1] for name in names]) + start + n_shared
+        return b"".join(parts), start + np.arange(n_shared), holes[..., None] + _BYTES
 
     def _stencil(self, name: str) -> tuple[bytes, list[int]]:
         """The message of a name, and where in it the holes are."""

@@ -90,7 +90,7 @@ def cross_entropies(learned, cases, cues, *, exit_of_row, n_exits, rng):
 
     def surprise():
         cloud = particles.belief.cloud
-        row, weight = cloud.row[:n], np.exp(cloud.log_weight[:n])
+        row, weight = cloud.row[:n], cloud.weight[:n]
         label = np.where(row >= 0, np.append(exit_of_row, -1)[np.clip(row, -1, exit_of_row.size)], -1)
         of_exit = np.stack([(weight * (label == k)).sum(axis=1) for k in range(n_exits)], axis=1)
         unknown = weight.sum(axis=1) - of_exit.sum(axis=1)

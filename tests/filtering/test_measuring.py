@@ -25,7 +25,7 @@ def cloudy():
     cloud.position[SLOT] = np.array([[3.0, -2.0], [0.0, 0.0]])[:, None] + rng.normal(0, 1.0, (2, 400, 2))
     cloud.direction[SLOT] = rng.vonmises(0.3, 20.0, (2, 400))
     cloud.speed[SLOT] = rng.gamma(20.0, 0.5, (2, 400))
-    cloud.log_weight[SLOT] = np.log(rng.dirichlet(np.full(400, 0.5), size=2))
+    cloud.weight[SLOT] = rng.dirichlet(np.full(400, 0.5), size=2)
     return made
 
 
@@ -48,7 +48,7 @@ def fits(made, seen, row, *, outliers=True):
     if np.isfinite(seen.speed[row]):
         pace = stats.norm(seen.speed[row], CONFIG.speed_noise).pdf(cloud.speed[s])
         fit = fit + np.log((1 - e) * pace + e / FASTEST)
-    return cloud.log_weight[s] + fit
+    return np.log(cloud.weight[s]) + fit
 
 
 KNOWN = {
@@ -70,7 +70,10 @@ def test_weights_and_evidence_are_scipys(cloudy, known):
     for row in (0, 1):
         assert evidence.log_density[row] == pytest.approx(logsumexp(expected[row]), rel=1e-9)
         np.testing.assert_allclose(
-            cloudy.belief.cloud.log_weight[SLOT[row]], expected[row] - logsumexp(expected[row]), rtol=1e-7, atol=1e-7
+            np.log(cloudy.belief.cloud.weight[SLOT[row]]),
+            expected[row] - logsumexp(expected[row]),
+            rtol=1e-7,
+            atol=1e-7,
         )
     assert not evidence.is_unexplained.any()
 

@@ -159,7 +159,7 @@ def moved(primitive_map, dt_s, *, n=N, key=5, direction=0.0, speed=10.0, config=
     cloud = _kernels.Cloud(
         position=np.zeros((1, n, 2)), direction=np.full((1, n), direction), speed=np.full((1, n), speed),
         cell=np.full((1, n), -1), mode=np.zeros((1, n), np.int64), row=np.full((1, n), -1),
-        since=np.zeros((1, n)), log_weight=np.full((1, n), -np.log(n)),
+        since=np.zeros((1, n)), weight=np.full((1, n), 1.0 / n),
         state=seeded(key)[None].copy(),
     )  # fmt: skip
     vehicle = np.zeros(1, np.int64)

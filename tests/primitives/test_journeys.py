@@ -8,7 +8,7 @@ from numba import njit
 from scipy import stats
 
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.primitives import _following, _likening
+from dirprim_filter.primitives import _candidates, _following, _likening
 from dirprim_filter.primitives.journeys import INTERVAL_S, Journeys
 from dirprim_filter.primitives.likeness import learn_likeness
 from dirprim_filter.primitives.rows import TrackRows
@@ -130,12 +130,12 @@ def test_weights_are_those_of_a_slow_loop():
     ring = ring_traffic(rng, n_vehicles=30)
     journeys = replace(journeys_of(ring), nearness=1.3)
     table = journeys.table(**STILL)
-    alike = np.empty((_likening.N_LAID_OUT, table.most_alike))
+    alike = _candidates.room_for(table)
     for _ in range(40):
         row = rng.integers(len(ring))
         x, y = ring.position[row] + rng.normal(0, 1, 2)
         direction, speed = ring.direction[row] + rng.normal(0, 0.2), ring.speed[row] + rng.normal(0, 1)
-        n, total = _likening.look_around(table, x, y, direction, speed, -1.0, alike)
+        n_blocks, total = _candidates.look_around(table, x, y, direction, speed, -1.0, alike)
         expected = {}
         for r in np.flatnonzero(journeys.duration > 0):
             offset = np.array([x, y]) - journeys.position[r]
@@ -150,9 +150,10 @@ def test_weights_are_those_of_a_slow_loop():
             squared += ((speed - journeys.speed[r] - gain * since) / (0.5 + 0.15 * speed)) ** 2
             if squared / 1.3**2 <= 18.0:
                 expected[r] = np.exp(-0.5 * squared / 1.3**2)
-        like = alike[_likening.WEIGHT, :n] > 0
-        assert set(alike[_likening.FOUND, :n][like].astype(int)) == set(expected)
-        assert total == pytest.approx(sum(expected.values()), rel=1e-9)
+        n = n_blocks * _candidates.BLOCK
+        like = alike.at[_candidates.WEIGHT, :n] > 0
+        assert set(alike.row[:n][like]) == set(expected)
+        assert total == pytest.approx(sum(expected.values()), rel=1e-4)  # single precision
 
 
 @pytest.fixture
@@ -163,9 +164,10 @@ def crowded_table():
 
 def assert_found_by_weight(table, motion, drawn):
     """Rows drawn for a motion, -2 and less for journeys of other places, are as many as their weights say."""
-    alike = np.empty((_likening.N_LAID_OUT, table.most_alike))
-    n, total = _likening.look_around(table, *motion, _likening.NOBODY, alike)
-    row, weight = alike[_likening.FOUND, :n].astype(int), alike[_likening.WEIGHT, :n]
+    alike = _candidates.room_for(table)
+    n_blocks, total = _candidates.look_around(table, *motion, _likening.NOBODY, alike)
+    n = n_blocks * _candidates.BLOCK
+    row, weight = alike.row[:n], alike.at[_candidates.WEIGHT, :n].astype(float)
     wanted = dict(zip(row[weight > 0].tolist(), weight[weight > 0], strict=True)) | {-1: table.strength}
     drawn = np.maximum(drawn, -1).tolist()
     count = np.array([drawn.count(row) for row in wanted])
@@ -180,7 +182,7 @@ def assert_found_by_weight(table, motion, drawn):
 
 def test_a_journey_is_found_as_often_as_its_weight_whether_or_not_most_are_unlike(crowded_table):
     state = np.empty(4, np.uint64)
-    alike = np.empty((_likening.N_LAID_OUT, crowded_table.most_alike))
+    alike = _candidates.room_for(crowded_table)
     random.seed_state(np.uint64(5), state)
     for direction in (np.pi / 2, np.pi / 2 + 0.3):  # like some, like next to none
         motion = (20.0, 0.5, direction, 8.0)
@@ -191,7 +193,7 @@ def test_a_journey_is_found_as_often_as_its_weight_whether_or_not_most_are_unlik
 @njit
 def found(table, motion, alike, state):
     x, y, direction, speed = motion
-    row, _ = _likening.find(table, x, y, direction, speed, -1.0, 0.0, alike, state)
+    row, _ = _candidates.find(table, x, y, direction, speed, -1.0, 0.0, alike, state)
     return row
 
 
@@ -201,23 +203,23 @@ def test_particles_in_several_squares_find_journeys_each_by_its_own_weights(crow
     x, y, direction, speed = motions[which].T
     row, since = np.full(which.size, _likening.NO_ROW), np.zeros(which.size)
     looking = np.flatnonzero(np.arange(which.size) % 2)
-    state, alike = np.empty(4, np.uint64), np.empty((_likening.N_LAID_OUT, crowded_table.most_alike))
+    state, alike = np.empty(4, np.uint64), _candidates.room_for(crowded_table)
     random.seed_state(np.uint64(6), state)
     position = np.column_stack([x, y])
-    _likening.find_all(crowded_table, looking.copy(), position, direction, speed, row, since, 0.0, alike, state)
+    _candidates.find_all(crowded_table, looking.copy(), position, direction, speed, row, since, 0.0, alike, state)
     assert (row[::2] == _likening.NO_ROW).all()
     for i, motion in enumerate(motions):
         assert_found_by_weight(crowded_table, tuple(motion), row[looking][which[looking] == i])
-    _likening.find_all(crowded_table, looking.copy(), position, direction, speed, row, since, 1.0, alike, state)
+    _candidates.find_all(crowded_table, looking.copy(), position, direction, speed, row, since, 1.0, alike, state)
     assert (row[looking] < _likening.NO_ROW).all()  # all follow journeys of other places
 
 
 def test_a_fast_vehicle_finds_the_journey_it_is_on_anywhere_between_two_rows():
     table = journeys_of(straight(speed=25.0)).table(**STILL)
-    alike = np.empty((_likening.N_LAID_OUT, table.most_alike))
+    alike = _candidates.room_for(table)
     for x in np.arange(0.5, 100.0, 1.0):
-        n, _ = _likening.look_around(table, x, 0.0, 0.0, 25.0, -1.0, alike)
-        assert (alike[_likening.WEIGHT, :n] > 0).sum() == 1
+        n_blocks, _ = _candidates.look_around(table, x, 0.0, 0.0, 25.0, -1.0, alike)
+        assert (alike.at[_candidates.WEIGHT, : n_blocks * _candidates.BLOCK] > 0).sum() == 1
 
 
 def energy_distance(a, b):
