@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.tracks import as_times, as_track_ids, check_lengths
+from dirprim_filter.tracks import as_texts, as_times, as_track_ids, check_lengths
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
 
@@ -169,7 +170,7 @@ class Innovations:
     squared: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TrackedFrame:
     """All that is known at one instant: what was reported, what is believed, and the samples that say so.
 
@@ -188,6 +189,11 @@ class TrackedFrame:
     particles: Samples
     innovations: Innovations | None = None
     begun_anew: tuple[str, ...] = ()
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The ids of the estimates as texts; whoever shows a frame asks for them again and again."""
+        return list(as_texts(self.estimates.track_id).tolist())
 
 
 class EstimateSink(Protocol):

@@ -68,8 +68,8 @@ class LearningProgress(NamedTuple):
 def learning_progress() -> Iterator[LearningProgress]:
     """What `learn_primitives` tells while it learns; on a terminal, a line that follows it.
 
-    When the search for cells is over nobody knows before: so there is no remaining time, but which of how many stages
-    this is, what it has reached, and how fast.
+    When the search for cells is over nobody knows before: told are which of how many stages this is, what it has
+    reached, and how long it can still take, of which it mostly needs little.
     """
     if not sys.stderr.isatty():
         yield LearningProgress(None, None)
@@ -77,29 +77,28 @@ def learning_progress() -> Iterator[LearningProgress]:
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from dirprim_filter.primitives.learning import STAGES
+    from tessellation.joint import MAX_ROUNDS
 
-    told = TextColumn("learning {task.description}{task.fields[reached]}")
     columns = (
         SpinnerColumn(),
-        TextColumn("stage {task.fields[number]} of {task.total}:"),
-        told,
+        TextColumn("{task.description} ({task.fields[number]} of {task.total}){task.fields[reached]}"),
         TimeElapsedColumn(),
     )
     with _on_stderr(*columns) as progress:
-        task = progress.add_task("", total=len(STAGES), number=0, reached="")
-        steps = 0
+        task = progress.add_task("learning", total=len(STAGES), number=0, reached="")
+        rounds, began_s = -1, 0.0  # what is told first are the cells that the search begins with
 
         def begin(number: int) -> None:
             progress.update(task, completed=number, number=number + 1, description=STAGES[number], reached="")
 
         def tell(n_cells: int, objective: float) -> None:
-            nonlocal steps
-            steps += 1
-            elapsed_s = max(progress.tasks[0].elapsed or 0.0, 1e-3)
-            progress.update(
-                task,
-                reached=f": {n_cells} cells, held-out log density {-objective:.3f}, {steps / elapsed_s:.1f} steps/s",
-            )
+            nonlocal rounds, began_s
+            rounds += 1
+            now_s = progress.tasks[0].elapsed or 0.0
+            began_s = now_s if rounds == 0 else began_s
+            each_s = (now_s - began_s) / max(rounds, 1)
+            left = f", at most {(MAX_ROUNDS - rounds) * each_s:.0f} s left" if rounds else ""
+            progress.update(task, reached=f": {n_cells}, log density {-objective:.3f}, round {rounds}{left}")
 
         yield LearningProgress(tell, begin)
 

@@ -10,25 +10,24 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel, usual_of
+from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells, place_free_share
+from dirprim_filter.primitives.cell_model import PrimitiveModel, usual_of
 from dirprim_filter.primitives.journeys import Journeys
 from dirprim_filter.primitives.likeness import learn_likeness
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import CellsRule, ModesRule, Recipe, Usual
-from dirprim_filter.primitives.relaxation import FALLBACK, learn_relaxation
+from dirprim_filter.primitives.relaxation import learn_relaxation
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly
 from tessellation.arrays import BoolArray, FloatArray
-from tessellation.gates import members_of, residents
-from tessellation.protocols import Members
+from tessellation.gates import residents
 
 logger = logging.getLogger(__name__)
 
@@ -148,19 +147,6 @@ def _check_options(
 # Where? --------------------------------------------------------------------------------------------------------------
 
 
-class Layout(NamedTuple):
-    """Cells, and how much of what is beside them they learn from; see `tessellation.gates`."""
-
-    cells: Tessellation
-    softness: float
-
-    def members(self, position: FloatArray) -> Members:
-        """Which rows each cell learns from."""
-        if self.softness > 0:
-            return members_of(position, self.cells.centers, softness=self.softness)[0]
-        return residents(self.cells.cell_of(position), self.cells.centers)
-
-
 def _layouts(
     rows: TrackRows, tessellation: str | Tessellation, recipe: Recipe, free: PlaceFree, *, cell_size: float | None,
     n_cells: int | None, progress: Progress | None, rng: np.random.Generator,
@@ -250,55 +236,10 @@ def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:
 # What happens there? -------------------------------------------------------------------------------------------------
 
 
-def fit_cells(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree) -> PrimitiveCells:
-    """Fit each cell's modes to the rows that it learns from."""
-    return PrimitiveModel.of(rows, recipe, free).fit(rows.position, rows, layout.members(rows.position))
-
-
 def _with_usual(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree) -> Recipe:
     """The recipe whose modes lean on what is usual in these cells."""
     alone = recipe._replace(prior_strength=WEAK, usual=Usual(0.0, free.speed_spread), thorough=False)
     return recipe._replace(usual=usual_of(fit_cells(rows, layout, alone, free), alone))
-
-
-def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> FloatArray:
-    """The weight of the place-free primitive in a cell that `n_vehicles` passed, entering as `strength` vehicles."""
-    return np.asarray(strength / (n_vehicles + strength))
-
-
-def assemble(cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, strength: float) -> PrimitiveMap:
-    """A map of each cell's own modes, heaviest first, then the place-free ones, before its relaxation is learned."""
-    n = len(fitted.center)
-    used = max(int((fitted.weight > 0).sum(axis=1).max(initial=0)), 1)
-    order = np.argsort(-fitted.weight, axis=1, kind="stable")[:, :used]
-    free_column = dict(zip(free._fields, free, strict=True))
-
-    def column(name: str, filler: float) -> FloatArray:
-        """The cells' modes in motion, the one for standing, and the place-free modes; last the place-free row."""
-        own = np.take_along_axis(getattr(fitted, name), order, axis=1)
-        of_free = np.asarray(free_column.get(name, np.zeros_like(free.weight)))
-        placed = np.vstack([np.hstack([own, np.full((n, 1), of_free[-1])]), np.full(used + 1, filler)])
-        return np.hstack([placed, np.tile(of_free, (n + 1, 1))])
-
-    share = place_free_share(fitted.n_vehicles, strength)[:, None]
-    weight = column("weight", 0.0)
-    weight[:n, :used] *= (1 - share) * (1 - fitted.standing[:, None])
-    weight[:n, used : used + 1] = (1 - share) * fitted.standing[:, None]
-    weight[:n, used + 1 :] *= share
-    weight /= weight.sum(axis=1, keepdims=True)
-    n_rows = np.round(fitted.n_rows).astype(np.int64)
-    return PrimitiveMap(
-        tessellation=cells,
-        direction=VonMisesMixture(
-            weight=weight, mean_direction=column("mean", 0.0), concentration=column("concentration", 0.0)
-        ),
-        speed=Gamma(shape=column("shape", 1.0), rate=column("rate", 1.0)),
-        n_rows=np.append(n_rows, n_rows.sum()),
-        n_place_free_modes=free.weight.size,
-        relaxation=FALLBACK,
-        bend=np.stack([column("bend_east", 0.0), column("bend_north", 0.0)], axis=-1),
-        gain=np.stack([column("gain_east", 0.0), column("gain_north", 0.0)], axis=-1),
-    )
 
 
 # What held-out vehicles like best ------------------------------------------------------------------------------------

@@ -129,12 +129,11 @@ class FrameBatch:
         places = np.array([look.position for look in shown]).reshape(-1, 2)
         yield "/focus/ring", times, marks.ring(places, depth=self._depth).partition(n_shown)
         yield "/focus/speed", times, _curves(speed_rows(looks, self._primitives))
-        curves = polar_curves(shown, self._primitives)
-        for name in POLAR:
-            strips = [SOUTHWARDS * getattr(curve, name) for curve in curves]
-            if strips:
-                yield f"/polar/{name}", times, rr.LineStrips2D.columns(strips=strips).partition(n_shown)
         if shown:
+            curves = polar_curves(shown, self._primitives)
+            for name in POLAR:
+                strips = (SOUTHWARDS * getattr(curves, name)).astype(np.float32)
+                yield f"/polar/{name}", times, rr.LineStrips2D.columns(strips=strips).partition(n_shown)
             names = rr.Points2D.columns(positions=np.tile([-1.2, 1.2], (len(shown), 1)),
                                         labels=[look.track_id for look in shown])  # fmt: skip
             yield "/polar/vehicle", times, names.partition(n_shown)

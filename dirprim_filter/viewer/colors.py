@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.distributions.angles import TWO_PI
+from dirprim_filter.tracks import numbered
 from tessellation.arrays import AnyArray, FloatArray
 
 ByteArray = npt.NDArray[np.uint8]
@@ -101,8 +102,9 @@ def track_color(track_id: AnyArray | Sequence[str]) -> ByteArray:
 
     The palette's place comes from a checksum of the id's text: Python's own hash differs from run to run.
     """
-    place = [_palette_place(str(name)) for name in track_id]
-    return _rgba(OKABE_ITO[np.array(place, dtype=np.int64)])
+    names, number = numbered(np.asarray(track_id))
+    place = np.array([_palette_place(name) for name in names], dtype=np.int64)
+    return _rgba(OKABE_ITO[place[number]])
 
 
 @lru_cache(maxsize=65536)

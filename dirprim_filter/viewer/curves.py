@@ -120,7 +120,7 @@ class Truth:
         first, last = np.searchsorted(self._time_ns, [frame.time_ns, frame.time_ns + 1])
         rows = self._order[first:last]
         place = dict(zip(as_texts(self._tracks.track_id[rows]).tolist(), self._tracks.position[rows], strict=True))
-        names = as_texts(frame.estimates.track_id).tolist()
+        names = frame.names
         known = np.array([row for row, name in enumerate(names) if name in place], dtype=np.int64)
         if known.size == 0:
             return float("nan")

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from heapq import nsmallest
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,7 +24,6 @@ from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.tracks import as_texts
 from tessellation.arrays import BoolArray, FloatArray
 
 KEPT_S = 8.0
@@ -107,8 +107,7 @@ class Focus:
 
     def see(self, frame: TrackedFrame) -> Look | None:
         """The vehicle in this frame; None where it is not there."""
-        believed = frame.estimates
-        names = as_texts(believed.track_id).tolist()
+        believed, names = frame.estimates, frame.names
         self._remember(frame.time_ns, names, believed)
         name = self._chosen or self._worst(frame.time_ns, names, believed)
         if name is None or name not in names:
@@ -132,8 +131,7 @@ class Focus:
         All, unless they are a crowd: then some within the box, (2, 2) metres, that the filter understands least, each
         for `KEPT_S` at most, and the vehicle to look at.
         """
-        believed = frame.estimates
-        names = as_texts(believed.track_id).tolist()
+        believed, names = frame.estimates, frame.names
         self._is_crowd = len(names) > max(STILL_CROWD if self._is_crowd else CROWD, self._most_in_full)
         if not self._is_crowd:
             return np.ones(len(names), np.bool_)
@@ -141,8 +139,9 @@ class Focus:
             self._few, self._few_since_ns = set(), frame.time_ns
         is_near = ((believed.position >= box[0]) & (believed.position <= box[1])).all(axis=1)
         near = [name for name, is_in in zip(names, is_near.tolist(), strict=True) if is_in and name in self._before]
-        least = sorted(near, key=lambda name: (name not in self._few, self._evidence[name]))
-        self._few = set(least[: self._most_in_full])
+        kept = [name for name in near if name in self._few]
+        others = (name for name in near if name not in self._few)
+        self._few = {*kept, *nsmallest(self._most_in_full - len(kept), others, key=self._evidence.__getitem__)}
         shown = self._few | {self._chosen or self._now}
         return np.array([name in shown for name in names], np.bool_)
 
@@ -219,7 +218,7 @@ def speed_rows(looks: list[Look | None], primitives: PrimitiveMap | None) -> Flo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolarCurves:
-    """Densities around the circle, drawn so that areas are probabilities. Closed lines of (k, 2), x east, y north."""
+    """Densities around the circle, drawn so that areas are probabilities: closed lines, (n, k, 2), x east, y north."""
 
     prior: FloatArray
     cue: FloatArray
@@ -227,10 +226,8 @@ class PolarCurves:
     belief: FloatArray
 
 
-def polar_curves(looks: Sequence[Look], primitives: PrimitiveMap | None) -> list[PolarCurves]:
-    """Eq. 4 for one vehicle in each frame: radii are square roots of densities, the longest is 1."""
-    if not looks:
-        return []
+def polar_curves(looks: Sequence[Look], primitives: PrimitiveMap | None) -> PolarCurves:
+    """Eq. 4 for one vehicle in each of n frames: radii are square roots of densities, the longest of a frame is 1."""
     course, concentration = np.array([look.course for look in looks]).T[..., None]
     cue = VonMisesMixture(weight=np.ones_like(course), mean_direction=course, concentration=concentration)
     prior = (
@@ -246,15 +243,13 @@ def polar_curves(looks: Sequence[Look], primitives: PrimitiveMap | None) -> list
             concentration=mixture.concentration[:, None],
         )
         lines[name] = (theta, np.exp(0.5 * one_each.log_density(theta)))
-    curves = []
-    for row, look in enumerate(looks):
-        edge = np.arange(len(look.belief) + 1) * np.radians(BIN_DEG)
-        steps = np.sqrt(np.repeat(look.belief, 2) / np.radians(BIN_DEG))
-        own = {name: (theta[row], radius[row]) for name, (theta, radius) in lines.items()}
-        own["belief"] = (np.repeat(edge, 2)[1:-1], steps)
-        longest = max(float(radius.max(initial=0.0)) for _, radius in own.values())
-        curves.append(PolarCurves(**{name: _closed(theta, radius / longest) for name, (theta, radius) in own.items()}))
-    return curves
+    n_bins = max(len(look.belief) for look in looks)
+    share = np.array([look.belief if len(look.belief) else np.zeros(n_bins) for look in looks])
+    edge = np.repeat(np.arange(n_bins + 1) * np.radians(BIN_DEG), 2)[1:-1]
+    steps = np.sqrt(np.repeat(share, 2, axis=1) / np.radians(BIN_DEG))
+    lines["belief"] = (np.broadcast_to(edge, steps.shape), steps)
+    longest = np.max([radius.max(axis=1, initial=0.0) for _, radius in lines.values()], axis=0)[:, None]
+    return PolarCurves(**{name: _closed(theta, radius / longest) for name, (theta, radius) in lines.items()})
 
 
 def _angles(mixture: VonMisesMixture) -> FloatArray:
@@ -267,8 +262,8 @@ def _angles(mixture: VonMisesMixture) -> FloatArray:
 
 
 def _closed(theta: FloatArray, radius: FloatArray) -> FloatArray:
-    line = radius[:, None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)
-    return np.concatenate([line, line[:1]])
+    line = radius[..., None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)
+    return np.concatenate([line, line[:, :1]], axis=1)
 
 
 def polar_grid() -> Iterator[tuple[FloatArray, str]]:

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.tracks import as_texts
 from dirprim_filter.viewer.colors import track_color
 
 N_LANES = 16
@@ -60,7 +59,7 @@ class Lifelines:
     def see(self, frame: TrackedFrame) -> None:
         """Compare a frame with the one before."""
         believed, time_ns = frame.estimates, frame.time_ns
-        unseen = dict(zip(as_texts(believed.track_id).tolist(), believed.unseen_s.tolist(), strict=True))
+        unseen = dict(zip(frame.names, believed.unseen_s.tolist(), strict=True))
         taken = set(self._lane.values())  # a lane that is left now is free from the next frame on
         for name in [name for name in self._state if name not in unseen]:
             self._tell(time_ns, name, "", "INFO", f"{name} ended")

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import chain, compress, repeat
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -16,7 +18,7 @@ import numpy as np
 import rerun as rr
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.transitions import cell_transitions
@@ -118,11 +120,13 @@ class RerunSink:
         self._truth: Truth | None = None
         self._batch = self._new_batch()
         self._focus, self._lines, self._tally = Focus(focus, most_in_full=most_in_full), Lifelines(), Tally()
-        self._last_seen: dict[str, tuple[int, FloatArray]] = {}
+        self._last_seen: dict[str, tuple[int, float, float]] = {}
         self._not_forecast: set[str] = set()
         self._forecasts: dict[str, marks.Forecast] = {}
         self._forecast_ns = 0
         self._forecasts_pending = False
+        self._thread = ThreadPoolExecutor(1, "dirprim-rerun")
+        self._underway: Future[None] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -135,6 +139,7 @@ class RerunSink:
     def flush(self) -> None:
         """Send what is left."""
         self._send_batch()
+        self._settle()
         self._show_pending_forecasts()
         if not self._laid_out:
             self._begin(tracked=False)
@@ -148,6 +153,7 @@ class RerunSink:
             whole = False
             raise
         finally:
+            self._thread.shutdown()
             self.outlet.close(whole=whole)
 
     # --- What holds for the whole log -----------------------------------------------------------------------
@@ -221,9 +227,9 @@ class RerunSink:
         self._tally.add(values)
         look = self._focus.see(frame)
         in_full = self._focus.in_full(frame, box=self._box)
-        self._batch.add(frame, in_full=in_full, steps=self._steps(believed), look=look, metrics=values)
+        self._batch.add(frame, in_full=in_full, steps=self._steps(frame), look=look, metrics=values)
         self._lines.see(frame)
-        self._see(frame.time_ns, believed, in_full)
+        self._see(frame, in_full)
         if self.outlet.live or len(self._batch) >= BATCH_FRAMES:
             self._send_batch()
 
@@ -245,26 +251,31 @@ class RerunSink:
         self._forecast_ns = forecasts.time_ns
         self._forecasts_pending = True
 
-    def _steps(self, believed: Estimates) -> tuple[IntArray, FloatArray]:
+    def _steps(self, frame: TrackedFrame) -> tuple[IntArray, FloatArray]:
         """The step of each vehicle since it was last seen; the layout shows the steps of the last seconds."""
-        names = as_texts(believed.track_id).tolist()
-        known = np.array([row for row, name in enumerate(names) if name in self._last_seen], np.int64)
-        start = np.array([self._last_seen[names[row]][1] for row in known]).reshape(-1, 2)
-        return known, np.stack([start, believed.position[known]], axis=1)
+        seen = [self._last_seen.get(name) for name in frame.names]
+        known = np.array([row for row, before in enumerate(seen) if before is not None], np.int64)
+        start = np.array([before[1:] for before in seen if before is not None]).reshape(-1, 2)
+        return known, np.stack([start, frame.estimates.position[known]], axis=1)
 
-    def _see(self, time_ns: int, believed: Estimates, in_full: BoolArray) -> None:
-        oldest_ns = time_ns - int(TRAIL_S * 1e9)
-        self._last_seen = {name: seen for name, seen in self._last_seen.items() if seen[0] >= oldest_ns}
-        names = as_texts(believed.track_id).tolist()
-        self._last_seen |= {name: (time_ns, place) for name, place in zip(names, believed.position, strict=True)}
+    def _see(self, frame: TrackedFrame, in_full: BoolArray) -> None:
+        believed, time_ns = frame.estimates, frame.time_ns
+        before, oldest_ns = self._last_seen, time_ns - int(TRAIL_S * 1e9)
+        east, north = believed.position.T.tolist()
+        self._last_seen = dict(zip(frame.names, zip(repeat(time_ns), east, north), strict=True))
+        for name in before.keys() - self._last_seen.keys():
+            if before[name][0] >= oldest_ns:
+                self._last_seen[name] = before[name]
         is_unsure = (believed.unseen_s > UNSEEN_S) | (believed.direction_resultant < SURE_FROM)
-        self._not_forecast = {names[row] for row in np.flatnonzero(is_unsure | ~in_full)}
+        self._not_forecast = set(compress(frame.names, (is_unsure | ~in_full).tolist()))
 
     def _forget_forecasts(self, time_ns: int) -> None:
         """Drop the forecasts of vehicles that have gone."""
         self._show_pending_forecasts()
+        if not self._forecasts:
+            return
         since_ns = time_ns - int(UNSEEN_S * 1e9)
-        here = {name for name, (seen_ns, _) in self._last_seen.items() if seen_ns >= since_ns} - self._not_forecast
+        here = {name for name, (seen_ns, *_) in self._last_seen.items() if seen_ns >= since_ns} - self._not_forecast
         kept = {name: paths for name, paths in self._forecasts.items() if name in here}
         if len(kept) < len(self._forecasts):
             self._forecasts = kept
@@ -289,14 +300,28 @@ class RerunSink:
         )  # fmt: skip
 
     def _send_batch(self) -> None:
-        for entity, times, columns in self._batch.columns():
-            self.stream.send_columns(entity, [times], columns)
-        for entity, times, columns in lane_columns(self._lines):
-            self.stream.send_columns(entity, [times], columns)
-        for entity, style in lane_styles(self._lines):
-            self._static(entity, style)
+        """Send what is gathered: to a file by a thread of its own, so that the tracker goes on meanwhile."""
+        self._settle()
+        batch, lanes, styles = self._batch, list(lane_columns(self._lines)), list(lane_styles(self._lines))
         self._lines.changes, self._lines.entries = {}, []
         self._batch = self._new_batch()
+
+        def send() -> None:
+            for entity, times, columns in chain(batch.columns(), lanes):
+                self.stream.send_columns(entity, [times], columns)
+            for entity, style in styles:
+                self._static(entity, style)
+
+        if self.outlet.live:
+            send()
+        else:
+            self._underway = self._thread.submit(send)
+
+    def _settle(self) -> None:
+        """Wait for what is being sent; raise what failed, once."""
+        underway, self._underway = self._underway, None
+        if underway is not None:
+            underway.result()
 
     def _static(self, path: str, *what: rr.AsComponents) -> None:
         self.stream.log(path, *what, static=True)

@@ -71,24 +71,26 @@ def density_of(line: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map: PrimitiveMap) -> None:
     look = look_at((15.0, 15.0), course=(1.2, 6.0))
-    (curves,) = polar_curves([look], scene_map)
+    curves = polar_curves([look], scene_map)
     theta = np.linspace(-np.pi, np.pi, 721)
     prior = np.exp(scene_map.primitive_at(look.position).direction.log_density(theta))
     product = prior * np.exp(6.0 * np.cos(theta - 1.2))
-    posterior, told = density_of(curves.posterior, theta), density_of(curves.prior, theta)
+    posterior, told = density_of(curves.posterior[0], theta), density_of(curves.prior[0], theta)
     assert posterior / posterior.max() == pytest.approx(product / product.max(), abs=0.02)
     assert told / told.max() == pytest.approx(prior / prior.max(), abs=0.02)
     assert np.abs(posterior / posterior.max() - prior / prior.max()).max() > 0.2  # the cue counts
     # One scale for all: integrals around the circle are the same.
     assert posterior.mean() == pytest.approx(told.mean(), rel=0.02)
-    assert max(np.hypot(*line.T).max() for line in (curves.prior, curves.cue, curves.posterior)) == pytest.approx(1.0)
+    assert max(
+        np.hypot(*line.T).max() for line in (curves.prior[0], curves.cue[0], curves.posterior[0])
+    ) == pytest.approx(1.0)
 
 
 def test_without_a_course_the_posterior_is_the_prior(scene_map: PrimitiveMap) -> None:
-    (curves,) = polar_curves([look_at((15.0, 15.0))], scene_map)
+    curves = polar_curves([look_at((15.0, 15.0))], scene_map)
     theta = np.linspace(-np.pi, np.pi, 181)
-    assert density_of(curves.posterior, theta) == pytest.approx(density_of(curves.prior, theta), abs=1e-3)
-    assert np.ptp(density_of(curves.cue, theta)) < 1e-9
+    assert density_of(curves.posterior[0], theta) == pytest.approx(density_of(curves.prior[0], theta), abs=1e-3)
+    assert np.ptp(density_of(curves.cue[0], theta)) < 1e-9
 
 
 def test_the_course_is_where_a_vehicle_came_from(scene_frames: list[TrackedFrame]) -> None:

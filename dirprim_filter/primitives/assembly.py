@@ -1,0 +1,77 @@
+"""A map assembled: cells that are laid out, what was fitted in each, and the place-free primitive beside it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel
+from dirprim_filter.primitives.place_free import PlaceFree
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.recipe import Recipe
+from dirprim_filter.primitives.relaxation import FALLBACK
+from dirprim_filter.primitives.rows import TrackRows
+from tessellation import Tessellation
+from tessellation.arrays import FloatArray
+from tessellation.gates import members_of, residents
+from tessellation.protocols import Members
+
+
+class Layout(NamedTuple):
+    """Cells, and how much of what is beside them they learn from; see `tessellation.gates`."""
+
+    cells: Tessellation
+    softness: float
+
+    def members(self, position: FloatArray) -> Members:
+        """Which rows each cell learns from."""
+        if self.softness > 0:
+            return members_of(position, self.cells.centers, softness=self.softness)[0]
+        return residents(self.cells.cell_of(position), self.cells.centers)
+
+
+def fit_cells(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree) -> PrimitiveCells:
+    """Fit each cell's modes to the rows that it learns from."""
+    return PrimitiveModel.of(rows, recipe, free).fit(rows.position, rows, layout.members(rows.position))
+
+
+def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> FloatArray:
+    """The weight of the place-free primitive in a cell that `n_vehicles` passed, entering as `strength` vehicles."""
+    return np.asarray(strength / (n_vehicles + strength))
+
+
+def assemble(cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, strength: float) -> PrimitiveMap:
+    """A map of each cell's own modes, heaviest first, then the place-free ones, before its relaxation is learned."""
+    n = len(fitted.center)
+    used = max(int((fitted.weight > 0).sum(axis=1).max(initial=0)), 1)
+    order = np.argsort(-fitted.weight, axis=1, kind="stable")[:, :used]
+    free_column = dict(zip(free._fields, free, strict=True))
+
+    def column(name: str, filler: float) -> FloatArray:
+        """The cells' modes in motion, the one for standing, and the place-free modes; last the place-free row."""
+        own = np.take_along_axis(getattr(fitted, name), order, axis=1)
+        of_free = np.asarray(free_column.get(name, np.zeros_like(free.weight)))
+        placed = np.vstack([np.hstack([own, np.full((n, 1), of_free[-1])]), np.full(used + 1, filler)])
+        return np.hstack([placed, np.tile(of_free, (n + 1, 1))])
+
+    share = place_free_share(fitted.n_vehicles, strength)[:, None]
+    weight = column("weight", 0.0)
+    weight[:n, :used] *= (1 - share) * (1 - fitted.standing[:, None])
+    weight[:n, used : used + 1] = (1 - share) * fitted.standing[:, None]
+    weight[:n, used + 1 :] *= share
+    weight /= weight.sum(axis=1, keepdims=True)
+    n_rows = np.round(fitted.n_rows).astype(np.int64)
+    return PrimitiveMap(
+        tessellation=cells,
+        direction=VonMisesMixture(
+            weight=weight, mean_direction=column("mean", 0.0), concentration=column("concentration", 0.0)
+        ),
+        speed=Gamma(shape=column("shape", 1.0), rate=column("rate", 1.0)),
+        n_rows=np.append(n_rows, n_rows.sum()),
+        n_place_free_modes=free.weight.size,
+        relaxation=FALLBACK,
+        bend=np.stack([column("bend_east", 0.0), column("bend_north", 0.0)], axis=-1),
+        gain=np.stack([column("gain_east", 0.0), column("gain_north", 0.0)], axis=-1),
+    )
