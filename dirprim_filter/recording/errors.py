@@ -12,6 +12,10 @@ class RecordingError(Exception):
     """A file cannot be read or written as asked; its text is one line for the user."""
 
 
+class NoRoomError(RecordingError):
+    """What must be copied before it is read finds no room."""
+
+
 class NotMcapError(RecordingError):
     """The file is no MCAP log at all."""
 

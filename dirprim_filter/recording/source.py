@@ -11,7 +11,6 @@ import errno
 import logging
 import mmap
 import re
-import shutil
 import stat
 import sys
 import tempfile
@@ -19,7 +18,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import BinaryIO
 
-from dirprim_filter.recording.errors import NotMcapError, RecordingError
+from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.records import MAGIC
 
 logger = logging.getLogger(__name__)
@@ -93,6 +92,8 @@ def _fetched(name: str, url: str) -> Path:
     try:
         with fsspec.open(url, "rb") as remote:
             return _copied(name, remote)
+    except NoRoomError:
+        raise
     except FileNotFoundError as error:  # some tell no more than a path, even where nobody answers
         why = f": {error.__cause__}" if error.__cause__ else ""
         raise FileNotFoundError(errno.ENOENT, f"No such file{why}", url) from error
@@ -104,7 +105,14 @@ def _fetched(name: str, url: str) -> Path:
 def _copied(name: str, stream: BinaryIO) -> Path:
     with tempfile.NamedTemporaryFile(prefix="dirprim-", suffix=".mcap", delete=False) as copy:
         atexit.register(Path(copy.name).unlink, missing_ok=True)
-        shutil.copyfileobj(stream, copy, BLOCK_BYTES)
+        while block := stream.read(BLOCK_BYTES):
+            try:
+                copy.write(block)
+            except OSError as error:
+                raise NoRoomError(
+                    f"{name}: expected to copy it to {tempfile.gettempdir()}: {error.strerror}; make room there, or "
+                    "set TMPDIR to a folder that has some"
+                ) from error
     _copies[name] = Path(copy.name)
     logger.info("%s: copied to %s", name, copy.name)
     return _copies[name]

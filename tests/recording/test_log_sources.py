@@ -1,5 +1,6 @@
 """Pipes, standard input and URLs read as files do; seeking opens no more chunks than needed; memory is bounded."""
 
+import errno
 import io
 import os
 import subprocess
@@ -14,7 +15,7 @@ from mcap_files import log_bytes
 from dirprim_filter import load_map, read_estimates, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording import merge, source
-from dirprim_filter.recording.errors import NotMcapError, RecordingError
+from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.message_columns import MessageColumns
 from dirprim_filter.recording.scan import scan
 
@@ -196,3 +197,19 @@ def test_learn_and_track_read_pipes_and_urls(tmp_path, ring, monkeypatch):
     for same in (maps, outs):
         np.testing.assert_array_equal(same[1], same[0])
         np.testing.assert_array_equal(same[2], same[0])
+
+
+def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_url(monkeypatch):
+    fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
+    with fsspec.open("memory://large.mcap", "wb") as file:
+        file.write(b"x" * 100)
+
+    class FullDisk(io.BytesIO):
+        name = "/full/copy"
+
+        def write(self, _):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(source.tempfile, "NamedTemporaryFile", lambda **_: FullDisk())
+    with pytest.raises(NoRoomError, match=r"memory://large\.mcap: expected to copy it to .*: No space left .* TMPDIR"):
+        source.local_file("memory://large.mcap")
