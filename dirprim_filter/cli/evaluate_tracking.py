@@ -150,7 +150,23 @@ def tracking_text(table: TrackingTable) -> str:
         lines.append(_row(row.name, [_number(row.mean(figure)) for figure in FIGURES]))
         if experiment.n_seeds > 1:
             lines.append(_row("", [f"+-{_number(row.std(figure))}" for figure in FIGURES]))
-    return "\n".join(lines)
+    return "\n".join([*lines, *_gap_lines(table)])
+
+
+def _gap_lines(table: TrackingTable) -> list[str]:
+    """The first method beside each of the others, gap by gap."""
+    from dirprim_filter.evaluation.pairs import compare_gaps
+
+    first, *others = table.methods
+    lines = []
+    for other in others:
+        found = compare_gaps(first, other)
+        if found is not None:
+            lines.append(
+                f"of {found.n} gaps {first.name} is nearer than {other.name} in {found.nearer:.0%}, by "
+                f"{found.less_m:.2f} m of RMSE ({found.low_m:.2f} to {found.high_m:.2f} in 95 % of gaps drawn anew)"
+            )
+    return ["", *lines] if lines else []
 
 
 def _row(name: str, cells: list[str]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.evaluation.gospa import SwitchCount, gospa
-from dirprim_filter.evaluation.tracking import TrackingScore, score
+from dirprim_filter.evaluation.tracking import TrackingScore, rmse_by_vehicle, score
 from dirprim_filter.tracks import Tracks, as_texts
 from tessellation.arrays import AnyArray, BoolArray
 
@@ -40,6 +40,7 @@ class TrackingReport:
         missed: likewise.
         false: likewise.
         switches: how often a vehicle went over to another track.
+        gap_rmse: (g,) metres, inside the gap of each vehicle that has one, by name; NaN where nothing was told of it.
     """
 
     seen_rmse: float
@@ -55,6 +56,7 @@ class TrackingReport:
     missed: float
     false: float
     switches: float
+    gap_rmse: tuple[float, ...]
 
 
 def report(frames: Iterable[TrackedFrame], truth: Truth, *, cutoff_m: float) -> TrackingReport:
@@ -92,6 +94,7 @@ def report(frames: Iterable[TrackedFrame], truth: Truth, *, cutoff_m: float) -> 
         coverage_50=everything.coverage_50, coverage_90=everything.coverage_90, hidden_coverage_90=hidden.coverage_90,
         reported=everything.n_rows / len(tracks), gospa=float(np.sqrt(np.mean(squared))),
         localisation=float(localisation), missed=float(missed), false=float(false), switches=switches.n_switches,
+        gap_rmse=tuple(rmse_by_vehicle(estimates, tracks[truth.is_hidden]).tolist()),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.tracks import Tracks, as_texts
-from tessellation.arrays import AnyArray, IntArray
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 MOVING_FROM = 0.5
 """m/s; below it a vehicle has no course to be wrong about."""
@@ -65,6 +65,16 @@ def score(estimates: Estimates, truth: Tracks) -> TrackingScore:
         coverage_50=float((nees <= -2.0 * np.log(0.5)).mean()),  # chi squared of two degrees of freedom
         coverage_90=float((nees <= -2.0 * np.log(0.1)).mean()),
     )
+
+
+def rmse_by_vehicle(estimates: Estimates, truth: Tracks) -> FloatArray:
+    """(v,) metres, root mean square distance of each of the truth's vehicles, by name; NaN where none was estimated."""
+    row, true_row = _matches(estimates, truth)
+    names, vehicle = np.unique(as_texts(truth.track_id), return_inverse=True)
+    squared = ((estimates.position[row] - truth.position[true_row]) ** 2).sum(axis=1)
+    n = np.bincount(vehicle[true_row], minlength=names.size)
+    total = np.bincount(vehicle[true_row], squared, minlength=names.size)
+    return np.asarray(np.sqrt(np.divide(total, n, out=np.full(names.size, np.nan), where=n > 0)))
 
 
 def _matches(estimates: Estimates, truth: Tracks) -> tuple[IntArray, IntArray]:
