@@ -32,6 +32,9 @@ COLUMNS = (
 )  # fmt: skip
 
 
+STEP = 100_000_000
+
+
 def a_frame(time_ns, *, n=4, n_particles=60, seed=0):
     rng = np.random.default_rng([seed, time_ns % 1000])
     root = rng.normal(size=(n, 2, 2))
@@ -267,3 +270,45 @@ def test_rerun_converts_what_we_write(estimate_log, tmp_path):
             )
             assert done.returncode == 0, done.stderr
         assert made.stat().st_size > 1000
+
+
+def test_what_fails_while_a_frame_is_written_is_raised_by_the_next_call_or_at_the_end(tmp_path):
+    right, wrong = a_frame(2 * STEP), replace(a_frame(STEP), time_ns=3 * STEP)  # estimates of another time
+    taken = []
+
+    def write_all(frames):
+        with EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+            for frame in frames:
+                log.write(frame)
+                taken.append(frame)
+
+    with pytest.raises(ValueError, match="expected all at"):
+        write_all([right, wrong, right, right])
+    assert len(taken) == 2
+    with pytest.raises(ValueError, match="expected all at"):
+        write_all([wrong])
+    assert list(tmp_path.iterdir()) == []  # nothing that looks whole
+
+
+def test_particles_are_copied_before_the_tracker_moves_them(tmp_path):
+    moving = Moving(a_frame(STEP).particles)
+    with EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+        for k in range(1, 6):
+            log.write(replace(a_frame(k * STEP), particles=moving))
+            moving.is_gone = True
+            moving = Moving(a_frame(STEP).particles)
+    assert len(messages(tmp_path / "a.mcap", "/dirprim/particles")) == 5
+
+
+class Moving:
+    """Samples that are there only while their frame is written."""
+
+    def __init__(self, samples):
+        self.samples, self.is_gone = samples, False
+
+    def __len__(self):
+        return len(self.samples)
+
+    def thinned(self, stride, *, rows=None):
+        assert not self.is_gone
+        return self.samples.thinned(stride, rows=rows)
