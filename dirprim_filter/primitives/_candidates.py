@@ -185,7 +185,7 @@ def take_up(
     return row, since
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def find(
     table: JourneyTable, x: float, y: float, direction: float, speed: float, but: float, strange: float,
     found: Candidates, state: UIntArray,
