@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -12,6 +11,7 @@ from typing import Self
 import numpy as np
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
+from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
@@ -138,8 +138,7 @@ class EstimateLog:
         self._scene = scene.EstimatesScene()
         self._map: PrimitiveMap | None = None
         self._begun = False
-        self._thread = ThreadPoolExecutor(1, "dirprim-log")
-        self._underway: Future[None] | None = None
+        self._background = Background("dirprim-log")
 
     def __enter__(self) -> Self:
         self._log.__enter__()
@@ -149,12 +148,10 @@ class EstimateLog:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self._settle()
+            self._background.end()
         except BaseException as failure:
             self._log.__exit__(type(failure), failure, failure.__traceback__)
             raise
-        finally:
-            self._thread.shutdown()
         self._log.__exit__(kind, error, trace)
 
     def write(self, frame: TrackedFrame) -> None:
@@ -165,11 +162,11 @@ class EstimateLog:
             OSError: an earlier frame could not be written.
         """
         particles = frame.particles.thinned(self._particle_stride)
-        self._do(lambda: self._append(frame.estimates, particles, frame.time_ns))
+        self._background.do(lambda: self._append(frame.estimates, particles, frame.time_ns))
 
     def write_map_scene(self, primitive_map: PrimitiveMap) -> None:
         """Draw the map's cells and roses: at the time of the next message, as a map has none of its own."""
-        self._settle()
+        self._background.settle()
         self._map = primitive_map
 
     def write_forecast(self, forecasts: Forecasts) -> None:
@@ -179,17 +176,7 @@ class EstimateLog:
             ValueError: a negative time.
             OSError: an earlier frame could not be written.
         """
-        self._do(lambda: self._append_forecast(forecasts))
-
-    def _do(self, work: Callable[[], None]) -> None:
-        self._settle()
-        self._underway = self._thread.submit(work)
-
-    def _settle(self) -> None:
-        """Wait for what is being written; raise what failed, once."""
-        underway, self._underway = self._underway, None
-        if underway is not None:
-            underway.result()
+        self._background.do(lambda: self._append_forecast(forecasts))
 
     def _append(self, estimates: Estimates, particles: Particles, time_ns: int) -> None:
         self._begin(time_ns)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain, compress, repeat
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +16,7 @@ from typing import Self
 import numpy as np
 import rerun as rr
 
+from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
@@ -125,8 +125,7 @@ class RerunSink:
         self._forecasts: dict[str, marks.Forecast] = {}
         self._forecast_ns = 0
         self._forecasts_pending = False
-        self._thread = ThreadPoolExecutor(1, "dirprim-rerun")
-        self._underway: Future[None] | None = None
+        self._background = Background("dirprim-rerun")
 
     def __enter__(self) -> Self:
         return self
@@ -139,7 +138,7 @@ class RerunSink:
     def flush(self) -> None:
         """Send what is left."""
         self._send_batch()
-        self._settle()
+        self._background.settle()
         self._show_pending_forecasts()
         if not self._laid_out:
             self._begin(tracked=False)
@@ -148,12 +147,14 @@ class RerunSink:
     def close(self, *, whole: bool = True) -> None:
         """Send what is left and close; a file gets its name if it is whole, else keeps its temporary one."""
         try:
-            self.flush()
+            try:
+                self.flush()
+            finally:
+                self._background.end()
         except BaseException:
             whole = False
             raise
         finally:
-            self._thread.shutdown()
             self.outlet.close(whole=whole)
 
     # --- What holds for the whole log -----------------------------------------------------------------------
@@ -301,7 +302,7 @@ class RerunSink:
 
     def _send_batch(self) -> None:
         """Send what is gathered: to a file by a thread of its own, so that the tracker goes on meanwhile."""
-        self._settle()
+        self._background.settle()
         batch, lanes, styles = self._batch, list(lane_columns(self._lines)), list(lane_styles(self._lines))
         self._lines.changes, self._lines.entries = {}, []
         self._batch = self._new_batch()
@@ -315,13 +316,7 @@ class RerunSink:
         if self.outlet.live:
             send()
         else:
-            self._underway = self._thread.submit(send)
-
-    def _settle(self) -> None:
-        """Wait for what is being sent; raise what failed, once."""
-        underway, self._underway = self._underway, None
-        if underway is not None:
-            underway.result()
+            self._background.do(send)
 
     def _static(self, path: str, *what: rr.AsComponents) -> None:
         self.stream.log(path, *what, static=True)
