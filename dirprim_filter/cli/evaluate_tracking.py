@@ -164,7 +164,8 @@ def _gap_lines(table: TrackingTable) -> list[str]:
         if found is not None:
             lines.append(
                 f"of {found.n} gaps {first.name} is nearer than {other.name} in {found.nearer:.0%}, its "
-                f"RMSE smaller by {found.less_m:.2f} m ({found.low_m:.2f} to {found.high_m:.2f} in 95 % of gaps drawn anew)"
+                f"RMSE smaller by {found.less_m:.2f} m ({found.low_m:.2f} to {found.high_m:.2f} in 95 % of gaps drawn "
+                "anew)"
             )
     return ["", *lines] if lines else []
 

@@ -1,6 +1,6 @@
 """Compiling the kernels of filter, forecasts and regions before they are used: `python -m dirprim_filter.cli.warm_up`.
 
-The first run after an installation compiles for some fifteen seconds and caches what it has compiled. A command that
+The first run after an installation compiles, which takes long, and caches what it has compiled. A command that
 has other work to do first can let a second core do that meanwhile.
 """
 
