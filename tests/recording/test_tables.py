@@ -252,8 +252,8 @@ def test_a_wrong_fcd_is_told_in_one_line(tmp_path, text, told):
 @pytest.mark.parametrize(
     ("name", "n_rows", "n_tracks"),
     [
-        ("lankershim/lankershim.csv", 92_626, 1584),
-        ("town03/roundabout.csv", 67_098, 540),
+        ("lankershim/lankershim.csv", 60_567, 1091),
+        ("town03/roundabout.csv", 64_201, 567),
         ("town03/intersection.csv", 48_887, 398),
     ],
 )
