@@ -106,7 +106,10 @@ class Decoders:
         except SchemaError as error:
             return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
         topics = np.array(list(map(TOPIC, messages)), dtype=np.str_)
-        rows = self._family(messages[0].channel).objects(shredded, topics)
+        with np.errstate(
+            all="ignore"
+        ):  # of a stranger's numbers, what is not finite is left out where rows are checked
+            rows = self._family(messages[0].channel).objects(shredded, topics)
         if shredded.failures:
             rows = rows[~np.isin(rows.message, list(shredded.failures))]
         return rows, shredded.failures

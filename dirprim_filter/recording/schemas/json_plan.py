@@ -1,7 +1,8 @@
 """JSON messages: the wanted fields by their names alone; a JSON schema, where there is one, is not needed.
 
 Times are objects of seconds and nanoseconds (Foxglove: sec, nsec; ROS: sec, nanosec; protobuf's own: seconds,
-nanos), whole nanoseconds, or RFC 3339 texts, as protobuf's JSON mapping writes them.
+nanos), whole nanoseconds, or RFC 3339 texts. As protobuf's JSON mapping has it, a number may stand in quotes, and a
+part of a time that is left out is 0.
 
 Source: RFC 8259; https://docs.foxglove.dev/docs/sdk/schemas; https://protobuf.dev/programming-guides/json.
 """
@@ -9,6 +10,7 @@ Source: RFC 8259; https://docs.foxglove.dev/docs/sdk/schemas; https://protobuf.d
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
@@ -18,10 +20,14 @@ import numpy as np
 from dirprim_filter.recording.schemas._kernels import MAX_ELEMENTS
 from dirprim_filter.recording.schemas.column_plan import CLOCKS
 from dirprim_filter.recording.schemas.fields import EACH, Field, Kind, Wanted, wanted
-from dirprim_filter.recording.schemas.shredded import NANOSECONDS, NO_TIME, Column, Shredded
+from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, Column, Shredded
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FRACTION_DIGITS = 9
+_CLOCK_NAMES = frozenset(name for names in CLOCKS for name in names)
+_DATE_TIME = re.compile(r"([0-9-]{10}[Tt ][0-9:]{8})(?:\.([0-9]+))?([Zz]|[+-][0-9]{2}:[0-9]{2})?")
+_WHOLE = re.compile(r"-?[0-9]{1,20}")
+_NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?|NaN|-?Infinity")
 
 
 class _UnlikeError(ValueError):
@@ -43,7 +49,7 @@ class JsonPlan:
             kept = walk.sizes()
             try:
                 walk.enter(self._wanted, json.loads(payload), "", message, message)
-            except (ValueError, RecursionError) as error:
+            except (ValueError, OverflowError, RecursionError) as error:
                 failures[message] = f"no JSON of its schema: {error}"
                 walk.cut(kept)
             walk.ensure_message(message)
@@ -144,33 +150,35 @@ def _converted(kind: Kind, value: Any) -> Any:
     if kind == "time":
         return _time(value)
     if kind == "name" and isinstance(value, str | int):
-        return str(value)
-    if isinstance(value, bool | int | float) and kind == "number":
-        return float(value)
-    if kind == "number" and value in ("NaN", "Infinity", "-Infinity"):  # protobuf's JSON mapping
+        name = str(value)[: MAX_NAME_LENGTH + 1]
+        name.encode()  # half a surrogate pair is no text: refused here, not where the name is written
+        return name
+    if kind == "number" and (
+        isinstance(value, bool | int | float) or (isinstance(value, str) and _NUMBER.fullmatch(value))
+    ):
         return float(value)
     raise _UnlikeError(f"expected a {kind}, got {str(value)[:40]!r}")
 
 
 def _time(value: Any) -> int:
-    if isinstance(value, dict):
-        for seconds, nanos in CLOCKS:
-            if (
-                seconds in value
-                and nanos in value
-                and isinstance(value[seconds], int)
-                and isinstance(value[nanos], int)
-            ):
-                return _bounded(value[seconds] * NANOSECONDS + value[nanos])
+    """Nanoseconds; `NO_TIME` beyond int64."""
+    if isinstance(value, dict) and (not value or not _CLOCK_NAMES.isdisjoint(value)):
+        halves = ([names[half] for names in CLOCKS] for half in (0, 1))
+        seconds, nanos = (_whole(next((value[n] for n in names if value.get(n) is not None), 0)) for names in halves)
+        return _bounded(seconds * NANOSECONDS + nanos)
+    if isinstance(value, str) and (match := _DATE_TIME.fullmatch(value)):
+        date_time, fraction, zone = match.groups(default="")
+        since = datetime.fromisoformat(date_time + (zone.strip("Zz") or "+00:00")) - _EPOCH
+        nanos = int(fraction[:_FRACTION_DIGITS].ljust(_FRACTION_DIGITS, "0"))
+        return _bounded((since.days * 86_400 + since.seconds) * NANOSECONDS + nanos)
+    return _bounded(_whole(value))
+
+
+def _whole(value: Any) -> int:
     if isinstance(value, int) and not isinstance(value, bool):
-        return _bounded(value)
-    if isinstance(value, str):
-        whole, dot, rest = value.rstrip("Zz").partition(".")
-        digits = rest[: len(rest) - len(rest.lstrip("0123456789"))] if dot else ""
-        since = datetime.fromisoformat(whole + (rest[len(digits) :] or "+00:00")) - _EPOCH
-        return (since.days * 86_400 + since.seconds) * NANOSECONDS + int(
-            digits[:_FRACTION_DIGITS].ljust(_FRACTION_DIGITS, "0")
-        )
+        return value
+    if isinstance(value, str) and _WHOLE.fullmatch(value):
+        return int(value)
     raise _UnlikeError(f"expected a time, got {str(value)[:40]!r}")
 
 
