@@ -6,6 +6,7 @@ Source: the MCAP format specification, https://mcap.dev/spec. The same messages 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from importlib import metadata as installed
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +15,7 @@ from typing import Self
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from dirprim_filter.recording.interrupts import uninterrupted
 from dirprim_filter.recording.mcap_writer import LEVEL, McapWriter
 from dirprim_filter.recording.partial_file import PartialFile
 from dirprim_filter.recording.records import Channel, Schema
@@ -36,7 +38,7 @@ class McapLog:
 
     Until then it stands beside as `NAME.PID.partial`: after a kill that holds all but the last chunk, and
     `dirprim recover` makes a whole log of it.
-    Ctrl-C inside the body closes the file so that it reads; any other exception removes it.
+    An exception removes it.
 
     Args:
         path: the file to write.
@@ -45,6 +47,8 @@ class McapLog:
             most this much log time, whatever their size. Short chunks compress less well; None leaves them at 1 MiB.
         level: of the compression: 1 takes half the time of 3, -3 half of that.
         force: overwrite an existing file.
+        keep_when_interrupted: Ctrl-C ends the log as the end of the body does: of a log that grows with time, what is
+            there is whole; of one that holds a given thing, it is a part that nobody would tell from the whole.
 
     Raises:
         OutputExistsError: the file exists, and `force` is not set.
@@ -59,9 +63,11 @@ class McapLog:
         max_chunk_ns: int | None = None,
         level: int = LEVEL,
         force: bool = False,
+        keep_when_interrupted: bool = False,
     ) -> None:
         self.path = Path(path)
-        self._partial = PartialFile(path, force=force, keep_when_interrupted=True)
+        self._partial = PartialFile(path, force=force)
+        self._keep_when_interrupted = keep_when_interrupted
         self._metadata = metadata
         self._level = level
         self._channel: dict[str, int] = {}
@@ -72,21 +78,23 @@ class McapLog:
         self._last_ns = 0
 
     def __enter__(self) -> Self:
-        self._writer = McapWriter(self._partial.__enter__(), library=PRODUCER, level=self._level)
-        said = {"producer": PRODUCER, "version": producer_version(), **self._metadata}
-        self._writer.add_metadata(METADATA_NAME, said)
+        with ExitStack() as opened:
+            self._writer = McapWriter(opened.enter_context(self._partial), library=PRODUCER, level=self._level)
+            said = {"producer": PRODUCER, "version": producer_version(), **self._metadata}
+            self._writer.add_metadata(METADATA_NAME, said)
+            self._opened = opened.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            if kind is None or issubclass(kind, KeyboardInterrupt):
-                self._writer.finish()
-        except BaseException as failure:
-            self._partial.__exit__(type(failure), failure, failure.__traceback__)
-            raise
-        self._partial.__exit__(kind, error, trace)
+        is_whole = kind is None or (self._keep_when_interrupted and issubclass(kind, KeyboardInterrupt))
+        with uninterrupted():
+            if is_whole:
+                with self._opened:
+                    self._writer.finish()
+            else:
+                self._opened.__exit__(kind, error, trace)
 
     def write(self, topic: str, message: Message, time_ns: int) -> None:
         """Append a message; log time and publish time are `time_ns`.
@@ -104,6 +112,10 @@ class McapLog:
         """
         if time_ns < 0:
             raise ValueError(f"time_ns: expected at least 0 ns, as MCAP holds no earlier time; got {time_ns} ns")
+        with uninterrupted():
+            self._append(topic, kind, data, time_ns)
+
+    def _append(self, topic: str, kind: type[Message], data: bytes, time_ns: int) -> None:
         channel = self._channel.get(topic)
         if channel is None:
             channel = self._channel[topic] = self._register(topic, kind)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from io import FileIO
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 
@@ -16,36 +17,47 @@ class PartialFile:
     """Stands beside as `NAME.PID.partial` until it is whole: a context manager that gives the open file.
 
     It is not buffered: what was written outlives the process, and `dirprim recover` makes a whole log of it. An
-    exception removes it; a kill leaves it.
+    exception removes it, Ctrl-C too; a kill leaves it. What a killed process of the same number left is never
+    overwritten: the new one is then called `NAME.PID.2.partial`, and so on.
 
     Args:
         path: the name it gets.
         force: overwrite an existing file.
-        keep_when_interrupted: Ctrl-C ends it like the end of the body: it gets its name.
+
+    Attributes:
+        path: the name it gets.
+        partial: where it stands, once it is open.
 
     Raises:
         OutputExistsError: the file exists, and `force` is not set.
         OSError: the file cannot be written.
     """
 
-    def __init__(self, path: str | Path, *, force: bool, keep_when_interrupted: bool = False) -> None:
+    def __init__(self, path: str | Path, *, force: bool) -> None:
         self.path = Path(path)
         if self.path.exists() and not force:
             raise OutputExistsError(self.path)
         if self.path.is_dir() or not self.path.absolute().parent.is_dir():
             raise NotADirectoryError(f"{self.path}: expected a file in an existing folder; create the folder first")
-        self.partial = self.path.with_name(f"{self.path.name}.{os.getpid()}{SUFFIX}")
-        self._keep = keep_when_interrupted
+        self.partial = self._beside("")
+
+    def _beside(self, number: str) -> Path:
+        return self.path.with_name(f"{self.path.name}.{os.getpid()}{number}{SUFFIX}")
 
     def __enter__(self) -> FileIO:
-        self._file = self.partial.open("wb", buffering=0)
+        for number in count(2):
+            try:
+                self._file = self.partial.open("xb", buffering=0)
+                break
+            except FileExistsError:
+                self.partial = self._beside(f".{number}")
         return self._file
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            if kind is None or (self._keep and issubclass(kind, KeyboardInterrupt)):
+            if kind is None:
                 os.fsync(self._file.fileno())
                 self._file.close()
                 self.partial.replace(self.path)

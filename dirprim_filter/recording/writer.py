@@ -52,7 +52,7 @@ def write_tracks(
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write observed motion as an MCAP log, a message for each instant.
+    """Write observed motion as an MCAP log, a message for each instant; what interrupts it leaves no file.
 
     `/objects` holds `dirprim.Observations`, and `/objects/scene` the same as `foxglove.SceneUpdate`: either
     reads back equal to `tracks`.
@@ -115,7 +115,8 @@ class EstimateLog:
     `/dirprim/particles`, `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
 
     Messages are encoded, compressed and written in order by a thread of its own, while the tracker goes on: what fails
-    there is raised by the next call, or when the log is closed.
+    there is raised by the next call, or when the log is closed. Ctrl-C closes the log so that it reads; another
+    exception removes it.
 
     Args:
         path: the MCAP file.
@@ -133,7 +134,10 @@ class EstimateLog:
     ) -> None:
         if particle_stride < 1:
             raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
-        self._log = McapLog(path, metadata=metadata, max_chunk_ns=MAX_CHUNK_NS, level=PARTICLES_LEVEL, force=force)
+        self._log = McapLog(
+            path, metadata=metadata, max_chunk_ns=MAX_CHUNK_NS, level=PARTICLES_LEVEL, force=force,
+            keep_when_interrupted=True,
+        )  # fmt: skip
         self._particle_stride = particle_stride
         self._scene = scene.EstimatesScene()
         self._map: PrimitiveMap | None = None

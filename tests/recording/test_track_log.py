@@ -182,7 +182,7 @@ def test_an_interrupted_log_reads_and_a_failed_one_is_gone(tmp_path, error, stay
     path = tmp_path / "a.mcap"
 
     def interrupted():
-        with McapLog(path, metadata={}) as log:
+        with McapLog(path, metadata={}, keep_when_interrupted=True) as log:
             log.write("/tf", frame_transform(5), 5)
             assert not path.exists()
             raise error

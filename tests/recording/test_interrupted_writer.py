@@ -1,0 +1,126 @@
+"""Ctrl-C at any moment of writing: a log of estimates ends there and is whole, of anything else nothing appears."""
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from test_map_file import some_map
+from test_track_log import some_tracks
+
+from dirprim_filter.recording import map_file, save_map, write_tracks
+from dirprim_filter.recording.mcap_log import McapLog
+from dirprim_filter.recording.recovery import recover
+from dirprim_filter.recording.scene import frame_transform
+
+N = 12
+GOOD = b"a good file"
+
+
+def interrupting(*_):
+    raise KeyboardInterrupt
+
+
+@pytest.fixture
+def good(tmp_path):
+    path = tmp_path / "good.mcap"
+    path.write_bytes(GOOD)
+    yield path
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("good.mcap", GOOD)]
+
+
+def test_interrupted_tracks_leave_what_was_there(good):
+    with pytest.raises(KeyboardInterrupt):
+        write_tracks(some_tracks(), good, force=True, progress=interrupting)
+
+
+def test_an_interrupted_map_leaves_what_was_there(good, monkeypatch):
+    tiles = map_file.encode_tiles
+
+    def one_tile(primitive_map):
+        yield next(iter(tiles(primitive_map)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(map_file, "encode_tiles", one_tile)
+    with pytest.raises(KeyboardInterrupt):
+        save_map(some_map(5), good, force=True)
+
+
+def test_a_log_that_cannot_begin_leaves_nothing(good):
+    with pytest.raises(TypeError), McapLog(good, metadata={"seed": 5}, force=True):
+        raise AssertionError
+
+
+class Interrupt:
+    """Sends SIGINT when so many lines of the writer's modules have run; None: never."""
+
+    MODULES = ("mcap_log.py", "mcap_writer.py", "encoding.py")
+
+    def __init__(self, after):
+        self.after = after
+        self.lines = 0
+
+    def __call__(self, frame, event, _):
+        if Path(frame.f_code.co_filename).name not in self.MODULES:
+            return None
+        if event == "line":
+            self.lines += 1
+            if self.lines == self.after:
+                signal.raise_signal(signal.SIGINT)
+        return self
+
+
+def write(path, *, keep, interrupt):
+    """A log of N instants in chunks of four. -> how many were handed over before the interrupt."""
+    handed_over = 0
+    before = sys.gettrace()
+    try:
+        with McapLog(path, metadata={}, max_chunk_ns=5, keep_when_interrupted=keep) as log:
+            sys.settrace(interrupt)
+            for time_ns in range(N):
+                log.write("/tf", frame_transform(time_ns), time_ns)
+                handed_over += 1
+    except KeyboardInterrupt:
+        pass
+    finally:
+        sys.settrace(before)
+    return handed_over
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_an_interrupt_at_any_line_costs_nothing_that_was_handed_over(tmp_path, keep):
+    total = Interrupt(None)
+    assert write(tmp_path / "whole.mcap", keep=keep, interrupt=total) == N
+    assert total.lines > 200
+    n_kept = set()
+    for after in range(1, total.lines + 1, 5):
+        path = tmp_path / f"{after}.mcap"
+        handed_over = write(path, keep=keep, interrupt=Interrupt(after))
+        if not path.exists():
+            assert handed_over < N
+            assert not keep
+            continue
+        with path.open("rb") as file:
+            times = [message.log_time for _, _, message in make_reader(file, validate_crcs=True).iter_messages()]
+        assert times == list(range(len(times)))
+        assert handed_over <= len(times) <= handed_over + 1
+        assert keep or len(times) == N
+        n_kept.add(len(times))
+    assert n_kept >= (set(range(N + 1)) if keep else {N})
+
+
+def test_what_a_process_of_the_same_number_left_is_kept(tmp_path):
+    path = tmp_path / "a.mcap"
+    left = [tmp_path / f"a.mcap.{os.getpid()}{number}.partial" for number in ("", ".2")]
+    with McapLog(tmp_path / "b.mcap", metadata={}) as log:
+        log.write("/tf", frame_transform(1), 1)
+    for one in left:
+        one.write_bytes((tmp_path / "b.mcap").read_bytes()[:-40])  # as a kill leaves it
+    with McapLog(path, metadata={}) as first, McapLog(path, metadata={}) as second:
+        first.write("/tf", frame_transform(2), 2)
+        second.write("/tf", frame_transform(3), 3)
+    assert sorted(tmp_path.iterdir()) == sorted([path, tmp_path / "b.mcap", *left])
+    for one in left:
+        assert recover(one, one.with_suffix(".mcap")).saved == 1
