@@ -47,10 +47,9 @@ from dirprim_filter.recording.records import (
 )
 from dirprim_filter.recording.resync import (
     PRIVATE,
+    ChunkFinder,
     is_record,
-    is_sound,
     legal_end,
-    next_chunk,
     salvageable,
     starts_record,
 )
@@ -116,6 +115,7 @@ class _Walk:
     def __init__(self, file: mmap) -> None:
         self.file = file
         self.size = len(file)
+        self.chunks = ChunkFinder(file)
         self.layout = Layout()
         self.has_unchunked = False
         self.data_end: int | None = None  # the byte after the DataEnd record
@@ -145,11 +145,11 @@ class _Walk:
             after = self.take_messages(at)
         elif opcode == MESSAGE_INDEX:
             after, _ = index_run(np.frombuffer(self.file, np.uint8), at)
-        elif is_record(self.file, at, end):
+        elif is_record(self.chunks, at, end):
             return self.take_small(opcode, at, end)
         if after > at:
             return after
-        return end if is_record(self.file, at, end) else self.recover(at)  # an index may have bytes more
+        return end if is_record(self.chunks, at, end) else self.recover(at)  # an index may have bytes more
 
     def is_message_index(self, at: int, end: int) -> bool:
         """Whether a message behind a chunk is an index whose opcode was hit: its two lengths would agree."""
@@ -174,7 +174,7 @@ class _Walk:
         chunk = chunk_at(self.file, at)
         if not chunk or chunk.claimed_end != end:
             return self.recover(at)
-        if chunk.is_cut and next_chunk(self.file, chunk.data_offset, self.size) is not None:
+        if chunk.is_cut and self.chunks.next_chunk(chunk.data_offset, self.size) is not None:
             return self.recover(at)  # the file goes on: not its end, but the chunk's length is wrong
         self.layout.chunks.append(chunk)
         return chunk.end if not chunk.is_cut else None
@@ -183,7 +183,7 @@ class _Walk:
         """A record that is no message, chunk or message index; the byte after it, None behind the last footer."""
         if opcode == FOOTER:
             self.take_footer(at, end)
-            return next_chunk(self.file, end, self.size)  # of a log that goes on, this was not the end
+            return self.chunks.next_chunk(end, self.size)  # of a log that goes on, this was not the end
         try:
             self.learn(opcode, at, end)
         except MalformedRecordError as error:
@@ -272,15 +272,15 @@ class _Walk:
             return swallowed
         end = legal_end(self.file, at)
         got = f"opcode {self.file[at]:#04x}, length {end - at - RECORD_HEADER_SIZE}"
-        if chunk := salvageable(self.file, at):
+        if chunk := salvageable(self.chunks, at):
             self.damaged("record", at, RECORD_HEADER_SIZE, 0, f"{got}; by its fields a chunk, and read as one")
             self.layout.chunks.append(chunk)
             return chunk.end
         is_skipped = end > at + RECORD_HEADER_SIZE and starts_record(self.file, end)
-        if is_skipped and next_chunk(self.file, at + 1, end) is None:
+        if is_skipped and self.chunks.next_chunk(at + 1, end) is None:
             self.damaged("record", at, end - at, None, f"{got}; skipped")
             return end
-        found = next_chunk(self.file, at + 1, self.size)
+        found = self.chunks.next_chunk(at + 1, self.size)
         is_cut = found is None and HEADER <= self.file[at] <= DATA_END
         kind: DamageKind = "truncated" if is_cut else "record"
         until = self.size if found is None else found
@@ -290,9 +290,9 @@ class _Walk:
     def swallowed(self, at: int) -> int | None:
         """A chunk within the record before, of which bytes are missing: its length then reaches beyond its end."""
         start = self.previous
-        found = next_chunk(self.file, start + 1, at) if start < at else None
+        found = self.chunks.next_chunk(start + 1, at) if start < at else None
         last = self.layout.chunks[-1] if self.layout.chunks else None
-        if found is None or (last and last.offset == start and is_sound(self.file, last)):
+        if found is None or (last and last.offset == start and self.chunks.is_sound(last)):
             return None
         self.damaged("record", start, found - start, None, f"a record of {at - start} bytes holds the chunk behind it")
         return found
