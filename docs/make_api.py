@@ -26,6 +26,9 @@ MODULES = (
     "dirprim_filter.evaluation.splits", "dirprim_filter.evaluation.density", "dirprim_filter.evaluation.cues",
     "dirprim_filter.evaluation.experiment", "dirprim_filter.evaluation.tracking",
     "dirprim_filter.evaluation.scoring", "dirprim_filter.evaluation.gospa",
+    "dirprim_filter.evaluation.metrics.comparison", "dirprim_filter.evaluation.metrics.hota",
+    "dirprim_filter.evaluation.metrics.clear_mot", "dirprim_filter.evaluation.metrics.identity",
+    "dirprim_filter.evaluation.metrics.gospa", "dirprim_filter.evaluation.metrics.trajectory_gospa",
     "dirprim_filter.evaluation.forecasting", "dirprim_filter.simulation.sensor", "dirprim_filter.viewer.stream",
     "dirprim_filter.viewer.sink", "dirprim_filter.viewer.figures",
 )  # fmt: skip

@@ -1,0 +1,82 @@
+"""CLEAR MOT: misses, false tracks and switches of identity, in one accuracy.
+
+Source: Bernardin and Stiefelhagen, Evaluating Multiple Object Tracking Performance: The CLEAR MOT Metrics, 2008.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs
+from dirprim_filter.evaluation.metrics.matching import best_pairs
+from tessellation.arrays import FloatArray, IntArray
+
+MATCH_FROM = 0.5
+"""Similarity from which a vehicle and an estimate may be matched."""
+EPSILON = float(np.finfo(np.float64).eps)
+NOBODY = -1
+
+
+class ClearMot(NamedTuple):
+    """Accuracy and what it counts.
+
+    Attributes:
+        mota: 1 - (misses + false + switches) / rows of the truth; below 0 where more is wrong than there is.
+        misses: rows of the truth without a match.
+        false: estimates without a match.
+        switches: how often a vehicle is matched to another track than when it was last matched.
+    """
+
+    mota: float
+    misses: int
+    false: int
+    switches: int
+
+
+def clear_mot(comparison: Comparison, *, similarity_m: float = 5.0) -> ClearMot:
+    """Match instant by instant: a match of the instant before that is still valid is kept, the others by similarity.
+
+    Valid is a similarity, max(0, 1 - distance / similarity_m), of at least 0.5. An instant without vehicles or without
+    estimates is passed over.
+
+    Raises:
+        ValueError: `similarity_m` is not positive, or beyond the comparison's reach.
+    """
+    near = comparison.within(similarity_m)
+    similarity = near.similarity(similarity_m)
+    valid = similarity >= MATCH_FROM - EPSILON
+    n_matched, switches = _matched(comparison, near.chosen(valid), similarity[valid])
+    n_rows, n_columns = comparison.vehicle.size, comparison.track.size
+    accuracy = (2 * n_matched - n_columns - switches) / max(1, n_rows)
+    return ClearMot(accuracy, n_rows - n_matched, n_columns - n_matched, switches)
+
+
+def _matched(comparison: Comparison, valid: Pairs, similarity: FloatArray) -> tuple[int, int]:
+    """How many matches there are over all instants, and how many switches."""
+    vehicle, track = comparison.vehicle[valid.row], comparison.track[valid.column]
+    instants = np.intersect1d(comparison.row_instant, comparison.column_instant)
+    starts = np.searchsorted(comparison.row_instant[valid.row], instants, side="left")
+    ends = np.searchsorted(comparison.row_instant[valid.row], instants, side="right")
+    before, last = (np.full(comparison.n_vehicles, NOBODY) for _ in range(2))
+    n_matched = switches = 0
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        pairs = slice(start, end)
+        chosen = start + _of_instant(vehicle[pairs], track[pairs], similarity[pairs], before)
+        whose, by = vehicle[chosen], track[chosen]
+        switches += int(((last[whose] != NOBODY) & (last[whose] != by)).sum())
+        before[:] = NOBODY
+        before[whose] = last[whose] = by
+        n_matched += whose.size
+    return n_matched, switches
+
+
+def _of_instant(vehicle: IntArray, track: IntArray, similarity: FloatArray, before: IntArray) -> IntArray:
+    """The pairs that are matched: those of the instant before, then the most similar of what is left."""
+    kept = before[vehicle] == track
+    if kept.all():
+        return np.arange(vehicle.size)
+    free = np.flatnonzero(~np.isin(vehicle, vehicle[kept]) & ~np.isin(track, track[kept]))
+    new = free[best_pairs(vehicle[free], track[free], similarity[free])]
+    return np.concatenate([np.flatnonzero(kept), new])

@@ -1,0 +1,142 @@
+"""Vehicles and estimates of them, instant by instant, and which of them are near each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from dirprim_filter.tracks import Tracks, as_texts, as_track_ids, numbered
+from tessellation.arrays import FloatArray, IntArray, as_floats
+
+
+class Pairs(NamedTuple):
+    """Rows of the truth and rows of the estimates of the same instant.
+
+    Attributes:
+        row: (p,) of the truth.
+        column: (p,) of the estimates.
+        distance: (p,) metres.
+    """
+
+    row: IntArray
+    column: IntArray
+    distance: FloatArray
+
+    def chosen(self, which: npt.NDArray[np.generic]) -> Pairs:
+        """Some of the pairs, by mask or indices."""
+        return Pairs(*(values[which] for values in self))
+
+    def similarity(self, similarity_m: float) -> FloatArray:
+        """(p,) max(0, 1 - distance / similarity_m): 1 at the same place, 0 from there on."""
+        return np.maximum(0.0, 1.0 - self.distance / similarity_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Vehicles and tracks of one world or of several; nothing of one world is near anything of another.
+
+    Attributes:
+        vehicle: (n,) int64, the number of each true row's vehicle, from 0.
+        track: (m,) int64, the number of each estimate's track, from 0.
+        row_instant: (n,) int64, the number of each true row's instant; instants of a world are in order of time.
+        column_instant: (m,) int64, the same of each estimate.
+        near: the pairs that are at most `reach_m` apart, by instant.
+        reach_m: metres.
+    """
+
+    vehicle: IntArray
+    track: IntArray
+    row_instant: IntArray
+    column_instant: IntArray
+    near: Pairs
+    reach_m: float
+
+    @classmethod
+    def of(
+        cls,
+        truth: Tracks,
+        *,
+        track_id: npt.ArrayLike,
+        time_ns: npt.ArrayLike,
+        position: npt.ArrayLike,
+        group: npt.ArrayLike | None = None,
+        reach_m: float = 5.0,
+    ) -> Comparison:
+        """Compare estimates with a truth, in which each group is a world.
+
+        Args:
+            truth: where vehicles were.
+            track_id: (m,) of the estimates.
+            time_ns: (m,) nanoseconds.
+            position: (m, 2) metres.
+            group: (m,) of the truth's; left out, all 0.
+            reach_m: metres, the farthest that any metric looks.
+
+        Raises:
+            ValueError: shapes that do not fit, or the reach is not positive.
+        """
+        if not reach_m > 0:
+            raise ValueError(f"reach_m: expected a positive distance in metres, got {reach_m}")
+        place = as_floats("position", position, "m 2")
+        times = np.asarray(time_ns, dtype=np.int64)
+        groups = np.zeros(len(place), np.int64) if group is None else np.asarray(group, dtype=np.int64)
+        n = len(truth)
+        moments = np.stack([np.r_[truth.group, groups], np.r_[truth.time_ns, times]], axis=1)
+        instant = np.unique(moments, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+        row_instant, column_instant = instant[:n], instant[n:]
+        return cls(
+            vehicle=_of_world(as_texts(truth.track_id), truth.group),
+            track=_of_world(as_texts(as_track_ids(track_id)), groups),
+            row_instant=row_instant,
+            column_instant=column_instant,
+            near=_near(truth.position, row_instant, place, column_instant, reach_m),
+            reach_m=reach_m,
+        )
+
+    @property
+    def n_vehicles(self) -> int:
+        """How many vehicles there are."""
+        return int(self.vehicle.max(initial=-1)) + 1
+
+    @property
+    def n_tracks(self) -> int:
+        """How many tracks there are."""
+        return int(self.track.max(initial=-1)) + 1
+
+    def within(self, limit_m: float) -> Pairs:
+        """The pairs that are less than `limit_m` apart.
+
+        Raises:
+            ValueError: the limit is not positive, or beyond the reach.
+        """
+        if not 0 < limit_m <= self.reach_m:
+            raise ValueError(
+                f"limit_m: expected a positive distance of at most the reach, {self.reach_m} m, got {limit_m}"
+            )
+        return self.near.chosen(self.near.distance < limit_m)
+
+
+def _of_world(names: npt.NDArray[np.str_], group: IntArray) -> IntArray:
+    """(n,) numbers of the names, of which each group has its own."""
+    name = numbered(names)[1]
+    pairs = np.stack([group, name], axis=1)
+    return np.unique(pairs, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+
+
+def _near(a: FloatArray, a_instant: IntArray, b: FloatArray, b_instant: IntArray, reach_m: float) -> Pairs:
+    """The pairs within the reach: neighbours in the plane and, along a third axis, of the same instant."""
+    if not (a_instant.size and b_instant.size):
+        nothing = np.empty(0, np.int64)
+        return Pairs(nothing, nothing, np.empty(0))
+    apart = 4.0 * reach_m
+    trees = [cKDTree(np.column_stack([place, apart * instant])) for place, instant in ((a, a_instant), (b, b_instant))]
+    found = trees[0].sparse_distance_matrix(trees[1], reach_m * (1.0 + 1e-9), output_type="ndarray")
+    row, column = found["i"].astype(np.int64), found["j"].astype(np.int64)
+    order = np.lexsort((column, row, a_instant[row]))
+    row, column = row[order], column[order]
+    distance = np.sqrt(((a[row] - b[column]) ** 2).sum(axis=1))
+    return Pairs(row, column, distance).chosen(distance <= reach_m)

@@ -1,0 +1,344 @@
+"""The field's metrics against its reference implementations, and against all there is to choose from."""
+
+from datetime import datetime
+from itertools import combinations, permutations, product
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from stonesoup.metricgenerator.ospametric import GOSPAMetric
+from stonesoup.types.state import State
+from trackeval.metrics import CLEAR, HOTA, Identity
+
+from dirprim_filter.evaluation.metrics import trajectory_gospa as trajectory_gospa_module
+from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
+from dirprim_filter.evaluation.metrics.comparison import Comparison
+from dirprim_filter.evaluation.metrics.gospa import gospa
+from dirprim_filter.evaluation.metrics.hota import hota
+from dirprim_filter.evaluation.metrics.identity import identity_f1
+from dirprim_filter.evaluation.metrics.trajectory_gospa import trajectory_gospa
+from dirprim_filter.tracks import Tracks
+
+CUTOFF_M = 4.0
+SIMILARITY_M = 5.0
+
+
+def comparison_of(truth, estimated, *, reach_m=6.0, groups=(None, None)):
+    """Of rows (id, instant, x, y)."""
+    ids, times, x, y = zip(*truth, strict=True) if truth else ((),) * 4
+    n = len(ids)
+    tracks = Tracks(
+        track_id=np.array(ids, dtype=np.str_), time_ns=np.array(times, dtype=np.int64),
+        position=np.column_stack([x, y]) if n else np.empty((0, 2)), direction=np.zeros(n), speed=np.ones(n),
+        group=np.zeros(n, np.int64) if groups[0] is None else groups[0],
+    )  # fmt: skip
+    names, when, u, v = zip(*estimated, strict=True) if estimated else ((),) * 4
+    return Comparison.of(
+        tracks, track_id=np.array(names, dtype=np.str_), time_ns=np.array(when, dtype=np.int64),
+        position=np.column_stack([u, v]) if names else np.empty((0, 2)), group=groups[1], reach_m=reach_m,
+    )  # fmt: skip
+
+
+def traffic(seed, *, n_vehicles=7, n_instants=40, side=25.0):
+    """Vehicles that come and go in a small place, and tracks of them that err, lose them, swap and are false."""
+    rng = np.random.default_rng(seed)
+    truth, estimated = [], []
+    wearer = np.arange(n_vehicles)
+    begin = rng.integers(0, n_instants // 2, n_vehicles)
+    end = begin + rng.integers(n_instants // 4, n_instants, n_vehicles)
+    start, velocity = rng.uniform(0, side, (n_vehicles, 2)), rng.normal(0, 0.4, (n_vehicles, 2))
+    for k in range(n_instants):
+        if rng.random() < 0.15:
+            a, b = rng.choice(n_vehicles, 2, replace=False)
+            wearer[[a, b]] = wearer[[b, a]]
+        if rng.random() < 0.1:
+            wearer[rng.integers(n_vehicles)] = 100 + k
+        for i in np.flatnonzero((begin <= k) & (k <= end)):
+            place = start[i] + k * velocity[i]
+            truth.append((f"v{i}", k, *place))
+            if rng.random() < 0.85:
+                estimated.append((f"t{wearer[i]}", k, *(place + rng.normal(0, 1.2, 2))))
+        for j in range(rng.poisson(0.6)):
+            estimated.append((f"f{k % 5}{j}", k, *rng.uniform(0, side, 2)))
+    return truth, estimated
+
+
+def for_trackeval(truth, estimated):
+    """What TrackEval takes of a sequence."""
+    vehicles, tracks = (list(dict.fromkeys(row[0] for row in rows)) for rows in (truth, estimated))
+    data = {
+        "num_gt_dets": len(truth), "num_tracker_dets": len(estimated), "num_gt_ids": len(vehicles),
+        "num_tracker_ids": len(tracks), "gt_ids": [], "tracker_ids": [], "similarity_scores": [],
+    }  # fmt: skip
+    times = sorted({row[1] for row in truth + estimated})
+    for k in times:
+        here, there = [r for r in truth if r[1] == k], [r for r in estimated if r[1] == k]
+        data["gt_ids"].append(np.array([vehicles.index(r[0]) for r in here], dtype=int))
+        data["tracker_ids"].append(np.array([tracks.index(r[0]) for r in there], dtype=int))
+        a, b = (np.array([r[2:] for r in rows]).reshape(-1, 2) for rows in (here, there))
+        distance = np.linalg.norm(a[:, None] - b[None], axis=-1)
+        data["similarity_scores"].append(np.maximum(0.0, 1.0 - distance / SIMILARITY_M))
+    return data | {"num_timesteps": len(times)}
+
+
+def of_trackeval(truth, estimated):
+    data = for_trackeval(truth, estimated)
+    found = HOTA().eval_sequence(data) | Identity({"PRINT_CONFIG": False}).eval_sequence(data)
+    found |= CLEAR({"PRINT_CONFIG": False}).eval_sequence(data)
+    return {name: float(np.mean(found[name])) for name in ("HOTA", "DetA", "AssA", "LocA", "IDF1", "MOTA", "IDSW")}
+
+
+def of_ours(truth, estimated, **options):
+    comparison = comparison_of(truth, estimated, **options)
+    accuracy, clear = hota(comparison), clear_mot(comparison)
+    return {
+        "HOTA": accuracy.hota, "DetA": accuracy.deta, "AssA": accuracy.assa, "LocA": accuracy.loca,
+        "IDF1": identity_f1(comparison), "MOTA": clear.mota, "IDSW": clear.switches,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_scores_are_trackevals(seed):
+    truth, estimated = traffic(seed)
+    expected = of_trackeval(truth, estimated)
+    assert of_ours(truth, estimated) == pytest.approx(expected, abs=1e-9)
+    assert expected["IDSW"] >= 3  # scenes that ask something: nothing is perfect, nothing is hopeless
+    assert 0.2 < expected["HOTA"] < 0.8
+    worse = [(name, k, x + 0.1, y) for name, k, x, y in estimated]
+    assert of_ours(truth, worse) != pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("without", ["truth", "estimates"])
+def test_of_nothing_scores_are_trackevals(without):
+    truth, estimated = traffic(0)
+    chosen = ([], estimated) if without == "truth" else (truth, [])
+    expected = of_trackeval(*chosen)
+    if without == "truth":  # TrackEval leaves 0 where it returns early; each estimate is one too many
+        expected["MOTA"] = -len(estimated)
+    assert of_ours(*chosen) == pytest.approx(expected, abs=1e-12)
+
+
+def test_groups_are_worlds_however_much_they_lie_on_each_other():
+    """Two groups at the same times and places, with the same ids, score as two sequences that TrackEval combines."""
+    one, other = traffic(1, side=8.0), traffic(2, side=8.0)
+    combined = {}
+    for metric, names in (
+        (HOTA(), ("HOTA", "DetA", "AssA", "LocA")),
+        (Identity({"PRINT_CONFIG": False}), ("IDF1",)),
+        (CLEAR({"PRINT_CONFIG": False}), ("MOTA", "IDSW")),
+    ):
+        apart = {i: metric.eval_sequence(for_trackeval(*rows)) for i, rows in enumerate((one, other))}
+        found = metric.combine_sequences(apart)
+        combined |= {name: float(np.mean(found[name])) for name in names}
+    groups = tuple(np.repeat([3, 8], [len(one[i]), len(other[i])]) for i in range(2))
+    order = np.argsort([row[1] for row in one[0] + other[0]], kind="stable")
+    truth = [(one[0] + other[0])[i] for i in order]
+    truth = [(f"{g}/{name}", *rest) for g, (name, *rest) in zip(groups[0][order], truth, strict=True)]
+    got = of_ours(truth, one[1] + other[1], groups=(groups[0][order], groups[1]))
+    assert got == pytest.approx(combined, abs=1e-9)
+    overlaid = of_ours(truth, [(f"{g}{r[0]}", *r[1:]) for g, r in zip(groups[1], one[1] + other[1], strict=True)])
+    assert overlaid["HOTA"] != pytest.approx(combined["HOTA"], abs=1e-3)
+
+
+def test_a_match_that_is_still_valid_is_kept_though_another_track_is_nearer():
+    truth = [("a", k, 0.0, 0.0) for k in range(3)]
+    tracks = [("1", 0, 0.0, 0.0), ("1", 1, 2.0, 0.0), ("2", 1, 0.1, 0.0), ("1", 2, 2.4, 0.0), ("2", 2, 0.1, 0.0)]
+    assert clear_mot(comparison_of(truth, tracks)).switches == 0
+    lost = [row if row[:2] != ("1", 2) else ("1", 2, 2.6, 0.0) for row in tracks]  # 2.5 m is half similar
+    assert clear_mot(comparison_of(truth, lost)).switches == 1
+    assert clear_mot(comparison_of(truth, tracks), similarity_m=3.0).switches == 1
+
+
+def test_scores_do_not_depend_on_the_order_of_rows():
+    truth, estimated = traffic(3)
+    rng = np.random.default_rng(0)
+    mixed = [[rows[i] for i in rng.permutation(len(rows))] for rows in (truth, estimated)]
+    assert of_ours(*mixed) == pytest.approx(of_ours(truth, estimated), abs=1e-12)
+
+
+# GOSPA
+
+
+def points(places, prefix="p", k=0):
+    return [(f"{prefix}{i}", k, *place) for i, place in enumerate(places)]
+
+
+def by_enumeration(truth, estimated):
+    """Square of the metric: the cheapest way to give the fewer to the more, each pair at most at the cut-off."""
+    few, many = sorted((truth, estimated), key=len)
+    alone = 0.5 * CUTOFF_M**2 * (len(many) - len(few))
+    return alone + min(
+        sum(min(((few[i] - many[j]) ** 2).sum(), CUTOFF_M**2) for i, j in enumerate(chosen))
+        for chosen in permutations(range(len(many)), len(few))
+    )
+
+
+def sets():
+    rng = np.random.default_rng(0)
+    for n, m in [(0, 0), (0, 3), (2, 0), (1, 1), (3, 3), (2, 5), (5, 3), (4, 4)]:
+        for _ in range(5):
+            yield rng.uniform(0, 8, (n, 2)), rng.uniform(0, 8, (m, 2))
+
+
+def test_gospa_is_the_cheapest_of_all_assignments_and_its_parts_add_up():
+    for truth, estimated in sets():
+        got = gospa(comparison_of(points(truth), points(estimated)), cutoff_m=CUTOFF_M)
+        assert got.distance**2 == pytest.approx(by_enumeration(truth, estimated), abs=1e-9)
+        off = np.linalg.norm(truth[got.pairs.row] - estimated[got.pairs.column], axis=1)
+        assert (off < CUTOFF_M).all()
+        assert got.localisation == pytest.approx((off**2).sum())
+
+
+def test_gospa_and_its_parts_are_stone_soups_and_instants_add_up():
+    theirs = GOSPAMetric(p=2, c=CUTOFF_M)
+    now = datetime(2026, 1, 1)
+    compared, total, truths, found = 0, 0.0, [], []
+    for k, (truth, estimated) in enumerate(sets()):
+        if len(truth) + len(estimated) == 0:
+            continue
+        states = [[State(place[:, None], timestamp=now) for place in places] for places in (estimated, truth)]
+        expected = theirs.compute_gospa_metric(*states)[0].value
+        got = gospa(comparison_of(points(truth), points(estimated)), cutoff_m=CUTOFF_M)
+        for name in ("distance", "localisation", "missed", "false"):
+            assert getattr(got, name) == pytest.approx(expected[name], abs=1e-9), name
+        compared += 1
+        total += expected["distance"] ** 2
+        truths, found = truths + points(truth, k=k), found + points(estimated, k=k)
+        if len(truth) and len(estimated):  # of a single instant T-GOSPA is GOSPA
+            whole = trajectory_gospa(comparison_of(points(truth), points(estimated)), cutoff_m=CUTOFF_M)
+            assert whole.distance == pytest.approx(expected["distance"], abs=1e-7)
+    assert compared == 35
+    assert gospa(comparison_of(truths, found), cutoff_m=CUTOFF_M).distance ** 2 == pytest.approx(total)
+
+
+@pytest.mark.parametrize("metric", [hota, clear_mot, identity_f1])
+def test_lengths_are_positive_and_within_the_reach(metric):
+    comparison = comparison_of(points([[0, 0]]), points([[0, 0]]), reach_m=5.0)
+    for length in (0.0, 5.1, float("nan")):
+        with pytest.raises(ValueError, match="limit_m: expected a positive distance of at most the reach"):
+            metric(comparison, similarity_m=length)
+        with pytest.raises(ValueError, match="limit_m: expected a positive distance of at most"):
+            gospa(comparison, cutoff_m=length)
+    with pytest.raises(ValueError, match="reach_m: expected a positive distance"):
+        comparison_of(points([[0, 0]]), points([[0, 0]]), reach_m=0.0)
+
+
+# T-GOSPA
+
+PENALTY_M = 1.5
+
+
+def arrays(rows, n_instants):
+    """(number of names, instants, 2), NaN where there is none."""
+    names = list(dict.fromkeys(row[0] for row in rows))
+    place = np.full((len(names), n_instants, 2), np.nan)
+    for name, k, x, y in rows:
+        place[names.index(name), k] = x, y
+    return place
+
+
+def costs(truth, estimated, n_instants):
+    """(n + 1, m + 1, k): what it costs to give i to j; the last is nobody."""
+    a, b = arrays(truth, n_instants), arrays(estimated, n_instants)
+    here, there = np.isfinite(a[..., 0]), np.isfinite(b[..., 0])
+    half = 0.5 * CUTOFF_M**2
+    out = np.zeros((len(a) + 1, len(b) + 1, n_instants))
+    out[:-1, -1], out[-1, :-1] = half * here, half * there
+    for i, j, k in np.ndindex(len(a), len(b), n_instants):
+        both = here[i, k] and there[j, k]
+        squared = ((a[i, k] - b[j, k]) ** 2).sum()
+        out[i, j, k] = min(squared, CUTOFF_M**2) if both else half * (here[i, k] + there[j, k])
+    return out
+
+
+def by_dynamic_programming(truth, estimated, n_instants):
+    """Square of the metric over assignments of 0 and 1: the cheapest of all sequences of all assignments."""
+    cost = costs(truth, estimated, n_instants)
+    n, m = cost.shape[0] - 1, cost.shape[1] - 1
+    options = [
+        dict(zip(chosen, given, strict=True))
+        for size in range(min(n, m) + 1) for chosen in combinations(range(n), size)
+        for given in permutations(range(m), size)
+    ]  # fmt: skip
+
+    def at(option, k):
+        alone = sum(cost[-1, j, k] for j in range(m) if j not in option.values())
+        return alone + sum(cost[i, option.get(i, m), k] for i in range(n))
+
+    def turn(a, b):
+        return 0.5 * PENALTY_M**2 * len(set(a.items()) ^ set(b.items()))
+
+    turns = np.array([[turn(a, b) for a in options] for b in options])
+    best = np.array([at(option, 0) for option in options])
+    for k in range(1, n_instants):
+        best = (best + turns).min(axis=1) + [at(option, k) for option in options]
+    return best.min()
+
+
+def by_the_papers_program(truth, estimated, n_instants):
+    """Square of the metric by the linear program as it is printed, all pairs at all instants."""
+    cost = costs(truth, estimated, n_instants)
+    n, m = cost.shape[0] - 1, cost.shape[1] - 1
+    number = np.arange(cost.size).reshape(cost.shape)
+    size = n * m * (n_instants - 1)
+    equal, limits = [], []
+    for k in range(n_instants):
+        for members in [number[i, :, k] for i in range(n)] + [number[:, j, k] for j in range(m)]:
+            row = np.zeros(cost.size + size)
+            row[members] = 1.0
+            equal.append(row)
+    for e, (i, j, k) in enumerate(product(range(n), range(m), range(n_instants - 1))):
+        for sign in (1.0, -1.0):
+            row = np.zeros(cost.size + size)
+            row[number[i, j, k]], row[number[i, j, k + 1]], row[cost.size + e] = sign, -sign, -1.0
+            limits.append(row)
+    price = np.concatenate([cost.ravel(), np.full(size, 0.5 * PENALTY_M**2)])
+    found = linprog(
+        price, A_ub=np.array(limits), b_ub=np.zeros(len(limits)), A_eq=np.array(equal), b_eq=np.ones(len(equal))
+    )
+    return found.fun
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_trajectory_gospa_is_the_papers_program_and_the_cheapest_of_all_sequences(seed):
+    n_instants = 7
+    truth, estimated = traffic(seed, n_vehicles=3, n_instants=n_instants, side=7.0)
+    names = list(dict.fromkeys(row[0] for row in estimated))[:4]
+    estimated = [row for row in estimated if row[0] in names]
+    got = trajectory_gospa(comparison_of(truth, estimated), cutoff_m=CUTOFF_M, penalty_m=PENALTY_M)
+    assert got.distance**2 == pytest.approx(by_the_papers_program(truth, estimated, n_instants), abs=1e-7)
+    best = by_dynamic_programming(truth, estimated, n_instants)
+    assert got.distance**2 == pytest.approx(best, abs=1e-7)  # the program may be cheaper; of these scenes it is not
+    assert got.localisation + got.missed + got.false + got.switch == pytest.approx(got.distance**2)
+    without = by_dynamic_programming(truth, estimated[1:], n_instants)
+    assert without != pytest.approx(best, abs=1e-3)
+
+
+def test_without_switches_trajectory_gospa_is_the_sum_of_gospa_and_a_switch_costs_its_price():
+    rng = np.random.default_rng(4)
+    truth = [(f"v{i}", k, 9.0 * i + 0.3 * k, 0.0) for k in range(30) for i in range(4)]
+    estimated = [
+        ("t" + name, k, *(np.array(at) + rng.normal(0, 0.5, 2))) for name, k, *at in truth if rng.random() < 0.9
+    ]
+    comparison = comparison_of(truth, estimated)
+    whole, apart = (
+        trajectory_gospa(comparison, cutoff_m=CUTOFF_M, penalty_m=PENALTY_M),
+        gospa(comparison, cutoff_m=CUTOFF_M),
+    )
+    assert whole.distance == pytest.approx(apart.distance)
+    assert (whole.localisation, whole.missed, whole.false, whole.switch) == pytest.approx((*apart[:3], 0.0))
+    swap = {"tv0": "tv1", "tv1": "tv0"}
+    swapped = [(swap.get(name, name) if k >= 15 else name, k, *at) for name, k, *at in estimated]
+    comparison = comparison_of(truth, swapped)
+    assert gospa(comparison, cutoff_m=CUTOFF_M).distance == pytest.approx(apart.distance)
+    turned = trajectory_gospa(comparison, cutoff_m=CUTOFF_M, penalty_m=PENALTY_M)
+    assert turned.switch == pytest.approx(2 * PENALTY_M**2)
+    assert turned.distance**2 == pytest.approx(apart.distance**2 + 2 * PENALTY_M**2)
+
+
+def test_a_program_too_large_is_refused_in_one_line(monkeypatch):
+    monkeypatch.setattr(trajectory_gospa_module, "MAX_ASSIGNMENTS", 100)
+    with pytest.raises(ValueError, match=r"T-GOSPA: expected at most 100 assignments, got .* score a shorter part"):
+        trajectory_gospa(comparison_of(*traffic(0)), cutoff_m=CUTOFF_M)
+    with pytest.raises(ValueError, match="penalty_m: expected a positive distance"):
+        trajectory_gospa(comparison_of(*traffic(0)), cutoff_m=CUTOFF_M, penalty_m=0.0)
