@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from dirprim_filter.recording.schemas import protobuf_plan as protobuf_plans
 from dirprim_filter.recording.schemas.cdr_plan import cdr_plan
 from dirprim_filter.recording.schemas.fields import Field, SchemaError, steps_of
 from dirprim_filter.recording.schemas.json_plan import JsonPlan
@@ -292,6 +293,33 @@ def test_a_broken_protobuf_message_costs_only_itself(message, cut, flips):
         assert place not in between.failures
         np.testing.assert_array_equal(values[of == place], alone.numbers("x"))
         np.testing.assert_array_equal(between.numbers("y")[place], alone.numbers("y")[0])
+
+
+class OfAnyVersion:
+    """A descriptor without what comes into protobuf, or goes out of it, after the lowest version that is allowed."""
+
+    def __init__(self, descriptor):
+        self._own = descriptor
+
+    def __getattr__(self, name):
+        if name in ("is_repeated", "is_required", "label"):
+            raise AttributeError(name)
+        value = getattr(self._own, name)
+        if name == "fields_by_name":
+            return {field: OfAnyVersion(one) for field, one in value.items()}
+        return OfAnyVersion(value) if name == "message_type" and value is not None else value
+
+
+def test_a_plan_asks_of_descriptors_only_what_every_version_has(monkeypatch):
+    descriptor = OfAnyVersion(protobuf_plans.message_descriptor("p.M", DEFINITION))
+    monkeypatch.setattr(protobuf_plans, "message_descriptor", lambda *_: descriptor)
+    written = CLASS(many_int32=[1, 2], items=[CLASS(double=3.0)])
+    fields = {"a": Field(path=".many_int32[]"), "b": Field(path=".items[].double"), "c": Field(path=".double")}
+    read = protobuf_plan("p.M", DEFINITION, fields).run([written.SerializeToString()])
+    assert [read.numbers(label).tolist() for label in fields] == [[1, 2], [3], [0]]
+    for path in (".double[]", ".many_double"):
+        with pytest.raises(SchemaError, match=r"repeated|single"):
+            protobuf_plan("p.M", DEFINITION, {"x": Field(path=path)})
 
 
 def test_a_protobuf_schema_that_cannot_be_read_says_why():

@@ -12,7 +12,7 @@ from typing import cast
 
 import numpy as np
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
 
@@ -98,11 +98,12 @@ class _Program:
         self.deepest = max(self.deepest, depth)
         node, entries = len(self.nodes), list[list[int]]()
         self.nodes.append(entries)
+        repeated = _repeated(descriptor)
         for name, selected in want.below.items():
             found = descriptor.fields_by_name.get(name)
             if found is None:
                 continue  # told by `check_found`
-            self._check(found, set(selected))
+            self._check(found, set(selected), is_repeated=name in repeated)
             for selector, one in selected.items():
                 if found.message_type:
                     entries.append(self._message(found, selector, one, at, depth))
@@ -110,12 +111,10 @@ class _Program:
                     entries.append(self._value(found, selector, one, at))
         return node
 
-    def _check(self, found: FieldDescriptor, selectors: set[int | None]) -> None:
+    def _check(self, found: FieldDescriptor, selectors: set[int | None], *, is_repeated: bool) -> None:
         told = f"{self.layout.schema}: {found.full_name} is"
-        if found.is_repeated == (None in selectors):
-            raise SchemaError(
-                f"{told} {'repeated: expected' if found.is_repeated else 'single: expected no'} [] behind it"
-            )
+        if is_repeated == (None in selectors):
+            raise SchemaError(f"{told} {'repeated: expected' if is_repeated else 'single: expected no'} [] behind it")
         if found.message_type and len(selectors) > 1:
             raise SchemaError(f"{told} repeated: expected one of [] and [k] behind it, got several")
         if found.type == _F.TYPE_GROUP:
@@ -160,6 +159,16 @@ class _Program:
         seen, column = self.layout.column(at.table), self.layout.value(want, at, form)
         self.layout.enough[at.table, column] = (seen, selector)
         return [found.number, wire, action, bits, at.table, column, selector, seen]
+
+
+def _repeated(descriptor: Descriptor) -> frozenset[str]:
+    """The names of a message's repeated fields.
+
+    By its definition: `FieldDescriptor.label` goes out of protobuf, and 5.29 does not have `is_repeated` yet.
+    """
+    definition = DescriptorProto()
+    descriptor.CopyToProto(definition)
+    return frozenset(field.name for field in definition.field if field.label == FieldDescriptorProto.LABEL_REPEATED)
 
 
 def _default_bits(found: FieldDescriptor, form: Form) -> int:
