@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -24,6 +24,7 @@ _WORDS = {
     "backward": "rows out of order in time",
     "alone": "rows too far from others in time to derive a velocity",
     "unplaced": "rows of a time for which no transform of their frame is known",
+    "transforms": "transforms that are not finite, or place a frame in itself",
 }
 
 
@@ -32,13 +33,14 @@ class Drops:
     """What of the readable messages was left out, counted.
 
     Attributes:
-        undecodable: messages that are not what their schema says.
+        undecodable: messages that are not what their schema says, those of transforms among them.
         untimed: messages without a time of the chosen source, or with one beyond int64.
         invalid: rows whose position is not finite, or whose id is longer than `MAX_NAME_LENGTH`.
         repeated: rows of a vehicle at a time at which it had a row already.
         backward: rows of a time before one that was delivered already.
         alone: rows too far in time from others of their track to derive a velocity.
         unplaced: rows of a time before, after or in a long gap of the transforms of their frame.
+        transforms: transforms that are not finite, turn by no rotation, or place a frame in itself.
         reasons: why messages could not be decoded, how often each.
     """
 
@@ -49,6 +51,7 @@ class Drops:
     backward: int = 0
     alone: int = 0
     unplaced: int = 0
+    transforms: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
 
     def __iadd__(self, other: Self) -> Self:
@@ -56,6 +59,11 @@ class Drops:
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.reasons += other.reasons
         return self
+
+    def fail(self, reasons: Collection[str]) -> None:
+        """Count messages that cannot be decoded, each for its reason."""
+        self.undecodable += len(reasons)
+        self.reasons.update(reasons)
 
     @property
     def total(self) -> int:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from os import PathLike, fspath
+from typing import Self
+
+from dirprim_filter.recording.records import Message
 
 Path = str | PathLike[str]
 
@@ -54,6 +57,12 @@ class DecodeError(RecordingError):
             f"{fspath(path)}: topic {topic}, message at {time_ns} ns: expected {expected}, got {got}; "
             "leave the topic out, or write it anew"
         )
+
+    @classmethod
+    def of(cls, path: Path, message: Message, reason: str) -> Self:
+        """Of a message that cannot be read, and why."""
+        expected = f"a message of {message.schema_name}"
+        return cls(path, topic=message.topic, time_ns=message.log_time_ns, expected=expected, got=reason)
 
 
 class MissingTransformError(RecordingError):

@@ -16,11 +16,11 @@ from dirprim_filter.recording.drops import Clock
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.message_columns import MessageColumns
-from dirprim_filter.recording.observations import signed
 from dirprim_filter.recording.records import Channel, Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
+from dirprim_filter.recording.schemas.shredded import signed
 from dirprim_filter.recording.summary import LogSummary, SizeSummary, TopicSummary
 from tessellation.arrays import FloatArray, IntArray
 

@@ -15,21 +15,19 @@ from dirprim_filter.recording.decoding import TOPIC, Decoders, batches, by_schem
 from dirprim_filter.recording.drops import Clock, ClockFaults, Drops
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.frame_change import FrameChange
 from dirprim_filter.recording.geodesy import Origin
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.records import Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.observed import ObservedRows, concatenated
-from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NO_TIME
-from dirprim_filter.recording.transforms import FrameChange
-from tessellation.arrays import AnyArray, BoolArray, IntArray
+from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NO_TIME, signed
+from tessellation.arrays import BoolArray, IntArray
 
 logger = logging.getLogger(__name__)
 
 TimeSource = Literal["log", "publish", "header"]
 """Which of a message's times counts: of logging, of publishing, or the one its contents carry."""
-
-TIME_END_NS = 1 << 63
 
 
 class Reading(TypedDict, total=False):
@@ -85,7 +83,7 @@ class Observations:
         self._decoders = Decoders(mapping)
         self._labels = None if labels is None else matching(labels, of="labels")
         self._group = group
-        self._frame = FrameChange(log.path, frame, origin)
+        self._frame = FrameChange(log.path, frame, origin, strict=strict)
 
     @property
     def clock(self) -> ClockFaults:
@@ -111,6 +109,9 @@ class Observations:
             if timed.rows.message.size:
                 yield timed
         self._frame.check()
+        if self._frame.tree is not None:
+            self.drops += self._frame.tree.dropped
+            self._log.damage += [broken for broken in self._frame.tree.damage if broken not in self._log.damage]
         self._check_intact()
 
     def _check_intact(self) -> None:
@@ -122,8 +123,10 @@ class Observations:
         parts = []
         for places, messages in by_schema(batch):
             rows, failures = self._decoders.rows(messages)
-            for i, reason in failures.items():
-                self._undecodable(messages[i], reason)
+            if self._strict and failures:
+                i, reason = next(iter(failures.items()))
+                raise DecodeError.of(self._log.path, messages[i], reason)
+            self.drops.fail(failures.values())
             time_ns = self._times(messages, rows)
             self._clock.watch_objects(list(map(TOPIC, messages)), rows.message, time_ns)
             parts.append((places, time_ns, rows))
@@ -138,15 +141,6 @@ class Observations:
         rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
         self.drops.unplaced += int((~placed).sum())
         return TimedRows(time_ns[wanted][placed], rows[placed])
-
-    def _undecodable(self, message: Message, reason: str) -> None:
-        if self._strict:
-            raise DecodeError(
-                self._log.path, topic=message.topic, time_ns=message.log_time_ns,
-                expected=f"a message of {message.schema_name}", got=reason,
-            )  # fmt: skip
-        self.drops.undecodable += 1
-        self.drops.reasons[reason] += 1
 
     def _times(self, messages: Sequence[Message], rows: ObservedRows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
@@ -176,11 +170,6 @@ class Observations:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
         self.drops.invalid += int((~valid).sum())
         return valid
-
-
-def signed(time_ns: AnyArray) -> IntArray:
-    """(n,) int64 of uint64 nanoseconds; `NO_TIME` where they do not fit."""
-    return np.where(time_ns < TIME_END_NS, time_ns.astype(np.int64), NO_TIME)
 
 
 def log_losses(path: Path, damage: Sequence[Damage], drops: Drops, clock: ClockFaults | None = None) -> None:

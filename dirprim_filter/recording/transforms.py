@@ -1,36 +1,35 @@
-"""Where the frames of a log are in each other over time, and objects brought into one of them.
+"""Where the frames of a log are in each other over time.
 
 Frames form trees: each has one parent. Between two transforms the translation is interpolated on a line and the
 rotation at a constant rate, by scipy's rotations, which are here already and do columns of times at once.
 pytransform3d, the other library looked at, interpolates screws over float times and knows no gaps; it is the oracle
 in the tests.
 
-Source: REP 105 (names of frames: `map` and `odom` stand still, `base_link` goes with the vehicle, `earth` is
-geocentric, so no plane); tf2's `lookupTransform`.
+Source: REP 105 (`earth` is geocentric, so no plane); tf2's `lookupTransform`.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.decoding import Decoders, batches, by_schema, family_of
-from dirprim_filter.recording.errors import MissingTransformError
-from dirprim_filter.recording.geodesy import Origin, on_plane
+from dirprim_filter.recording.drops import Drops
+from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.records import Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.fields import SchemaError
-from dirprim_filter.recording.schemas.location import GEODETIC
-from dirprim_filter.recording.schemas.observed import ObservedRows
-from dirprim_filter.recording.schemas.shredded import NO_TIME
-from dirprim_filter.recording.schemas.transform_messages import FAMILIES, TransformRows, transforms_of
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.recording.schemas.shredded import NO_TIME, signed
+from dirprim_filter.recording.schemas.transform_messages import FAMILIES, NO_TRANSFORMS, TransformRows, transforms_of
+from dirprim_filter.tracks import Numbers
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 
@@ -39,11 +38,6 @@ MAX_GAP_NS = 2_000_000_000
 MAX_EXTRAPOLATION_NS = 100_000_000
 """So far beyond the first and the last transform a frame is taken to move on as it did: one frame of 10 Hz."""
 GEOCENTRIC = "earth"
-FIXED = ("map", "world", "odom")
-"""Frames that stand still on the ground by name: without a transform they may be the map."""
-MOVING = ("base_link", "base_footprint")
-"""Frames that go with a vehicle."""
-MAP = "map"
 
 
 class Placement(NamedTuple):
@@ -73,17 +67,18 @@ class Edge:
         time_ns: (n,) ascending, no time twice.
         translation: (n, 3) metres.
         rotation: (n, 4) unit quaternions.
+        is_constant: all its transforms are the same, or there is but one: it holds at any time.
     """
 
     parent: str
     time_ns: IntArray
     translation: FloatArray
     rotation: FloatArray
+    is_constant: bool = field(init=False)
 
-    @property
-    def is_constant(self) -> bool:
-        """All its transforms are the same, or there is but one: it holds at any time."""
-        return bool((self.translation == self.translation[0]).all() and (self.rotation == self.rotation[0]).all())
+    def __post_init__(self) -> None:
+        same = (self.translation == self.translation[0]).all() and (self.rotation == self.rotation[0]).all()
+        object.__setattr__(self, "is_constant", bool(same))
 
     def at(self, time_ns: IntArray) -> Placement:
         """The frame in its parent at (n,) times."""
@@ -113,39 +108,49 @@ class TransformTree:
 
     Attributes:
         edges: by the name of a frame, where it is in its parent.
+        damage: what of the log could not be read on the way.
+        dropped: what of its transforms was left out.
     """
 
-    def __init__(self, edges: Mapping[str, Edge]) -> None:
+    def __init__(self, edges: Mapping[str, Edge], damage: Sequence[Damage] = (), dropped: Drops | None = None) -> None:
         self.edges = edges
+        self.damage = tuple(damage)
+        self.dropped = dropped or Drops()
 
     @classmethod
-    def of_log(cls, path: Path) -> TransformTree:
-        """All transforms of a log; those that cannot be decoded are passed over and logged.
+    def of_log(cls, path: Path, *, strict: bool = False) -> TransformTree:
+        """All transforms of a log; those that cannot be decoded, or are none, are left out and counted.
 
         A stamp of zero is none: the message's log time stands in.
+
+        Args:
+            path: the log.
+            strict: raise at the first damage, or message that is not what its schema says.
+
+        Raises:
+            DamagedRecordingError: strict, and the log is damaged.
+            DecodeError: strict, and a message is not what its schema says.
         """
         with Scan(path) as log:
             topics = frozenset(channel.topic for channel in log.channels() if family_of(channel) in FAMILIES)
         if not topics:
             return cls({})
-        decoders = Decoders()
-        parts = []
-        failed = 0
+        decoders, dropped, transforms = Decoders(), Drops(), _Transforms()
         with Scan(path, topics.__contains__) as log:
             told = (message for message in log if family_of(message.channel) in FAMILIES)
             for batch in batches(told, decoders):
                 for _, messages in by_schema(batch):
-                    try:
-                        shredded = decoders.shredded(messages)
-                    except SchemaError as error:
-                        logger.warning("%s: transforms cannot be read: %s", path, error)
-                        continue
-                    rows = transforms_of(shredded)
-                    failed += len(shredded.failures)
-                    parts.append(_stamped(rows, messages).of(~np.isin(rows.message, list(shredded.failures))))
-        if failed:
-            logger.warning("%s: %d messages of transforms cannot be decoded", path, failed)
-        return cls(_edges(path, parts) if parts else {})
+                    rows, failures = _decoded(decoders, messages)
+                    if strict and failures:
+                        i, reason = next(iter(failures.items()))
+                        raise DecodeError.of(path, messages[i], reason)
+                    dropped.fail(failures.values())
+                    valid = _valid(rows)
+                    dropped.transforms += int((~valid).sum())
+                    transforms.extend(rows.of(valid))
+            if strict and log.damage:
+                raise DamagedRecordingError(path, log.damage)
+            return cls(transforms.edges(path), log.damage, dropped)
 
     def chain(self, frame: str) -> list[str]:
         """The frame, its parent, and so on up to the root."""
@@ -180,157 +185,68 @@ class TransformTree:
         return placed
 
 
-class FrameChange:
-    """Brings objects into one frame.
+def _decoded(decoders: Decoders, messages: Sequence[Message]) -> tuple[TransformRows, dict[int, str]]:
+    """The transforms of messages of one schema, each with a time, and by number why a message cannot be read."""
+    try:
+        shredded = decoders.shredded(messages)
+    except SchemaError as error:
+        return NO_TRANSFORMS, dict.fromkeys(range(len(messages)), str(error))
+    rows = transforms_of(shredded)
+    rows = rows.of(~np.isin(rows.message, list(shredded.failures)))
+    log_ns = signed(np.array([message.log_time_ns for message in messages], np.uint64))[rows.message]
+    is_stamped = (rows.stamp_ns != NO_TIME) & (rows.stamp_ns != 0)
+    return rows._replace(stamp_ns=np.where(is_stamped, rows.stamp_ns, log_ns)), shredded.failures
 
-    Attributes:
-        target: its name; empty until the first object has told its own.
-        origin: of the plane of satellite positions, which counts as the target; None until one was needed.
-    """
 
-    def __init__(self, path: Path, target: str | None, origin: Origin | None = None) -> None:
-        self.target = target or ""
-        self.origin = origin
-        self._path = path
-        self._tree: TransformTree | None = None
-        self._placed = 0
-        self._first_lost: tuple[str, int] | None = None
+def _valid(rows: TransformRows) -> BoolArray:
+    """(n,) which transforms place a frame in another one, at a time whose distance to others fits into int64."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(rows.rotation, axis=1)
+    is_pose = np.isfinite(rows.translation).all(axis=1) & np.isfinite(length) & (length > 0)
+    return np.asarray(is_pose & (rows.child != rows.parent) & (np.abs(rows.stamp_ns // 2) < 1 << 61))
 
-    def apply(self, rows: ObservedRows, time_ns: IntArray) -> tuple[ObservedRows, BoolArray]:
-        """The rows in the target frame, and (n,) which of them could be brought there.
 
-        The transform of an object is that of its own stamp where it has one, else that of (n,) `time_ns`.
+class _Transforms:
+    """Columns of transforms under way; names as numbers, for a column of text is as wide as its longest."""
 
-        Raises:
-            MissingTransformError: nothing joins an object's frame to the target; or no target was named, and the root
-                of the object's frame is one that moves.
-        """
-        placed = np.ones(len(rows), np.bool_)
-        for frame in dict.fromkeys(rows.frame_id.tolist()) if not _all_equal(rows) else [str(rows.frame_id[0])]:
-            if frame in ("", self.target):
-                continue
-            here = np.flatnonzero(rows.frame_id == frame)
-            if frame == GEODETIC:
-                rows = self._on_plane(rows, here)
-                continue
-            when = np.where(rows.stamp_ns[here] > 0, rows.stamp_ns[here], time_ns[here])
-            found = self._find(frame, when)
-            if found is not None:
-                rows = _moved(rows, here, found)
-                placed[here] = found.known
-                if not found.known.all() and self._first_lost is None:
-                    self._first_lost = (frame, int(when[~found.known][0]))
-        self._placed += int(placed.sum())
-        return rows, placed
+    def __init__(self) -> None:
+        self._names = Numbers()
+        self._columns: tuple[list[AnyArray], ...] = ([], [], [], [], [])
 
-    def check(self) -> None:
-        """At the end of a log: some objects could be brought into the target frame, if there were any.
+    def extend(self, rows: TransformRows) -> None:
+        child, parent = (
+            np.fromiter(map(self._names.__getitem__, names.tolist()), np.int64, names.size)
+            for names in (rows.child, rows.parent)
+        )
+        rotation = rows.rotation / np.linalg.norm(rows.rotation, axis=1, keepdims=True)
+        for column, values in zip(
+            self._columns, (child, parent, rows.stamp_ns, rows.translation, rotation), strict=True
+        ):
+            column.append(values)
 
-        Raises:
-            MissingTransformError: at no object's time was its transform known.
-        """
-        if self._first_lost is not None:
-            frame, time_ns = self._first_lost
-            if self._placed == 0:
-                raise MissingTransformError(self._path, frame=frame, target=self.target, time_ns=time_ns)
-            logger.warning(
-                "%s: no transform from %r to %r at %d ns, and at other times", self._path, frame, self.target, time_ns
+    def edges(self, path: Path) -> dict[str, Edge]:
+        """The edges of all transforms; of several parents the first is kept, of one time the last."""
+        if not self._columns[0]:
+            return {}
+        child, parent, time_ns, translation, rotation = map(_joined, self._columns)
+        names = list(self._names)
+        by_child = np.argsort(child, kind="stable")
+        edges = {}
+        for of_child in np.split(by_child, np.flatnonzero(np.diff(child[by_child])) + 1):
+            name, above = names[child[of_child[0]]], parent[of_child[0]]
+            own = of_child[parent[of_child] == above]
+            if own.size < of_child.size:
+                logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, names[above])
+            order = own[np.argsort(time_ns[own], kind="stable")]
+            kept = order[np.append(np.diff(time_ns[order]) > 0, True)]
+            edges[name] = Edge(
+                parent=names[above], time_ns=time_ns[kept], translation=translation[kept], rotation=rotation[kept]
             )
-
-    def _on_plane(self, rows: ObservedRows, here: IntArray) -> ObservedRows:
-        if self.origin is None:
-            longitude, latitude = rows.position[here[0]].tolist()
-            self.origin = Origin(latitude, longitude)
-            logger.warning(
-                "%s: the plane's origin is the first fix; for the same plane in other logs say --origin %.9f,%.9f",
-                self._path, latitude, longitude,
-            )  # fmt: skip
-        place = on_plane(self.origin, np.column_stack([rows.position[here], rows.height[here]]))
-        position, height = rows.position.copy(), rows.height.copy()
-        position[here], height[here] = place[:, :2], place[:, 2]
-        return replace(rows, position=position, height=height)
-
-    def _find(self, frame: str, time_ns: IntArray) -> Placement | None:
-        """A frame in the target; None where they are the same."""
-        if self._tree is None:
-            self._tree = TransformTree.of_log(self._path)
-        self.target = self.target or self._root(self._tree, frame, int(time_ns[0]))
-        if frame == self.target:
-            return None
-        found = self._tree.placement(frame, self.target, time_ns)
-        if found is None:
-            raise MissingTransformError(self._path, frame=frame, target=self.target, time_ns=int(time_ns[0]))
-        return found
-
-    def _root(self, tree: TransformTree, frame: str, time_ns: int) -> str:
-        """The frame that all objects are brought into: where those of `frame` have come as far as the log tells."""
-        root = tree.root_of(frame)
-        if root in MOVING:
-            raise MissingTransformError(self._path, frame=root, target=MAP, time_ns=time_ns)
-        if root not in FIXED:
-            logger.warning(
-                "%s: positions are read as they stand in frame %r, which the log places in no other; --frame %s says "
-                "that this is meant", self._path, root, root,
-            )  # fmt: skip
-        return root
+        return edges
 
 
-def _all_equal(rows: ObservedRows) -> bool:
-    return len(rows) > 0 and bool((rows.frame_id == rows.frame_id[0]).all())
-
-
-def _moved(rows: ObservedRows, here: IntArray, found: Placement) -> ObservedRows:
-    place = np.column_stack([rows.position[here], rows.height[here]])
-    place = found.rotation.apply(place) + found.translation
-    speed, direction = rows.speed[here], rows.direction[here]
-    moving = np.where(np.isfinite(speed) & (speed > 0), speed, 1.0)
-    climb = np.where(np.isfinite(speed) & (speed > 0), rows.climb[here], 0.0)
-    velocity = found.rotation.apply(np.column_stack([moving * np.cos(direction), moving * np.sin(direction), climb]))
-    position, height, covariance = rows.position.copy(), rows.height.copy(), rows.covariance.copy()
-    directions, speeds, climbs = rows.direction.copy(), rows.speed.copy(), rows.climb.copy()
-    position[here], height[here] = place[:, :2], place[:, 2]
-    directions[here] = np.arctan2(velocity[:, 1], velocity[:, 0])
-    speeds[here] = np.where(speed > 0, np.hypot(velocity[:, 0], velocity[:, 1]), speed)
-    climbs[here] = np.where(speed > 0, velocity[:, 2], 0.0)
-    covariance[here] = _turned(rows.covariance[here], found.rotation)
-    return replace(
-        rows, position=position, height=height, direction=directions, speed=speeds, climb=climbs, covariance=covariance
-    )
-
-
-def _turned(covariance: FloatArray, rotation: Rotation) -> FloatArray:
-    """(n, 2, 2) covariances in other axes; of the height's error nothing is told, so it adds nothing."""
-    if np.isnan(covariance).all():
-        return covariance
-    plane = rotation.as_matrix()[:, :2, :2]
-    with np.errstate(invalid="ignore", over="ignore"):  # infinite ones, which nobody will believe
-        turned = plane @ covariance @ plane.transpose(0, 2, 1)
-    return np.asarray((turned + turned.transpose(0, 2, 1)) / 2)  # symmetric to the last bit
-
-
-def _stamped(rows: TransformRows, messages: list[Message]) -> TransformRows:
-    log_ns = np.array([min(message.log_time_ns, (1 << 63) - 1) for message in messages], np.int64)[rows.message]
-    return rows._replace(stamp_ns=np.where((rows.stamp_ns == NO_TIME) | (rows.stamp_ns == 0), log_ns, rows.stamp_ns))
-
-
-def _edges(path: Path, parts: list[TransformRows]) -> dict[str, Edge]:
-    """The edges of all transforms; of several parents the first is kept, of one time the last."""
-    columns: list[Any] = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    rows = TransformRows(*columns)
-    length = np.linalg.norm(rows.rotation, axis=1)
-    valid = np.isfinite(rows.translation).all(axis=1) & np.isfinite(length) & (length > 0) & (rows.child != rows.parent)
-    edges = {}
-    for child in np.unique(rows.child[valid]).tolist():
-        of_child = np.flatnonzero(valid & (rows.child == child))
-        parent = str(rows.parent[of_child[0]])
-        own = of_child[rows.parent[of_child] == parent]
-        if own.size < of_child.size:
-            logger.warning("%s: frame %r has several parents; that in %r is taken", path, child, parent)
-        order = own[np.argsort(rows.stamp_ns[own], kind="stable")]
-        last = np.append(np.diff(rows.stamp_ns[order]) > 0, True)
-        kept = order[last]
-        edges[str(child)] = Edge(
-            parent=parent, time_ns=rows.stamp_ns[kept], translation=rows.translation[kept],
-            rotation=rows.rotation[kept] / length[kept, None],
-        )  # fmt: skip
-    return edges
+def _joined(column: list[AnyArray]) -> AnyArray:
+    """The blocks of a column as one; they are let go."""
+    whole = np.concatenate(column)
+    column.clear()
+    return whole

@@ -1,18 +1,24 @@
 """Objects in the frame of a moving vehicle arrive in the map's; pytransform3d is the oracle."""
 
+import io
+import itertools
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from mcap_files import scene, write_protobuf_log
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from mcap_files import CHUNK, records, scene, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
 
-from dirprim_filter.recording.errors import MissingTransformError
+from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
+from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.transforms import TransformTree
 
 START_NS = 1_700_000_000_000_000_000
@@ -37,7 +43,7 @@ def ros_transform(time_ns, parent, child, place, yaw):
     }  # fmt: skip
 
 
-def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False):
+def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False, more=()):
     """A log of moving objects and the transforms of all its frames; the moving one at other times than objects."""
     messages = [
         ("/tf_static", START_NS - STEP_NS, "tf2_msgs/msg/TFMessage", {"transforms": [
@@ -55,6 +61,7 @@ def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False):
          {"header": header(START_NS + k * STEP_NS, frame), "objects": told})
         for k, (frame, told) in enumerate(objects)
     ]  # fmt: skip
+    messages += [("/tf", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}) for time_ns, one in more]
     return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))
 
 
@@ -204,3 +211,105 @@ def test_transforms_themselves_are_objects_where_named(tmp_path):
     place = np.array([(homogeneous(*MAP_TO_ODOM) @ homogeneous(*ego(k * 0.1 + 0.05)))[:2, 3] for k in range(-1, N + 1)])
     assert set(tracks.track_id) == {"base_link"}
     np.testing.assert_allclose(tracks.position, place, atol=1e-9)
+
+
+def broken_transform(k):
+    """One that is none: not finite, of no rotation, of a frame in itself."""
+    one = ros_transform(START_NS, "odom", "base_link", *ego(0))
+    if k % 3 == 0:
+        one["transform"]["translation"]["x"] = float("nan")
+    elif k % 3 == 1:
+        one["transform"]["rotation"] = dict.fromkeys("xyzw", 0.0)
+    else:
+        one["child_frame_id"] = "odom"
+    return one
+
+
+def spoiled(path, spoil, **options):
+    """A log of objects of a moving sensor, the data of its k-th moving transform as `spoil` makes it."""
+    whole = write_ros(path, [("base_link", [carla(k, 1)]) for k in range(N)]).read_bytes()
+    count = itertools.count()
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start()
+        channels = {}
+        for schema, channel, message in make_reader(io.BytesIO(whole)).iter_messages():
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            data = spoil(next(count), message.data) if channel.topic == "/tf" else message.data
+            writer.add_message(channels[channel.topic], message.log_time, data, message.publish_time)
+        writer.finish()
+    return path
+
+
+def test_transforms_that_cannot_be_decoded_are_counted_and_strict_refuses_them(tmp_path):
+    whole = read_tracks(spoiled(tmp_path / "log.mcap", lambda _, data: data))
+    path = spoiled(tmp_path / "log.mcap", lambda k, data: data[:20] if k in (3, 9) else data)
+    log = read_track_logs(path)
+    assert log.dropped.undecodable == sum(log.dropped.reasons.values()) == 2
+    assert len(log.tracks) == N
+    np.testing.assert_allclose(log.tracks.position, whole.position, atol=0.2)  # interpolated over 0.2 s
+    with pytest.raises(DecodeError, match="topic /tf, message at"):
+        read_tracks(path, strict=True)
+    with pytest.raises(DecodeError, match="topic /tf, message at"):
+        list(stream_detections(path, strict=True))
+    assert len(read_tracks(path, strict=True, frame="base_link")) == N  # these transforms are not needed
+
+
+def test_transforms_that_are_none_are_counted(tmp_path):
+    objects = [("base_link", [carla(k, 1)]) for k in range(N)]
+    whole = read_tracks(write_ros(tmp_path / "log.mcap", objects))
+    path = write_ros(tmp_path / "log.mcap", objects, more=[(START_NS + k, broken_transform(k)) for k in range(5)])
+    log = read_track_logs(path)
+    assert (log.dropped.transforms, log.dropped.total) == (5, 5)
+    assert "5 transforms" in str(log.dropped)
+    np.testing.assert_array_equal(log.tracks.position, whole.position)
+
+
+@pytest.mark.parametrize("strict", [False, True])
+def test_damage_among_the_transforms_is_told_once_and_strict_refuses_it(tmp_path, strict):
+    path = spoiled(tmp_path / "log.mcap", lambda _, data: data, chunk_size=1, compression=CompressionType.NONE)
+    data = bytearray(path.read_bytes())
+    places = [
+        start for opcode, start, end in records(bytes(data)) if opcode == CHUNK and b"base_link" in data[start:end]
+    ]
+    data[places[6] + 120] ^= 1
+    path.write_bytes(data)
+    with scan(path) as log:
+        list(log)
+        assert [damage.kind for damage in log.damage] == ["chunk_crc"]
+    if strict:
+        with pytest.raises(DamagedRecordingError):
+            read_tracks(path, strict=True)
+        with pytest.raises(DamagedRecordingError):
+            list(stream_detections(path, strict=True))
+        return
+    log = read_track_logs(path)
+    assert [damage.kind for _, damage in log.damage] == ["chunk_crc"]
+    stream = stream_detections(path)
+    list(stream)
+    assert [damage.kind for damage in stream.damage] == ["chunk_crc"]
+
+
+def test_many_transforms_of_long_names_take_little_memory(tmp_path):
+    """Two hundred bytes of name a row would be 8 MB and more."""
+    n, name = 10_000, "a" * 200
+    messages = []
+    for k in range(n):
+        one = FrameTransform(parent_frame_id="map", child_frame_id=f"{name}{k % 3}")
+        one.timestamp.FromNanoseconds(1 + k)
+        one.rotation.w, one.translation.x = 1.0, k
+        messages.append(("/tf", k, one))
+    path = write_protobuf_log(tmp_path / "log.mcap", messages)
+    TransformTree.of_log(path)
+    tracemalloc.start()
+    try:
+        tree = TransformTree.of_log(path)
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert {child: edge.time_ns.size for child, edge in tree.edges.items()} == {
+        f"{name}{i}": len(range(i, n, 3)) for i in range(3)
+    }
+    assert held < 100 * n

@@ -21,6 +21,7 @@ NO_TIME = -(1 << 63)
 MAX_NAME_LENGTH = 256
 """Longer names, in bytes of UTF-8, are no names: as a column of text one of them costs every row its length."""
 NANOSECONDS = 1_000_000_000
+TIME_END_NS = 1 << 63
 FARTHEST_S = (1 << 63) // NANOSECONDS - 1
 """Seconds beyond this, to either side, do not fit into int64 nanoseconds."""
 
@@ -165,3 +166,8 @@ def nanoseconds(seconds: IntArray, nanos: IntArray) -> IntArray:
         exact = int(seconds[row]) * NANOSECONDS + int(nanos[row])
         total[row] = exact if -(1 << 63) <= exact < 1 << 63 else NO_TIME
     return total
+
+
+def signed(time_ns: AnyArray) -> IntArray:
+    """(n,) int64 of uint64 nanoseconds; `NO_TIME` where they do not fit."""
+    return np.where(time_ns < TIME_END_NS, time_ns.astype(np.int64), NO_TIME)

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, xyz
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
@@ -31,6 +33,13 @@ class TransformRows(NamedTuple):
         """Those of a mask."""
         columns: list[Any] = [column[rows] for column in self]
         return TransformRows(*columns)
+
+
+NO_TRANSFORMS = TransformRows(
+    message=np.empty(0, np.int64), stamp_ns=np.empty(0, np.int64), parent=np.empty(0, np.str_),
+    child=np.empty(0, np.str_), translation=np.empty((0, 3)), rotation=np.empty((0, 4)),
+)  # fmt: skip
+"""None at all."""
 
 
 def transforms_of(shredded: Shredded) -> TransformRows:
