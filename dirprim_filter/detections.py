@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from dirprim_filter.sizes import as_sizes, chosen_sizes, joined_sizes
-from dirprim_filter.tracks import Tracks, as_texts, as_times, check_lengths
+from dirprim_filter.tracks import Tracks, as_texts, as_times, check_lengths, world_names
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
 NO_TIME = -(1 << 63)
@@ -30,6 +30,7 @@ class Detections:
         covariance: (n, 2, 2) of the position's error, square metres; NaN where the sensor does not tell, and the
             filter's own noise holds. Left out: nowhere.
         size: (n, 3) measured length, width and height of the body, metres; NaN where unknown. Left out: nowhere known.
+        group: (n,) int64, the world that each row is of, as in `Tracks`. Left out: all 0.
 
     Raises:
         ValueError: shapes that do not fit, a position that is not finite, an infinite direction, a speed below 0, a
@@ -43,6 +44,7 @@ class Detections:
     speed: FloatArray = field(default_factory=lambda: np.empty(0))
     covariance: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
     size: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
         columns = {
@@ -54,6 +56,8 @@ class Detections:
         for name, rest in (("direction", ()), ("speed", ()), ("covariance", (2, 2))):
             columns[name] = _where_known(name, getattr(self, name), (n, *rest))
         columns["size"] = as_sizes(self.size, n)
+        group = np.asarray(self.group, dtype=np.int64)
+        columns["group"] = group if group.size else np.zeros(n, np.int64)
         check_lengths(columns)
         if (columns["speed"] < 0).any():
             raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(columns['speed'])}")
@@ -76,12 +80,13 @@ class Detections:
             speed=self.speed[rows],
             covariance=self.covariance[rows],
             size=chosen_sizes(self.size, rows),
+            group=self.group[rows],
         )
 
     @classmethod
     def of(cls, tracks: Tracks) -> Detections:
         """The positions of tracks, without their direction and speed."""
-        return cls(track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position)
+        return cls(track_id=tracks.track_id, time_ns=tracks.time_ns, position=tracks.position, group=tracks.group)
 
     @classmethod
     def none(cls) -> Detections:
@@ -100,18 +105,25 @@ class Detections:
             size=joined_sizes([part.size for part in parts]),
         )
 
+    def in_one_world(self) -> Detections:
+        """The same rows as of no group, under the names that `world_names` gives them."""
+        if not self.group.any():
+            return self
+        names = np.where(self.track_id == NO_ID, NO_ID, world_names(self.track_id, self.group))
+        return replace(self, track_id=names, group=np.zeros(len(self), np.int64))
+
     def without_ids(self) -> Detections:
         """The same rows of nobody in particular."""
         return Detections(
             track_id=np.full(len(self), NO_ID, np.str_), time_ns=self.time_ns, position=self.position,
-            direction=self.direction, speed=self.speed, covariance=self.covariance, size=self.size,
+            direction=self.direction, speed=self.speed, covariance=self.covariance, size=self.size, group=self.group,
         )  # fmt: skip
 
     def instant(self, *, after_ns: int) -> int:
         """The time of these rows as the next frame of a log that has come to `after_ns`; `after_ns` if there are none.
 
         Raises:
-            ValueError: several instants, a repeated id, or a time that is not after `after_ns`.
+            ValueError: several instants, several groups, a repeated id, or a time that is not after `after_ns`.
         """
         if len(self) == 0:
             return after_ns
@@ -119,8 +131,11 @@ class Detections:
         named = self.track_id[self.track_id != NO_ID]
         if (self.time_ns != time_ns).any() or np.unique(named).size != named.size:
             raise ValueError("detections: expected one instant and each track id once; see Detections.frames")
-        if time_ns <= after_ns:
-            raise ValueError(f"detections: expected times after {after_ns} ns, got {time_ns}")
+        if (self.group != self.group[0]).any():
+            raise ValueError(
+                "detections: expected rows of one group, which is a world of its own; see filtering.Worlds"
+            )
+        check_after(time_ns, after_ns)
         return time_ns
 
     def frames(self) -> Iterator[Detections]:
@@ -130,6 +145,16 @@ class Detections:
         for rows in np.split(order, starts[1:]):
             if rows.size:
                 yield self[rows]
+
+
+def check_after(time_ns: int, after_ns: int) -> None:
+    """Time goes on.
+
+    Raises:
+        ValueError: it does not.
+    """
+    if time_ns <= after_ns:
+        raise ValueError(f"detections: expected times after {after_ns} ns, got {time_ns}")
 
 
 def is_covariance(matrix: FloatArray) -> BoolArray:

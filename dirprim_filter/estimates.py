@@ -125,6 +125,12 @@ class Particles:
         empty = np.empty(0)
         return cls(position=np.empty((0, 2)), direction=empty, speed=empty, weight=empty, vehicle=np.empty(0, np.int64))
 
+    @classmethod
+    def concatenate(cls, parts: Iterable[Particles]) -> Particles:
+        """All samples of all parts, in their order."""
+        parts = list(parts)
+        return cls(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)})
+
     def of(self, row: int) -> Particles:
         """The samples of one vehicle, by its row in the frame's estimates."""
         return self[self.vehicle == row]

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.estimates import EstimateSink, TrackedFrame
-from dirprim_filter.filtering import Tracker
+from dirprim_filter.estimates import EstimateSink
+from dirprim_filter.filtering import Tracker, Worlds
 
 
-def replay(stream: Iterable[Detections], tracker: Tracker, sinks: Sequence[EstimateSink]) -> int:
+def replay(stream: Iterable[Detections], tracker: Tracker | Worlds, sinks: Sequence[EstimateSink]) -> int:
     """Track the vehicles of a stream; nothing of it is kept.
 
     Args:
         stream: frames of one instant each, ascending in time.
-        tracker: holds the beliefs; they are those of the last frame when the loop ends.
+        tracker: holds the beliefs; they are those of the last frame when the loop ends. A stream of several groups
+            needs one for each: `Worlds`.
         sinks: take every tracked frame, in the order given.
 
     Returns:
@@ -27,14 +28,7 @@ def replay(stream: Iterable[Detections], tracker: Tracker, sinks: Sequence[Estim
     for detections in stream:
         tracker.predict(detections)  # hallucinate: direction and speed from the primitive (Eq. 4), one step on
         tracker.weigh()  # by the measured positions
-        frame = TrackedFrame(
-            time_ns=int(detections.time_ns[0]),
-            detections=detections,
-            estimates=tracker.estimate(),
-            particles=tracker.particles(),
-            innovations=tracker.innovations(),
-            begun_anew=tracker.begun_anew(),
-        )
+        frame = tracker.frame()
         for sink in sinks:
             sink.write(frame)
         tracker.resample()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
@@ -78,12 +78,13 @@ class Tracks:
     """Observed motion of vehicles, a row for each vehicle and instant; rows are kept in order of time.
 
     Attributes:
-        track_id: (n,) int64 or str; one id is one vehicle.
+        track_id: (n,) int64 or str; an id in a group is a vehicle: in another group it is another.
         time_ns: (n,) int64, nanoseconds since the log's epoch.
         position: (n, 2) metres, x east, y north.
         direction: (n,) course over ground, radians counter-clockwise from east in (-pi, pi].
         speed: (n,) metres per second, not negative.
-        group: (n,) int64, rows of one group may share vehicles or circumstances: what to split by. Left out: all 0.
+        group: (n,) int64; each group is a world of its own, recorded apart from the others, whose times may overlap:
+            nothing compares rows across groups, and they are what to split by. Left out: all 0.
         size: (n, 3) length, width and height of the body, metres; NaN where unknown. Left out: nowhere known, which
             takes no memory.
 
@@ -124,7 +125,7 @@ class Tracks:
         columns["size"] = size
         for name, column in columns.items():
             object.__setattr__(self, name, column)
-        check_not_repeated(self.track_id, self.time_ns)
+        check_not_repeated(self.track_id, self.time_ns, self.group)
 
     def __len__(self) -> int:
         return int(self.time_ns.size)
@@ -144,7 +145,18 @@ class Tracks:
     @property
     def n_tracks(self) -> int:
         """Number of vehicles."""
-        return int(np.unique(self.track_id).size)
+        return int(self.vehicle.max(initial=-1)) + 1
+
+    @property
+    def vehicle(self) -> IntArray:
+        """(n,) the number of each row's vehicle, 0 to n_tracks - 1, in order of group and id."""
+        return vehicle_numbers(self.track_id, self.group)
+
+    def worlds(self) -> Iterator[Tracks]:
+        """The rows of each group, in order of the groups."""
+        groups = np.unique(self.group)
+        for group in groups.tolist():
+            yield self if groups.size == 1 else self[self.group == group]
 
     @classmethod
     def from_positions(
@@ -176,8 +188,8 @@ class Tracks:
         groups = groups if groups.size else np.zeros(ids.size, np.int64)
         check_lengths({"track_id": ids, "time_ns": times, "position": position, "group": groups})
         sizes = as_sizes(size, ids.size)
-        check_not_repeated(ids, times)
-        velocity = differenced_velocity(ids, times, position)
+        check_not_repeated(ids, times, groups)
+        velocity = differenced_velocity(vehicle_numbers(ids, groups), times, position)
         known = np.isfinite(velocity[:, 0])
         if not known.all():
             logger.warning(
@@ -249,13 +261,47 @@ def check_lengths(columns: dict[str, AnyArray]) -> None:
         raise ValueError(f"columns: expected one length n, got {told}")
 
 
-def check_not_repeated(track_id: AnyArray, time_ns: IntArray) -> None:
+def vehicle_numbers(track_id: AnyArray, group: IntArray) -> IntArray:
+    """(n,) the number of each row's vehicle, in order of group and id: an id in two groups is two vehicles."""
+    number = _numbers_of(track_id)
+    if group.size and (group != group[0]).any():
+        number = _numbers_of(_numbers_of(group) * (int(number.max()) + 1) + number)
+    return number
+
+
+def world_names(track_id: AnyArray, group: IntArray) -> AnyArray:
+    """(n,) str, ids that no two groups share: `group/id`, and in group 0, of logs without groups, the id alone."""
+    names = as_texts(track_id)
+    if not group.any():
+        return names
+    prefix = np.char.add(as_texts(group), "/")
+    return np.where((group == 0) | np.char.startswith(names, prefix), names, np.char.add(prefix, names))
+
+
+def _numbers_of(key: AnyArray) -> IntArray:
+    """(n,) each key's place among all keys in order, each counted once."""
+    if key.dtype.kind == "U":
+        names, place = numbered(key)
+        order = np.empty(len(names), np.int64)
+        order[np.argsort(np.array(names, dtype=np.str_))] = np.arange(len(names))
+        return order[place]
+    if key.size:
+        low, high = int(key.min()), int(key.max())
+        if high - low <= 4 * key.size:  # a table of all keys between costs less than sorting
+            seen = np.zeros(high - low + 1, np.bool_)
+            seen[key - low] = True
+            return np.asarray((np.cumsum(seen) - 1)[key - low], np.int64)
+    return np.asarray(np.unique(key, return_inverse=True)[1], np.int64)
+
+
+def check_not_repeated(track_id: AnyArray, time_ns: IntArray, group: IntArray) -> None:
     """No vehicle has two rows at one time.
 
     Raises:
         ValueError: names the first that has.
     """
-    repeated = repeated_rows(track_id, time_ns)
+    has_groups = group.size > 0 and (group != group[0]).any()
+    repeated = repeated_rows(vehicle_numbers(track_id, group) if has_groups else track_id, time_ns)
     if repeated.any():
         row = int(np.argmax(repeated))
         raise ValueError(f"track_id, time_ns: vehicle {track_id[row]} has two rows at {time_ns[row]} ns; keep one")

@@ -1,6 +1,7 @@
 """Observed motion is checked at the door, kept in order of time, and differenced as the definition says."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from dirprim_filter.tracks import (
     as_texts,
     as_track_ids,
     differenced_velocity,
+    vehicle_numbers,
+    world_names,
 )
 from oracles import central_velocity
 
@@ -185,3 +188,49 @@ def test_concatenation_refuses_nothing_and_a_vehicle_twice_at_a_time(ring):
         Tracks.concatenate([])
     with pytest.raises(ValueError, match="vehicle 0 has two rows at 0 ns"):
         Tracks.concatenate([ring, ring[:1]])
+
+
+def two_groups(ring):
+    return Tracks.concatenate([replace(ring, group=np.full(len(ring), group)) for group in (5, -2)])
+
+
+def test_a_vehicle_is_an_id_in_a_group(ring):
+    both = two_groups(ring)
+    assert both.n_tracks == 2 * ring.n_tracks
+    pairs = sorted(set(zip(both.group.tolist(), both.track_id.tolist(), strict=True)))
+    assert [pairs[number] for number in both.vehicle] == list(
+        zip(both.group.tolist(), both.track_id.tolist(), strict=True)
+    )
+    as_text = replace(both, track_id=both.track_id.astype(np.str_))
+    assert as_text.n_tracks == both.n_tracks
+    names = np.array(["b", "a", "b", "c"])
+    np.testing.assert_array_equal(vehicle_numbers(names, np.zeros(4, np.int64)), [1, 0, 1, 2])
+    np.testing.assert_array_equal(vehicle_numbers(names, np.array([1, 1, 0, 0])), [3, 2, 0, 1])
+    np.testing.assert_array_equal(vehicle_numbers(np.array([10**15, 3, -4]), np.zeros(3, np.int64)), [2, 1, 0])
+    with pytest.raises(ValueError, match="has two rows at"):
+        replace(both, group=np.zeros(len(both), np.int64))
+
+
+def test_worlds_are_the_groups_one_after_the_other(ring):
+    both = two_groups(ring)
+    worlds = list(both.worlds())
+    assert [set(world.group.tolist()) for world in worlds] == [{-2}, {5}]
+    np.testing.assert_array_equal(worlds[0].position, ring.position)
+    assert [len(world) for world in ring.worlds()] == [len(ring)]
+
+
+def test_names_of_worlds_are_each_of_one_vehicle_and_those_of_group_0_are_the_ids(ring):
+    both = two_groups(ring)
+    names = world_names(both.track_id, both.group)
+    assert np.unique(names).size == both.n_tracks
+    assert set(names.tolist()) == {f"{g}/{i}" for g in (5, -2) for i in np.unique(ring.track_id)}
+    assert world_names(ring.track_id, ring.group).tolist() == ring.track_id.astype(str).tolist()
+    assert world_names(names, both.group).tolist() == names.tolist()
+
+
+def test_velocity_is_not_differenced_across_groups():
+    made = Tracks.from_positions(
+        track_id=["a", "a", "a", "a"], time_ns=[0, 50_000_000, 100_000_000, 150_000_000],
+        position=[[0, 0], [500, 0], [1, 0], [501, 0]], group=[1, 2, 1, 2],
+    )  # fmt: skip
+    np.testing.assert_allclose(made.speed, 10.0)

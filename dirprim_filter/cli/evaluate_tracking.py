@@ -65,7 +65,8 @@ def tracking(
     from dirprim_filter.cli.evaluate import _as_json
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.cli.provenance import provenance
-    from dirprim_filter.evaluation.experiment import TrackingExperiment, evaluate_tracking
+    from dirprim_filter.evaluation.experiment import evaluate_tracking
+    from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.simulation.sensor import detect
@@ -135,12 +136,14 @@ def _metadata(path: Path) -> dict[str, str]:
 
 
 def tracking_text(table: TrackingTable) -> str:
-    """The table as text: means over the seeds, and below them the deviation from seed to seed."""
+    """The table as text: means over the seeds, and below them the deviations of the seeds and of the groups."""
     experiment = table.experiment
     ids = "ids" if experiment.with_ids else "no ids"
     where = f"map learned from others, held out by {table.split_by}" if table.map_learned else "map given"
+    has_groups = table.n_groups > experiment.n_seeds
+    groups = f" in {table.n_groups} groups, each by itself," if has_groups else ""
     lines = [
-        f"{table.n_vehicles} vehicles tracked in {experiment.n_seeds} runs, {table.n_gaps} gaps of "
+        f"{table.n_vehicles} vehicles{groups} tracked in {experiment.n_seeds} runs, {table.n_gaps} gaps of "
         f"{experiment.gap_s:g} s, noise {experiment.noise_m:g} m, {experiment.miss_rate:.0%} missed, "
         f"{experiment.false_per_frame:g} false per frame, {ids}; {where}",
         "",
@@ -149,7 +152,9 @@ def tracking_text(table: TrackingTable) -> str:
     for row in table.methods:
         lines.append(_row(row.name, [_number(row.mean(figure)) for figure in FIGURES]))
         if experiment.n_seeds > 1:
-            lines.append(_row("", [f"+-{_number(row.std(figure))}" for figure in FIGURES]))
+            lines.append(_row("  from run to run", [f"+-{_number(row.std(figure))}" for figure in FIGURES]))
+        if has_groups:
+            lines.append(_row("  between groups", [f"+-{_number(row.group_std(figure))}" for figure in FIGURES]))
     return "\n".join([*lines, *_gap_lines(table)])
 
 

@@ -93,7 +93,7 @@ def _of_log(
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import FilterConfig
-    from dirprim_filter.filtering import Tracker
+    from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.writer import EstimateLog
@@ -101,7 +101,7 @@ def _of_log(
 
     learned, config = load_map(map_file), FilterConfig()
     stream = reading.detections(log, motion=False)
-    tracker = Tracker(learned, config=config, rng=np.random.default_rng(seed))
+    worlds = Worlds(lambda _: Tracker(learned, config=config, rng=np.random.default_rng(seed)))
     said = provenance(
         "forecast", inputs=[log, map_file], config=config, seed=seed, horizon_s=horizon_s, dt_s=dt_s,
         every_s=every_s, n_samples=n_samples, **reading.said(),
@@ -113,7 +113,7 @@ def _of_log(
             rng=np.random.default_rng([seed, 1]),
         )  # fmt: skip
         seen = with_progress(stream, what=f"forecasting {log.name}", end_ns=stream.end_ns)
-        n_frames = replay(seen, tracker, [estimates, forecaster])
+        n_frames = replay(seen, worlds, [estimates, forecaster])
         reading.require_frames(n_frames, log, stream.dropped)
     typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}")
     return losses.exit_code(stream.damage, stream.dropped.total)

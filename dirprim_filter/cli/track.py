@@ -81,6 +81,9 @@ def track(
 ) -> int:
     """Track the vehicles of a log with a learned map; write the estimates, and stream them to rerun.
 
+    Groups of a log are tracked each by itself, whatever their times: the vehicles of a group other than 0 are called
+    group/id in the output. With --group only that one, under its ids.
+
     Example: dirprim track recordings/roundabout_track.mcap --map map.mcap -o tracks.mcap --save tracks.rrd
     """
     import numpy as np
@@ -89,7 +92,7 @@ def track(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.cli.watching import keep_serving, open_viewer
     from dirprim_filter.config import FilterConfig, TrackingConfig
-    from dirprim_filter.filtering import Tracker
+    from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.writer import EstimateLog
@@ -101,10 +104,12 @@ def track(
     stream = reading.detections(log, motion=motion)
     association = TrackingConfig(detection_probability=detection_probability, clutter_density=clutter_density)
     watched = save is not None or spawn or connect is not None or serve
-    tracker = Tracker(
-        learned.without_places() if place_free else learned,
-        config=config, tracking=association, with_innovations=watched, rng=np.random.default_rng(seed),
-    )  # fmt: skip
+    model = learned.without_places() if place_free else learned
+    worlds = Worlds(
+        lambda _: Tracker(
+            model, config=config, tracking=association, with_innovations=watched, rng=np.random.default_rng(seed)
+        )
+    )
     said = provenance(
         "track", inputs=[log, map_file], config=config, seed=seed, place_free=place_free, no_ids=no_ids,
         motion=motion, tracking=json.dumps(asdict(association), sort_keys=True), **reading.said(),
@@ -132,12 +137,13 @@ def track(
             rng = np.random.default_rng([seed, 1])
             sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=config, rng=rng))
         frames = (seen.without_ids() for seen in stream) if no_ids else stream
-        n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), tracker, sinks)
+        n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.dropped)
         if viewer is not None:
-            viewer.log_run(said, {"frames": str(n_frames), "beliefs begun anew": str(tracker.recoveries)})
+            viewer.log_run(said, {"frames": str(n_frames), "beliefs begun anew": str(worlds.recoveries)})
             keep_serving(viewer)
-    if tracker.recoveries:
-        typer.echo(f"{tracker.recoveries} times a belief did not explain what was measured: begun anew", err=True)
-    typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}")
+    if worlds.recoveries:
+        typer.echo(f"{worlds.recoveries} times a belief did not explain what was measured: begun anew", err=True)
+    groups = f", {worlds.n_groups} groups, each by itself" if worlds.n_groups > 1 else ""
+    typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}{groups}")
     return losses.exit_code(stream.damage, stream.dropped.total)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -31,10 +32,13 @@ def open_viewer(
     What is shown of one `place` shares the layout of a viewer that stays open.
     """
     from dirprim_filter.recording import read_tracks
+    from dirprim_filter.tracks import world_names
     from dirprim_filter.viewer.focus import DRAWN_IN_FULL
     from dirprim_filter.viewer.stream import open_stream
 
-    true_tracks = read_tracks(truth, group=group) if truth is not None else None
+    true_tracks = None if truth is None else read_tracks(truth, group=group)
+    if true_tracks is not None and group is None:  # as the vehicles of several groups are called
+        true_tracks = replace(true_tracks, track_id=world_names(true_tracks.track_id, true_tracks.group))
     viewer = open_stream(
         f"dirprim {place}",
         save=save, spawn=spawn, connect=connect, serve=serve, force=force, particle_stride=particle_stride,

@@ -37,7 +37,7 @@ from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.primitives.cues import TURN_RIGHT, Cue
 from dirprim_filter.primitives.recipe import CellsRule
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, FloatArray, IntArray
+from tessellation.arrays import FloatArray, IntArray
 
 MAX_STEP_S = 2.0
 """Visits further apart in time are no step: the log has lost the vehicle in between."""
@@ -144,12 +144,15 @@ def evaluate_cues(
     by = split_by or honest_split(kept)
     if by == "random":
         raise ValueError("split_by: expected 'vehicle' or 'group', got 'random': steps need whole vehicles")
-    parts = []
+    parts: list[Followed] = []
+    n_before = 0
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
     told = StepCount(len(folds), progress)
     for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
         learned = learn_primitives(fold.train, tessellation=tessellation, rng=child)
-        parts.append(_follow(learned, fold))
+        followed = _follow(learned, fold)
+        parts.append(followed._replace(vehicle=followed.vehicle + n_before))  # no vehicle is in two folds
+        n_before += fold.test.n_tracks
         told.add()
     joined = Followed(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     if joined.vehicle.size == 0:
@@ -167,7 +170,7 @@ def evaluate_cues(
 
 def steps_between_cells(learned: PrimitiveMap, tracks: Tracks) -> Steps:
     """Where vehicles come from one cell into another; places that no cell covers are no visits."""
-    _, vehicle = np.unique(tracks.track_id, return_inverse=True)
+    vehicle = tracks.vehicle
     order = np.lexsort((tracks.time_ns, vehicle))
     cell = learned.tessellation.cell_of(tracks.position)[order]
     is_new = np.concatenate([[True], (np.diff(vehicle[order]) != 0) | (np.diff(cell) != 0)])[: len(tracks)]
@@ -274,7 +277,7 @@ def _rmse(belief: VonMisesMixture, target: float, n_samples: int, rng: np.random
 class Followed(NamedTuple):
     """The steps of held-out vehicles: (n, ...) each."""
 
-    vehicle: AnyArray  # (n,) its id
+    vehicle: IntArray  # (n,) its number
     prior: FloatArray  # (n,) log density of the truth
     cell_before: FloatArray  # (n, 3) log densities by observation and posterior, and the concentration
     own_course: FloatArray  # (n, 3) the same
@@ -298,14 +301,14 @@ def _follow(learned: PrimitiveMap, fold: Fold) -> Followed:
         return most_probable_direction(learned.primitive_at(tracks.position[row]).direction)
 
     return Followed(
-        vehicle=fold.test.track_id[steps.row],
+        vehicle=fold.test.vehicle[steps.row],
         prior=prior.log_density(truth),
         cell_before=judged(usual(fold.train, known.before), usual(fold.test, steps.before)),
         own_course=judged(fold.train.direction[known.before], fold.test.direction[steps.before]),
     )
 
 
-def _observation_score(judged: FloatArray, vehicle: AnyArray) -> ObservationScore:
+def _observation_score(judged: FloatArray, vehicle: IntArray) -> ObservationScore:
     log_observation, log_posterior, concentration = judged.T
     _, number = np.unique(vehicle, return_inverse=True)
     observation = np.bincount(number, weights=np.exp(log_observation))

@@ -54,12 +54,12 @@ class Cases(NamedTuple):
     @classmethod
     def of(cls, tracks: Tracks, *, horizons_s: Sequence[float] = HORIZONS_S) -> Cases:
         """Up to `MAX_STARTS` instants of each vehicle, `START_EVERY_S` apart, spread over its track."""
-        names, vehicle = np.unique(tracks.track_id, return_inverse=True)
+        vehicle = tracks.vehicle
         order = np.lexsort((tracks.time_ns, vehicle))
-        first = np.searchsorted(vehicle[order], np.arange(names.size + 1))
+        first = np.searchsorted(vehicle[order], np.arange(tracks.n_tracks + 1))
         starts: list[IntArray] = []
         later: list[FloatArray] = []
-        for v in range(names.size):
+        for v in range(first.size - 1):
             rows = order[first[v] : first[v + 1]]
             time_s = (tracks.time_ns[rows] - tracks.time_ns[rows[0]]) * 1e-9
             at = _spread(time_s, horizon_s=min(horizons_s))

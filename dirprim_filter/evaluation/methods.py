@@ -18,6 +18,7 @@ from dirprim_filter.filtering import (
     InteractingModels,
     ParticleFilter,
     Tracker,
+    Worlds,
 )
 from dirprim_filter.filtering.manoeuvre import acceleration_density, pace_density
 from dirprim_filter.primitives import PrimitiveMap
@@ -86,23 +87,23 @@ def _best(
     config: FilterConfig,
 ) -> MakeFilter:
     """The filter under which the training vehicles' measurements are most likely."""
-    best = max(product(SCALES, turns), key=lambda noise: _log_evidence(of_noise(*noise), seen, config))
+    best = max(product(SCALES, turns), key=lambda noise: _log_evidence(lambda: of_noise(*noise), seen, config))
     return lambda: of_noise(*best)
 
 
-def _log_evidence(bayes_filter: BayesFilter, seen: list[Detections], config: FilterConfig) -> float:
-    tracker = Tracker(bayes_filter, config=config, tracking=TrackingConfig(), rng=np.random.default_rng(0))
+def _log_evidence(make: Callable[[], BayesFilter], seen: list[Detections], config: FilterConfig) -> float:
+    worlds = Worlds(lambda _: Tracker(make(), config=config, tracking=TrackingConfig(), rng=np.random.default_rng(0)))
     total = 0.0
     for frame in seen:
-        tracker.predict(frame)
-        tracker.weigh()
-        total += float(tracker.estimate().log_evidence.sum())
+        worlds.predict(frame)
+        worlds.weigh()
+        total += sum(float(of.estimates.log_evidence.sum()) for of in worlds.frames().values())
     return total
 
 
 def _reported(train: Tracks, config: FilterConfig, *, rng: np.random.Generator) -> list[Detections]:
     """Noisy positions of some training vehicles, frame by frame."""
-    names = np.unique(train.track_id)
-    some = train[np.isin(train.track_id, rng.permutation(names)[:MAX_FITTED])]
+    vehicle = train.vehicle
+    some = train[np.isin(vehicle, rng.permutation(train.n_tracks)[:MAX_FITTED])]
     noisy = some.position + config.noise_m * rng.standard_normal(some.position.shape)
     return list(replace(Detections.of(some), position=noisy).frames())

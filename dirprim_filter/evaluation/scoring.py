@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.evaluation.gospa import SwitchCount, gospa
 from dirprim_filter.evaluation.tracking import TrackingScore, rmse_by_vehicle, score
 from dirprim_filter.tracks import Tracks, as_texts
-from tessellation.arrays import AnyArray, BoolArray
+from tessellation.arrays import BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,52 +60,74 @@ class TrackingReport:
     gap_rmse: tuple[float, ...]
 
 
-def report(frames: Iterable[TrackedFrame], truth: Truth, *, cutoff_m: float) -> TrackingReport:
-    """Score frames against the truth.
+class WorldScore:
+    """Scores the frames of one group against its truth, as they come.
 
-    An estimate is of the vehicle whose name it bears; where no estimate bears the name of a vehicle, as with a sensor
-    without ids, it is of the vehicle that GOSPA gives it to.
+    An estimate is of the vehicle whose name it bears, with a sensor that names vehicles; else of the vehicle that GOSPA
+    gives it to.
 
     Args:
-        frames: one at each instant of the truth.
-        truth: where vehicles were.
+        truth: where the group's vehicles were.
         cutoff_m: GOSPA's, metres.
+        with_ids: whether names are the sensor's; those that the tracker makes up mean nothing.
     """
-    tracks, ids = truth.tracks, as_texts(truth.tracks.track_id)
-    known = set(np.unique(ids).tolist())
-    starts = {int(t): i for t, i in zip(*np.unique(tracks.time_ns, return_index=True), strict=True)}
-    ends = np.searchsorted(tracks.time_ns, tracks.time_ns, side="right")
-    squared, parts, kept, switches = [], [], [], SwitchCount()
-    for frame in frames:
-        first = starts[frame.time_ns]
-        rows = slice(first, int(ends[first]))
-        believed = frame.estimates
-        found = gospa(tracks.position[rows], believed.position, cutoff_m=cutoff_m)
-        vehicles, names = ids[rows][found.vehicle].tolist(), believed.track_id[found.estimate]
-        switches.add(vehicles, as_texts(names).tolist())
-        squared.append(found.distance**2)
-        parts.append((found.localisation, found.missed, found.false))
-        kept.append(_of_vehicles(believed, known, vehicles, found.estimate))
-    estimates = Estimates.concatenate(kept)
-    seen, hidden = (_scored(estimates, tracks[rows]) for rows in (~truth.is_hidden, truth.is_hidden))
+
+    def __init__(self, truth: Truth, *, cutoff_m: float, with_ids: bool) -> None:
+        self.truth = truth
+        self.squared: list[float] = []
+        self.parts: list[tuple[float, float, float]] = []
+        self.kept: list[Estimates] = []
+        self.switches = SwitchCount()
+        self._cutoff_m = cutoff_m
+        self._with_ids = with_ids
+        tracks = truth.tracks
+        self._ids = as_texts(tracks.track_id)
+        times, starts = np.unique(tracks.time_ns, return_index=True)
+        ends = [*starts[1:].tolist(), len(tracks)]
+        self._rows = dict(zip(times.tolist(), map(slice, starts.tolist(), ends), strict=True))
+
+    def add(self, frame: TrackedFrame) -> None:
+        """Take the frame of one of the truth's instants."""
+        rows, believed = self._rows[frame.time_ns], frame.estimates
+        ids = self._ids[rows]
+        found = gospa(self.truth.tracks.position[rows], believed.position, cutoff_m=self._cutoff_m)
+        vehicles, names = ids[found.vehicle].tolist(), as_texts(believed.track_id[found.estimate])
+        self.switches.add(vehicles, names.tolist())
+        self.squared.append(found.distance**2)
+        self.parts.append((found.localisation, found.missed, found.false))
+        if self._with_ids:
+            self.kept.append(believed)
+        else:
+            self.kept.append(replace(believed[found.estimate], track_id=np.array(vehicles, dtype=np.str_)))
+
+
+def report(worlds: Sequence[WorldScore]) -> TrackingReport:
+    """The errors in one group, or pooled over all: each row, frame and switch counts as in any other group."""
+    estimates = Estimates.concatenate([_apart(part, i) for i, world in enumerate(worlds) for part in world.kept])
+    tracks = Tracks.concatenate([_apart(world.truth.tracks, i) for i, world in enumerate(worlds)])
+    is_hidden = np.concatenate([world.truth.is_hidden for world in worlds])
+    if len(worlds) > 1:  # as the tracks were put in order of time
+        is_hidden = is_hidden[np.argsort(np.concatenate([w.truth.tracks.time_ns for w in worlds]), kind="stable")]
+    seen, hidden = (_scored(estimates, tracks[rows]) for rows in (~is_hidden, is_hidden))
     everything = _scored(estimates, tracks)
-    localisation, missed, false = np.mean(parts, axis=0)
+    localisation, missed, false = np.mean([part for world in worlds for part in world.parts], axis=0)
+    squared = np.concatenate([world.squared for world in worlds])
     return TrackingReport(
         seen_rmse=seen.position_rmse, hidden_rmse=hidden.position_rmse, seen_nees=seen.nees, hidden_nees=hidden.nees,
         coverage_50=everything.coverage_50, coverage_90=everything.coverage_90, hidden_coverage_90=hidden.coverage_90,
-        reported=everything.n_rows / len(tracks), gospa=float(np.sqrt(np.mean(squared))),
-        localisation=float(localisation), missed=float(missed), false=float(false), switches=switches.n_switches,
-        gap_rmse=tuple(rmse_by_vehicle(estimates, tracks[truth.is_hidden]).tolist()),
+        reported=everything.n_rows / len(tracks), gospa=float(np.sqrt(squared.mean())),
+        localisation=float(localisation), missed=float(missed), false=float(false),
+        switches=sum(world.switches.n_switches for world in worlds),
+        gap_rmse=tuple(rmse_by_vehicle(estimates, tracks[is_hidden]).tolist()),
     )  # fmt: skip
 
 
-def _of_vehicles(believed: Estimates, known: set[str], vehicles: list[str], given: AnyArray) -> Estimates:
-    """The estimates of known vehicles, under their names."""
-    named = np.array([str(name) in known for name in believed.track_id], dtype=np.bool_)
-    if named.any():
-        return believed[named]
-    chosen = believed[given]
-    return replace(chosen, track_id=np.array(vehicles, dtype=np.str_))
+Rows = TypeVar("Rows", Estimates, Tracks)
+
+
+def _apart(rows: Rows, world: int) -> Rows:
+    """The rows under names that no other world has."""
+    return replace(rows, track_id=np.char.add(f"{world}/", as_texts(rows.track_id)))
 
 
 def _scored(estimates: Estimates, truth: Tracks) -> TrackingScore:

@@ -57,7 +57,8 @@ def thinned(tracks: Tracks, *, interval_s: float) -> Tracks:
     """
     if not interval_s > 0:
         raise ValueError(f"interval_s: expected a positive time in seconds, got {interval_s}")
-    _, first, vehicle = np.unique(tracks.track_id, return_index=True, return_inverse=True)  # rows are in order of time
+    vehicle = tracks.vehicle
+    _, first = np.unique(vehicle, return_index=True)  # rows are in order of time
     interval = (tracks.time_ns - tracks.time_ns[first][vehicle]) // max(round(interval_s * 1e9), 1)
     _, kept = np.unique(np.column_stack([vehicle, interval]), axis=0, return_index=True)
     return tracks[np.sort(kept)]
@@ -67,7 +68,7 @@ def _parts(tracks: Tracks, by: SplitBy, n_folds: int, rng: np.random.Generator) 
     """(n,) the fold that holds out each row; -1 for none."""
     if by == "random":
         return _random_tenths(len(tracks), n_folds, rng)
-    column = {"vehicle": tracks.track_id, "group": tracks.group}.get(by)
+    column = {"vehicle": tracks.vehicle, "group": tracks.group}.get(by)
     if column is None:
         raise ValueError(f"by: expected 'vehicle', 'group' or 'random', got {by!r}")
     if n_folds < 2:

@@ -6,3 +6,4 @@ from dirprim_filter.filtering.kalman import InteractingModels as InteractingMode
 from dirprim_filter.filtering.particle_filter import ParticleFilter as ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter as BayesFilter
 from dirprim_filter.filtering.tracker import Tracker as Tracker
+from dirprim_filter.filtering.worlds import Worlds as Worlds

@@ -39,7 +39,7 @@ def pace_density(tracks: Tracks) -> float:
 
 def _pairs(tracks: Tracks) -> tuple[IntArray, FloatArray, BoolArray]:
     """The rows by vehicle and time, the seconds from each to the next, and whether that is the same vehicle soon."""
-    _, vehicle = np.unique(tracks.track_id, return_inverse=True)
+    vehicle = tracks.vehicle
     order = np.lexsort((tracks.time_ns, vehicle))
     dt_s = np.diff(tracks.time_ns[order]) * 1e-9
     pair = (np.diff(vehicle[order]) == 0) & (dt_s <= MAX_INTERVAL_S)

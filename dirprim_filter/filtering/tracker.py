@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.detections import NO_ID, NO_TIME, Detections
-from dirprim_filter.estimates import Estimates, Innovations, Samples
+from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
+from dirprim_filter.estimates import Estimates, Innovations, Samples, TrackedFrame
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.existence import GONE, unseen_for
 from dirprim_filter.filtering.measurements import measured_covariance
@@ -106,9 +106,12 @@ class Tracker:
             time_ns: the frame's time; left out, that of its detections.
 
         Raises:
-            ValueError: several instants, a repeated id, or time going backwards; the beliefs are as before.
+            ValueError: several instants or groups, a repeated id, or time going backwards; the beliefs are as before.
         """
-        time_ns = detections.instant(after_ns=self._time_ns) if time_ns is None or len(detections) else time_ns
+        if time_ns is None or len(detections):
+            time_ns = detections.instant(after_ns=self._time_ns)
+        else:
+            check_after(time_ns, self._time_ns)
         is_frame = time_ns > self._time_ns
         self._time_ns = time_ns
         self._frame = frame = _Frame(detections=detections)
@@ -178,6 +181,13 @@ class Tracker:
         """Of the frame's estimates those whose belief did not explain what was measured, and was begun anew."""
         lost = np.isin(self._frame.shown_home, self._frame.lost)
         return tuple(_chosen(self._frame.shown_names, lost))
+
+    def frame(self) -> TrackedFrame:
+        """All of this of the frame at hand, to be written before the next step."""
+        return TrackedFrame(
+            time_ns=self._time_ns, detections=self._frame.detections, estimates=self.estimate(),
+            particles=self.particles(), innovations=self.innovations(), begun_anew=self.begun_anew(),
+        )  # fmt: skip
 
     def resample(self) -> None:
         """Renew the samples of measured beliefs that have lost their weight."""

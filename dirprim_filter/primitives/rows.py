@@ -8,11 +8,13 @@ import numpy as np
 
 from dirprim_filter.primitives import _sorting
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 from tessellation.protocols import Members
 
-MIN_GROUPS = 6
-"""Of fewer groups, holding one out leaves out too much."""
+MIN_GROUPS = 3
+"""What is held out for choosing is a third at a time: of fewer groups it would be more."""
+MAX_GROUP_SHARE = 0.5
+"""Of the rows: without a larger group there is not enough left to learn from."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +27,7 @@ class TrackRows:
         position: (n, 2) metres.
         direction: (n,) radians.
         speed: (n,) m/s.
-        group: (n,) int64, what to split by: the log's groups or, where they are few, the vehicles.
+        group: (n,) int64, what to split by: the log's groups or, where they are few or one rules, the vehicles.
     """
 
     vehicle: IntArray
@@ -37,11 +39,13 @@ class TrackRows:
 
     @classmethod
     def thinned(cls, tracks: Tracks, *, interval_s: float) -> TrackRows:
-        """The rows of each vehicle that are at least `interval_s` apart: 10 Hz rows repeat each other."""
-        vehicle, n_vehicles = _numbered(tracks.track_id)
+        """The rows of each vehicle that are about `interval_s` apart or more: 10 Hz rows repeat each other."""
+        vehicle = tracks.vehicle
+        n_vehicles = int(vehicle.max(initial=-1)) + 1
         order = _sorting.sort_by(vehicle, n_vehicles, np.empty(n_vehicles + 1, np.int64))  # tracks are in order of time
         kept = order[_sorting.thin(order, vehicle, tracks.time_ns, int(interval_s * 1e9))]
-        grouped = np.unique(tracks.group).size >= MIN_GROUPS
+        _, n_rows = np.unique(tracks.group[kept], return_counts=True)
+        grouped = n_rows.size >= MIN_GROUPS and n_rows.max() <= MAX_GROUP_SHARE * kept.size
         return cls(
             vehicle=vehicle[kept],
             time_ns=tracks.time_ns[kept],
@@ -66,11 +70,18 @@ class TrackRows:
         )
 
     def some(self, most_rows: int, *, rng: np.random.Generator) -> TrackRows:
-        """All rows, or those of vehicles drawn at random, of about so many rows together."""
+        """All rows, or those of vehicles drawn at random, of about so many rows together.
+
+        Of vehicles with more rows than that every second, third, ... row: never none.
+        """
         if len(self) <= most_rows:
             return self
-        n = int(self.vehicle[-1]) + 1
-        return self[(rng.random(n) < most_rows / len(self))[self.vehicle]]
+        n_rows = np.bincount(self.vehicle)
+        order = rng.permutation(n_rows.size)
+        before = np.cumsum(n_rows[order]) - n_rows[order]
+        chosen = self[np.isin(self.vehicle, order[before < most_rows])]
+        stride = len(chosen) // most_rows
+        return chosen[np.arange(0, len(chosen), stride)] if stride > 1 else chosen
 
     @property
     def n_vehicles(self) -> int:
@@ -178,16 +189,3 @@ class CellRows:
         cell = np.repeat(np.arange(self.n_vehicles.size), np.diff(self.start))
         order = np.lexsort((self.direction[self.row], cell))
         return replace(self, row=self.row[order], weight=self.weight[order])
-
-
-def _numbered(track_id: AnyArray) -> tuple[IntArray, int]:
-    """Each row's vehicle as 0, 1, ... in order of the ids, and how many there are."""
-    if track_id.dtype.kind == "i" and track_id.size:
-        low, high = int(track_id.min()), int(track_id.max())
-        if high - low <= 4 * track_id.size:  # a table of all ids between costs less than sorting
-            seen = np.zeros(high - low + 1, np.bool_)
-            seen[track_id - low] = True
-            number = np.cumsum(seen) - 1
-            return number[track_id - low], int(seen.sum())
-    names, vehicle = np.unique(track_id, return_inverse=True)
-    return vehicle, names.size

@@ -13,7 +13,7 @@ from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import Observations, Reading, TimedRows, log_losses
 from dirprim_filter.recording.scan import Scan
-from dirprim_filter.tracks import repeated_rows
+from dirprim_filter.tracks import repeated_rows, vehicle_numbers
 
 
 class DetectionStream:
@@ -77,12 +77,14 @@ class DetectionStream:
     def _detections(self, batch: TimedRows) -> Detections:
         """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
         rows = batch.rows
+        is_one_world = self._reading.get("group") is not None  # the group that was asked for goes under its own ids
         seen = Detections(
             track_id=rows.track_id,
             time_ns=batch.time_ns,
             position=rows.position,
             covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
             size=rows.size,
+            group=np.zeros_like(rows.group) if is_one_world else rows.group,
         )
         if not self._motion:
             return seen
@@ -94,6 +96,7 @@ class DetectionStream:
 
     def _without_repeats(self, seen: Detections) -> Detections:
         """Of the rows of a vehicle and an instant the first; all of those that have no name."""
-        repeated = repeated_rows(seen.track_id, seen.time_ns) & (seen.track_id != NO_ID)
+        vehicle = vehicle_numbers(seen.track_id, seen.group) if seen.group.any() else seen.track_id
+        repeated = repeated_rows(vehicle, seen.time_ns) & (seen.track_id != NO_ID)
         self.dropped.repeated += int(repeated.sum())
         return seen[~repeated] if repeated.any() else seen

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import TimedRows
 from dirprim_filter.sizes import chosen_sizes, has_sizes, joined_sizes, unknown_sizes
-from dirprim_filter.tracks import Numbers, Tracks, as_track_ids, repeated_rows
+from dirprim_filter.tracks import Numbers, Tracks, as_texts, as_track_ids, repeated_rows, vehicle_numbers
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
@@ -120,9 +120,21 @@ class Columns:
             of_batch = (vehicle, time_ns, rows.position, rows.direction, rows.speed, rows.group, rows.size)
             for column, values in zip(kept.values(), of_batch, strict=True):
                 column.extend(values)
-        return cls(
+        whole = cls(
             names=np.array(list(numbers), dtype=np.str_), **{name: column.whole() for name, column in kept.items()}
         )
+        return whole._with_ids_apart() if whole.group.any() else whole
+
+    def _with_ids_apart(self) -> Columns:
+        """An id that stands in several groups is a vehicle in each: there it becomes `group/id`."""
+        vehicle = vehicle_numbers(self.vehicle, self.group)
+        _, first = np.unique(vehicle, return_index=True)
+        if first.size == self.names.size:
+            return self
+        own, group = self.vehicle[first], self.group[first]
+        shared = np.bincount(own)[own] > 1
+        apart = np.char.add(np.char.add(as_texts(group), "/"), self.names[own])
+        return replace(self, names=np.where(shared, apart, self.names[own]), vehicle=vehicle)
 
     @classmethod
     def of_logs(cls, logs: Sequence[Columns], names: Sequence[str]) -> Columns:

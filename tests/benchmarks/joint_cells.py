@@ -65,7 +65,7 @@ def of_field(folds, by):
     began = time.perf_counter()
     log_p = []
     for fold in folds:
-        group = fold.train.group if by == "group" else fold.train.track_id
+        group = fold.train.group if by == "group" else fold.train.vehicle
         log_p.append(neural_field(fold.train, group)(fold.test))
     taken = (time.perf_counter() - began) / len(folds)
     tell("neural field", np.concatenate(log_p).mean(), np.std([p.mean() for p in log_p]), None, taken)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +105,29 @@ def test_a_vehicles_estimates_do_not_change_when_others_are_removed(few, log, le
     assert rows.sum() == len(alone) > 0
     for field in ("time_ns", "position", "covariance", "direction", "speed", "log_evidence"):
         np.testing.assert_array_equal(getattr(among, field)[rows], getattr(alone, field))
+
+
+def test_groups_of_a_log_are_tracked_each_by_itself(few, learned, tmp_path, capsys):
+    groups = {2: few[few.track_id % 2 == 0], 7: few[few.track_id % 2 == 0], 0: few[few.track_id % 2 == 1]}
+    parts = [replace(own, group=np.full(len(own), group)) for group, own in groups.items()]
+    log, out = tmp_path / "groups.mcap", tmp_path / "tracked.mcap"
+    write_tracks(Tracks.concatenate(parts), log)
+    options = ("--map", learned, "--particles", 30)
+    for ids in ((), ("--no-ids",)):
+        assert dirprim("track", log, *options, *ids, "-o", out, "--force") == DONE
+        assert "3 groups, each by itself" in capsys.readouterr().out
+        together = read_estimates(out)
+        for group in (2, 7):
+            of_group = together[np.char.startswith(together.track_id, f"{group}/")]
+            alone = tmp_path / f"{group}.mcap"
+            assert dirprim("track", log, *options, *ids, "--group", group, "-o", alone, "--force") == DONE
+            found = read_estimates(alone)
+            assert [f"{group}/{name}" for name in found.track_id] == of_group.track_id.tolist()
+            np.testing.assert_array_equal(found.position, of_group.position)
+            assert np.unique(found.track_id).size == groups[group].n_tracks
+    read = read_tracks(log)  # an id of several groups is several vehicles
+    assert read.n_tracks == sum(own.n_tracks for own in groups.values())
+    assert len(read) == sum(map(len, parts))
 
 
 def test_what_exists_is_not_overwritten_without_force(log, learned, tmp_path, capsys):

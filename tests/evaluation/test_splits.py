@@ -1,7 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from dirprim_filter.evaluation.cues import steps_between_cells
+from dirprim_filter.evaluation.forecasting import Cases
 from dirprim_filter.evaluation.splits import honest_split, split, thinned
+from dirprim_filter.filtering.manoeuvre import acceleration_density
+from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 
@@ -86,3 +92,29 @@ def test_one_vehicle_cannot_be_held_out_from_itself(tracks):
         split(alone[:4], by="random", n_folds=5, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="positive time"):
         thinned(alone, interval_s=0.0)
+
+
+def test_an_id_in_two_groups_is_two_vehicles_to_whoever_evaluates():
+    ring = ring_traffic(np.random.default_rng(1), n_vehicles=6, n_rows=60)
+    later = replace(  # interleaved in time, elsewhere, the other way
+        ring, time_ns=ring.time_ns + 30_000_000, position=ring.position + 500.0, direction=ring.direction + np.pi
+    )
+    groups = [replace(ring, group=np.full(len(ring), 3)), replace(later, group=np.full(len(ring), 8))]
+    both = Tracks.concatenate(groups)
+    apart = replace(both, track_id=both.track_id + 100 * both.group)
+    kept, expected = thinned(both, interval_s=0.5), thinned(apart, interval_s=0.5)
+    np.testing.assert_array_equal(kept.position, expected.position)
+    ours, theirs = Cases.of(both), Cases.of(apart)
+    for column, other in zip(ours, theirs, strict=True):
+        np.testing.assert_array_equal(column, other)
+    off = np.linalg.norm(ours.later - ours.position[:, None], axis=-1)
+    assert np.nanmax(off) < 8.0 * 8.0 * 1.5  # nobody is interpolated over to the other group, 700 m away
+    assert acceleration_density(both) == acceleration_density(apart)
+    folds = split(both, by="vehicle", n_folds=12, rng=np.random.default_rng(0))
+    assert [len(fold.test) for fold in folds] == [60] * 12
+    learned = learn_primitives(both, tessellation="grid", cell_size=10.0, rng=np.random.default_rng(0))
+    for mine, other in zip(steps_between_cells(learned, both), steps_between_cells(learned, apart), strict=True):
+        np.testing.assert_array_equal(mine, other)
+    merged = replace(both, group=np.zeros(len(both), np.int64))  # the control: taken for one vehicle
+    assert acceleration_density(merged) > 10 * acceleration_density(both)
+    assert len(Cases.of(merged).speed) < len(ours.speed)

@@ -1,0 +1,138 @@
+"""The groups of a log as a tracking experiment shows them to every method, and each method's way through them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.config import TrackingConfig
+from dirprim_filter.detections import NO_TIME, Detections
+from dirprim_filter.estimates import EstimateSink
+from dirprim_filter.evaluation.methods import MakeFilter
+from dirprim_filter.evaluation.scoring import Truth, WorldScore
+from dirprim_filter.evaluation.tracking_experiment import Sensor, TrackingExperiment
+from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.tracks import Tracks
+from tessellation.arrays import BoolArray, IntArray
+
+MARGIN_S = 2.0
+"""A gap leaves the vehicle in sight so long before and after it: what is lost must have been found, and be found."""
+
+
+def gaps(tracks: Tracks, *, gap_s: float, rng: np.random.Generator) -> BoolArray:
+    """(n,) rows in which a vehicle is out of sight: once each, for `gap_s`, away from the ends of its track."""
+    hidden = np.zeros(len(tracks), np.bool_)
+    if gap_s <= 0:
+        return hidden
+    vehicle = tracks.vehicle
+    _, first = np.unique(vehicle, return_index=True)
+    where = rng.random(first.size)  # drawn for all, so that no vehicle's gap depends on another's length
+    last_ns = np.full(first.size, NO_TIME)
+    np.maximum.at(last_ns, vehicle, tracks.time_ns)
+    since_s = (tracks.time_ns - tracks.time_ns[first][vehicle]) * 1e-9
+    room_s = (last_ns - tracks.time_ns[first]) * 1e-9 - gap_s - 2.0 * MARGIN_S
+    start_s = (MARGIN_S + where * room_s)[vehicle]
+    hidden[:] = (room_s[vehicle] >= 0) & (since_s > start_s) & (since_s <= start_s + gap_s)
+    return hidden
+
+
+def honest_tracking(tracks: Tracks, experiment: TrackingExperiment) -> TrackingConfig:
+    """The association's knobs as they are true of the sensor in one group, the same for every method."""
+    area = float(np.prod(np.ptp(tracks.position, axis=0)))
+    instants = np.unique(tracks.time_ns).size
+    occlusion = 1.0 / 20.0 if experiment.gap_s > 0 else 1e-3
+    return TrackingConfig(
+        detection_probability=min(1.0 - experiment.miss_rate, 0.99),
+        clutter_density=max(experiment.false_per_frame, 0.01) / area,
+        birth_density=max(tracks.n_tracks / instants, 1e-3) / area,
+        occlusion_rate=occlusion,
+        reappearance_rate=1.0 / max(experiment.gap_s, 1.0),
+    )
+
+
+class Scene(NamedTuple):
+    """One group of the log as all methods get it.
+
+    Attributes:
+        group: its number.
+        truth: where its vehicles were, and where the sensor did not see them.
+        seen: what the sensor reports.
+        tracking: the association's knobs.
+    """
+
+    group: int
+    truth: Truth
+    seen: Detections
+    tracking: TrackingConfig
+
+    @classmethod
+    def of(cls, world: Tracks, experiment: TrackingExperiment, sensor: Sensor, *, seed: int) -> Scene:
+        """The scene of a group's tracks: it follows from the seed and its number, whatever the other groups are."""
+        group = int(world.group[0])
+        rng = np.random.default_rng(_seed_of(seed, group))
+        hidden = gaps(world, gap_s=experiment.gap_s, rng=rng)
+        return cls(
+            group=group, truth=Truth(tracks=world, is_hidden=hidden),
+            seen=_report_of(world, hidden, experiment, sensor, rng=rng),
+            tracking=experiment.tracking or honest_tracking(world, experiment),
+        )  # fmt: skip
+
+
+def _seed_of(seed: int, group: int) -> list[int]:
+    return [seed, group % (1 << 64)]
+
+
+def _report_of(
+    tracks: Tracks, hidden: BoolArray, experiment: TrackingExperiment, sensor: Sensor, *, rng: np.random.Generator
+) -> Detections:
+    """What the sensor reports, less what is out of its sight."""
+    seen = sensor(
+        tracks, noise_m=experiment.noise_m, miss_rate=experiment.miss_rate,
+        false_per_frame=experiment.false_per_frame, rng=rng,
+    )  # fmt: skip
+    behind = {(str(name), t) for name, t in zip(tracks.track_id[hidden], tracks.time_ns[hidden].tolist(), strict=True)}
+    shown = [(name, t) not in behind for name, t in zip(seen.track_id.tolist(), seen.time_ns.tolist(), strict=True)]
+    seen = seen[np.array(shown, dtype=np.bool_)]
+    seen = replace(seen, group=np.full(len(seen), tracks.group[0]))
+    return seen if experiment.with_ids else seen.without_ids()
+
+
+def followed(
+    scenes: Sequence[Scene], make: MakeFilter, experiment: TrackingExperiment, sinks: tuple[EstimateSink, ...], *,
+    seed: int,
+) -> list[WorldScore]:  # fmt: skip
+    """Each group tracked by a tracker of its own, at every instant of its truth: those with nothing seen included."""
+    of_group = {scene.group: scene for scene in scenes}
+    scores = {
+        scene.group: WorldScore(scene.truth, cutoff_m=experiment.cutoff_m, with_ids=experiment.with_ids)
+        for scene in scenes
+    }
+
+    def tracker_of(group: int) -> Tracker:
+        rng = np.random.default_rng(_seed_of(seed, group))
+        return Tracker(make(), config=experiment.filter, tracking=of_group[group].tracking, rng=rng)
+
+    worlds = Worlds(tracker_of)
+    frames = {int(frame.time_ns[0]): frame for frame in Detections.concatenate([s.seen for s in scenes]).frames()}
+    times = np.concatenate([scene.truth.tracks.time_ns for scene in scenes])
+    groups = np.concatenate([scene.truth.tracks.group for scene in scenes])
+    for time_ns, present in _instants(times, groups):
+        worlds.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns, groups=present)
+        worlds.weigh()
+        for group, frame in worlds.frames().items():
+            scores[group].add(frame)
+        for sink in sinks:
+            sink.write(worlds.frame())
+        worlds.resample()
+    return list(scores.values())
+
+
+def _instants(time_ns: IntArray, group: IntArray) -> Iterator[tuple[int, list[int]]]:
+    """Each instant in order, and the groups that it is one of."""
+    order = np.argsort(time_ns, kind="stable")
+    times, starts = np.unique(time_ns[order], return_index=True)
+    for instant, present in zip(times.tolist(), np.split(group[order], starts[1:]), strict=True):
+        yield instant, np.unique(present).tolist()

@@ -1,0 +1,107 @@
+"""What a tracking experiment is: all that its result follows from, beside the log and the map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.evaluation.methods import METHODS, Method
+from dirprim_filter.tracks import Tracks
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackingExperiment:
+    """All that a result follows from, beside the log and the map.
+
+    Attributes:
+        noise_m: metres, standard deviation of a reported position in each axis.
+        miss_rate: probability that a vehicle is not reported in a frame.
+        false_per_frame: mean number of false detections in a frame, anywhere among the tracks.
+        gap_s: seconds for which each vehicle is out of sight once; 0 for never. Vehicles watched for less than that and
+            two seconds before and after it have no gap.
+        with_ids: the sensor names its vehicles; false detections then have names of their own.
+        learn: share of the vehicles, or groups, that a map is learned from where none is given; the others are tracked.
+        n_seeds: how many times all is drawn anew.
+        seed: of the first.
+        cutoff_m: metres, farther than which an estimate is not of a vehicle, in GOSPA.
+        methods: which are compared.
+        filter: knobs of the filters; its noise is the sensor's.
+        tracking: knobs of association; left out, what is true of the sensor.
+    """
+
+    noise_m: float = 0.5
+    miss_rate: float = 0.0
+    false_per_frame: float = 0.0
+    gap_s: float = 3.0
+    with_ids: bool = True
+    learn: float = 0.7
+    n_seeds: int = 5
+    seed: int = 0
+    cutoff_m: float = 5.0
+    methods: tuple[Method, ...] = METHODS
+    filter: FilterConfig = field(default_factory=FilterConfig)
+    tracking: TrackingConfig | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "methods", tuple(self.methods))
+        unknown = [name for name in self.methods if name not in METHODS]
+        if unknown or not self.methods:
+            raise ValueError(f"methods: expected some of {', '.join(METHODS)}, got {', '.join(unknown) or 'none'}")
+        for name in ("noise_m", "cutoff_m", "n_seeds"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
+        for name in ("false_per_frame", "gap_s", "seed"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name}: expected at least 0, got {getattr(self, name)}")
+        if not 0 <= self.miss_rate < 1:
+            raise ValueError(f"miss_rate: expected a probability below 1, got {self.miss_rate}")
+        if not 0 < self.learn < 1:
+            raise ValueError(f"learn: expected a share between 0 and 1, got {self.learn}")
+        object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m))
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> TrackingExperiment:
+        """The experiment of a configuration file: its names are the attributes', `filter` and `tracking` are tables.
+
+        Raises:
+            ValueError: an unknown name, or a value out of range.
+        """
+        plain = dict(told)
+        for name, kind in (("filter", FilterConfig), ("tracking", TrackingConfig)):
+            if plain.get(name) is not None:
+                plain[name] = _config_of(kind, plain[name], where=name)
+        made: TrackingExperiment = _config_of(cls, plain, where="experiment")
+        return made
+
+
+def _config_of(kind: type[Any], told: object, *, where: str) -> Any:
+    """A configuration from the names and values of a file.
+
+    Raises:
+        ValueError: a name that is none of its knobs, or a value of another type.
+    """
+    if not isinstance(told, Mapping):
+        raise ValueError(f"{where}: expected a table of names and values, got {told!r}")  # noqa: TRY004 - a file's, no caller's
+    known = {f.name: f.type for f in fields(kind)}
+    for name, value in told.items():
+        if name not in known:
+            raise ValueError(f"{where}: {name}: expected one of {', '.join(known)}")
+        plain = {"float": (int, float), "int": (int,), "bool": (bool,)}.get(str(known[name]), (object,))
+        if not isinstance(value, plain) or (isinstance(value, bool) and bool not in plain and object not in plain):
+            raise ValueError(f"{where}: {name}: expected a value of type {known[name]}, got {value!r}")
+    return kind(**told)
+
+
+class Sensor(Protocol):
+    """Reports tracks: `simulation.sensor.detect`."""
+
+    def __call__(
+        self, tracks: Tracks, *, noise_m: float, miss_rate: float, false_per_frame: float, rng: np.random.Generator
+    ) -> Detections:
+        """What is reported, in order of time."""
+        ...

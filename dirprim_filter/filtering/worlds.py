@@ -1,0 +1,150 @@
+"""Groups of a log are worlds: recordings made apart, each tracked by a tracker of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates, Innovations, Particles, Samples, TrackedFrame
+from dirprim_filter.filtering.tracker import Tracker
+from dirprim_filter.tracks import world_names
+from tessellation.arrays import BoolArray
+
+
+class Worlds:
+    """Trackers side by side, one for each group: what one believes depends on no other.
+
+    Takes the place of a `Tracker` where a stream may hold several groups. A group has a frame at an instant where it
+    has detections then.
+
+    Args:
+        make: the tracker of a group, asked for when its first frame comes.
+    """
+
+    def __init__(self, make: Callable[[int], Tracker]) -> None:
+        self._make = make
+        self._trackers: dict[int, Tracker] = {}
+        self._now: list[int] = []
+        self._frames: dict[int, TrackedFrame] = {}
+
+    @property
+    def recoveries(self) -> int:
+        """How many beliefs, in all groups, no longer explained their vehicle's positions and were begun anew."""
+        return sum(tracker.recoveries for tracker in self._trackers.values())
+
+    @property
+    def n_groups(self) -> int:
+        """How many groups have come so far."""
+        return len(self._trackers)
+
+    def predict(self, detections: Detections, *, time_ns: int | None = None, groups: Iterable[int] = ()) -> None:
+        """Move the beliefs of the groups that have a frame; each as `Tracker.predict`.
+
+        Args:
+            detections: one instant, of any groups.
+            time_ns: the instant, for groups in which nothing was seen.
+            groups: these; they have a frame even so.
+
+        Raises:
+            ValueError: as `Tracker.predict`.
+        """
+        self._now = sorted({*np.unique(detections.group).tolist(), *groups})
+        self._frames = {}
+        for group in self._now:
+            if group not in self._trackers:
+                self._trackers[group] = self._make(group)
+            self._trackers[group].predict(detections[detections.group == group], time_ns=time_ns)
+
+    def weigh(self) -> None:
+        """Weigh the moved beliefs by the frame's measurements."""
+        for group in self._now:
+            self._trackers[group].weigh()
+
+    def frames(self) -> Mapping[int, TrackedFrame]:
+        """The frame of each group that has one, to be written before the next step."""
+        if not self._frames:
+            self._frames = {group: self._trackers[group].frame() for group in self._now}
+        return self._frames
+
+    def frame(self) -> TrackedFrame:
+        """The same as one, of vehicles named `group/id`; those of group 0 keep their ids.
+
+        Raises:
+            ValueError: there is no group yet.
+        """
+        return joined(self.frames())
+
+    def resample(self) -> None:
+        """Renew the samples of measured beliefs that have lost their weight."""
+        for group in self._now:
+            self._trackers[group].resample()
+
+
+def joined(frames: Mapping[int, TrackedFrame]) -> TrackedFrame:
+    """Frames of one instant, by their groups, as one: ids are `group/id`, those of group 0 as they are.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if not frames:
+        raise ValueError("frames: expected that of at least one group, got none")
+    parts = [_renamed(frame, group) for group, frame in frames.items()]
+    if len(parts) == 1:
+        return parts[0]
+    innovations = [part.innovations for part in parts if part.innovations is not None]
+    return TrackedFrame(
+        time_ns=parts[0].time_ns,
+        detections=Detections.concatenate([part.detections for part in parts]),
+        estimates=Estimates.concatenate([part.estimates for part in parts]),
+        particles=_JoinedSamples([(part.particles, len(part.estimates)) for part in parts]),
+        innovations=None if len(innovations) < len(parts) else Innovations(
+            distance=np.concatenate([of.distance for of in innovations]),
+            squared=np.concatenate([of.squared for of in innovations]),
+        ),
+        begun_anew=tuple(name for part in parts for name in part.begun_anew),
+    )  # fmt: skip
+
+
+def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:
+    if group == 0:
+        return frame
+    believed = frame.estimates
+    names, anew = (
+        world_names(of, np.full(of.size, group)) for of in (believed.track_id, np.array(frame.begun_anew, np.str_))
+    )
+    return replace(
+        frame, detections=frame.detections.in_one_world(), estimates=replace(believed, track_id=names),
+        begun_anew=tuple(anew.tolist()),
+    )  # fmt: skip
+
+
+class _JoinedSamples:
+    """The `Samples` of several frames, with the number of estimates of each, one after the other."""
+
+    def __init__(self, parts: list[tuple[Samples, int]]) -> None:
+        self._parts = parts
+
+    def __len__(self) -> int:
+        return sum(len(samples) for samples, _ in self._parts)
+
+    def of(self, row: int) -> Particles:
+        """The samples of one vehicle, by its row in the joined estimates."""
+        first = 0
+        for samples, n in self._parts:
+            if row < first + n:
+                own = samples.of(row - first)
+                return replace(own, vehicle=own.vehicle + first)
+            first += n
+        raise IndexError(f"row: expected below {first}, got {row}")
+
+    def thinned(self, stride: int, *, rows: BoolArray | None = None) -> Particles:
+        """Every `stride`-th sample of each part; of some vehicles, where `rows` of the joined estimates are given."""
+        found, first = [], 0
+        for samples, n in self._parts:
+            own = samples.thinned(stride, rows=None if rows is None else rows[first : first + n])
+            found.append(replace(own, vehicle=own.vehicle + first))
+            first += n
+        return Particles.concatenate(found)

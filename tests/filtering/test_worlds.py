@@ -1,0 +1,94 @@
+"""Groups laid over each other in place and time are tracked as if each were alone."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateList, Estimates
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, Worlds
+from dirprim_filter.replay import replay
+
+CONFIG = FilterConfig(n_particles=50)
+
+
+def tracker(ring_map, model="particles"):
+    made = ring_map if model == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=CONFIG)
+    return Tracker(made, config=CONFIG, with_innovations=True, rng=np.random.default_rng(0))
+
+
+def reported(ring, group, *, ids):
+    few = Detections.of(ring[(ring.track_id < 4) & (ring.time_ns < 1_500_000_000)])
+    rng = np.random.default_rng(group)
+    moved = replace(few, position=few.position + rng.normal(0, 0.3, few.position.shape), group=np.full(len(few), group))
+    return moved if ids else moved.without_ids()
+
+
+@pytest.mark.parametrize("ids", [True, False])
+@pytest.mark.parametrize("model", ["particles", "kalman"])
+def test_each_group_is_tracked_as_if_it_were_alone(ring, ring_map, ids, model):
+    parts = {group: reported(ring, group, ids=ids) for group in (0, 2, 5)}
+    together, kept = EstimateList(), {}
+    worlds = Worlds(lambda _: tracker(ring_map, model))
+    n_frames = replay(Detections.concatenate(parts.values()).frames(), worlds, [together])
+    assert (n_frames, worlds.n_groups) == (15, 3)
+    for group, seen in parts.items():
+        kept[group] = EstimateList()
+        replay(seen.frames(), tracker(ring_map, model), [kept[group]])
+    found = together.all()
+    assert len(found) == sum(len(kept[group].all()) for group in kept) > 100
+    for group, alone in kept.items():
+        of_group = np.char.startswith(found.track_id, f"{group}/") if group else np.char.find(found.track_id, "/") < 0
+        ours, theirs = found[of_group], alone.all()
+        prefix = f"{group}/" if group else ""
+        assert ours.track_id.astype(str).tolist() == [f"{prefix}{name}" for name in theirs.track_id]
+        for column in fields(Estimates)[1:]:
+            np.testing.assert_array_equal(getattr(ours, column.name), getattr(theirs, column.name))
+    one_world = EstimateList()  # what it is about: in one world the vehicles are taken for each other
+    laid = Detections.concatenate([replace(seen.without_ids(), group=np.zeros(len(seen))) for seen in parts.values()])
+    replay(laid.frames(), tracker(ring_map, model), [one_world])
+    assert len(one_world.all()) != len(found)
+
+
+def test_joined_samples_are_those_of_the_estimates_that_they_are_given_to(ring, ring_map):
+    worlds = Worlds(lambda _: tracker(ring_map))
+    for seen in Detections.concatenate([reported(ring, group, ids=True) for group in (1, 3)]).frames():
+        worlds.predict(seen)
+        worlds.weigh()
+        frame = worlds.frame()
+        samples = frame.particles.thinned(1)
+        assert len(frame.particles) == len(samples) == 50 * len(frame.estimates) == 400
+        for row in range(8):
+            own = frame.particles.of(row)
+            assert (own.vehicle == row).all()
+            mean = (own.weight[:, None] * own.position).sum(axis=0)
+            np.testing.assert_allclose(mean, frame.estimates.position[row], atol=1e-9)
+            np.testing.assert_array_equal(own.position, samples.of(row).position)
+        chosen = frame.particles.thinned(1, rows=np.arange(8) == 6)
+        np.testing.assert_array_equal(chosen.position, samples.of(6).position)
+        assert frame.innovations.distance.shape == (8,)
+        worlds.resample()
+    with pytest.raises(IndexError, match="row: expected below 8, got 8"):
+        frame.particles.of(8)
+
+
+def test_a_tracker_takes_one_group_at_a_time(ring, ring_map):
+    both = Detections.concatenate([reported(ring, group, ids=False) for group in (1, 3)])
+    with pytest.raises(ValueError, match="rows of one group, which is a world of its own"):
+        tracker(ring_map).predict(next(both.frames()))
+    with pytest.raises(ValueError, match="expected that of at least one group"):
+        Worlds(lambda _: tracker(ring_map)).frame()
+
+
+def test_a_group_in_which_nothing_is_seen_has_a_frame_where_it_is_asked_for(ring, ring_map):
+    worlds = Worlds(lambda _: tracker(ring_map))
+    first, *_ = reported(ring, 3, ids=True).frames()
+    worlds.predict(first)
+    worlds.weigh()
+    worlds.resample()
+    worlds.predict(Detections.none(), time_ns=100_000_000, groups=[3])
+    worlds.weigh()
+    assert list(worlds.frames()) == [3]
+    assert worlds.frame().estimates.unseen_s.tolist() == pytest.approx([0.1] * 4)
