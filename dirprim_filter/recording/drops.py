@@ -19,7 +19,7 @@ LONG_STEP_NS = 10_000_000_000
 _WORDS = {
     "undecodable": "messages that cannot be decoded",
     "untimed": "messages without a usable time",
-    "invalid": "rows with a position that is not finite or an overlong id",
+    "invalid": "rows with a position that is none or an overlong id",
     "repeated": "rows that repeat a vehicle and a time",
     "backward": "rows out of order in time",
     "alone": "rows too far from others in time to derive a velocity",
@@ -35,7 +35,8 @@ class Drops:
     Attributes:
         undecodable: messages that are not what their schema says, those of transforms among them.
         untimed: messages without a time of the chosen source, or with one beyond int64.
-        invalid: rows whose position is not finite, or whose id is longer than `MAX_NAME_LENGTH`.
+        invalid: rows whose position is not finite, beyond `FARTHEST_M` or no fix; or whose id is longer than
+            `MAX_NAME_LENGTH`.
         repeated: rows of a vehicle at a time at which it had a row already.
         backward: rows of a time before one that was delivered already.
         alone: rows too far in time from others of their track to derive a velocity.

@@ -16,13 +16,13 @@ from dirprim_filter.recording.drops import Clock, ClockFaults, Drops
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.frame_change import FrameChange
-from dirprim_filter.recording.geodesy import Origin
+from dirprim_filter.recording.geodesy import FARTHEST_M, Origin
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.records import Message
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.observed import ObservedRows, concatenated
 from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NO_TIME, signed
-from tessellation.arrays import BoolArray, IntArray
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 
@@ -138,9 +138,13 @@ class Observations:
             number, time_ns, rows = number[order], time_ns[order], rows[order]
         wanted = self._wanted(number, time_ns, rows)
         wanted[wanted] = self._valid(rows[wanted])
-        rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
+        with np.errstate(all="ignore"):  # of a stranger's transforms; what is not finite is left out below
+            rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
         self.drops.unplaced += int((~placed).sum())
-        return TimedRows(time_ns[wanted][placed], rows[placed])
+        near = _is_near(rows.position)
+        self.drops.invalid += int((placed & ~near).sum())
+        kept = placed & near
+        return TimedRows(time_ns[wanted][kept], rows[kept])
 
     def _times(self, messages: Sequence[Message], rows: ObservedRows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
@@ -165,11 +169,16 @@ class Observations:
         return wanted
 
     def _valid(self, rows: ObservedRows) -> BoolArray:
-        valid: BoolArray = np.isfinite(rows.position[:, 0]) & np.isfinite(rows.position[:, 1])
+        valid = _is_near(rows.position)
         if rows.track_id.dtype.itemsize // 4 > MAX_NAME_LENGTH:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
         self.drops.invalid += int((~valid).sum())
         return valid
+
+
+def _is_near(position: FloatArray) -> BoolArray:
+    """(n,) where it is finite and on the Earth."""
+    return np.asarray((np.abs(position[:, 0]) <= FARTHEST_M) & (np.abs(position[:, 1]) <= FARTHEST_M))
 
 
 def log_losses(path: Path, damage: Sequence[Damage], drops: Drops, clock: ClockFaults | None = None) -> None:

@@ -210,6 +210,36 @@ def test_satellite_fixes_come_on_a_local_plane(tmp_path, caplog, monkeypatch):
         read_tracks(path)
 
 
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "altitude"),
+    [(95.0, 11.5, 0.0), (0.0, 0.0, 0.0), (48.0, 1e300, 0.0), (float("inf"), 11.5, 0.0), (48.0, 11.5, 1e308)],
+)
+@pytest.mark.parametrize("at", [0, 7])
+def test_what_is_no_fix_is_left_out_before_it_can_become_the_origin(tmp_path, at, latitude, longitude, altitude):
+    pytest.importorskip("pyproj", reason="the extra geo is not installed")
+    bad = stamped(LocationFix(latitude=latitude, longitude=longitude, altitude=altitude), at)
+    fixes = [("/gps", TIMES[k], stamped(fix(k), k)) for k in range(N)]
+    fixes[at] = ("/gps", TIMES[at], bad)
+    log = read_track_logs(write_protobuf_log(tmp_path / "log.mcap", fixes), time_source="header")
+    assert (log.dropped.invalid, log.dropped.total, len(log.tracks)) == (1, 1, N - 1)
+    if altitude == 0.0:
+        first = 1 if at == 0 else 0
+        np.testing.assert_allclose(log.tracks.position, np.delete(PLACE, at, axis=0) - PLACE[first], atol=1e-3)
+
+
+@pytest.mark.parametrize("x", [1e308, -1e308, 1e9, float("nan")])
+def test_a_position_off_the_earth_costs_its_row(tmp_path, x):
+    def message(k, x):
+        return {"id": 4, "x": x, "y": 0.0, "stamp": TIMES[k]}
+
+    told = [(TIMES[k], message(k, x * (-1) ** k if k in (3, 4) else float(k))) for k in range(N)]
+    path = json_log(tmp_path / "log.mcap", "acme.Car", told)
+    mapping = FieldMapping.parse("id=.id,x=.x,y=.y,time=.stamp")
+    log = read_track_logs(path, mapping=mapping, time_source="header")
+    assert (log.dropped.invalid, log.dropped.total) == (2, 2)
+    np.testing.assert_allclose(log.tracks.speed, 10.0)
+
+
 @pytest.mark.parametrize("text", ["48", "a,b", "91,0", "48,11,3", "nan,0"])
 def test_what_is_no_origin_is_refused(text):
     with pytest.raises(ValueError, match="origin: expected latitude,longitude"):

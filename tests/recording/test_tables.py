@@ -64,13 +64,15 @@ def test_bad_rows_are_dropped_and_counted_and_good_ones_kept(tmp_path, monkeypat
         "",
         "0.5,a,5,0,0,inf",
         "0.6,a,6,0,0,-1",
+        "0.7,a,1e308,0,,",
+        "0.8,a,-1e308,0,,",
         "0.1,b,7,0,0,1",
     ]
     for block_rows in (delimited.BLOCK_ROWS, 2):
         monkeypatch.setattr(delimited, "BLOCK_ROWS", block_rows)
         read = read_csv(table(tmp_path, "\n".join([HEADER, *rows])))
         assert read.dropped == {
-            "a number that is missing or not finite": 4,
+            "a number that is missing, not finite or too large": 6,
             "negative speed": 1,
             "a second row of a vehicle at one time": 1,
         }

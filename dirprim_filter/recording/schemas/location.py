@@ -1,7 +1,8 @@
 """Satellite fixes of one vehicle: `foxglove.LocationFix`, `foxglove.LocationFixes`, `sensor_msgs/NavSatFix`.
 
 Degrees on WGS 84, to be projected to a local plane. The vehicle is named after the topic: the frame is that of the
-antenna. A receiver without a fix (status below 0) tells no position. Covariances are of east, north and up in
+antenna. A receiver without a fix tells no position: by a status below 0, by 0 degrees north and 0 east to the last
+bit, which are fields that nobody set, or by degrees that do not exist. Covariances are of east, north and up in
 square metres, and mean nothing where their type is unknown.
 
 Sources: foxglove/LocationFix.proto of the Foxglove SDK; sensor_msgs/msg/NavSatFix.msg, NavSatStatus.msg of ROS 2.
@@ -27,7 +28,10 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(shredded.fields["latitude"].table)
     stamp = shredded.times("stamp")
     place = numbers(shredded, "longitude", "latitude", "altitude")
-    place[shredded.integers("status") < 0] = np.nan
+    longitude, latitude = place[:, 0], place[:, 1]
+    is_set = (latitude != 0) | (longitude != 0)
+    is_fix = (shredded.integers("status") >= 0) & is_set & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)
+    place[~is_fix] = np.nan
     return rows_of(
         message,
         track_id=topics[message],

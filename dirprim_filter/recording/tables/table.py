@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.recording.geodesy import FARTHEST_M
 from dirprim_filter.sizes import known_sizes
 from dirprim_filter.tracks import Tracks, as_track_ids, repeated_rows
 from tessellation.arrays import BoolArray, FloatArray, IntArray
@@ -65,10 +66,10 @@ class TableRows:
 def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int] | None = None) -> Table:
     """The table of rows: bad ones dropped and counted, times in order, ids unique.
 
-    Dropped are rows whose time or position is missing, with an infinite number, with a negative speed, and of two
-    rows of a vehicle at one time the second. A vehicle id that stands in two groups means two vehicles: all ids become
-    `group/id`. Where direction or speed is missing in a row of a vehicle, both are differenced from all its
-    positions; a row that stands alone in time is then dropped as well.
+    Dropped are rows whose time or position is missing or beyond `FARTHEST_M`, with an infinite number, with a negative
+    speed, and of two rows of a vehicle at one time the second. A vehicle id that stands in two groups means two
+    vehicles: all ids become `group/id`. Where direction or speed is missing in a row of a vehicle, both are differenced
+    from all its positions; a row that stands alone in time is then dropped as well.
 
     Args:
         rows: the rows as read.
@@ -77,14 +78,14 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
     """
     counts = dict(dropped or {})
     notes: dict[str, int] = {}
-    finite = rows.time_known & np.isfinite(rows.position).all(axis=1)
+    finite = rows.time_known & (np.abs(rows.position) <= FARTHEST_M).all(axis=1)
     nowhere = np.full(len(finite), np.nan)
     direction = nowhere if rows.direction is None else rows.direction
     speed = nowhere if rows.speed is None else rows.speed
     finite &= ~np.isinf(direction) & ~np.isinf(speed)
     good = finite & ~(speed < 0)
     _count(counts, "negative speed", int((finite & ~good).sum()))
-    _count(counts, "a number that is missing or not finite", int((~finite).sum()))
+    _count(counts, "a number that is missing, not finite or too large", int((~finite).sum()))
 
     names, vehicle, group = _vehicles(rows, names, notes)
     kept = np.flatnonzero(good)
