@@ -98,6 +98,7 @@ class _Program:
         self._node = Nodetype
         self._loops = 0
         self._nesting = 0
+        self._entered = 0
         self._even: dict[str, tuple[int, int] | None] = {}
         self._target = 0  # behind this operation nothing jumps, so skips may be joined
 
@@ -120,10 +121,10 @@ class _Program:
                 f"{self.layout.schema}: expected a definition of {name}, which is missing or not supported"
             )
         self._nesting += 1
-        if self._nesting > MAX_DEPTH:
-            raise SchemaError(
-                f"{self.layout.schema}: expected at most {MAX_DEPTH} messages within each other at {at.path}"
-            )
+        self._check_depth(self._nesting)
+        self._entered += 1
+        if self._entered > MAX_OPERATIONS:  # skips of messages without fields are one operation, however many
+            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_OPERATIONS} messages, all written out")
         members = self._types[name]
         below = dict(want.below) if want else {}
         if want and any(kind == "mark" for _, kind in want.labels):  # in CDR all that is defined is set
@@ -136,6 +137,10 @@ class _Program:
         if not members:
             self.emit(kernels.SKIP, 1, 1)  # an empty message has one byte
         self._nesting -= 1
+
+    def _check_depth(self, depth: int) -> None:
+        if depth > MAX_DEPTH:
+            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_DEPTH} messages within each other")
 
     def _member(self, description: Description, want: dict[int | None, Wanted] | None, at: Place) -> None:
         node, arguments = description
@@ -247,21 +252,22 @@ class _Program:
             self._skip(element, path)
             self._close_loop(start)
 
-    def _evenly(self, description: Description) -> tuple[int, int] | None:
+    def _evenly(self, description: Description, depth: int = 0) -> tuple[int, int] | None:
         """Size and number of the numbers that a value is made of, where all are of one size; else None."""
+        self._check_depth(depth)
         node, arguments = description
         if node == self._node.BASE:
             return None if arguments[0] == "string" else (self._number(arguments[0])[0], 1)
         if node == self._node.SEQUENCE:
             return None
         if node == self._node.ARRAY:
-            element = self._evenly(arguments[0])
+            element = self._evenly(arguments[0], depth)
             parts: list[tuple[int, int] | None] = [(element[0], element[1] * arguments[1]) if element else None]
         elif arguments in self._even:
             return self._even[arguments]
         else:
             self._even[arguments] = None  # while it is looked at: a message within itself
-            parts = [self._evenly(member) for _, member in self._types.get(arguments, [])]
+            parts = [self._evenly(member, depth + 1) for _, member in self._types.get(arguments, [])]
         sizes = {part[0] for part in parts if part}
         total = sum(part[1] for part in parts if part)
         even = None if None in parts or len(sizes) != 1 or total > MAX_FIXED else (sizes.pop(), total)

@@ -1,0 +1,95 @@
+"""Definitions made to be deep, endless or broken: each is read or refused in one line, soon."""
+
+import random
+
+import pytest
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap_protobuf.schema import build_file_descriptor_set
+from ros_messages import full_definition
+
+from dirprim_filter.recording.schemas import FAMILIES
+from dirprim_filter.recording.schemas.cdr_plan import MAX_DEPTH, cdr_plan
+from dirprim_filter.recording.schemas.fields import Field, SchemaError
+from dirprim_filter.recording.schemas.protobuf_plan import protobuf_plan
+
+IDL = b"""module p { module msg {
+  module M_Constants { const uint8 CAR = 1; };
+  struct P { double x; double y; };
+  struct M { p::msg::P at; sequence<p::msg::P, 4> many; uint8 id[16]; string<10> name; @default (value=3) long v; };
+}; };"""
+ROUNDS = 150
+ODD = [b"[", b"]", b"<=", b"=", b"/", b"#", b'"', b"9" * 30, b"MSG: ", b"{", b"@", b"\xff"]
+
+
+def nested(depth, members, leaf):
+    """p/M within which p/A1 stands, within which p/A2, and so on; the innermost has the leaf's fields."""
+    parts = ["p/A1 first\nfloat64 b"]
+    for k in range(1, depth):
+        inside = "\n".join(f"p/A{k + 1} {name}" for name in members) if k < depth - 1 else leaf
+        parts.append(f"MSG: p/A{k}\n{inside}")
+    return f"\n{'=' * 80}\n".join(parts).encode()
+
+
+@pytest.mark.parametrize("leaf", ["float64 x", "float64 x\nuint8 y", "string s", ""])
+def test_a_chain_of_definitions_is_followed_so_far_and_no_further(leaf):
+    fields = {"b": Field(path=".b")}
+    cdr_plan("p/M", "ros2msg", nested(MAX_DEPTH, "a", leaf), fields)
+    for depth in (MAX_DEPTH + 2, 600):
+        with pytest.raises(SchemaError, match=f"at most {MAX_DEPTH} messages within each other"):
+            cdr_plan("p/M", "ros2msg", nested(depth, "a", leaf), fields)
+
+
+@pytest.mark.parametrize("leaf", ["", "uint8[16777216] x", "uint8 x\nuint16 y", "string s"])
+def test_definitions_that_double_at_each_level_are_refused_soon(leaf):
+    """2^30 messages, or as many operations, where they were written out."""
+    with pytest.raises(SchemaError, match="all written out"):
+        cdr_plan("p/M", "ros2msg", nested(MAX_DEPTH, "ab", leaf), {"b": Field(path=".b")})
+
+
+def mutated(definition, rng):
+    """The definition with one or two places broken."""
+    data = bytearray(definition)
+    for _ in range(rng.randrange(1, 3)):
+        at = rng.randrange(len(data))
+        kind = rng.randrange(4)
+        if kind == 0:
+            data[at] = rng.randrange(32, 127)
+        elif kind == 1 and len(data) > 100:
+            del data[at : at + rng.randrange(1, 40)]
+        elif kind == 2:
+            data[at:at] = data[at : at + rng.randrange(1, 200)]
+        else:
+            data[at:at] = rng.choice(
+                [b"[", b"]", b"<=", b"=", b"/", b"#", b'"', b"9" * 30, b"MSG: ", b"{", b"@", b"\xff"]
+            )
+    return bytes(data)
+
+
+@pytest.mark.parametrize(
+    "name", ["derived_object_msgs/ObjectArray", "tf2_msgs/TFMessage", "p/M", "foxglove.SceneUpdate"]
+)
+def test_a_broken_definition_is_read_or_refused_in_one_line(name):
+    rng = random.Random(5)  # noqa: S311
+    full = name.replace("/", "/msg/")
+    if name == "p/M":
+        fields = {"x": Field(path=".at.x"), "y": Field(path=".many[].y"), "name": Field(path=".name", kind="name")}
+        plan, definition = lambda text: cdr_plan(full, "ros2idl", text, fields), IDL
+    elif "/" in name:
+        fields = FAMILIES[full].fields
+        plan, definition = lambda text: cdr_plan(full, "ros2msg", text, fields), full_definition(name).encode()
+    else:
+        fields = FAMILIES[name].fields
+        definition = build_file_descriptor_set(SceneUpdate).SerializeToString()
+        plan = lambda data: protobuf_plan(name, data, fields)  # noqa: E731
+    plan(definition)
+    told = [reason for _ in range(ROUNDS) if (reason := why_not(plan, mutated(definition, rng))) is not None]
+    assert told
+    assert not any("\n" in reason for reason in told)
+
+
+def why_not(plan, definition):
+    try:
+        plan(definition)
+    except SchemaError as error:
+        return str(error)
+    return None
