@@ -111,7 +111,7 @@ class Observations:
         self._frame.check()
         if self._frame.tree is not None:
             self.drops += self._frame.tree.dropped
-            self._log.damage += [broken for broken in self._frame.tree.damage if broken not in self._log.damage]
+            self._log.damage.extend(broken for broken in self._frame.tree.damage if broken not in self._log.damage)
         self._check_intact()
 
     def _check_intact(self) -> None:

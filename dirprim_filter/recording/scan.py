@@ -68,7 +68,7 @@ def scan(
 
 
 class Scan:
-    """The messages of one log; iterate it, as often as needed, then look at `damage`.
+    """The messages of one log; iterate it, as often as needed, also at once, then look at `damage`.
 
     Messages of one log time come in the order of the file. Beyond the chunks that overlap in time nothing is
     held, and of these no more than `merge.HELD_BYTES` in memory.
@@ -77,10 +77,7 @@ class Scan:
         path: the file, as it was named.
         file: its bytes.
         layout: where everything stands in it.
-        definitions: schemas and channels by their ids, as far as they are known.
-        channel_list: what the channel indices of `parts` mean.
         metadata: name and entries of each metadata record.
-        damage: what could not be read so far; complete once the iteration has ended; empty when all was read.
     """
 
     def __init__(
@@ -100,7 +97,7 @@ class Scan:
         self.file = mapped(path)
         self.layout = read_layout(self.file)
         self.metadata = self.layout.metadata
-        self._reset()
+        self._latest = _Pass(self)
 
     def __enter__(self) -> Self:
         return self
@@ -135,35 +132,31 @@ class Scan:
             for attachment in self.layout.attachments
         ]
 
-    def __iter__(self) -> Iterator[Message]:
-        self._reset()
-        return chain.from_iterable(self._blocks())
+    @property
+    def damage(self) -> list[Damage]:
+        """What the iteration that was begun last could not read so far; empty when all was read."""
+        return self._latest.damage
 
-    def _blocks(self) -> Iterator[Iterator[Message]]:
-        chunks = self.layout.chunks
-        with TimeMerge(self.channel_list) as merge:
-            for position in sorted(range(len(chunks)), key=lambda i: chunks[i].start_ns):
-                chunk = chunks[position]
-                if self._is_beside(chunk):
-                    continue
-                yield from merge.release((chunk.start_ns, position))
-                merge.hold(position, self._messages(chunk))
-            yield from merge.release(None)
+    @property
+    def definitions(self) -> Definitions:
+        """Schemas and channels by their ids, as far as the iteration that was begun last knows them."""
+        return self._latest.definitions
+
+    @property
+    def channel_list(self) -> list[Channel]:
+        """What the channel indices of the `parts` that were begun last mean."""
+        return self._latest.channel_list
+
+    def __iter__(self) -> Iterator[Message]:
+        self._latest = _Pass(self)
+        return chain.from_iterable(self._latest.blocks())
 
     def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
         """Each chunk and its messages, in the order of the file; `damage` grows as they come."""
-        self._reset()
-        for chunk in self.layout.chunks:
-            yield chunk, self._messages(chunk)
+        self._latest = _Pass(self)
+        return self._latest.parts()
 
-    def _reset(self) -> None:
-        self.damage: list[Damage] = list(self.layout.damage)
-        self.definitions = Definitions(self.file, self.layout)
-        self.channel_list: list[Channel] = []
-        self._index_of: dict[Channel, int] = {}
-        self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
-
-    def _is_beside(self, chunk: Chunk) -> bool:
+    def is_beside(self, chunk: Chunk) -> bool:
         """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
         told = self.layout.index.get(chunk.offset)
         if told is None or (told.start_ns, told.end_ns) != (chunk.start_ns, chunk.end_ns):
@@ -175,10 +168,49 @@ class Scan:
         channels = [self.layout.summary_channels.get(channel_id) for channel_id in told.channels]
         return all(channel is not None and not self.is_wanted(channel.topic) for channel in channels)
 
+    def wanted(self, columns: MessageColumns) -> MessageColumns:
+        """Those of wanted topics and times."""
+        wanted = columns.channel >= 0
+        if self._times != NO_TIMES:
+            times = columns.log_time_ns
+            wanted &= times >= self._times[0]
+            if self._times[1] < NO_TIMES[1]:
+                wanted &= times < self._times[1]
+        return columns if wanted.all() else columns[wanted]
+
+
+class _Pass:
+    """One iteration: what it has learnt of channels so far, and what it could not read."""
+
+    def __init__(self, log: Scan) -> None:
+        self.damage: list[Damage] = list(log.layout.damage)
+        self.definitions = Definitions(log.file, log.layout)
+        self.channel_list: list[Channel] = []
+        self._log = log
+        self._index_of: dict[Channel, int] = {}
+        self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
+
+    def blocks(self) -> Iterator[Iterator[Message]]:
+        """The messages in order of log time, some at a time."""
+        chunks = self._log.layout.chunks
+        with TimeMerge(self.channel_list) as merge:
+            for position in sorted(range(len(chunks)), key=lambda i: chunks[i].start_ns):
+                chunk = chunks[position]
+                if self._log.is_beside(chunk):
+                    continue
+                yield from merge.release((chunk.start_ns, position))
+                merge.hold(position, self._messages(chunk))
+            yield from merge.release(None)
+
+    def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
+        """Each chunk and its messages, in the order of the file."""
+        for chunk in self._log.layout.chunks:
+            yield chunk, self._messages(chunk)
+
     def _messages(self, chunk: Chunk) -> MessageColumns:
         """The wanted messages of a chunk, sorted by log time, stably."""
-        contents, damage = read_contents(self.file, chunk)
-        let_go(self.file, chunk.offset, chunk.end)
+        contents, damage = read_contents(self._log.file, chunk)
+        let_go(self._log.file, chunk.offset, chunk.end)
         if damage:
             self.damage.append(damage)
         buffer = np.frombuffer(contents, np.uint8)
@@ -192,21 +224,12 @@ class Scan:
             channel=self._resolved(chunk, contents, channel_id, start, others),
             start=start, stop=stop, contents=contents,
         )  # fmt: skip
-        columns = self._wanted(columns).sorted()
+        columns = self._log.wanted(columns).sorted()
         if len(columns) and columns.log_time_ns[0] < chunk.start_ns:
             first_ns = int(columns.log_time_ns[0])
             detail = f"expected no message before {chunk.start_ns} ns, got one at {first_ns} ns; it may come late"
             self._damaged("chunk_times", chunk, 0, detail)
         return columns
-
-    def _wanted(self, columns: MessageColumns) -> MessageColumns:
-        wanted = columns.channel >= 0
-        if self._times != NO_TIMES:
-            times = columns.log_time_ns
-            wanted &= times >= self._times[0]
-            if self._times[1] < NO_TIMES[1]:
-                wanted &= times < self._times[1]
-        return columns if wanted.all() else columns[wanted]
 
     def _resolved(
         self, chunk: Chunk, contents: bytes, channel_id: AnyArray, start: AnyArray, others: AnyArray
@@ -245,7 +268,7 @@ class Scan:
         channel = self.definitions.channel(channel_id)
         if channel is None:
             return UNKNOWN
-        if not self.is_wanted(channel.topic):
+        if not self._log.is_wanted(channel.topic):
             return UNWANTED
         if channel not in self._index_of:
             self._index_of[channel] = len(self.channel_list)

@@ -11,6 +11,7 @@ from mcap.writer import CompressionType, IndexType
 from mcap_files import CHUNK, DATA, log_bytes, records
 
 from dirprim_filter.recording import merge, source
+from dirprim_filter.recording import scan as scans
 from dirprim_filter.recording.merge import HELD_BYTES
 from dirprim_filter.recording.message_columns import SHORT_BYTES
 from dirprim_filter.recording.scan import scan
@@ -99,6 +100,39 @@ def test_can_be_iterated_again(log_file):
     assert log.damage == damage != []
 
 
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_iterations_at_once_know_nothing_of_each_other(log_file, layout):
+    """Begun, left and taken up in turn, and one within another; a channel's index differs from one to the other."""
+    data = log_bytes(jittered(), **layout)
+    expected = [(m.topic, m.log_time_ns, m.data) for m in scan(log_file(data))]
+    log = scan(log_file(data))
+    first, second = iter(log), iter(log)
+    parts = log.parts()
+    got = [[], []]
+    for k, (a, b) in enumerate(zip(first, second, strict=True)):
+        got[0].append(a)
+        got[1].append(b)
+        if k % 40 == 7:
+            next(parts, None)
+            next(iter(log))
+    assert [[(m.topic, m.log_time_ns, m.data) for m in one] for one in got] == [expected, expected]
+
+
+def test_damage_is_that_of_the_iteration_begun_last(log_file):
+    data = bytearray(log_bytes(jittered(), **LAYOUTS[0]))
+    start = [start for opcode, start, _ in records(bytes(data)) if opcode == CHUNK][3]
+    data[start + 60] ^= 1
+    log = scan(log_file(bytes(data)))
+    assert log.damage == []
+    first = iter(log)
+    n = len(list(log))
+    assert len(log.damage) == 1
+    assert len(list(first)) == n
+    assert len(log.damage) == 1
+    list(log)
+    assert len(log.damage) == 1
+
+
 def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
     """The first chunk in the file, which defines the channel, is last in time; no summary helps."""
     late, early = ("/a", 10_000, b"x" * 900), ("/a", 10, b"y" * 900)
@@ -109,16 +143,16 @@ def test_a_chunk_may_use_channels_that_a_later_one_in_time_defines(log_file):
     assert log.damage == []
 
 
-def test_holds_no_more_than_the_chunks_that_overlap(log_file):
+def test_holds_no_more_than_the_chunks_that_overlap(log_file, monkeypatch):
     sent = [("/a", i, b"z" * 90) for i in range(2000)]
     log = scan(log_file(log_bytes(sent, chunk_size=1000)))
     opened = []
-    read = log._messages
-    log._messages = lambda chunk: opened.append(chunk) or read(chunk)
+    read = scans.read_contents
+    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
     messages = iter(log)
     for _ in range(20):
         next(messages)
-    assert len(opened) <= 4
+    assert 0 < len(opened) <= 4
 
 
 def test_metadata_records(tmp_path):
