@@ -14,12 +14,14 @@ from dirprim_filter.cli import (
     convert,
     demo,
     evaluate,
+    export,
     forecast,
     info,
     learn,
     plot,
     recover,
     replay,
+    score,
     simulate,
     track,
     view,
@@ -59,7 +61,7 @@ def _every_command(
 
 for command in (
     info.info, convert.convert, simulate.simulate, learn.learn, track.track, forecast.forecast, plot.plot, view.view,
-    recover.recover, replay.replay, demo.demo,
+    recover.recover, replay.replay, score.score, export.export, demo.demo,
 ):  # fmt: skip
     app.command()(command)
 app.add_typer(evaluate.evaluate)

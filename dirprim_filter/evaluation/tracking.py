@@ -47,12 +47,11 @@ def score(estimates: Estimates, truth: Tracks) -> TrackingScore:
     Raises:
         ValueError: no estimate has a truth.
     """
-    row, true_row = _matches(estimates, truth)
+    row, true_row = matches((estimates.track_id, estimates.time_ns), (truth.track_id, truth.time_ns))
     if row.size == 0:
         raise ValueError("estimates: expected rows of vehicles and times that the truth holds, got none")
     error = estimates.position[row] - truth.position[true_row]
-    covariance = estimates.covariance[row] + 1e-12 * np.eye(2)
-    nees = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    squared = normalised_squared(error, estimates.covariance[row])
     turn = difference(estimates.direction[row], truth.direction[true_row])[truth.speed[true_row] >= MOVING_FROM]
     pace = estimates.speed[row] - truth.speed[true_row]
     return TrackingScore(
@@ -61,15 +60,26 @@ def score(estimates: Estimates, truth: Tracks) -> TrackingScore:
         position_rmse=float(np.sqrt((error**2).sum(axis=1).mean())),
         direction_rmse=float(np.sqrt((turn**2).mean())) if turn.size else float("nan"),
         speed_rmse=float(np.sqrt((pace**2).mean())),
-        nees=float(nees.mean()),
-        coverage_50=float((nees <= -2.0 * np.log(0.5)).mean()),  # chi squared of two degrees of freedom
-        coverage_90=float((nees <= -2.0 * np.log(0.1)).mean()),
+        nees=float(squared.mean()),
+        coverage_50=coverage(squared, 0.5),
+        coverage_90=coverage(squared, 0.9),
     )
+
+
+def normalised_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(n,) squared errors (n, 2) in units of the covariances (n, 2, 2): NEES, chi squared of two degrees of freedom."""
+    covariance = covariance + 1e-12 * np.eye(2)
+    return np.asarray(np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0]))
+
+
+def coverage(squared: FloatArray, share: float) -> float:
+    """Share of normalised squared errors (n,) in the ellipse that should hold `share` of them; NaN of none."""
+    return float((squared <= -2.0 * np.log(1.0 - share)).mean()) if squared.size else float("nan")
 
 
 def rmse_by_vehicle(estimates: Estimates, truth: Tracks) -> FloatArray:
     """(v,) metres, root mean square distance of each of the truth's vehicles, by name; NaN where none was estimated."""
-    row, true_row = _matches(estimates, truth)
+    row, true_row = matches((estimates.track_id, estimates.time_ns), (truth.track_id, truth.time_ns))
     names, vehicle = np.unique(as_texts(truth.track_id), return_inverse=True)
     squared = ((estimates.position[row] - truth.position[true_row]) ** 2).sum(axis=1)
     n = np.bincount(vehicle[true_row], minlength=names.size)
@@ -77,12 +87,13 @@ def rmse_by_vehicle(estimates: Estimates, truth: Tracks) -> FloatArray:
     return np.asarray(np.sqrt(np.divide(total, n, out=np.full(names.size, np.nan), where=n > 0)))
 
 
-def _matches(estimates: Estimates, truth: Tracks) -> tuple[IntArray, IntArray]:
-    """Rows of the estimates, and for each the row of the truth with its vehicle and time."""
-    vehicle, true_vehicle = _common_numbers(as_texts(estimates.track_id), as_texts(truth.track_id))
-    order = np.lexsort((truth.time_ns, true_vehicle))
-    key = np.stack([true_vehicle[order], truth.time_ns[order]], axis=1)
-    wanted = np.stack([vehicle, estimates.time_ns], axis=1)
+def matches(estimates: tuple[AnyArray, IntArray], truth: tuple[AnyArray, IntArray]) -> tuple[IntArray, IntArray]:
+    """Of ids and times: rows of the estimates, and for each the row of the truth with its id and time."""
+    (track_id, time_ns), (true_id, true_time_ns) = estimates, truth
+    vehicle, true_vehicle = _common_numbers(as_texts(track_id), as_texts(true_id))
+    order = np.lexsort((true_time_ns, true_vehicle))
+    key = np.stack([true_vehicle[order], true_time_ns[order]], axis=1)
+    wanted = np.stack([vehicle, time_ns], axis=1)
     pairs = np.ascontiguousarray(np.concatenate([key, wanted]))
     _, number = np.unique(pairs, axis=0, return_inverse=True)
     number = number.ravel()

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from math import isnan
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dirprim_filter.evaluation.experiment import TrackingTable
 from dirprim_filter.evaluation.forecasting import ForecastTable
+from dirprim_filter.evaluation.scores import ScoreTable
 from dirprim_filter.viewer.figures.page import DOTS_PER_INCH
 
 PANELS = {
@@ -16,6 +20,14 @@ PANELS = {
     "identity switches": {"switches": "switches"},
 }
 """Title of each panel, and the figures of a report that its bars show."""
+
+SCORE_PANELS = {
+    "RMSE, m": {"all": "rmse", "in sight": "seen_rmse", "in gaps": "hidden_rmse"},
+    "HOTA and its parts": {"HOTA": "hota", "DetA": "deta", "AssA": "assa"},
+    "IDF1 and MOTA": {"IDF1": "idf1", "MOTA": "mota"},
+    "GOSPA squared per vehicle, m²": {"localisation": "localisation", "missed": "missed", "false": "false"},
+    "identity switches": {"switches": "switches"},
+}
 
 FORECAST_PANELS = {
     "energy score, m": "energy", "best of 20, m": "best_of_20", "mean to truth, m": "fde",
@@ -57,21 +69,45 @@ def forecast_chart(table: ForecastTable) -> Figure:
 
 def tracking_chart(table: TrackingTable) -> Figure:
     """A panel for each kind of figure, a group of bars for each method, whiskers for the deviation of the runs."""
-    height = 1.5 + 0.6 * len(table.methods)
-    figure = Figure(figsize=(3.2 * len(PANELS), height), dpi=DOTS_PER_INCH, layout="constrained")
-    for axes, (title, bars) in zip(figure.subplots(1, len(PANELS), sharey=True), PANELS.items(), strict=True):
+
+    def runs(name: str) -> tuple[list[float], list[float]]:
+        return [m.mean(name) for m in table.methods], [m.std(name) for m in table.methods]
+
+    return _bar_chart([m.name for m in table.methods], PANELS, runs)
+
+
+def score_chart(table: ScoreTable) -> Figure:
+    """A panel for each kind of figure, a group of bars for each tracker."""
+
+    def figures(name: str) -> tuple[list[float], None]:
+        return [getattr(found.report, name) for found in table.scores], None
+
+    return _bar_chart([found.name for found in table.scores], SCORE_PANELS, figures)
+
+
+def _bar_chart(
+    names: list[str],
+    panels: dict[str, dict[str, str]],
+    figures: Callable[[str], tuple[list[float], list[float] | None]],
+) -> Figure:
+    """The panels of bars; `figures`: values and, where there are any, deviations of a figure, one for each name."""
+    height = 1.5 + 0.6 * len(names)
+    figure = Figure(figsize=(3.2 * len(panels), height), dpi=DOTS_PER_INCH, layout="constrained")
+    for axes, (title, bars) in zip(figure.subplots(1, len(panels), sharey=True), panels.items(), strict=True):
         width = 0.8 / len(bars)
         for i, (label, name) in enumerate(bars.items()):
-            at = [row + (i - 0.5 * (len(bars) - 1)) * width for row in range(len(table.methods))]
-            means, deviations = [m.mean(name) for m in table.methods], [m.std(name) for m in table.methods]
+            at = [row + (i - 0.5 * (len(bars) - 1)) * width for row in range(len(names))]
+            values, deviations = figures(name)
             drawn = axes.barh(
-                at, means, height=width, xerr=deviations, label=label, color=BAR_COLORS[i], error_kw={"linewidth": 0.8}
+                at, values, height=width, xerr=deviations, label=label, color=BAR_COLORS[i], error_kw={"linewidth": 0.8}
             )
-            axes.bar_label(drawn, fmt="%.2f", fontsize=7, padding=3)
+            numbers = ["" if isnan(value) else f"{value:.2f}" for value in values]
+            axes.bar_label(drawn, numbers, fontsize=7, padding=3)
         if title == COVERAGE_PANEL:
             axes.axvline(COVERAGE, color="0.3", linewidth=0.8, linestyle=":")
-        axes.set_yticks(range(len(table.methods)), [m.name for m in table.methods])
-        axes.set_xlim(0.0, 1.18 * max(axes.get_xlim()[1], 1.0))  # a number beside the longest bar
+        axes.set_yticks(range(len(names)), names)
+        low, high = axes.dataLim.intervalx
+        axes.set_xlim(1.24 * min(low, 0.0), 1.24 * max(high, 1.0))  # a number beside the longest bar
         _dress(axes, title)
         if len(bars) > 1:
             axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=len(bars))

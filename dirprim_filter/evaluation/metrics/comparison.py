@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from dirprim_filter.tracks import Tracks, as_texts, as_track_ids, numbered
+from dirprim_filter.tracks import Tracks, as_track_ids, vehicle_numbers
 from tessellation.arrays import FloatArray, IntArray, as_floats
 
 
@@ -89,8 +89,8 @@ class Comparison:
         instant = np.unique(moments, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
         row_instant, column_instant = instant[:n], instant[n:]
         return cls(
-            vehicle=_of_world(as_texts(truth.track_id), truth.group),
-            track=_of_world(as_texts(as_track_ids(track_id)), groups),
+            vehicle=truth.vehicle,
+            track=vehicle_numbers(as_track_ids(track_id), groups),
             row_instant=row_instant,
             column_instant=column_instant,
             near=_near(truth.position, row_instant, place, column_instant, reach_m),
@@ -118,13 +118,6 @@ class Comparison:
                 f"limit_m: expected a positive distance of at most the reach, {self.reach_m} m, got {limit_m}"
             )
         return self.near.chosen(self.near.distance < limit_m)
-
-
-def _of_world(names: npt.NDArray[np.str_], group: IntArray) -> IntArray:
-    """(n,) numbers of the names, of which each group has its own."""
-    name = numbered(names)[1]
-    pairs = np.stack([group, name], axis=1)
-    return np.unique(pairs, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
 
 
 def _near(a: FloatArray, a_instant: IntArray, b: FloatArray, b_instant: IntArray, reach_m: float) -> Pairs:

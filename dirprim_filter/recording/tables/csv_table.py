@@ -52,7 +52,7 @@ def read_csv(path: str | Path) -> Table:
     text = DelimitedText(path, delimiter=",")
     line, header = next(text.rows(), (1, []))
     columns = [name.strip() for name in header]
-    _check_header(text.path, line, columns)
+    check_header(text.path, line, columns)
     place = {name: columns.index(name) for name in (*REQUIRED, *OPTIONAL) if name in columns}
     ignored = [name for name in columns if name not in place]
     if ignored:
@@ -87,7 +87,7 @@ def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
     )
 
 
-def _check_header(path: Path, line: int, columns: list[str]) -> None:
+def check_header(path: Path, line: int, columns: list[str]) -> None:
     """Every required column is there once, and none that we know is in another unit.
 
     Raises:

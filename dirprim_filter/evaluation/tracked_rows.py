@@ -1,0 +1,99 @@
+"""What a tracker says, ours or another: only as much as is needed to judge it, and as much as is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from dirprim_filter.estimates import Estimates
+from dirprim_filter.tracks import (
+    Tracks,
+    as_texts,
+    as_times,
+    as_track_ids,
+    check_lengths,
+    check_not_repeated,
+    vehicle_numbers,
+)
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackedRows:
+    """Where a tracker says that vehicles are, a row for each track and instant.
+
+    Attributes:
+        track_id: (n,) int64 or str; in another group it is another track.
+        time_ns: (n,) int64, nanoseconds.
+        position: (n, 2) metres.
+        group: (n,) int64. Left out: all 0.
+        covariance: (n, 2, 2) square metres; NaN where unknown. Left out: nowhere known.
+        unseen_s: (n,) seconds since the vehicle was last measured; NaN where unknown. Left out: nowhere known.
+
+    Raises:
+        ValueError: shapes that do not fit, or a track with two rows at one time.
+    """
+
+    track_id: AnyArray
+    time_ns: IntArray
+    position: FloatArray
+    group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    covariance: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
+    unseen_s: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        n = len(np.atleast_1d(self.time_ns))
+        columns: dict[str, AnyArray] = {
+            "track_id": as_track_ids(self.track_id),
+            "time_ns": as_times("time_ns", self.time_ns),
+            "position": as_floats("position", self.position, "n 2"),
+        }
+        for name, unknown in (
+            ("group", np.zeros(n, np.int64)),
+            ("covariance", np.full((n, 2, 2), np.nan)),
+            ("unseen_s", np.full(n, np.nan)),
+        ):
+            given = np.asarray(getattr(self, name), unknown.dtype)
+            columns[name] = given if given.size else unknown
+        check_lengths(columns)
+        for name, column in columns.items():
+            object.__setattr__(self, name, column)
+        check_not_repeated(self.track_id, self.time_ns, self.group)
+
+    def __len__(self) -> int:
+        return int(self.time_ns.size)
+
+    def __getitem__(self, rows: BoolArray | IntArray) -> TrackedRows:
+        """The chosen rows, by mask or indices."""
+        return TrackedRows(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    @property
+    def n_tracks(self) -> int:
+        """Number of tracks."""
+        return int(vehicle_numbers(self.track_id, self.group).max(initial=-1)) + 1
+
+    @classmethod
+    def of(cls, estimates: Estimates, *, group: IntArray | int = 0) -> TrackedRows:
+        """The rows of estimates, of the groups that are given."""
+        return cls(
+            track_id=estimates.track_id, time_ns=estimates.time_ns, position=estimates.position,
+            group=np.broadcast_to(np.asarray(group, np.int64), len(estimates)), covariance=estimates.covariance,
+            unseen_s=estimates.unseen_s,
+        )  # fmt: skip
+
+    def at_instants_of(self, truth: Tracks) -> TrackedRows:
+        """The rows of the instants that the truth holds, group by group."""
+        instants = np.stack([np.r_[truth.group, self.group], np.r_[truth.time_ns, self.time_ns]], axis=1)
+        instant = np.unique(instants, axis=0, return_inverse=True)[1].ravel()
+        return self[np.isin(instant[len(truth) :], instant[: len(truth)])]
+
+
+def names_in_group(track_id: AnyArray, group: IntArray) -> AnyArray:
+    """(n,) str, ids as their own group calls them: `group/id` is id."""
+    names = as_texts(track_id)
+    prefix = np.char.add(as_texts(group), "/")
+    own = np.char.startswith(names, prefix)
+    if not own.any():
+        return names
+    return np.where(own, [name.partition("/")[2] for name in names.tolist()], names)

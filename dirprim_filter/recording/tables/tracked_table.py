@@ -1,0 +1,157 @@
+"""What a tracker wrote, to be judged: an MCAP of ours, or a table in one of the formats of `write_estimates`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.recording.errors import RecordingError, TableError
+from dirprim_filter.recording.reader import read_estimates
+from dirprim_filter.recording.schemas.covariances import matrices
+from dirprim_filter.recording.tables.csv_table import REQUIRED, check_header
+from dirprim_filter.recording.tables.delimited import Block, DelimitedText
+from dirprim_filter.recording.tables.estimate_table import pyarrow
+from dirprim_filter.tracks import Tracks, as_texts
+from tessellation.arrays import AnyArray, FloatArray, IntArray
+
+COVARIANCE = ("covariance_xx_m2", "covariance_xy_m2", "covariance_yy_m2")
+DIRECT = ("track_id", "time_ns", "group", "unseen_s")
+"""Columns that `TrackedRows` has under the same name."""
+MOT_COLUMNS = 10
+NOWHERE = -1.0
+"""A coordinate that MOTChallenge leaves out."""
+
+
+def read_tracked_rows(path: str | Path, *, truth: Tracks) -> TrackedRows:
+    """What a tracker says, in the groups of a truth.
+
+    A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A `.csv` or
+    `.parquet` needs the columns `time_s` (in parquet `time_ns`), `track_id`, `x_m` and `y_m`; the covariance and
+    `unseen_s` are read where they are there. A `.txt` numbers the instants of the truth from 1 as its frames.
+
+    Args:
+        path: a .csv, .parquet or .txt, else an MCAP log that `dirprim track` wrote.
+        truth: what it is to be compared with.
+
+    Raises:
+        RecordingError: the file is none of these, or does not say which group its rows are of.
+        ValueError: a track has two rows at one time.
+        OSError: the file cannot be read.
+    """
+    form = Path(path).suffix.lower()
+    if form == ".csv":
+        columns = _of_csv(Path(path))
+    elif form == ".parquet":
+        columns = _of_parquet(Path(path))
+    elif form == ".txt":
+        columns = _of_mot(Path(path), truth)
+    else:
+        rows = TrackedRows.of(read_estimates(path))
+        columns = {"track_id": rows.track_id, "time_ns": rows.time_ns, "position": rows.position,
+                   "covariance": rows.covariance, "unseen_s": rows.unseen_s}  # fmt: skip
+    if "group" not in columns:
+        columns["group"] = _groups(Path(path), as_texts(np.asarray(columns["track_id"])), truth)
+    try:
+        return TrackedRows(**columns)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _groups(path: Path, names: AnyArray, truth: Tracks) -> IntArray:
+    """The group of each row, as its id says; ids without one are of group 0."""
+    groups = np.unique(truth.group)
+    if groups.size == 1:
+        return np.full(names.size, groups[0])
+    said = np.array([name.partition("/")[0] if "/" in name else "" for name in names.tolist()], dtype=np.str_)
+    group = np.zeros(names.size, np.int64)
+    known = np.zeros(names.size, np.bool_)
+    for number in groups.tolist():
+        of = said == str(number)
+        group[of], known[of] = number, True
+    if not known.any() or not (known | (0 in groups)).all():
+        name = names[~known][0] if not known.all() else "none"
+        raise RecordingError(
+            f"{path}: expected rows that say which of the truth's {groups.size} groups they are of, by a column "
+            f"`group` or an id like {groups[-1]}/{name}, got {name}; or choose one group with --group"
+        )
+    return group
+
+
+def _of_csv(path: Path) -> dict[str, AnyArray]:
+    text = DelimitedText(path, delimiter=",")
+    line, header = next(text.rows(), (1, []))
+    names = [name.strip() for name in header]
+    check_header(path, line, names)
+    place = {name: names.index(name) for name in (*REQUIRED, "group", *COVARIANCE, "unseen_s") if name in names}
+    blocks = [_block(block, place) for block in text.blocks(skip=1, n_cells=len(names))]
+    if not blocks:
+        raise TableError(path, line + 1, "rows after the header", "none", "check how the table was made")
+    return _joined({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
+
+
+def _block(block: Block, place: dict[str, int]) -> dict[str, AnyArray]:
+    time_ns, known = block.nanoseconds(place["time_s"], "time_s")
+    columns: dict[str, AnyArray] = {"track_id": np.array(block.texts(place["track_id"]), dtype=np.str_)}
+    columns |= {
+        name: block.floats(at, name) for name, at in place.items() if name not in ("time_s", "track_id", "group")
+    }
+    wrong = ~known | ~np.isfinite(columns["x_m"]) | ~np.isfinite(columns["y_m"])
+    if wrong.any():
+        block.fail(int(np.argmax(wrong)), "a time and a place", "an empty cell", "remove the line")
+    if "group" in place:
+        columns["group"] = block.whole_numbers(place["group"], "group")
+    return columns | {"time_ns": time_ns}
+
+
+def _of_parquet(path: Path) -> dict[str, AnyArray]:
+    arrow = pyarrow(path)
+    try:
+        table = arrow.parquet.read_table(path)
+    except arrow.ArrowInvalid as error:
+        raise RecordingError(f"{path}: expected a parquet file, got {error}") from error
+    wanted = ("time_ns", *REQUIRED[1:])
+    missing = [name for name in wanted if name not in table.column_names]
+    if missing:
+        raise RecordingError(
+            f"{path}: expected columns {', '.join(wanted)}, got {', '.join(table.column_names)}; name the columns so; "
+            f"missing: {', '.join(missing)}"
+        )
+    names = [name for name in (*wanted, "group", *COVARIANCE, "unseen_s") if name in table.column_names]
+    columns = {name: table[name].to_numpy() for name in names}
+    return _joined(columns | {"track_id": np.array(table["track_id"].to_pylist())})
+
+
+def _joined(columns: dict[str, AnyArray]) -> dict[str, AnyArray]:
+    """Columns of numbers made into those of `TrackedRows`."""
+    made: dict[str, AnyArray] = {name: columns[name] for name in DIRECT if name in columns}
+    made["position"] = np.column_stack([columns["x_m"], columns["y_m"]])
+    if all(name in columns for name in COVARIANCE):
+        xx, xy, yy = (np.asarray(columns[name], np.float64) for name in COVARIANCE)
+        made["covariance"] = matrices(xx, xy, yy)
+    return made
+
+
+def _of_mot(path: Path, truth: Tracks) -> dict[str, AnyArray]:
+    instants = np.unique(truth.time_ns)
+    parts: list[tuple[IntArray, list[str], FloatArray]] = []
+    for block in DelimitedText(path, delimiter=",").blocks(skip=0, n_cells=MOT_COLUMNS):
+        frame = block.whole_numbers(0, "frame")
+        position = np.column_stack([block.floats(7, "x"), block.floats(8, "y")])
+        wrong = (frame < 1) | (frame > instants.size)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            told = f"a frame from 1 to {instants.size}, the truth's instants"
+            block.fail(row, told, str(frame[row]), "give the truth that was tracked, or a table with times")
+        if not np.isfinite(position).all() or (position == NOWHERE).all():
+            row = int(np.argmax(~np.isfinite(position).all(axis=1)))
+            block.fail(row, "x and y in metres", "none", "give positions in the plane, not boxes of an image")
+        parts.append((frame, block.texts(1), position))
+    if not parts:
+        raise TableError(path, 1, "rows", "none", "check how the table was made")
+    frames, names, places = zip(*parts, strict=True)
+    return {
+        "track_id": np.array([name.strip() for part in names for name in part], dtype=np.str_),
+        "time_ns": instants[np.concatenate(frames) - 1], "position": np.concatenate(places),
+    }  # fmt: skip

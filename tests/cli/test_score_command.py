@@ -1,0 +1,237 @@
+"""`dirprim export` and `dirprim score`: results that leave us, and results of others."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dirprim_filter import Tracks, read_estimates, read_tracks, write_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracking import score as errors
+from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.recording.tables.estimate_table import write_estimates
+from dirprim_filter.recording.tables.tracked_table import read_tracked_rows
+from dirprim_filter.recording.writer import EstimateLog
+
+DONE, FAILED, USAGE = 0, 1, 2
+
+
+def dirprim(*arguments):
+    return run([*map(str, arguments)])
+
+
+def believed(tracks, *, seed=0, prefix="", off=0.3):
+    """Estimates of tracks, with errors as their covariances say, a quarter of the time in a gap of a second."""
+    rng = np.random.default_rng(seed)
+    n = len(tracks)
+    names = np.char.add(prefix, tracks.track_id.astype(np.str_))
+    since = tracks.time_ns % 4_000_000_000 * 1e-9
+    return Estimates(
+        track_id=names, time_ns=tracks.time_ns, position=tracks.position + rng.normal(0, off, (n, 2)),
+        covariance=np.broadcast_to(off**2 * np.eye(2), (n, 2, 2)), direction=tracks.direction,
+        direction_resultant=rng.random(n), speed=tracks.speed, speed_std=rng.random(n),
+        effective_sample_size=rng.uniform(1, 100, n), log_evidence=rng.normal(size=n), existence=rng.random(n),
+        unseen_s=np.where(since < 1.0, since, 0.0),
+    )  # fmt: skip
+
+
+def write_log(estimates, path):
+    with EstimateLog(path, metadata={}) as log:
+        for time_ns in np.unique(estimates.time_ns).tolist():
+            rows = estimates[estimates.time_ns == time_ns]
+            log.write(
+                TrackedFrame(time_ns=time_ns, detections=Detections.none(), estimates=rows, particles=Particles.none())
+            )
+    return path
+
+
+@pytest.fixture(scope="module")
+def truth(ring, tmp_path_factory):
+    path = tmp_path_factory.mktemp("score") / "truth.mcap"
+    write_tracks(ring[ring.track_id < 6], path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def tracked(truth, tmp_path_factory):
+    return write_log(believed(read_tracks(truth)), tmp_path_factory.mktemp("tracked") / "tracked.mcap")
+
+
+def same(a, b, names):
+    return all(np.array_equal(getattr(a, name), getattr(b, name), equal_nan=name != "track_id") for name in names)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_exported_estimates_come_back_to_the_last_digit(truth, tracked, tmp_path, capsys, suffix):
+    out = tmp_path / f"out.{suffix}"
+    assert dirprim("export", tracked, "-o", out) == DONE
+    estimates = read_estimates(tracked)
+    assert capsys.readouterr().out == f"{out}: 6 tracks, {len(estimates)} rows\n"
+    rows = read_tracked_rows(out, truth=read_tracks(truth))
+    columns = ("track_id", "time_ns", "position", "covariance", "unseen_s", "group")
+    assert same(rows, TrackedRows.of(estimates), columns)
+    assert not same(rows, TrackedRows.of(replace(estimates, unseen_s=estimates.unseen_s + 1e-15)), columns)
+
+
+def test_every_column_of_a_csv_is_what_is_believed_and_convert_reads_it(tracked, tmp_path):
+    out = tmp_path / "out.csv"
+    estimates = replace(read_estimates(tracked), time_ns=read_estimates(tracked).time_ns + 1_700_000_000_123_456_789)
+    odd = np.where(estimates.track_id == 0, 'a "b", c', estimates.track_id.astype(np.str_))
+    write_estimates(replace(estimates, track_id=odd), out)
+    with out.open() as file:
+        table = list(csv.DictReader(file))
+    assert [row["track_id"] for row in table] == odd.tolist()
+    for column, attribute in (
+        ("speed_std_mps", "speed_std"), ("existence", "existence"), ("log_evidence", "log_evidence"),
+        ("effective_sample_size", "effective_sample_size"), ("direction_resultant", "direction_resultant"),
+    ):  # fmt: skip
+        assert [float(row[column]) for row in table] == getattr(estimates, attribute).tolist()
+    tracks = read_csv(out).tracks
+    assert np.array_equal(np.sort(tracks.time_ns), np.sort(estimates.time_ns))
+    assert set(tracks.track_id) == set(odd)
+
+
+def test_motchallenge_frames_are_the_instants_of_the_log(truth, tracked, tmp_path, capsys):
+    tracks = read_tracks(truth)
+    late = read_estimates(tracked)
+    late = late[late.time_ns > np.unique(tracks.time_ns)[2]]
+    log = write_log(replace(late, track_id=np.char.add("car ", late.track_id.astype(np.str_))), tmp_path / "late.mcap")
+    out = tmp_path / "out.txt"
+    assert dirprim("export", log, "-o", out, "--frames-of", truth) == DONE
+    rows = read_tracked_rows(out, truth=tracks)
+    assert same(rows, late, ("time_ns", "position"))
+    assert rows.n_tracks == 6
+    assert np.isnan(rows.covariance).all()
+    first = out.read_text().splitlines()[0].split(",")
+    assert (first[0], first[2:6], float(first[6])) == ("4", ["-1"] * 4, late.existence[0])
+    assert dirprim("export", log, "-o", tmp_path / "own.txt") == DONE
+    assert (tmp_path / "own.txt").read_text().startswith("1,")  # its own instants: another numbering
+    few = tmp_path / "few.mcap"
+    write_tracks(tracks[tracks.time_ns > late.time_ns[-1] - 500_000_000], few)
+    assert dirprim("export", log, "-o", tmp_path / "few.txt", "--frames-of", few) == FAILED
+    assert "expected one at the time of each estimate" in capsys.readouterr().err
+    assert not list(tmp_path.glob("few.txt*"))
+
+
+def test_exports_are_whole_or_not_there_and_overwrite_nothing(tracked, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "out.csv"
+    assert dirprim("export", tracked, "-o", out) == DONE
+    assert dirprim("export", tracked, "-o", out) == FAILED
+    assert "choose another name or use --force" in capsys.readouterr().err
+    assert dirprim("export", tracked, "-o", out, "--force") == DONE
+    assert dirprim("export", tracked, "-o", tmp_path / "out.xls") == FAILED
+    assert "expected a name that ends in .csv, .parquet, .txt, got .xls" in capsys.readouterr().err
+    assert dirprim("export", tracked, "-o", out, "--frames-of", tracked) == USAGE
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow.parquet", None)
+    assert dirprim("export", tracked, "-o", tmp_path / "out.parquet") == FAILED
+    assert "pip install 'dirprim-filter[parquet]'" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
+
+
+def test_score_tells_people_and_machines_the_same_and_draws(truth, tracked, tmp_path, capsys):
+    worse = write_log(believed(read_tracks(truth), seed=1, prefix="t", off=0.9), tmp_path / "worse.mcap")
+    other, plot = tmp_path / "other.csv", tmp_path / "plot.png"
+    assert dirprim("export", worse, "-o", other) == DONE
+    capsys.readouterr()
+    options = ("score", tracked, worse, other, "--truth", truth, "--t-gospa")
+    assert dirprim(*options, "--plot", plot) == DONE
+    text = capsys.readouterr().out
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert dirprim(*options, "--json") == DONE
+    told = json.loads(capsys.readouterr().out)
+    assert (told["format"], told["format_version"]) == ("dirprim score", 1)
+    assert [found["name"] for found in told["scores"]] == ["tracked.mcap", "worse.mcap", "other.csv"]
+    assert len(told["truth"]["sha256"]) == 64
+    lines = {line[:22].strip(): line[22:].split() for line in text.splitlines()[2:]}
+    for head, name in (("HOTA", "hota"), ("RMSE, m", "rmse"), ("RMSE in gaps, m", "hidden_rmse"), ("MOTA", "mota")):
+        assert lines[head] == [f"{found['report'][name]:.3f}" for found in told["scores"]]
+    assert lines["T-GOSPA, m"][0] == f"{told['scores'][0]['t_gospa']['distance']:.3f}"
+    first, second, third = told["scores"]
+    assert second["report"] == third["report"]
+    assert first["report"]["hota"] > second["report"]["hota"] + 0.1
+    assert first["report"]["rmse"] == pytest.approx(0.3 * np.sqrt(2), rel=0.1)
+    assert dirprim(*options, "--plot", plot) == FAILED
+
+
+def test_errors_are_of_the_ids_where_they_are_the_logs(truth, tracked, tmp_path, capsys):
+    """Names that the log has as well mean nothing without --ids: swapped, only the errors by ids are large."""
+    estimates = read_estimates(tracked)
+    swapped = write_log(replace(estimates, track_id=5 - estimates.track_id), tmp_path / "swapped.mcap")
+
+    def rmse(path, *options):
+        assert dirprim("score", path, "--truth", truth, "--json", *options) == DONE
+        return json.loads(capsys.readouterr().out)["scores"][0]["report"]["rmse"]
+
+    expected = errors(estimates, read_tracks(truth)).position_rmse
+    assert rmse(tracked, "--ids") == pytest.approx(expected, abs=1e-12)
+    assert rmse(swapped) == rmse(tracked) == pytest.approx(expected, rel=0.05)
+    assert rmse(swapped, "--ids") > 5.0
+
+
+def test_groups_are_worlds_and_rows_say_which_they_are_of(ring, tmp_path, capsys):
+    few = ring[ring.track_id < 3]
+    both = Tracks(
+        **{
+            name: np.concatenate([getattr(few, name)] * 2)
+            for name in ("track_id", "time_ns", "position", "direction", "speed")
+        },
+        group=np.repeat([0, 1], len(few)),
+    )
+    truth = tmp_path / "truth.mcap"
+    write_tracks(both, truth)
+    own = believed(few)
+    again = replace(own, track_id=np.char.add("1/", own.track_id.astype(np.str_)))
+    joined = Estimates.concatenate([own, again])
+    log = write_log(joined, tmp_path / "joined.mcap")
+    table = tmp_path / "joined.csv"
+    with table.open("w") as file:
+        file.write("time_s,track_id,x_m,y_m,group\n")
+        for group, part in enumerate((own, own)):
+            for name, t, (x, y) in zip(part.track_id, part.time_ns, part.position, strict=True):
+                file.write(f"{t * 1e-9:.9f},{name},{x!r},{y!r},{group}\n".replace("np.float64(", "").replace(")", ""))
+    assert dirprim("score", log, table, "--truth", truth, "--ids", "--json") == DONE
+    told = json.loads(capsys.readouterr().out)
+    assert (told["n_groups"], told["n_vehicles"]) == (2, 6)
+    one, other = (found["report"] for found in told["scores"])
+    assert one["reported"] == other["reported"] == 1.0
+    assert one["rmse"] == pytest.approx(errors(own, few).position_rmse)
+    for name in ("hota", "idf1", "mota", "gospa", "rmse"):
+        assert one[name] == pytest.approx(other[name])
+    assert one["idf1"] == 1.0
+    assert (one["seen_rmse"], other["seen_rmse"]) == (pytest.approx(one["rmse"], rel=0.2), None)
+    alone = write_log(own, tmp_path / "alone.mcap")
+    assert dirprim("score", alone, "--truth", truth) == FAILED
+    assert "expected rows that say which of the truth's 2 groups they are of" in capsys.readouterr().err
+    assert dirprim("score", alone, "--truth", truth, "--group", 1, "--ids") == DONE
+
+
+def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):
+    early = write_log(
+        replace(read_estimates(tracked), time_ns=read_estimates(tracked).time_ns + 7), tmp_path / "e.mcap"
+    )
+    half = read_estimates(tracked)
+    half = write_log(replace(half, time_ns=half.time_ns + 7 * (half.time_ns > 2e9)), tmp_path / "half.mcap")
+    twice = tmp_path / "twice.csv"
+    twice.write_text("time_s,track_id,x_m,y_m\n0,1,0,0\n0,1,1,1\n")
+    boxes = tmp_path / "boxes.txt"
+    boxes.write_text("1,1,100,200,30,40,1,-1,-1,-1\n")
+    beyond = tmp_path / "beyond.txt"
+    beyond.write_text("1,1,-1,-1,-1,-1,1,2,3,0\n99999,1,-1,-1,-1,-1,1,2,3,0\n")
+    for path, message in (
+        (early, "expected rows at instants of the truth"),
+        (twice, "has two rows at 0 ns"),
+        (boxes, "give positions in the plane, not boxes of an image"),
+        (beyond, "line 2: expected a frame from 1 to"),
+        (truth, "expected topic '/dirprim/tracks'"),
+    ):
+        assert dirprim("score", path, "--truth", truth) == FAILED
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert message in error
+    assert dirprim("score", half, "--truth", truth) == DONE
+    assert "rows are at instants that the truth does not hold: left out" in capsys.readouterr().err
