@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import logging
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,7 +16,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from dirprim_filter.faults import Faults
     from dirprim_filter.recording.summary import LogSummary, SizeSummary
+
+logger = logging.getLogger(__name__)
 
 LABELS_TOLD = 12
 """Of a topic, to people; to machines all."""
@@ -30,7 +35,7 @@ def info(
     end: End = None,
     strict: Strict = False,
 ) -> int:
-    """Tell what logs hold: topics, which of them carry tracks, times, damage.
+    """Tell what logs hold: topics, which of them carry tracks, times, damage, vehicles that cannot be true.
 
     Of a log of more than 32 MiB that has an index only this is read, unless with --check, --strict, --fields, --start
     or --end.
@@ -47,7 +52,10 @@ def info(
         summary = summarise_by_index(path, topics=wanted) if by_index else None
         if summary is None:
             summary = _whole(path, wanted, fields, time_ns(start), time_ns(end), strict=strict)
-        typer.echo(json.dumps(summary.as_json()) if as_json else _text(path, summary))
+        faults = _faults(path, summary, topics, fields, time_ns(start), time_ns(end))
+        typer.echo(
+            json.dumps(summary.as_json() | {"faults": asdict(faults)}) if as_json else _text(path, summary, faults)
+        )
         worst = max(worst, losses.exit_code(summary.damage))
     return worst
 
@@ -68,7 +76,25 @@ def _whole(
     return inspect(path, topics=topics, start_ns=start_ns, end_ns=end_ns, mapping=mapping, strict=strict)
 
 
-def _text(path: Path, summary: LogSummary) -> str:
+def _faults(
+    path: Path, summary: LogSummary, topics: str | None, fields: str | None, start_ns: int | None, end_ns: int | None
+) -> Faults:
+    """Of the tracks that `dirprim learn` would read; none of a log whose chunks were not read."""
+    from dirprim_filter.faults import Faults, find_faults
+    from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.recording.reader import FieldMapping, read_tracks
+
+    if not (summary.is_checked and any(topic.tracks for topic in summary.topics)):
+        return Faults()
+    mapping = FieldMapping.parse(fields) if fields else None
+    try:
+        return find_faults(read_tracks(path, topics=topics, mapping=mapping, start_ns=start_ns, end_ns=end_ns))
+    except RecordingError as error:  # `learn` would say so too: detections alone, or frames that no transform joins
+        logger.info("%s: not looked for faults of tracks: %s", path, error)
+        return Faults()
+
+
+def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
     lines = [f"{path}: {summary.messages} messages{_span(summary)}"]
     if not summary.is_checked:
         lines.append(
@@ -101,6 +127,7 @@ def _text(path: Path, summary: LogSummary) -> str:
         lines.append(f"  attachments: {', '.join(summary.attachments)}")
     odd = {source: faults for source, faults in (summary.stamps or {}).items() if faults.is_odd or faults.duplicate}
     lines += [f"  {source} times by topic, as they stand in the file: {faults}" for source, faults in odd.items()]
+    lines += [f"  faults: {line}" for line in faults.lines()]
     lines += [f"  damage: {damage}" for damage in summary.damage]
     return "\n".join(lines)
 

@@ -7,6 +7,7 @@ A command that is decorated with `reads_logs` has one parameter `reading`; on th
 from __future__ import annotations
 
 import inspect
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import DetectionStream, TrackLog
 
+logger = logging.getLogger(__name__)
 Result = TypeVar("Result")
 
 
@@ -62,18 +64,21 @@ class Reading:
     strict: Strict = False
 
     def tracks(self, logs: list[Path]) -> TrackLog:
-        """The tracks of logs, and what was lost; on a terminal, with a bar for each log.
+        """The tracks of logs, and what was lost; on a terminal, with a bar for each log. Faults of them are told.
 
         Raises:
             RecordingError: as the reader; or nothing is left of what was asked for.
         """
         from dirprim_filter.cli.progress import step_progress
+        from dirprim_filter.faults import find_faults
         from dirprim_filter.recording.reader import read_track_logs
 
         with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as told:
             log = read_track_logs(logs, progress=told, **self._arguments())
         if not len(log.tracks):
             raise self._nothing_left(logs, log.dropped)
+        for line in find_faults(log.tracks).lines():
+            logger.warning("%s: %s", ", ".join(map(str, logs)), line)
         return log
 
     def require_frames(self, n_frames: int, log: Path, dropped: Drops) -> None:

@@ -73,6 +73,26 @@ def test_info_names_the_topics_that_carry_tracks(log, few, capsys):
     assert (told["start_ns"], told["end_ns"], told["damage"]) == (few.time_ns.min(), few.time_ns.max(), [])
 
 
+def test_faults_of_tracks_are_told_by_whoever_reads_them(few, log, tmp_path, capsys):
+    assert dirprim("info", log, "--json") == DONE
+    assert json.loads(capsys.readouterr().out)["faults"] == {"backwards": [], "jumps": [], "copies": []}
+    own = few[few.track_id == 3]
+    twice = tmp_path / "twice.mcap"
+    write_tracks(Tracks.concatenate([few, replace(own, track_id=np.full(len(own), 99))]), twice)
+    line = "vehicles that are copies of others at the same instants (1): 99 of 3"
+    assert dirprim("info", twice) == DONE
+    assert f"  faults: {line}\n" in capsys.readouterr().out
+    assert dirprim("info", twice, "--json") == DONE
+    (copy,) = json.loads(capsys.readouterr().out)["faults"]["copies"]
+    assert copy[:3] == ["99", "3", 0.0]
+    for command in (
+        ("learn", twice, "-o", tmp_path / "m.mcap", *GRID, "--cell-size", 6),
+        ("evaluate", "tracking", twice, "--seeds", 1, "--particles", 20, "--method", "constant velocity"),
+    ):
+        assert dirprim(*command) == DONE
+        assert line in capsys.readouterr().err
+
+
 def test_the_way_from_a_table_to_tracked_vehicles(few, tmp_path, capsys):
     table = csv_of(few, tmp_path / "few.csv", noise_m=0.5, rng=np.random.default_rng(0))
     write_tracks(few, tmp_path / "truth.mcap")

@@ -1,0 +1,245 @@
+"""Faults of observed motion: vehicles that drive backwards or jump, and vehicles that are copies of others.
+
+A log of tracks is taken for the truth, so what is wrong in it is learned, and judged by. Two vehicles cannot be at one
+place, so whoever stays within `COPY_M` of another for a second is the same. A copy shifted in time is harder to tell
+from a vehicle that follows: it repeats the other's whole way, its speed and, to a part of its size, its **noise**, the
+third differences of its positions. Vehicles on one path, in a queue or a platoon, have noise of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from dirprim_filter.tracks import Tracks, world_names
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+
+BACKWARDS_M = 3.0
+"""A vehicle that loses so much of its way, measured along its own heading, drove backwards."""
+JUMP_M = 3.0
+"""So far from where it was bound a vehicle comes by no acceleration, but by a jump; more, where its noise is large."""
+JUMP_ACCELERATION = 15.0
+"""m/s^2, more than which no vehicle accelerates."""
+MANY_DEVIATIONS = 8.0
+"""A jump is so many times the median of a vehicle's own second differences."""
+MAX_STEP_S = 2.0
+"""Across a longer pause nothing is told of the way between."""
+COPY_M = 0.05
+COPY_SPEED = 0.2
+"""m/s; the rows of a copy are as near in place and in speed."""
+COPY_S = 1.0
+"""Seconds that two vehicles share a place at the same instants."""
+SHIFTED_S = 2.0
+"""Seconds of motion that a shifted copy repeats, at least, and"""
+SHIFTED_SHARE = 2.0 / 3.0
+"""of all that the two could share: followers share a third at most where they were counted."""
+MAX_SHIFT_S = 60.0
+MOVING_FROM = 1.0
+"""m/s; who stands repeats himself."""
+LEAST_NOISE_M = 1e-3
+"""Less than this, as of simulated drivers who are all alike, cannot tell whose it is."""
+SHARED_NOISE = 0.5
+"""What two copies differ by is at most this part of their own noise; of two vehicles it is more than the whole."""
+TOLD = 6
+"""Ids of a line; of the others the number."""
+
+
+class Misstep(NamedTuple):
+    """A vehicle that moves as none does: its name, how far, and when (nanoseconds)."""
+
+    vehicle: str
+    metres: float
+    time_ns: int
+
+
+class Copy(NamedTuple):
+    """A vehicle that repeats another one, `shift_s` seconds later, for `seconds`."""
+
+    vehicle: str
+    of: str
+    shift_s: float
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Faults:
+    """What is wrong with tracks; vehicles are named as by `world_names`.
+
+    Attributes:
+        backwards: vehicles that moved against their own heading.
+        jumps: vehicles that were elsewhere from one row to the next.
+        copies: vehicles that are others, at the same instants or shifted in time.
+    """
+
+    backwards: tuple[Misstep, ...] = ()
+    jumps: tuple[Misstep, ...] = ()
+    copies: tuple[Copy, ...] = ()
+
+    def lines(self) -> list[str]:
+        """A line for each kind of fault that there is, with the ids."""
+        at_once = [copy for copy in self.copies if copy.shift_s == 0]
+        later = [copy for copy in self.copies if copy.shift_s != 0]
+        kinds = {
+            "move against their own heading": [f"{of.vehicle} ({of.metres:.0f} m)" for of in self.backwards],
+            "jump": [f"{of.vehicle} ({of.metres:.0f} m)" for of in self.jumps],
+            "are copies of others at the same instants": [f"{of.vehicle} of {of.of}" for of in at_once],
+            "are copies of others, shifted in time": [f"{of.vehicle} of {of.of} ({of.shift_s:+.1f} s)" for of in later],
+        }
+        return [f"vehicles that {what} ({len(of)}): {_few(of)}" for what, of in kinds.items() if of]
+
+
+def find_faults(tracks: Tracks) -> Faults:
+    """Look for faults: by sorting and a k-d tree, in time that grows little faster than the rows."""
+    vehicle = tracks.vehicle
+    order = np.lexsort((tracks.time_ns, vehicle))
+    way = _Way(
+        vehicle=vehicle[order], time_ns=tracks.time_ns[order], position=tracks.position[order],
+        direction=tracks.direction[order], speed=tracks.speed[order], group=tracks.group[order],
+    )  # fmt: skip
+    if not way.vehicle.size:
+        return Faults()
+    names = world_names(tracks.track_id[order], way.group)[np.searchsorted(way.vehicle, np.arange(way.vehicle[-1] + 1))]
+    return Faults(
+        backwards=_missteps(way, _lost_way(way), np.full(names.size, BACKWARDS_M), names),
+        jumps=_missteps(way, *_jumps(way), names),
+        copies=(*_copies_at_once(way, names), *_shifted_copies(way, names)),
+    )
+
+
+class _Way(NamedTuple):
+    """Rows of tracks by vehicle and time: (n, ...) each."""
+
+    vehicle: IntArray
+    time_ns: IntArray
+    position: FloatArray
+    direction: FloatArray
+    speed: FloatArray
+    group: IntArray
+
+    def steps(self) -> tuple[FloatArray, BoolArray]:
+        """(n - 1,) seconds from each row to the next, and whether that is the same vehicle soon."""
+        dt_s = np.diff(self.time_ns) * 1e-9
+        return dt_s, (np.diff(self.vehicle) == 0) & (dt_s <= MAX_STEP_S)
+
+
+def _missteps(way: _Way, metres: FloatArray, least: FloatArray, names: AnyArray) -> tuple[Misstep, ...]:
+    """The vehicles of which a row has more than is allowed to it, where it is most. (n,), (n_vehicles,)."""
+    most = np.zeros(names.size)
+    np.maximum.at(most, way.vehicle, metres)
+    found = []
+    for vehicle in np.flatnonzero(most > least).tolist():
+        rows = slice(*np.searchsorted(way.vehicle, [vehicle, vehicle + 1]).tolist())
+        at = int(way.time_ns[rows][np.argmax(metres[rows])])
+        found.append(Misstep(str(names[vehicle]), float(most[vehicle]), at))
+    return tuple(found)
+
+
+def _lost_way(way: _Way) -> FloatArray:
+    """(n,) metres by which a vehicle is behind the furthest that it came, along its own heading."""
+    _, soon = way.steps()
+    heading = np.column_stack([np.cos(way.direction), np.sin(way.direction)])
+    along = np.einsum("ni,ni->n", np.diff(way.position, axis=0), 0.5 * (heading[1:] + heading[:-1]))
+    come = np.concatenate([[0.0], np.cumsum(np.where(soon, along, 0.0))])
+    come += way.vehicle * (np.ptp(come) + 1.0)  # so that no vehicle is behind the one before it
+    return np.asarray(np.maximum.accumulate(come) - come)
+
+
+def _jumps(way: _Way) -> tuple[FloatArray, FloatArray]:
+    """(n,) metres from where a row was bound by the step before, and (n_vehicles,) how many are a jump.
+
+    What an acceleration within reason does in that time is taken off.
+    """
+    dt_s, soon = way.steps()
+    velocity = np.diff(way.position, axis=0) / np.maximum(dt_s, 1e-9)[:, None]
+    short_s = np.minimum(dt_s[1:], dt_s[:-1])
+    both = soon[1:] & soon[:-1]
+    off = np.where(both, np.linalg.norm(np.diff(velocity, axis=0), axis=1) * short_s, 0.0)
+    metres = np.zeros(way.vehicle.size)
+    driven = JUMP_ACCELERATION * short_s * np.maximum(dt_s[1:], dt_s[:-1])
+    metres[1:-1] = np.where(both, np.maximum(off - driven, 0.0), 0.0)
+    n_vehicles = int(way.vehicle[-1]) + 1
+    owner = way.vehicle[1:-1][both]
+    by_size = np.lexsort((off[both], owner))
+    ends = np.searchsorted(owner[by_size], np.arange(n_vehicles + 1))
+    middle = off[both][by_size][np.minimum((ends[:-1] + ends[1:]) // 2, max(owner.size - 1, 0))] if owner.size else 0.0
+    median = np.where(ends[1:] > ends[:-1], middle, 0.0)
+    return metres, np.maximum(JUMP_M, MANY_DEVIATIONS * median)
+
+
+def _copies_at_once(way: _Way, names: AnyArray) -> list[Copy]:
+    """Vehicles that are within `COPY_M` of another for a second."""
+    _, instant = np.unique(np.column_stack([way.group, way.time_ns]), axis=0, return_inverse=True)
+    one, other = _near(
+        np.column_stack([way.position, instant.ravel().astype(np.float64)]), way, np.arange(len(instant))
+    )
+    pairs, n = np.unique(np.column_stack([way.vehicle[one], way.vehicle[other]]), axis=0, return_counts=True)
+    found = []
+    for (a, b), count in zip(pairs.tolist(), n.tolist(), strict=True):
+        seconds = count * _interval_s(way, a)
+        if count >= 3 and seconds >= COPY_S:
+            found.append(Copy(str(names[b]), str(names[a]), 0.0, seconds))
+    return found
+
+
+def _shifted_copies(way: _Way, names: AnyArray) -> list[Copy]:
+    """Vehicles that repeat another one's way, speed and noise at another time, up to a minute before or after."""
+    moving = np.flatnonzero(way.speed >= MOVING_FROM)
+    group = np.unique(way.group, return_inverse=True)[1][moving]
+    since_s = (way.time_ns[moving] - way.time_ns.min()) * 1e-9
+    columns = [
+        way.position[moving], way.speed[moving] * (COPY_M / COPY_SPEED), since_s * (COPY_M / MAX_SHIFT_S), group * 1.0,
+    ]  # fmt: skip
+    one, other = _near(np.column_stack(columns), way, moving)
+    shift_ms = np.round((way.time_ns[other] - way.time_ns[one]) * 1e-6).astype(np.int64)
+    key = np.column_stack([way.vehicle[one], way.vehicle[other], shift_ms])[shift_ms != 0]
+    pairs, n = np.unique(key, axis=0, return_counts=True)
+    best: dict[tuple[int, int], Copy] = {}
+    for (a, b, shift), count in zip(pairs.tolist(), n.tolist(), strict=True):
+        seconds = count * _interval_s(way, a)
+        if seconds >= SHIFTED_S and _repeats(way, a, b, shift * 1_000_000):
+            copy = Copy(str(names[b]), str(names[a]), shift * 1e-3, seconds)
+            best[a, b] = max(best.get((a, b), copy), copy, key=lambda of: of.seconds)
+    return list(best.values())
+
+
+def _repeats(way: _Way, a: int, b: int, shift_ns: int) -> bool:
+    """Whether vehicle b repeats what both did when they moved, `shift_ns` later, and its noise."""
+    first, second = (slice(*np.searchsorted(way.vehicle, [v, v + 1]).tolist()) for v in (a, b))
+    ms, shift_ms = way.time_ns // 1_000_000, shift_ns // 1_000_000
+    _, i, j = np.intersect1d(ms[first] + shift_ms, ms[second], return_indices=True)
+    i, j = i + first.start, j + second.start
+    off = way.position[j] - way.position[i]
+    moves = way.speed[i] >= MOVING_FROM
+    near = moves & (np.abs(off) <= COPY_M).all(axis=1) & (np.abs(way.speed[j] - way.speed[i]) <= COPY_SPEED)
+    if near.sum() < max(SHIFTED_SHARE * moves.sum(), 6):
+        return False
+    run = near[3:] & near[2:-1] & near[1:-2] & near[:-3]
+    noise, differing = (
+        float(np.median(np.linalg.norm(np.diff(of, n=3, axis=0)[run], axis=1), axis=0)) if run.any() else 0.0
+        for of in (way.position[i], off)
+    )
+    return noise >= LEAST_NOISE_M and differing <= SHARED_NOISE * noise
+
+
+def _near(place: FloatArray, way: _Way, row: IntArray) -> tuple[IntArray, IntArray]:
+    """Rows of two vehicles, that of the lesser number first, whose places differ by `COPY_M` at most in each axis."""
+    if len(place) < 2:
+        return row[:0], row[:0]
+    pairs = row[cKDTree(place).query_pairs(COPY_M, p=np.inf, output_type="ndarray")]
+    pairs = pairs[way.vehicle[pairs[:, 0]] != way.vehicle[pairs[:, 1]]]
+    pairs = np.sort(pairs, axis=1)  # rows are in order of the vehicles
+    return pairs[:, 0], pairs[:, 1]
+
+
+def _interval_s(way: _Way, vehicle: int) -> float:
+    """The median time between a vehicle's rows."""
+    rows = slice(*np.searchsorted(way.vehicle, [vehicle, vehicle + 1]).tolist())
+    times = way.time_ns[rows]
+    return float(np.median(np.diff(times))) * 1e-9 if times.size > 1 else 0.0
+
+
+def _few(told: list[str]) -> str:
+    return ", ".join(told[:TOLD]) + (f" and {len(told) - TOLD} more" if len(told) > TOLD else "")

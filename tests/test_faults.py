@@ -1,0 +1,161 @@
+"""Planted faults are found, with their ids; vehicles that queue, follow or reverse a little are none."""
+
+import time
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from dirprim_filter.faults import Copy, Faults, find_faults
+from dirprim_filter.tracks import Tracks
+from situations import ring_traffic
+
+
+def driven(n_rows=120, *, name, seed, start_s=0.0, lane=0.0, group=0, speed=10.0, accelerating=1.0):
+    """Eastward, with accelerations of the driver's own, as every driver has them: 1 m/s2, correlated over a second."""
+    rng = np.random.default_rng(seed)
+    acceleration = np.zeros(n_rows)
+    for i in range(1, n_rows):
+        acceleration[i] = 0.9 * acceleration[i - 1] + 0.44 * accelerating * rng.standard_normal()
+    pace = np.maximum(speed + 0.1 * np.cumsum(acceleration - acceleration.mean()), 0.0)
+    x = np.cumsum(0.1 * pace)
+    return Tracks(
+        track_id=np.full(n_rows, name), time_ns=np.round((start_s + 0.1 * np.arange(n_rows)) * 1e9).astype(np.int64),
+        position=np.column_stack([x, np.full(n_rows, lane)]), direction=np.zeros(n_rows), speed=pace,
+        group=np.full(n_rows, group),
+    )  # fmt: skip
+
+
+def traffic():
+    """Ten vehicles on one path, two seconds apart, each with accelerations of its own."""
+    return [driven(name=f"v{i}", seed=i, start_s=2.0 * i) for i in range(10)]
+
+
+def found(*parts):
+    return find_faults(Tracks.concatenate(parts))
+
+
+def test_vehicles_that_follow_each_other_on_one_path_are_no_fault():
+    assert found(*traffic()) == Faults()
+    assert found(*traffic()).lines() == []
+
+
+def test_a_platoon_of_one_speed_and_no_noise_is_no_copy():
+    platoon = [driven(name=f"v{i}", seed=0, start_s=1.5 * i, accelerating=0.0) for i in range(6)]
+    assert found(*platoon) == Faults()
+
+
+def test_a_platoon_seen_by_a_sensor_of_a_centimetre_is_no_copy():
+    rng = np.random.default_rng(3)
+    platoon = [driven(name=f"v{i}", seed=0, start_s=1.5 * i, accelerating=0.0) for i in range(6)]
+    assert (
+        found(*(replace(v, position=v.position + rng.normal(0, 0.01, v.position.shape)) for v in platoon)) == Faults()
+    )
+
+
+def test_vehicles_in_a_queue_are_no_copies():
+    n = 200
+    queue = [
+        Tracks(track_id=np.full(n, i), time_ns=100_000_000 * np.arange(n), position=np.tile([6.0 * i, 0.0], (n, 1)),
+               direction=np.zeros(n), speed=np.zeros(n))
+        for i in range(8)
+    ]  # fmt: skip
+    assert found(*queue) == Faults()
+
+
+@pytest.mark.parametrize("error_m", [0.0, 0.01])
+def test_a_vehicle_twice_at_the_same_instants_is_told_with_both_ids(error_m):
+    vehicles = traffic()
+    noise = np.random.default_rng(5).normal(0, error_m, vehicles[3].position.shape)
+    twice = replace(vehicles[3], track_id=np.full(120, "w"), position=vehicles[3].position + noise)
+    faults = found(*vehicles, twice)
+    assert faults.copies == (Copy("w", "v3", 0.0, pytest.approx(12.0)),)
+    assert faults.lines() == ["vehicles that are copies of others at the same instants (1): w of v3"]
+    assert found(*vehicles, twice[:8]) == Faults()  # 0.8 s may be chance
+    beside = replace(twice, position=vehicles[3].position + np.array([0.0, 0.2]))
+    assert not [copy for copy in found(*vehicles, beside).copies if copy.shift_s == 0]
+
+
+@pytest.mark.parametrize("shift_s", [-7.3, 0.1, 1.7, 42.0])
+def test_a_copy_shifted_in_time_is_told_with_the_shift(shift_s):
+    vehicles = traffic()
+    later = replace(
+        vehicles[3], track_id=np.full(120, "w"), time_ns=vehicles[3].time_ns + round(shift_s * 1e9),
+        position=vehicles[3].position + np.random.default_rng(1).normal(0, 0.0001, (120, 2)),
+    )  # fmt: skip
+    faults = found(*vehicles, later)
+    assert faults.copies == (Copy("w", "v3", pytest.approx(shift_s), pytest.approx(12.0, abs=0.2)),)
+    assert f"w of v3 ({shift_s:+.1f} s)" in faults.lines()[0]
+    part = replace(later[20:80], time_ns=later.time_ns[20:80])
+    assert [copy.of for copy in found(*vehicles, part).copies] == ["v3"]
+
+
+def test_copies_in_another_group_are_another_world():
+    vehicles = traffic()
+    for shift_ns in (0, 1_700_000_000):
+        elsewhere = replace(vehicles[3], group=np.ones(120, np.int64), time_ns=vehicles[3].time_ns + shift_ns)
+        assert found(*vehicles, elsewhere) == Faults()
+        both = [replace(v, group=np.full(len(v), 4)) for v in (*vehicles, replace(elsewhere, track_id=["w"] * 120))]
+        assert [(copy.vehicle, copy.of) for copy in found(*both).copies] == [("4/w", "4/v3")]
+
+
+def test_a_vehicle_that_drives_back_and_forth_and_one_that_jumps_are_told():
+    vehicles = traffic()
+    x = vehicles[2].position[:, 0].copy()
+    x[50:] -= np.clip(2.0 * np.arange(70), 0.0, 14.0)  # 10 m/s back for 0.7 s
+    back = replace(vehicles[2], position=np.column_stack([x, np.zeros(120)]))
+    jumped = replace(vehicles[5], position=vehicles[5].position + np.where(np.arange(120) < 60, 0.0, 9.0)[:, None])
+    faults = found(*vehicles[:2], back, *vehicles[3:5], jumped, *vehicles[6:])
+    assert [fault.vehicle for fault in faults.backwards] == ["v2"]
+    assert faults.backwards[0].metres == pytest.approx(7.0, abs=1.5)
+    assert [fault.vehicle for fault in faults.jumps] == ["v5"]
+    assert faults.jumps[0].metres == pytest.approx(9.0 * np.sqrt(2), abs=1.0)
+    assert faults.jumps[0].time_ns == pytest.approx(jumped.time_ns[60], abs=100_000_000)
+    assert [line.split(":")[0] for line in faults.lines()] == [
+        "vehicles that move against their own heading (1)", "vehicles that jump (1)",
+    ]  # fmt: skip
+    parking = replace(vehicles[2], position=np.column_stack([np.minimum(x, x[0] + 30.0), np.zeros(120)]))
+    assert not find_faults(parking[:40]).backwards
+
+
+def test_noise_of_half_a_metre_is_neither_a_jump_nor_a_way_back():
+    rng = np.random.default_rng(4)
+    noisy = ring_traffic(rng, n_vehicles=40, n_rows=300)
+    noisy = replace(noisy, position=noisy.position + rng.normal(0, 0.5, noisy.position.shape))
+    faults = find_faults(noisy)
+    assert not faults.jumps
+    assert not faults.copies
+
+
+def test_a_pause_is_no_jump():
+    vehicle = driven(name="a", seed=0)
+    assert found(vehicle[(vehicle.time_ns < 2e9) | (vehicle.time_ns > 9e9)]) == Faults()
+    assert find_faults(vehicle[:0]) == Faults()
+    assert find_faults(vehicle[:1]) == Faults()
+
+
+def test_what_is_found_is_what_a_comparison_of_all_pairs_finds():
+    rng = np.random.default_rng(2)
+    vehicles = [driven(name=i, seed=i, start_s=round(rng.uniform(0, 20), 1), lane=3.0 * (i % 3)) for i in range(30)]
+    vehicles += [replace(vehicles[i], track_id=np.full(120, 100 + i)) for i in (4, 9, 17)]
+    expected = set()
+    for a, b in combinations(vehicles, 2):
+        _, i, j = np.intersect1d(a.time_ns, b.time_ns, return_indices=True)
+        near = (np.abs(a.position[i] - b.position[j]) <= 0.05).all(axis=1).sum()
+        if near * 0.1 >= 1.0:
+            expected.add((str(b.track_id[0]), str(a.track_id[0])))
+    copies = found(*vehicles).copies
+    assert {(copy.vehicle, copy.of) for copy in copies} == expected == {("104", "4"), ("109", "9"), ("117", "17")}
+
+
+def test_rows_without_end_take_time_that_grows_as_they_do():
+    parts = [replace(v, time_ns=v.time_ns + i * 30_000_000_000) for i in range(60) for v in traffic()]
+    named = [replace(v, track_id=np.full(120, f"{i}")) for i, v in enumerate(parts)]
+    seconds = []
+    for some in (named[:150], named):
+        tracks = Tracks.concatenate(some)
+        begun = time.perf_counter()
+        find_faults(tracks)
+        seconds.append(time.perf_counter() - begun)
+    assert seconds[1] < 12.0 * seconds[0]  # four times the rows; of all pairs it would be sixteen
