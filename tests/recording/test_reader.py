@@ -12,6 +12,7 @@ from mcap_files import DATA, scene, write_protobuf_log
 from mcap_protobuf.decoder import DecoderFactory
 
 from dirprim_filter.detections import Detections
+from dirprim_filter.recording import scan as scans
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.reader import (
     inspect,
@@ -20,7 +21,7 @@ from dirprim_filter.recording.reader import (
     read_tracks,
     stream_detections,
 )
-from dirprim_filter.recording.scan import Scan, scan
+from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.writer import write_tracks
 from dirprim_filter.tracks import Tracks
 
@@ -181,8 +182,8 @@ def test_header_time_is_that_of_the_contents_and_going_back_in_it_is_counted(tmp
 def test_of_the_log_times_that_are_not_wanted_chunks_stay_closed(tmp_path, monkeypatch, source):
     path = write_protobuf_log(tmp_path / "log.mcap", circling(n=200), chunk_size=1000)
     opened = []
-    real = Scan._messages
-    monkeypatch.setattr(Scan, "_messages", lambda self, chunk: opened.append(chunk) or real(self, chunk))
+    real = scans.read_contents
+    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk) or real(file, chunk))
     step_ns = 1_000_000_000 if source == "header" else STEP_NS
     wanted = {"topics": "/markers", "time_source": source, "start_ns": 50 * step_ns, "end_ns": 60 * step_ns}
     tracks = read_tracks(path, **wanted)
