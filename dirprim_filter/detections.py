@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from dirprim_filter.sizes import as_sizes, chosen_sizes, joined_sizes
-from dirprim_filter.tracks import Tracks, as_texts, as_times, check_lengths, world_names
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
+from dirprim_filter.tracks import Tracks, as_groups, as_texts, as_times, check_lengths, world_names
+from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
 NO_TIME = -(1 << 63)
 """Nanoseconds before every frame's: how far a log has come before its first."""
@@ -17,8 +17,8 @@ NO_ID = ""
 """What a detection is called whose sensor gives it no name: it may be any vehicle's, or none's."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Detections:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Detections(ArrayValue):
     """Reported positions, a row for each vehicle and instant, in the order they came.
 
     Attributes:
@@ -56,8 +56,7 @@ class Detections:
         for name, rest in (("direction", ()), ("speed", ()), ("covariance", (2, 2))):
             columns[name] = _where_known(name, getattr(self, name), (n, *rest))
         columns["size"] = as_sizes(self.size, n)
-        group = np.asarray(self.group, dtype=np.int64)
-        columns["group"] = group if group.size else np.zeros(n, np.int64)
+        columns["group"] = as_groups(self.group, n)
         check_lengths(columns)
         if (columns["speed"] < 0).any():
             raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(columns['speed'])}")

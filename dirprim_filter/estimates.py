@@ -11,11 +11,11 @@ import numpy as np
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.tracks import as_texts, as_times, as_track_ids, check_lengths
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
+from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimates:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimates(ArrayValue):
     """The filter's belief about vehicles, seen or out of sight, a row for each vehicle and instant.
 
     Attributes:
@@ -92,8 +92,8 @@ class Estimates:
         return cls(track_id=np.concatenate(ids), **columns)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Particles:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Particles(ArrayValue):
     """The weighted samples behind the estimates of one instant, all vehicles one after the other.
 
     Attributes:
@@ -162,8 +162,8 @@ class Samples(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Innovations:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Innovations(ArrayValue):
     """How far the measurements of one instant were from where they were expected.
 
     Attributes:
@@ -176,8 +176,8 @@ class Innovations:
     squared: FloatArray
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrackedFrame:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrackedFrame(ArrayValue):
     """All that is known at one instant: what was reported, what is believed, and the samples that say so.
 
     Attributes:

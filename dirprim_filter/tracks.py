@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.sizes import as_sizes, chosen_sizes, joined_sizes
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
+from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
 logger = logging.getLogger(__name__)
 
@@ -73,8 +73,8 @@ def _is_decimal_int64(name: str) -> bool:
     return str(number) == name and -(1 << 63) <= number < 1 << 63
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tracks:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tracks(ArrayValue):
     """Observed motion of vehicles, a row for each vehicle and instant; rows are kept in order of time.
 
     Attributes:
@@ -103,14 +103,13 @@ class Tracks:
 
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.time_ns))
-        group = np.asarray(self.group, dtype=np.int64)
         columns = {
             "track_id": as_track_ids(self.track_id),
             "time_ns": as_times("time_ns", self.time_ns),
             "position": as_floats("position", self.position, "n 2"),
             "direction": wrap(as_floats("direction", self.direction, "n")),
             "speed": as_floats("speed", self.speed, "n"),
-            "group": group if group.size else np.zeros(n, np.int64),
+            "group": as_groups(self.group, n),
         }
         check_lengths(columns)
         speed = columns["speed"]
@@ -184,8 +183,7 @@ class Tracks:
         """
         ids, times = as_track_ids(track_id), as_times("time_ns", time_ns)
         position = as_floats("position", position, "n 2")
-        groups = np.asarray(group, dtype=np.int64)
-        groups = groups if groups.size else np.zeros(ids.size, np.int64)
+        groups = as_groups(group, ids.size)
         check_lengths({"track_id": ids, "time_ns": times, "position": position, "group": groups})
         sizes = as_sizes(size, ids.size)
         check_not_repeated(ids, times, groups)
@@ -241,11 +239,29 @@ def as_times(name: str, value: npt.ArrayLike) -> IntArray:
     """Times as int64 nanoseconds.
 
     Raises:
-        ValueError: not whole numbers: a float loses nanoseconds in silence.
+        ValueError: not whole numbers, as a float loses nanoseconds in silence; or beyond int64.
     """
+    return _as_whole(name, value, "nanoseconds")
+
+
+def as_groups(value: npt.ArrayLike, n: int) -> IntArray:
+    """(n,) int64 groups; of none given all 0.
+
+    Raises:
+        ValueError: not whole numbers, or beyond int64.
+    """
+    group = _as_whole("group", value, "numbers")
+    return group if group.size else np.zeros(n, np.int64)
+
+
+def _as_whole(name: str, value: npt.ArrayLike, what: str) -> IntArray:
     array = np.asarray(value)
-    if array.size and array.dtype.kind not in "iu":
-        raise ValueError(f"{name}: expected whole nanoseconds (int64), got {array.dtype}")
+    is_whole = array.dtype.kind in "iu" or all(type(number) is int for number in array.flat)
+    if not is_whole:
+        raise ValueError(f"{name}: expected whole {what} (int64), got {array.dtype}")
+    limits = np.iinfo(np.int64)
+    if array.size and array.dtype.kind != "i" and not (array.min() >= limits.min and array.max() <= limits.max):
+        raise ValueError(f"{name}: expected {what} within int64, got {array.min()} to {array.max()}")
     return array.astype(np.int64, copy=False)
 
 

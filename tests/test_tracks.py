@@ -8,6 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dirprim_filter.detections import Detections
+from dirprim_filter.recording.drops import ClockFaults, Drops
+from dirprim_filter.recording.track_log import TrackLog
 from dirprim_filter.tracks import (
     DIFFERENCE_HALF_WINDOW_S,
     MAX_DIFFERENCE_GAP_S,
@@ -39,6 +42,38 @@ def test_rows_are_kept_in_order_of_time_and_rows_of_one_time_in_the_order_given(
     assert tracks.n_tracks == 4
 
 
+def test_times_to_the_ends_of_int64_are_kept():
+    ends = [-(2**63), 0, 2**63 - 1]
+    for given_times in (ends, np.array(ends, object), np.array(ends, np.int64)):
+        assert Tracks(**GOOD | {"time_ns": given_times}).time_ns.tolist() == ends
+    assert Tracks(**GOOD | {"time_ns": np.array([1, 2, 2**63 - 1], np.uint64)}).time_ns.tolist() == [1, 2, 2**63 - 1]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"track_id": [4, 4, 8]}, {"time_ns": [0, 11, 0]}, {"speed": [1, 1, 1 + 1e-9]}, {"size": np.ones((3, 3))}],
+)
+def test_tracks_are_equal_where_every_row_is(change):
+    sized = GOOD | {"size": np.array([[4.0, 2.0, np.nan]] * 3)}
+    assert Tracks(**GOOD) == Tracks(**GOOD)
+    assert Tracks(**sized) == Tracks(**sized)
+    assert Tracks(**GOOD) != Tracks(**GOOD | change)
+    assert Tracks(**GOOD) != Tracks(**GOOD)[:2]
+    assert Tracks(**GOOD) != GOOD
+    assert TrackLog(tracks=Tracks(**GOOD), damage=(), dropped=Drops(), clock=ClockFaults()) == TrackLog(
+        tracks=Tracks(**GOOD), damage=(), dropped=Drops(), clock=ClockFaults()
+    )
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(Tracks(**GOOD))
+
+
+def test_detections_are_equal_where_every_row_is():
+    seen = Detections.of(Tracks(**GOOD))
+    assert seen == Detections.of(Tracks(**GOOD))
+    assert seen != replace(seen, position=seen.position + 1)
+    assert seen != Tracks(**GOOD)
+
+
 def test_directions_are_wrapped_and_groups_left_out_are_zero():
     tracks = Tracks(**GOOD | {"direction": [3 * np.pi, -np.pi, 0.5]})
     np.testing.assert_allclose(np.sort(tracks.direction), [0.5, np.pi, np.pi])
@@ -59,6 +94,13 @@ def test_directions_are_wrapped_and_groups_left_out_are_zero():
         ({"direction": np.zeros(2)}, r"columns: expected one length n, got .*direction \(2,\)"),
         ({"track_id": [1, 2]}, r"columns: expected one length n, got track_id \(2,\)"),
         ({"time_ns": [0.0, 10.0, 0.0]}, r"time_ns: expected whole nanoseconds \(int64\), got float64"),
+        ({"time_ns": [1, 2, 2**64 - 1]}, r"time_ns: expected (nanoseconds within|whole nanoseconds \(int64\))"),
+        ({"time_ns": [0, 1, -(2**63) - 1]}, r"time_ns: expected nanoseconds within int64, got -9223372036854775809"),
+        ({"time_ns": [0, 1, 10**30]}, r"time_ns: expected nanoseconds within int64"),
+        ({"time_ns": np.array([0, 1, 2**63 + 5], np.uint64)}, r"time_ns: expected nanoseconds within int64"),
+        ({"time_ns": np.array([0, 1, 2.5], object)}, r"time_ns: expected whole nanoseconds \(int64\), got object"),
+        ({"group": [0, 1, 10**30]}, r"group: expected numbers within int64"),
+        ({"group": [0.5, 1, 2]}, r"group: expected whole numbers \(int64\), got float64"),
         ({"time_ns": [0, 0, 0]}, r"vehicle 4 has two rows at 0 ns; keep one"),
         ({"track_id": ["4", 4, "9"], "time_ns": [7, 7, 7]}, r"vehicle 4 has two rows at 7 ns"),
         ({"group": [1, 2]}, r"columns: expected one length n, got .*group \(2,\)"),

@@ -15,7 +15,7 @@ from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import TimedRows
 from dirprim_filter.sizes import chosen_sizes, has_sizes, joined_sizes, unknown_sizes
 from dirprim_filter.tracks import Numbers, Tracks, as_texts, as_track_ids, repeated_rows, vehicle_numbers
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,8 +73,8 @@ class _SizeColumn(_Column):
         return super().whole() if self._n else unknown_sizes(self._untold)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Columns:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Columns(ArrayValue):
     """Rows as logs tell them, not yet tracks.
 
     Attributes:
