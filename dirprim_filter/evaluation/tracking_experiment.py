@@ -30,7 +30,7 @@ class TrackingExperiment:
         seed: of the first.
         cutoff_m: metres, farther than which an estimate is not of a vehicle, in GOSPA.
         methods: which are compared.
-        filter: knobs of the filters; its noise is the sensor's.
+        filter: knobs of the filters; its noise is the sensor's, and its beliefs outlast a gap.
         tracking: knobs of association; left out, what is true of the sensor.
     """
 
@@ -62,7 +62,8 @@ class TrackingExperiment:
             raise ValueError(f"miss_rate: expected a probability below 1, got {self.miss_rate}")
         if not 0 < self.learn < 1:
             raise ValueError(f"learn: expected a share between 0 and 1, got {self.learn}")
-        object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m))
+        lasting_s = max(self.filter.max_gap_s, self.gap_s + 1.0)  # else the end of a gap has no estimate to judge
+        object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m, max_gap_s=lasting_s))
 
     @classmethod
     def of(cls, told: Mapping[str, Any]) -> TrackingExperiment:

@@ -66,6 +66,11 @@ class Roster:
         """(v,) the slots of vehicles that have one."""
         return np.array([self._slot[name] for name in names], dtype=np.int64)
 
+    def names_of(self, slot: IntArray) -> list[str]:
+        """The names of those who have the slots (v,)."""
+        names = {place: name for name, place in self._slot.items()}
+        return [names[place] for place in slot.tolist()]
+
     def members(self, *, is_named: bool) -> tuple[list[str], IntArray]:
         """Names and slots (v,) of those with, or without, a name of their sensor's; in the order they came."""
         if is_named not in self._members:

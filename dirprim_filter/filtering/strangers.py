@@ -137,7 +137,7 @@ class Strangers:
     def _wait(self, still: IntArray, left: Detections) -> None:
         """Remember what nobody claimed in this frame, and what `still` waits of the one before."""
         self._frames_ns = [*self._frames_ns[1:], self._time_ns]
-        oldest_ns = max(self._frames_ns[0] + 1, self._time_ns - int(LONGEST_WAIT_S * 1e9))
+        oldest_ns = max(self._frames_ns[0], self._time_ns - int(LONGEST_WAIT_S * 1e9))
         waited = self._waiting[still]
         self._waiting = Detections.concatenate([waited[waited.time_ns >= oldest_ns], left])
 

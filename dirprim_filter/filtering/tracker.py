@@ -222,7 +222,7 @@ class Tracker:
     def _begin(self, slot: IntArray, row: IntArray) -> None:
         if slot.size == 0:
             return
-        key = [birth_key(self._seed, str(name), self._time_ns) for name in self._frame.detections.track_id[row]]
+        key = [birth_key(self._seed, name, self._time_ns) for name in self._roster.names_of(slot)]
         self._filter.begin(slot, np.array(key, dtype=np.uint64), self._frame.detections[row])
 
     def _recover(self, slot: IntArray, row: IntArray) -> None:

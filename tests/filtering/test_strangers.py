@@ -149,3 +149,72 @@ def test_after_an_hour_everything_is_new(ring_map):
     assert len(after[0]) == 0
     assert len(after[-1]) == 2
     assert not set(after[-1].track_id) & set(before.track_id)
+
+
+def kept_apart(found, ways):
+    """Names of the tracks nearest to each of the ways (frames, 2) in the latter half of the frames."""
+    names = []
+    for way in ways:
+        half = range(len(found) // 2, len(found))
+        off = [np.linalg.norm(found[i].position - way[i], axis=1) for i in half]
+        assert max(of.min() for of in off) < 1.5
+        names.append({str(found[i].track_id[of.argmin()]) for i, of in zip(half, off, strict=True)})
+    return names
+
+
+def seen_on(ways, *, noise_m=0.2, hide=lambda i, v: False, seed=0):
+    rng = np.random.default_rng(seed)
+    return [
+        (0.1 * i, [way[i] + rng.normal(0, noise_m, 2) for v, way in enumerate(ways) if not hide(i, v)])
+        for i in range(len(ways[0]))
+    ]
+
+
+def straight(start, velocity, n=60):
+    return np.asarray(start) + 0.1 * np.arange(n)[:, None] * np.asarray(velocity)
+
+
+SITUATIONS = {
+    "near": [straight((-30, 0), (8, 0)), straight((-30, 3), (8, 0))],
+    "crossing": [straight((-24, 0), (8, 0)), straight((0, -27), (0, 8))],
+    "queueing": [straight((6.0 * k, 0), (0, 0)) for k in range(5)],
+    "overtaking": [straight((-30, 0), (6, 0)), straight((-42, 3), (11, 0))],
+}
+
+
+@pytest.mark.parametrize("situation", SITUATIONS)
+def test_vehicles_that_are_near_cross_queue_or_overtake_keep_their_names(ring_map, situation):
+    ways = SITUATIONS[situation]
+    found = followed(made(ring_map, "kalman"), seen_on(ways))
+    names = kept_apart(found, ways)
+    assert all(len(of) == 1 for of in names)
+    assert len(set.union(*names)) == len(ways) == len(found[-1])
+
+
+def test_what_no_position_can_tell_apart_is_not_told_apart(ring_map):
+    """The control: two vehicles 0.3 m apart in noise of 1 m change names, or are one."""
+    ways = [straight((-30, 0), (8, 0)), straight((-30, 0.3), (8, 0))]
+    found = followed(made(ring_map, "kalman"), seen_on(ways, noise_m=1.0))
+    names = {tuple(np.sort(estimates.track_id)) for estimates in found[10:]}
+    order = {np.argsort(estimates.position[:, 1]).tolist()[0] for estimates in found[10:] if len(estimates) == 2}
+    assert len(names) > 1 or len(order) > 1
+
+
+@pytest.mark.parametrize(("n_missed", "begins"), [(1, True), (2, False)])
+def test_a_vehicle_missed_once_between_its_first_two_detections_begins(ring_map, n_missed, begins):
+    ways = SITUATIONS["near"][:1]
+    tracker = made(ring_map, "kalman")
+    followed(tracker, seen_on(ways, hide=lambda i, _: 0 < i <= n_missed)[: n_missed + 2])
+    assert len(tracker._roster) == int(begins)
+
+
+def test_nameless_beliefs_that_begin_anew_in_one_frame_draw_numbers_of_their_own(ring_map):
+    tracker = made(ring_map, "particles")
+    followed(tracker, two_vehicles(40, rng=np.random.default_rng(0)))
+    _, slot = tracker._roster.members(is_named=False)
+    tracker._recover(slot[:2], np.array([0, 1]))
+    first, second = (tracker._filter.particles(slot[:2]).of(row) for row in (0, 1))
+    place = tracker._frame.detections.position
+    np.testing.assert_array_less(0.01, np.abs((first.position - place[0]) - (second.position - place[1])).max(axis=0))
+    tracker._begin(slot[:1], np.array([0]))  # the control: the same vehicle at the same time draws the same
+    np.testing.assert_array_equal(tracker._filter.particles(slot[:1]).of(0).position, first.position)
