@@ -15,6 +15,7 @@ from mcap_files import log_bytes
 from dirprim_filter import load_map, read_estimates, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording import merge, source
+from dirprim_filter.recording import scan as scans
 from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.message_columns import MessageColumns
 from dirprim_filter.recording.scan import scan
@@ -108,13 +109,13 @@ def test_what_is_no_log_is_said_by_its_name(tmp_path, monkeypatch):
         {"topics": lambda topic: topic == "/topic1", "start_ns": 150_000},
     ],
 )
-def test_filters_give_what_filtering_afterwards_would_and_leave_chunks_closed(tmp_path, asked, compression):
+def test_filters_give_what_filtering_afterwards_would_and_leave_chunks_closed(tmp_path, monkeypatch, asked, compression):
     path = tmp_path / "log.mcap"
     path.write_bytes(log_bytes(SENT, chunk_size=500, compression=compression))
     log = scan(path, **asked)
     opened = []
-    read = log._messages
-    log._messages = lambda chunk: opened.append(chunk) or read(chunk)
+    read = scans.read_contents
+    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
     start_ns, end_ns = asked.get("start_ns", 0), asked.get("end_ns", 1 << 62)
     wanted = [m for m in SENT if start_ns <= m[1] < end_ns and asked.get("topics", bool)(m[0])]
     assert rows(log) == wanted
@@ -146,14 +147,14 @@ def test_overlapping_chunks_are_merged_from_disk_when_they_are_many(tmp_path, mo
     assert len(spilled) > 10
 
 
-def test_a_log_of_one_time_stays_in_the_order_of_the_file_without_being_held(tmp_path):
+def test_a_log_of_one_time_stays_in_the_order_of_the_file_without_being_held(tmp_path, monkeypatch):
     sent = [("/a", 7, i.to_bytes(40, "big")) for i in range(2000)]
     path = tmp_path / "log.mcap"
     path.write_bytes(log_bytes(sent, chunk_size=1000))
     log = scan(path)
     opened = []
-    read = log._messages
-    log._messages = lambda chunk: opened.append(chunk) or read(chunk)
+    read = scans.read_contents
+    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk) or read(file, chunk))
     messages = iter(log)
     first = [next(messages) for _ in range(20)]
     assert len(opened) <= 4
