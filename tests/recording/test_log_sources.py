@@ -109,7 +109,9 @@ def test_what_is_no_log_is_said_by_its_name(tmp_path, monkeypatch):
         {"topics": lambda topic: topic == "/topic1", "start_ns": 150_000},
     ],
 )
-def test_filters_give_what_filtering_afterwards_would_and_leave_chunks_closed(tmp_path, monkeypatch, asked, compression):
+def test_filters_give_what_filtering_afterwards_would_and_leave_chunks_closed(
+    tmp_path, monkeypatch, asked, compression
+):
     path = tmp_path / "log.mcap"
     path.write_bytes(log_bytes(SENT, chunk_size=500, compression=compression))
     log = scan(path, **asked)

@@ -240,6 +240,11 @@ def test_sumo_without_speeds_is_differenced(tmp_path):
         ("<net><edge/></net>", "expected an fcd-export, got <net>"),
         ("<fcd-export><timestep time='0'/></fcd-export>", "expected vehicles"),
         (FCD.replace('"0.20"', '"later"'), "line 8: expected seconds as time, got 'later'"),
+        *(
+            (FCD.replace('"0.20"', f'"{time}"'), f"line 8: expected seconds as time, got '{time}'")
+            for time in ("nan", "-nan", "snan", "inf", "-Infinity", "1e30", "1e999999999", "")
+        ),
+        ('<fcd-export><vehicle id="a" x="0" y="0"/></fcd-export>', "expected vehicles in time steps, got one before"),
         (FCD.replace('x="7"', 'x="seven"'), "line 10: expected a number as x, got 'seven'"),
         (FCD.replace('x="7"', ""), "line 10: expected x of a vehicle"),
     ],

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
 from typing import NoReturn
@@ -146,8 +146,18 @@ class Block:
 
 
 def exact_nanoseconds(seconds: str) -> int:
-    """Decimal seconds to the nearest nanosecond."""
-    return int((Decimal(seconds) * 1_000_000_000).to_integral_value())
+    """Decimal seconds to the nearest nanosecond.
+
+    Raises:
+        ValueError: it is no number, not finite, or more than `MAX_SECONDS`.
+    """
+    try:
+        exact = Decimal(seconds)
+    except InvalidOperation as error:
+        raise ValueError(f"expected decimal seconds, got {seconds!r}") from error
+    if not exact.is_finite() or abs(exact) > MAX_SECONDS:
+        raise ValueError(f"expected at most {MAX_SECONDS:g} s, got {seconds!r}")
+    return int((exact * 1_000_000_000).to_integral_value())
 
 
 def is_number(text: str) -> bool:

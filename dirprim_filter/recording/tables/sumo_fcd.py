@@ -52,7 +52,7 @@ class _FcdExport:
         self._parser = expat.ParserCreate()
         self._parser.StartDoctypeDeclHandler = self._on_doctype
         self._parser.StartElementHandler = self._on_start
-        self._time_ns = -1
+        self._time_ns: int | None = None  # of the time step that is read
         self._lines: list[int] = []
         self._times: list[int] = []
         self._vehicles: list[dict[str, str]] = []
@@ -86,9 +86,11 @@ class _FcdExport:
             time = attributes.get("time", "")
             try:
                 self._time_ns = exact_nanoseconds(time)
-            except ArithmeticError as error:
+            except ValueError as error:
                 raise self._error("seconds as time", repr(time), "write the file anew") from error
         elif name == "vehicle":
+            if self._time_ns is None:
+                raise self._error("vehicles in time steps", "one before the first", "write the file anew")
             self._lines.append(self._parser.CurrentLineNumber)
             self._times.append(self._time_ns)
             self._vehicles.append(attributes)
@@ -96,7 +98,7 @@ class _FcdExport:
                 self._close_block()
         elif name in ("person", "container"):
             self._n_others += 1
-        elif name != "fcd-export" and not self._times and self._time_ns < 0:
+        elif name != "fcd-export" and self._time_ns is None:
             raise self._error("an fcd-export", f"<{name}>", "run SUMO with --fcd-output")
 
     def _close_block(self) -> None:
