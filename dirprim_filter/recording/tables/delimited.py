@@ -155,7 +155,7 @@ def exact_nanoseconds(seconds: str) -> int:
         exact = Decimal(seconds)
     except InvalidOperation as error:
         raise ValueError(f"expected decimal seconds, got {seconds!r}") from error
-    if not exact.is_finite() or abs(exact) > MAX_SECONDS:
+    if not exact.is_finite() or exact.copy_abs() > MAX_SECONDS:
         raise ValueError(f"expected at most {MAX_SECONDS:g} s, got {seconds!r}")
     return int((exact * 1_000_000_000).to_integral_value())
 
