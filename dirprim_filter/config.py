@@ -70,24 +70,13 @@ class FilterConfig:
         motion_outlier_probability: share of measured directions and speeds that say nothing: detectors turn vehicles
             round, and give standing ones any course.
         resample_below: resample when the effective sample size falls below this share of the particles.
-        place_free_share: of the particles that take up a mode, those that follow no primitive of the place: the
+        place_free_share: least share of the particles that take up a place-free manoeuvre, where they take up any: the
             vehicle that does what none has done there is not lost.
-        forecast_place_free_share: the same in forecasts, which hold as many such vehicles as there are, not more.
-        direction_spread: radians by which drivers differ beyond what a map's sharpest modes say; a filter that believes
-            a tenth of a degree takes whoever is one degree off for a stranger.
-        speed_spread: share of the speed, likewise.
+        redraw_rate: 1/s, how often a particle takes up whichever manoeuvre fits it by then.
         reach_m: metres; so far beside a cell a vehicle still moves as vehicles do in it: about a lane's width.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
-        drift: m^2/s, how fast a vehicle drifts from the way of the journey that it follows, in each axis: 0.07 m in a
-            second.
-        forget_rate: 1/s, how often a vehicle that follows a journey goes over to another that it has come to be like.
-        place_free_agility: by how much more than the journey of another place a vehicle that follows one turns and
-            changes its speed, in units of what the map's vehicles do: two that have nothing to do with each other
-            differ by the root of 2. Who starts, brakes or turns as none did here is found by these, as by a Kalman
-            filter fitted to the same vehicles.
-        forecast_place_free_agility: the same in forecasts, where nothing tells which of them are right.
-        renewed_share: of the copies that resampling makes, those that look for another journey: they would tell nothing
-            new, and their journey may be the wrong one.
+        drift: m^2/s, how fast a vehicle drifts from the way that its direction and speed say, in each axis: 0.07 m in
+            a second.
         max_gap_s: seconds without a measurement after which a belief ends.
     """
 
@@ -99,17 +88,11 @@ class FilterConfig:
     speed_noise: float = 0.5
     motion_outlier_probability: float = 0.05
     resample_below: float = 0.5
-    place_free_share: float = 0.2
-    forecast_place_free_share: float = 0.01
-    direction_spread: float = 0.05
-    speed_spread: float = 0.05
+    place_free_share: float = 0.1
+    redraw_rate: float = 0.3
     reach_m: float = 3.5
     step_s: float = 0.1
     drift: float = 0.005
-    forget_rate: float = 0.1
-    place_free_agility: float = 1.4
-    forecast_place_free_agility: float = 0.2
-    renewed_share: float = 0.3
     max_gap_s: float = 5.0
 
     def __post_init__(self) -> None:

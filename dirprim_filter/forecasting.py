@@ -18,7 +18,8 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.highest_density import Region, highest_density_regions
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.futures import Start, Steps, forecast_table, sample_paths, sample_paths_of_belief
+from dirprim_filter.filtering.futures import Start, Steps, sample_paths, sample_paths_of_belief
+from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats

@@ -1,7 +1,6 @@
 """Compiled steps of the particle filter, one vehicle after the other: no vehicle sees another's numbers.
 
-Where the map remembers journeys, particles follow these (`primitives._following`); on a map of primitives alone they
-relax to the modes of the cells that they pass (`_relaxing`).
+Particles move by the manoeuvres of the map (`primitives._motion`).
 """
 
 import math
@@ -12,19 +11,16 @@ from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._elementary import EXACT, cos, sin, squared_sine
+from dirprim_filter.distributions._blocks import ROWS
+from dirprim_filter.distributions._elementary import squared_sine
 from dirprim_filter.distributions._random import UIntArray
-from dirprim_filter.filtering._relaxing import MotionTable, draw_mode, offset_in, relax, step_of
-from dirprim_filter.primitives import _following as following
-from dirprim_filter.primitives._candidates import find_all, look_around, room_for, take_up
-from dirprim_filter.primitives._likening import NO_ROW, NOBODY
-from tessellation._kernels import locate
+from dirprim_filter.primitives import _map_kernels, _motion
+from dirprim_filter.primitives._map_kernels import MapTable
+from dirprim_filter.primitives._motion import MotionTable
 from tessellation.arrays import FloatArray, IntArray
 
 KERNEL_SHARE = 0.5
 """Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
-# Rows of what `go_on` notes of each particle's step along its journey.
-EAST, NORTH, COURSE, PACE, COURSE_LATER, PACE_LATER, ELSEWHERE = range(7)
 
 
 class Cloud(NamedTuple):
@@ -34,113 +30,23 @@ class Cloud(NamedTuple):
     direction: FloatArray  # (V, P)
     speed: FloatArray  # (V, P)
     cell: IntArray  # (V, P)
-    mode: IntArray  # (V, P)
-    row: IntArray  # (V, P) of the journey followed; `NO_ROW` for none: then the mode is followed
-    since: FloatArray  # (V, P) seconds since it
+    manoeuvre: IntArray  # (V, P)
+    push: FloatArray  # (V, P) the vehicle's own acceleration, in standard deviations of its manoeuvre's
     weight: FloatArray  # (V, P) sums to 1
     state: UIntArray  # (V, 4) of the random numbers
-
-
-@njit(cache=True)
-def advance(table: MotionTable, cloud: Cloud, v: int, dt_s: float) -> None:
-    """Move a vehicle's particles by `dt_s` in steps of at most `step_s`.
-
-    All particles in one call: arguments that hold arrays are counted at every call, by all threads.
-    """
-    state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
-    n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
-    h = dt_s / n_steps
-    if table.remembers:
-        go_on(table, cloud, v, h, n_steps, state)
-    else:
-        step = step_of(table, h)
-        for p in range(cloud.position.shape[1]):
-            x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
-            direction, speed = cloud.direction[v, p], cloud.speed[v, p]
-            cell, mode = cloud.cell[v, p], cloud.mode[v, p]
-            for _ in range(n_steps):
-                here = locate(table.locator, x, y)
-                if here != cell:
-                    cell = here
-                    mode = draw_mode(table, cell, x, y, direction, speed, True, state)
-                elif random.uniform(state) < step.takes_up:
-                    mode = draw_mode(table, cell, x, y, direction, speed, False, state)
-                x, y, direction, speed = relax(table, step, x, y, direction, speed, cell, mode, state)
-            cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
-            cloud.direction[v, p], cloud.speed[v, p] = direction, speed
-            cloud.cell[v, p], cloud.mode[v, p] = cell, mode
-    cloud.state[v] = state
-
-
-@njit(cache=True)
-def go_on(table: MotionTable, cloud: Cloud, v: int, h: float, n_steps: int, state: UIntArray) -> None:
-    """Move a vehicle's particles along journeys, `n_steps` of `h` seconds.
-
-    A share of those that look for a journey take one of another place, so that who does what none did here is not lost.
-    """
-    journeys, found = table.journeys, room_for(table.journeys)
-    decay = following.decay_over(journeys, h)
-    position, row, since = cloud.position[v], cloud.row[v], cloud.since[v]
-    direction, speed = cloud.direction[v], cloud.speed[v]
-    n = row.size
-    deviating, drifting, looking, way = np.empty(2 * n), np.empty(2 * n), np.empty(n, np.int64), np.empty((7, n))
-    forgetting = random.draw_gap(decay.forgets, state)
-    for _ in range(n_steps):
-        n_looking = 0
-        for p in range(n):
-            if forgetting == 0 or row[p] == NO_ROW:
-                looking[n_looking] = p
-                n_looking += 1
-            forgetting = forgetting - 1 if forgetting > 0 else random.draw_gap(decay.forgets, state)
-        find_all(
-            journeys, looking[:n_looking], position, direction, speed, row, since, table.place_free_share, found, state
-        )
-        random.fill_normals(deviating, state)
-        random.fill_even(drifting, state)  # over some steps a drift is normal whatever each step's is
-        for p in range(n):
-            way[ELSEWHERE, p] = 1.0 if row[p] < NO_ROW else 0.0
-            (
-                way[EAST, p], way[NORTH, p], way[COURSE, p], way[PACE, p], way[COURSE_LATER, p], way[PACE_LATER, p],
-                row[p], since[p], ended,
-            ) = following.go_along(journeys, h, speed[p], row[p], since[p])  # fmt: skip
-            if ended:
-                row[p] = NO_ROW
-        move(decay, way, position, direction, speed, deviating[:n], deviating[n:], drifting)
-
-
-@njit(**EXACT)
-def move(
-    decay: following.Decay, way: FloatArray, position: FloatArray, direction: FloatArray, speed: FloatArray,
-    turning: FloatArray, hurrying: FloatArray, drifting: FloatArray,
-) -> None:  # fmt: skip
-    """Move particles whose journeys went that `way`, each deviating from its own, as `following.follow` does one.
-
-    Every loop writes one column, and reads few, so that it is compiled to vector instructions.
-    """
-    n = speed.size
-    elsewhere, turned, course_later = way[ELSEWHERE], way[COURSE], way[COURSE_LATER]
-    pace, pace_later, east, north = way[PACE], way[PACE_LATER], way[EAST], way[NORTH]
-    for p in range(n):
-        turned[p] = following.wrapped(direction[p] - turned[p])
-    for p in range(n):
-        turning[p] = following.turned_later(decay, elsewhere[p], turned[p], speed[p], turning[p])
-    for p in range(n):
-        direction[p] = following.wrapped(course_later[p] + turning[p])
-    for p in range(n):
-        speed[p] = following.speed_later(decay, elsewhere[p], speed[p], pace[p], pace_later[p], hurrying[p])
-    for p in range(n):
-        s, c = sin(0.5 * (turned[p] + turning[p])), cos(0.5 * (turned[p] + turning[p]))
-        turned[p], turning[p] = c * east[p] - s * north[p], s * east[p] + c * north[p]
-    for p in range(n):
-        position[p, 0] += turned[p] + decay.drift * drifting[p]
-        position[p, 1] += turning[p] + decay.drift * drifting[n + p]
 
 
 @njit(cache=True, nogil=True)
 def predict(table: MotionTable, cloud: Cloud, vehicle: IntArray, dt_s: FloatArray) -> None:
     """Move every particle of the vehicles named."""
     for i in range(vehicle.size):
-        advance(table, cloud, vehicle[i], dt_s[i])
+        v = vehicle[i]
+        state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
+        _motion.move(
+            table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
+            cloud.push[v], dt_s[i], state,
+        )  # fmt: skip
+        cloud.state[v] = state
 
 
 @njit(cache=True, nogil=True)
@@ -148,65 +54,40 @@ def predict_paths(table: MotionTable, cloud: Cloud, dt_s: FloatArray, path: Floa
     """Positions of the particles after each of n_steps steps, (n_steps,) seconds. Fills (V, P, n_steps, 2)."""
     for v in range(path.shape[0]):
         for step in range(path.shape[2]):
-            advance(table, cloud, v, dt_s[step])
-            for p in range(path.shape[1]):
-                path[v, p, step, 0], path[v, p, step, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
+            predict(table, cloud, np.array([v]), dt_s[step : step + 1])
+            path[v, :, step] = cloud.position[v]
 
 
 @njit(cache=True, nogil=True)
 def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
-    """Give every particle a journey, or the cell of its position and a mode, that fits its direction and speed.
-
-    Particles that begin alike, as those of a forecast do, are looked around for once.
-    """
-    journeys, found = table.journeys, room_for(table.journeys)
+    """Give every particle the cell of its position, and a manoeuvre that fits its direction and speed."""
     for v in vehicle:
-        state = cloud.state[v]
-        n_blocks, total = 0, 0.0
-        for p in range(cloud.position.shape[1]):
-            x, y = cloud.position[v, p, 0], cloud.position[v, p, 1]
-            direction, speed = cloud.direction[v, p], cloud.speed[v, p]
-            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = locate(table.locator, x, y), 0, NO_ROW
-            if not table.remembers:
-                cloud.mode[v, p] = draw_mode(table, cloud.cell[v, p], x, y, direction, speed, True, state)
-                continue
-            same = p > 0 and x == cloud.position[v, p - 1, 0] and y == cloud.position[v, p - 1, 1]
-            if not (same and direction == cloud.direction[v, p - 1] and speed == cloud.speed[v, p - 1]):
-                n_blocks, total = look_around(journeys, x, y, direction, speed, NOBODY, found)
-            here = 0.0 if random.uniform(state) < table.place_free_share else total
-            row, since = take_up(journeys, n_blocks, here, found, speed, NOBODY, state)
-            cloud.row[v, p], cloud.since[v, p] = row, since
+        _motion.settle(
+            table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
+            cloud.push[v], cloud.state[v],
+        )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def be_born(
-    table: MotionTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float
-) -> None:
+    table: MotionTable, primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray,
+    noise: float,
+) -> None:  # fmt: skip
     """Draw a new belief from one measurement: positions around it, direction and speed from the primitive there."""
+    n = cloud.speed.shape[1]
+    block = np.empty(n // ROWS + 1, np.uint64)
     for i in range(vehicle.size):
         v = vehicle[i]
         state = cloud.state[v]
         random.seed_state(key[i], state)
-        n = cloud.position.shape[1]
         for p in range(n):
-            x = measured[i, 0] + noise * random.draw_normal(state)
-            y = measured[i, 1] + noise * random.draw_normal(state)
-            cell = locate(table.locator, x, y)
-            left, mode = random.uniform(state), 0
-            for m in range(table.weight.shape[1]):
-                mode = m
-                left -= table.weight[cell, m]
-                if left < 0.0:
-                    break
-            east, north = offset_in(table, cell, x, y)
-            bend, gain = table.bend[cell, mode], table.gain[cell, mode]
-            mean = table.mean[cell, mode] + bend[0] * east + bend[1] * north
-            rate = table.rate[cell, mode] * math.exp(-gain[0] * east - gain[1] * north)
-            cloud.position[v, p, 0], cloud.position[v, p, 1] = x, y
-            cloud.direction[v, p] = density.wrap(random.draw_von_mises(mean, table.concentration[cell, mode], state))
-            cloud.speed[v, p] = random.draw_gamma(table.shape[cell, mode], state) / rate
-            cloud.cell[v, p], cloud.mode[v, p], cloud.row[v, p] = cell, mode, NO_ROW
-            cloud.weight[v, p] = 1.0 / n
+            cloud.position[v, p, 0] = measured[i, 0] + noise * random.draw_normal(state)
+            cloud.position[v, p, 1] = measured[i, 1] + noise * random.draw_normal(state)
+        for b in range(block.size):
+            block[b] = random.bits(state)
+        _map_kernels.draw(primitives, cloud.position[v], block, cloud.direction[v], cloud.speed[v])
+        cloud.weight[v] = 1.0 / n
+    settle(table, cloud, vehicle)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -263,13 +144,12 @@ def spread_of(column: FloatArray, survivors: IntArray, is_angle: bool) -> float:
 
 
 @njit(cache=True, nogil=True)
-def resample(cloud: Cloud, vehicle: IntArray, below: float, renewed_share: float) -> None:
+def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
     """Replace the particles of each vehicle by equally weighted survivors: the first of each stays where it is.
 
-    A vehicle whose effective sample size is not below `below` keeps its own. Of a survivor's copies, a share looks for
-    another journey when it next moves. Copies are spread in direction and speed by the kernel of a regularised filter
-    (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times n^(-1/6), so that few particles do not become
-    one that is wrong.
+    A vehicle whose effective sample size is not below `below` keeps its own. Copies are spread in direction and speed
+    by the kernel of a regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times n^(-1/6),
+    so that few particles do not become one that is wrong.
     """
     n = cloud.position.shape[1]
     bandwidth = KERNEL_SHARE * n ** (-1.0 / 6.0)
@@ -280,8 +160,8 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float, renewed_share: float
             continue
         state = cloud.state[v].copy()
         systematic(weight, random.uniform(state), survivors)
-        position, direction, speed, since = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.since[v]
-        cell, mode, row = cloud.cell[v], cloud.mode[v], cloud.row[v]
+        position, direction, speed, push = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.push[v]
+        cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
         wider = bandwidth * spread_of(direction, survivors, True)
         faster = bandwidth * spread_of(speed, survivors, False)
         free = 0
@@ -292,10 +172,7 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float, renewed_share: float
                 position[free, 0], position[free, 1] = position[a, 0], position[a, 1]
                 direction[free] = density.wrap(direction[a] + wider * random.draw_normal(state))
                 speed[free] = max(speed[a] + faster * random.draw_normal(state), 0.0)
-                since[free] = since[a]
-                cell[free], mode[free], row[free] = cell[a], mode[a], row[a]
-                if random.uniform(state) < renewed_share:
-                    row[free] = NO_ROW
+                cell[free], manoeuvre[free], push[free] = cell[a], manoeuvre[a], push[a]
                 free += 1
         cloud.state[v] = state
         weight[:] = 1.0 / n

@@ -18,13 +18,15 @@ class ParticleBelief:
 
     Attributes:
         cloud: arrays of (slots, particles, ...).
+        mode_of: (z,) the mode of each manoeuvre.
         step: how often it was changed; whoever changes it counts.
     """
 
-    def __init__(self, *, n_particles: int) -> None:
+    def __init__(self, *, n_particles: int, mode_of: IntArray) -> None:
         if n_particles < 1:
             raise ValueError(f"n_particles: expected at least 1, got {n_particles}")
         self.cloud = _empty_cloud(FIRST_CAPACITY, n_particles)
+        self.mode_of = mode_of
         self.step = 0
 
     @property
@@ -96,7 +98,7 @@ class BelievedParticles:
             speed=cloud.speed.take(at),
             weight=cloud.weight.take(at),
             vehicle=vehicle,
-            mode=cloud.mode.take(at),
+            mode=self._belief.mode_of[cloud.manoeuvre.take(at)],
         )
 
 
@@ -107,9 +109,8 @@ def _empty_cloud(n_slots: int, n_particles: int) -> Cloud:
         direction=np.zeros(shape),
         speed=np.zeros(shape),
         cell=np.full(shape, -1, np.int64),
-        mode=np.zeros(shape, np.int64),
-        row=np.full(shape, -1, np.int64),
-        since=np.zeros(shape),
+        manoeuvre=np.zeros(shape, np.int64),
+        push=np.zeros(shape),
         weight=np.full(shape, 1.0 / n_particles),
         state=np.zeros((n_slots, 4), np.uint64),
     )

@@ -6,7 +6,6 @@ come to, repeat.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +15,10 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._heeding import heed
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.filtering._relaxing import MotionTable
-from dirprim_filter.filtering.heeding import AHEAD_S, cue_columns
-from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.filtering.heeding import cue_columns
+from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives._motion import MotionTable
 from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats
 
@@ -63,16 +62,6 @@ def forecast_states(
     steps = Steps.at(time_s, n_samples)
     table = forecast_table(primitive_map, config or FilterConfig())
     return sample_paths(table, start, steps, cue=cue, rng=rng)
-
-
-def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
-    """A map's parameters as the compiled motion model takes them, with as many strangers as a forecast should hold."""
-    of_forecasts = replace(
-        config,
-        place_free_share=config.forecast_place_free_share,
-        place_free_agility=config.forecast_place_free_agility,
-    )
-    return motion_table(primitive_map, of_forecasts)
 
 
 class Start(NamedTuple):
@@ -163,9 +152,8 @@ def _cloud(start: Start, *, rng: np.random.Generator) -> Cloud:
         direction=start.direction.copy(),
         speed=start.speed.copy(),
         cell=np.empty((v, n), np.int64),
-        mode=np.empty((v, n), np.int64),
-        row=np.empty((v, n), np.int64),
-        since=np.empty((v, n)),
+        manoeuvre=np.empty((v, n), np.int64),
+        push=np.empty((v, n)),
         weight=np.full((v, n), 1.0 / n),
         state=rng.integers(2**64, size=(v, 4), dtype=np.uint64),
     )
@@ -175,8 +163,8 @@ def _heeded(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Genera
     """One in `PER_SAMPLE` of the particles, drawn by how well they fit a cue (Eq. 4)."""
     v, n = cloud.speed.shape
     vehicle = np.arange(v)
-    heed(table, cloud, vehicle, np.empty(v), *cue_columns(cue), AHEAD_S)
-    _kernels.resample(cloud, vehicle, np.inf, 0.0)
+    heed(table, cloud, vehicle, np.empty(v), *cue_columns(cue))
+    _kernels.resample(cloud, vehicle, np.inf)
     kept = rng.permuted(np.tile(np.arange(n), (v, 1)), axis=1)[:, : n // PER_SAMPLE]
     of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}
     return cloud._replace(**of_particles)

@@ -8,9 +8,6 @@ from dirprim_filter.distributions import von_mises
 from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray
 
-AHEAD_S = 4.0
-"""By when a vehicle that signals has turned: drivers signal some three seconds before, and a turn takes two."""
-
 
 def cue_columns(cue: Cue) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Turns, logs of weight over what normalises, and concentrations, (M,) each."""

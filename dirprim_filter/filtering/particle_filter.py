@@ -19,9 +19,9 @@ from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _kernels, _measuring
 from dirprim_filter.filtering._heeding import heed
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
-from dirprim_filter.filtering.heeding import AHEAD_S, cue_columns
+from dirprim_filter.filtering.heeding import cue_columns
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
-from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.filtering.motion import tracking_table
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
@@ -46,8 +46,9 @@ class ParticleFilter:
 
     def __init__(self, primitive_map: PrimitiveMap, config: FilterConfig | None = None) -> None:
         self.config = config = config or FilterConfig()
-        self.belief = ParticleBelief(n_particles=config.n_particles)
-        self._table = motion_table(primitive_map, config)
+        self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
+        self._table = tracking_table(primitive_map, config)
+        self._primitives = primitive_map.compiled()
         self._noise = _noise(config)
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
@@ -72,7 +73,9 @@ class ParticleFilter:
         for s in np.unique(spread):
             rows = np.flatnonzero(spread == s)
             born = (slot[rows], np.asarray(key)[rows], measured.position[rows])
-            self._split(_kernels.be_born, (self._table, cloud), born, (float(s),), each_ns=80.0)
+            self._split(
+                _kernels.be_born, (self._table, self._primitives, cloud), born, (float(s),), each_ns=150.0
+            )
         more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if more.size:
             columns = self._columns(measured[more])
@@ -107,27 +110,26 @@ class ParticleFilter:
         unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
         return Evidence(evidence[:, 0], unexplained | ~np.isfinite(evidence[:, 0]))
 
-    def heed(self, slot: IntArray, cue: Cue, *, ahead_s: float = AHEAD_S) -> FloatArray:
+    def heed(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh the particles of vehicles by a cue that they give: Eq. 4, of the direction some seconds later.
 
         Args:
             slot: (v,) vehicles that give it.
             cue: where they will turn, relative to their direction now.
-            ahead_s: by when they will have turned.
 
         Returns:
             (v,) natural log of the density of the cue's turn under each belief, per radian.
         """
         self.belief.step += 1
         result = np.empty(slot.size)
-        self._split(heed, (self._table, self.belief.cloud), (slot, result), (*cue_columns(cue), ahead_s), each_ns=60.0)
+        self._split(heed, (self._table, self.belief.cloud), (slot, result), cue_columns(cue), each_ns=60.0)
         return result
 
     def resample(self, slot: IntArray) -> None:
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.belief.step += 1
         below = self.config.resample_below * self.config.n_particles
-        self._split(_kernels.resample, (self.belief.cloud,), (slot,), (below, self.config.renewed_share), each_ns=12.0)
+        self._split(_kernels.resample, (self.belief.cloud,), (slot,), (below,), each_ns=12.0)
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""

@@ -3,4 +3,4 @@
 from dirprim_filter.primitives.learning import learn_primitives as learn_primitives
 from dirprim_filter.primitives.primitive_map import Primitive as Primitive
 from dirprim_filter.primitives.primitive_map import PrimitiveMap as PrimitiveMap
-from dirprim_filter.primitives.primitive_map import Relaxation as Relaxation
+from dirprim_filter.primitives.motion import Motion as Motion

@@ -11,7 +11,6 @@ from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import Recipe
-from dirprim_filter.primitives.relaxation import FALLBACK
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import Tessellation
 from tessellation.arrays import FloatArray
@@ -43,7 +42,7 @@ def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> Fl
 
 
 def assemble(cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, strength: float) -> PrimitiveMap:
-    """A map of each cell's own modes, heaviest first, then the place-free ones, before its relaxation is learned."""
+    """A map of each cell's own modes, heaviest first, then the place-free ones, before its motion is learned."""
     n = len(fitted.center)
     used = max(int((fitted.weight > 0).sum(axis=1).max(initial=0)), 1)
     order = np.argsort(-fitted.weight, axis=1, kind="stable")[:, :used]
@@ -71,7 +70,6 @@ def assemble(cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, stren
         speed=Gamma(shape=column("shape", 1.0), rate=column("rate", 1.0)),
         n_rows=np.append(n_rows, n_rows.sum()),
         n_place_free_modes=free.weight.size,
-        relaxation=FALLBACK,
         bend=np.stack([column("bend_east", 0.0), column("bend_north", 0.0)], axis=-1),
         gain=np.stack([column("gain_east", 0.0), column("gain_north", 0.0)], axis=-1),
     )

@@ -17,12 +17,10 @@ import numpy as np
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells, place_free_share
 from dirprim_filter.primitives.cell_model import PrimitiveModel, usual_of
-from dirprim_filter.primitives.journeys import Journeys
-from dirprim_filter.primitives.likeness import learn_likeness
+from dirprim_filter.primitives.motion_learning import learn_motion
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import CellsRule, ModesRule, Recipe, Usual
-from dirprim_filter.primitives.relaxation import learn_relaxation
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly
@@ -45,7 +43,7 @@ REACH_M = 3.0
 """Metres around the data that Voronoi cells cover: about a lane."""
 
 Progress = Callable[[int, float], None]
-STAGES = ("cells", "how much each leans on what is usual", "primitives", "how vehicles relax", "how they go on")
+STAGES = ("cells", "how much each leans on what is usual", "primitives", "how vehicles go on")
 """What is learned, one after the other."""
 
 
@@ -104,18 +102,15 @@ def learn_primitives(
     layout, recipe, place_free_strength = _choose(few, layouts, recipe, free, rng=rng)
     begin(2)
     learned = assemble(layout.cells, fit_cells(rows, layout, recipe, free), free, place_free_strength)
-    begin(3)
-    relaxation = learn_relaxation(learned, few, standing_speed=config.standing_speed)
     logger.info(
         "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
         layout.cells.n_cells, rows.n_vehicles, place_free_strength,
     )  # fmt: skip
     n_rows = residents(layout.cells.cell_of(rows.position), layout.cells.centers).start
-    begin(4)
+    begin(3)
     return replace(
         learned,
-        relaxation=relaxation,
-        journeys=learn_likeness(Journeys.of(rows), rng=rng),
+        motion=learn_motion(learned, rows, rng=rng),
         n_rows=np.append(np.diff(n_rows), len(rows)),
     )
 

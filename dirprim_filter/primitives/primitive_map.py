@@ -16,7 +16,7 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
-from dirprim_filter.primitives.journeys import Journeys
+from dirprim_filter.primitives.motion import Motion
 from tessellation import GridTessellation, Tessellation
 from tessellation.arrays import FloatArray, IntArray, as_floats
 
@@ -53,34 +53,6 @@ def _places(position: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Relaxation:
-    """How fast a vehicle's own direction and speed give way to what is usual: per second, learned from the log.
-
-    Attributes:
-        direction_rate: 1/s, towards the mean direction of the vehicle's mode.
-        speed_rate: 1/s, towards the mean speed of the vehicle's mode.
-        mode_rate: 1/s, how often a vehicle takes up another mode of its cell.
-        place_free_turning: rad^2/s, diffusion of the direction where no cell tells.
-        place_free_speed_rate: 1/s, towards the place-free mean speed where no cell tells.
-        drift: m^2/s, diffusion of the position in each axis beyond what direction and speed explain: lane changes,
-            side slip, the log's own jitter.
-    """
-
-    direction_rate: float
-    speed_rate: float
-    mode_rate: float
-    place_free_turning: float
-    place_free_speed_rate: float
-    drift: float
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name}: expected a positive number, got {value}")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PrimitiveMap:
     """A primitive for every place: those of the cells, and one that holds wherever no cell does.
 
@@ -94,11 +66,10 @@ class PrimitiveMap:
         n_rows: (n_cells + 1,) how many observations each row was learned from.
         n_place_free_modes: how many of the last modes are the place-free primitive's, in every row: what a cell leans
             on where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
-        relaxation: how vehicles settle on the primitives.
         bend: (n_cells + 1, M, 2) rad/m, how a mode's mean direction turns towards the east and the north of its cell;
             left out: none, the primitives are flat.
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
-        journeys: what vehicles did after what; left out: none, and vehicles move by the primitives alone.
+        motion: how vehicles go on from place to place; left out: each on the mode of its cell, and settling on it.
 
     Raises:
         ValueError: the parameters are not those of n_cells + 1 primitives.
@@ -109,10 +80,9 @@ class PrimitiveMap:
     speed: Gamma
     n_rows: IntArray
     n_place_free_modes: int
-    relaxation: Relaxation
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
-    journeys: Journeys = field(default_factory=Journeys.none)
+    motion: Motion = cast(Motion, None)  # made of the primitives where it is left out
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
@@ -129,6 +99,12 @@ class PrimitiveMap:
             slope = getattr(self, name)
             slope = as_floats(name, slope, f"{n} {shapes[0][1]} 2") if slope.size else np.zeros((*shapes[0], 2))
             object.__setattr__(self, name, slope)
+        if self.motion is None:
+            settling = Motion.settling(self.direction, self.speed, self.bend, self.gain, self.n_place_free_modes)
+            object.__setattr__(self, "motion", settling)
+        last = self.motion.cell[self.motion.n_placed - 1] if self.motion.n_placed else -1
+        if last >= n - 1 or (self.motion.mode >= shapes[0][1]).any():
+            raise ValueError(f"motion: expected manoeuvres of {n - 1} cells and {shapes[0][1]} modes, got others")
 
     @property
     def centers(self) -> FloatArray:
@@ -185,7 +161,7 @@ class PrimitiveMap:
         """
         position = _places(position)
         place = position.reshape(-1, 2)
-        table, direction, speed = self._compiled(), np.empty(len(place)), np.empty(len(place))
+        table, direction, speed = self.compiled(), np.empty(len(place)), np.empty(len(place))
         key = block_keys(len(place), rng)
 
         def work(first: int, last: int) -> None:
@@ -207,7 +183,7 @@ class PrimitiveMap:
         place = np.ascontiguousarray(np.broadcast_to(position, (*shape, 2))).reshape(-1, 2)
         flat = {name: np.ascontiguousarray(np.broadcast_to(c, shape)).reshape(-1) for name, c in columns.items()}
         theta, v = flat.get("direction", np.empty(0)), flat.get("speed", np.empty(0))
-        table, out = self._compiled(), np.empty(len(place))
+        table, out = self.compiled(), np.empty(len(place))
 
         def work(first: int, last: int) -> None:
             part = slice(first, last)
@@ -220,7 +196,7 @@ class PrimitiveMap:
         over_blocks(work, len(place))
         return out.reshape(shape)
 
-    def _compiled(self) -> MapTable:
+    def compiled(self) -> MapTable:
         """The parameters as the kernels take them, made at the first use."""
         if self._table is None:
             object.__setattr__(self, "_table", self._tabulated())
@@ -253,8 +229,7 @@ class PrimitiveMap:
             speed=self.speed[last],
             n_rows=self.n_rows[last],
             n_place_free_modes=self.n_place_free_modes,
-            relaxation=self.relaxation,
             bend=self.bend[last],
             gain=self.gain[last],
-            journeys=self.journeys.without_places(),
+            motion=self.motion.without_places(),
         )

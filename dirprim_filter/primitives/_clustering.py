@@ -1,0 +1,65 @@
+"""Compiled: visits of one cell grouped into manoeuvres.
+
+DP-means (Kulis and Jordan 2012): k-means in which a visit too far from every mean opens a group of its own.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from tessellation.arrays import FloatArray, IntArray
+
+PASSES = 8
+OPENING_PASSES = 2
+
+
+@njit(cache=True, nogil=True)
+def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, label: IntArray) -> int:
+    """Group visits by what is known of them.
+
+    Args:
+        feature: (n, f), NaN where not known.
+        order: (n,) in which visits are looked at.
+        opens_at: squared distance, mean over the known features, from which on a visit opens a group.
+        most: groups.
+        label: (n,) is filled.
+
+    Returns:
+        how many groups were opened; some may be empty.
+    """
+    n, f = feature.shape
+    total, known = np.zeros((most, f)), np.zeros((most, f))
+    label[:] = -1
+    n_groups = 0
+    for number in range(PASSES):
+        changed = False
+        for i in order:
+            best, least = -1, np.inf
+            for k in range(n_groups):
+                distance, count = 0.0, 0
+                for q in range(f):
+                    if not math.isnan(feature[i, q]) and known[k, q] > 0.0:
+                        off = feature[i, q] - total[k, q] / known[k, q]
+                        distance += off * off
+                        count += 1
+                distance /= max(count, 1)
+                if distance < least and count > 0:
+                    best, least = k, distance
+            if n_groups < most and (best < 0 or (least > opens_at and number < OPENING_PASSES)):
+                best = n_groups
+                n_groups += 1
+            best = max(best, 0)
+            if best != label[i]:
+                changed = True
+                for q in range(f):
+                    if not math.isnan(feature[i, q]):
+                        if label[i] >= 0:
+                            total[label[i], q] -= feature[i, q]
+                            known[label[i], q] -= 1.0
+                        total[best, q] += feature[i, q]
+                        known[best, q] += 1.0
+                label[i] = best
+        if not changed:
+            break
+    return n_groups

@@ -1,0 +1,206 @@
+"""How vehicles go on from place to place: manoeuvres of each mode, and which manoeuvre follows which.
+
+A mode says which way and how fast vehicles drive in a cell; its *manoeuvres* tell those apart that go on to different
+places: who leaves a roundabout at the next exit, who brakes for the line. Senanayake et al. 2020 name interactions
+between cells as future work: here they are counts of transitions from manoeuvre to manoeuvre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from tessellation.arrays import BoolArray, FloatArray, IntArray, as_floats
+
+CREEP = 0.3
+"""m/s, added to speeds before their logarithm is taken, so that slow vehicles are alike."""
+PUSH_RATE = 0.5
+"""1/s: how fast a vehicle's own acceleration is forgotten."""
+REVERSION = 0.2
+"""1/s, of the speed to its mode's where no visits say how fast."""
+ANYWHERE_PUSH, ANYWHERE_TURNING = 1.0, 0.2
+"""m/s^2, and radians in the square root of a second: how vehicles manoeuvre where no log says."""
+START_RATE = 0.1
+"""1/s: how often a vehicle starts that stands, where no log says."""
+WIDE_M = 3.0
+"""Spread across the way where it is not known: about a lane."""
+ASSUMED_VISITS = 100.0
+"""Of a cell whose vehicles nobody counted."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """Manoeuvres, in order of their cells; last those that are of no place.
+
+    Linear fields are of the offset from the cell's centre, metres east and north.
+
+    Attributes:
+        cell: (z,) ascending; -1 for the place-free manoeuvres, which come last.
+        mode: (z,) which column of the map's modes.
+        visits: (z,) how many were seen.
+        seconds: (z,) how long they lasted together.
+        course: (z,) radians, at the centre; of no meaning where `start_rate` is positive or the cell is -1.
+        bend: (z, 2) rad/m, its field.
+        course_spread: (z,) radians between vehicles; of place-free manoeuvres radians in the square root of a second.
+        log_pace: (z,) log of speed + 0.3 m/s, at the centre.
+        gain: (z, 2) 1/m, its field.
+        log_pace_spread: (z,).
+        path: (z, 3) how far across the way, to the left, the path is: by 1, u and u^2 along the mode's mean direction.
+        path_spread: (z,) metres.
+        path_direction: (z,) radians, which way `u` counts.
+        acceleration: (z, 4) m/s^2 by 1, metres east, metres north, m/s of the vehicle's speed.
+        push: (z,) m/s^2, standard deviation of a vehicle's own acceleration beside that.
+        stretch: (z,) by how much longer the way is than speeds say; speedometers and curbs differ from place to place.
+        start_rate: (z,) 1/s, how often a vehicle that stands starts; 0 for those in motion.
+        turn_ahead: (z,) radians by which vehicles have turned `AHEAD_S` later.
+        first: (z + 1,) transitions of manoeuvre z are those from first[z] to first[z + 1].
+        following: (t,) the manoeuvre that followed.
+        count: (t,) how often.
+        course_rate: 1/s, how fast a vehicle's deviation from the course of its manoeuvre is forgotten.
+        strength: how much a place-free manoeuvre counts against those of a cell, in visits.
+
+    Raises:
+        ValueError: columns of different lengths, numbers that are not finite, or transitions to nowhere.
+    """
+
+    cell: IntArray
+    mode: IntArray
+    visits: FloatArray
+    seconds: FloatArray
+    course: FloatArray
+    bend: FloatArray
+    course_spread: FloatArray
+    log_pace: FloatArray
+    gain: FloatArray
+    log_pace_spread: FloatArray
+    path: FloatArray
+    path_spread: FloatArray
+    path_direction: FloatArray
+    acceleration: FloatArray
+    push: FloatArray
+    stretch: FloatArray
+    start_rate: FloatArray
+    turn_ahead: FloatArray
+    first: IntArray
+    following: IntArray
+    count: FloatArray
+    course_rate: float = 2.0
+    strength: float = 1.0
+
+    def __post_init__(self) -> None:
+        n = self.cell.size
+        for name in FLOATS:
+            wide = {"bend": 2, "gain": 2, "path": 3, "acceleration": 4}.get(name)
+            object.__setattr__(self, name, as_floats(name, getattr(self, name), f"{n} {wide}" if wide else f"{n}"))
+        if self.mode.shape != (n,) or self.first.shape != (n + 1,) or self.following.shape != self.count.shape:
+            raise ValueError(
+                f"mode, first, following, count: expected ({n},), ({n + 1},) and two of one length, got "
+                f"{self.mode.shape}, {self.first.shape}, {self.following.shape} and {self.count.shape}"
+            )
+        placed = self.cell[self.cell >= 0]
+        if n == placed.size or (np.diff(placed) < 0).any() or (self.cell[placed.size :] != -1).any():
+            raise ValueError("cell: expected cells in ascending order, then -1 for one place-free manoeuvre at least")
+        ordered = self.first[0] == 0 and self.first[-1] == self.following.size and (np.diff(self.first) >= 0).all()
+        if not ordered or ((self.following < 0) | (self.following >= placed.size)).any():
+            raise ValueError(f"first, following: expected transitions to manoeuvres 0 to {placed.size - 1}")
+        for name in ("course_rate", "strength"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
+
+    def __len__(self) -> int:
+        return self.cell.size
+
+    @property
+    def n_placed(self) -> int:
+        """Number of manoeuvres that are of a cell."""
+        return int(np.count_nonzero(self.cell >= 0))
+
+    def without_places(self) -> Motion:
+        """The place-free manoeuvres alone."""
+        kept = self.cell < 0
+        columns = {name: getattr(self, name)[kept] for name in (*FLOATS, "cell", "mode")}
+        return replace(
+            self, **columns, first=np.zeros(int(kept.sum()) + 1, np.int64), following=np.empty(0, np.int64),
+            count=np.empty(0),
+        )  # fmt: skip
+
+    @classmethod
+    def settling(
+        cls, direction: VonMisesMixture, speed: Gamma, bend: FloatArray, gain: FloatArray, n_place_free: int
+    ) -> Self:
+        """Motion that primitives alone say: one manoeuvre for each mode, on which vehicles settle.
+
+        The spread of the acceleration is what keeps the speed's variance that of the mode's gamma. (n_cells + 1, M).
+        """
+        n_cells, n_modes = direction.weight.shape[0] - 1, direction.weight.shape[1]
+        of_cell, of_mode = np.nonzero(direction.weight[:n_cells, : n_modes - n_place_free])
+        mean, shape = speed.mean, speed.shape
+        pace, stands = mean[of_cell, of_mode], mean[of_cell, of_mode] < CREEP
+        anywhere = np.nonzero(direction.weight[-1])[0]
+        fast = anywhere[mean[-1, anywhere] >= CREEP]
+        free = place_free_manoeuvres(
+            share=np.array([direction.weight[-1, fast].sum()]), push=np.array([ANYWHERE_PUSH]),
+            turning=np.array([ANYWHERE_TURNING]),
+            standing=float(direction.weight[-1].sum() - direction.weight[-1, fast].sum()), start_rate=START_RATE,
+        )  # fmt: skip
+        variance = pace**2 / shape[of_cell, of_mode]
+        turned, gained = bend[of_cell, of_mode], gain[of_cell, of_mode]
+        rate = np.full(pace.size, REVERSION)
+        n = pace.size
+        placed = {
+            "cell": of_cell, "mode": of_mode, "visits": ASSUMED_VISITS * direction.weight[of_cell, of_mode],
+            "seconds": ASSUMED_VISITS * direction.weight[of_cell, of_mode], "course": direction.mean_direction[of_cell, of_mode],
+            "bend": turned,
+            "course_spread": np.minimum(1.0 / np.sqrt(np.maximum(direction.concentration[of_cell, of_mode], 1e-9)), 2.0),
+            "log_pace": np.log(pace + CREEP), "gain": gained * (pace / (pace + CREEP))[:, None],
+            "log_pace_spread": np.sqrt(1.0 / shape[of_cell, of_mode]), "path": np.zeros((n, 3)),
+            "path_spread": np.full(n, WIDE_M), "path_direction": direction.mean_direction[of_cell, of_mode],
+            "acceleration": np.column_stack([rate * pace, rate[:, None] * pace[:, None] * gained, -rate]),
+            "push": np.sqrt(variance * rate * (rate + PUSH_RATE)), "stretch": np.zeros(n),
+            "start_rate": np.where(stands, START_RATE, 0.0), "turn_ahead": np.zeros(n),
+        }  # fmt: skip
+        return cls(
+            **joined(placed, free), first=np.zeros(n + len(free["cell"]) + 1, np.int64),
+            following=np.empty(0, np.int64), count=np.empty(0),
+        )  # fmt: skip
+
+
+FLOATS = tuple(f.name for f in fields(Motion) if f.type == "FloatArray" and f.name != "count")
+"""Columns of floats, a row for each manoeuvre."""
+
+
+def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Columns of manoeuvres, one after the other."""
+    return {name: np.concatenate([one[name], other[name]]) for name in (*FLOATS, "cell", "mode")}
+
+
+def place_free_manoeuvres(
+    *, share: FloatArray, push: FloatArray, turning: FloatArray, standing: float, start_rate: float
+) -> dict[str, FloatArray]:
+    """Manoeuvres of no place: constant velocity, calmer or livelier, and standing.
+
+    Args:
+        share: (k,) how often vehicles move like each.
+        push: (k,) m/s^2.
+        turning: (k,) radians in the square root of a second.
+        standing: how often they stand.
+        start_rate: 1/s.
+    """
+    n = share.size + 1
+    amount = np.append(share, max(standing, 1e-3))
+    none = np.zeros(n)
+    return {
+        "cell": np.full(n, -1), "mode": np.zeros(n, np.int64), "visits": amount, "seconds": amount, "course": none,
+        "bend": np.zeros((n, 2)), "course_spread": np.append(turning, 0.0), "log_pace": none, "gain": np.zeros((n, 2)),
+        "log_pace_spread": np.ones(n), "path": np.zeros((n, 3)), "path_spread": np.full(n, WIDE_M),
+        "path_direction": none, "acceleration": np.zeros((n, 4)), "push": np.append(push, 0.0), "stretch": none,
+        "start_rate": np.append(np.zeros(n - 1), start_rate), "turn_ahead": none,
+    }  # fmt: skip
+
+
+def standing_of(motion: Motion) -> BoolArray:
+    """(z,) which manoeuvres are of vehicles that stand."""
+    return np.asarray(motion.start_rate > 0.0)

@@ -1,0 +1,181 @@
+"""What motion is learned from: sums over visits, in which every visit counts once.
+
+Sums of two logs, given the same cells, modes and labels, are the sums of both: they can be added and taken away.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from dirprim_filter.distributions.angles import difference
+from dirprim_filter.primitives.motion import CREEP
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.visits import STEP_S, Visits
+from tessellation.arrays import FloatArray, IntArray
+
+AHEAD_S = 4.0
+"""By when a vehicle that signals has turned: drivers signal some three seconds before, and a turn takes two."""
+ACCELERATED_OVER = 4
+"""Steps, around an instant: shorter differences are noise, longer ones smear where braking begins."""
+PUSHED_OVER_S = 1.0
+"""Seconds, over which a vehicle's own acceleration shows in its speed."""
+STRETCHED_FROM_M = 0.3
+MOST_STRETCH = 0.5
+SLOWEST_COURSE = 0.02
+"""Weight of the course of a vehicle that stands; of one that drives 1 m/s or more it is 1."""
+
+
+class Regression(NamedTuple):
+    """Sums of a linear regression for each manoeuvre."""
+
+    xx: FloatArray  # (z, p, p)
+    xy: FloatArray  # (z, p)
+    yy: FloatArray  # (z,)
+    weight: FloatArray  # (z,)
+
+    @classmethod
+    def of(cls, x: FloatArray, y: FloatArray, weight: FloatArray, label: IntArray, n: int) -> Self:
+        """(i, p), (i,), (i,), (i,) labels; rows whose `y` is NaN, or whose label is negative, count nothing."""
+        known = np.isfinite(y) & (label >= 0)
+        x, y, weight, label = x[known], y[known], weight[known], label[known]
+        p = x.shape[1]
+        xx = np.empty((n, p, p))
+        for i in range(p):
+            for j in range(i, p):
+                xx[:, i, j] = xx[:, j, i] = np.bincount(label, weight * x[:, i] * x[:, j], minlength=n)
+        xy = np.stack([np.bincount(label, weight * x[:, i] * y, minlength=n) for i in range(p)], axis=-1)
+        return cls(xx, xy, np.bincount(label, weight * y * y, minlength=n), np.bincount(label, weight, minlength=n))
+
+    def __add__(self, other: Regression) -> Regression:  # type: ignore[override]
+        return Regression(*(a + b for a, b in zip(self, other, strict=True)))
+
+    def __sub__(self, other: Regression) -> Regression:
+        return Regression(*(a - b for a, b in zip(self, other, strict=True)))
+
+    def solved(self, prior: FloatArray, toward: FloatArray | float = 0.0) -> FloatArray:
+        """(z, p) coefficients with a ridge of `prior` (p,) visits `toward` (z, p)."""
+        mean = np.broadcast_to(toward, self.xy.shape)
+        return np.linalg.solve(self.xx + np.diag(prior), (self.xy + prior * mean)[..., None])[..., 0]
+
+    def mean_square(self, beta: FloatArray) -> FloatArray:
+        """(z,) of the residuals."""
+        explained = 2.0 * (self.xy * beta).sum(axis=-1) - np.einsum("zi,zij,zj->z", beta, self.xx, beta)
+        return np.asarray(np.maximum(self.yy - explained, 0.0) / np.maximum(self.weight, 1e-9))
+
+
+class MotionSums(NamedTuple):
+    """Of each manoeuvre, and of each transition between two."""
+
+    visits: FloatArray  # (z,)
+    seconds: FloatArray  # (z,)
+    left: FloatArray  # (z,) visits whose end was seen
+    turned: FloatArray  # (z,) radians, sum over the instants whose course `AHEAD_S` later is known
+    turns: FloatArray  # (z,) how many these are, by weight
+    course: Regression  # by 1, east, north: off the mode's own field
+    log_pace: Regression  # by 1, east, north: off the mode's own field
+    path: Regression  # by 1, u, u^2
+    acceleration: Regression  # by 1, east, north, speed off the mode's mean
+    pushed: Regression  # the same, of what is gained in `PUSHED_OVER_S`
+    stretch: Regression  # by 1
+    transition: csr_array  # (z, z) how often one followed the other
+
+    @classmethod
+    def of(cls, visits: Visits, label: IntArray, cell: IntArray, mode: IntArray, primitives: PrimitiveMap) -> Self:
+        """The sums of visits.
+
+        Args:
+            visits: of some vehicles.
+            label: (v,) the manoeuvre of each; -1 for none.
+            cell: (z,) of each manoeuvre.
+            mode: (z,) of each manoeuvre.
+            primitives: what its modes say; motion deviates from that.
+        """
+        n, of_instant = cell.size, visits.of_instant
+        z = label[of_instant]
+        at = np.maximum(z, 0)
+        share = 1.0 / (visits.end - visits.begin)[of_instant]
+        driven = share * np.clip(visits.speed, SLOWEST_COURSE, 1.0)
+        mean_direction = primitives.direction.mean_direction[cell, mode][at]
+        mean_speed = primitives.speed.mean[cell, mode]
+        offset = visits.position - primitives.centers[cell[at]]
+        one = np.ones(z.size)
+        place = np.column_stack([one, offset])
+        of_mode = np.column_stack([mean_direction, primitives.bend[cell, mode][at]])
+        off_course = difference(visits.course, (place * of_mode).sum(axis=1))
+        gained = np.column_stack([np.log(mean_speed + CREEP), _of_pace(primitives, cell, mode)])[at]
+        off_pace = np.log(visits.speed + CREEP) - (place * gained).sum(axis=1)
+        cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
+        along = cosine * offset[:, 0] + sine * offset[:, 1]
+        across = cosine * offset[:, 1] - sine * offset[:, 0]
+        state = np.column_stack([place, visits.speed - mean_speed[at]])
+        turn = _change(visits, visits.course, AHEAD_S, is_angle=True)
+        follows = visits.follows() & (label >= 0)
+        follows &= np.append(label[1:] >= 0, np.zeros(min(len(visits), 1), np.bool_))
+        pair = label[:-1][follows[:-1]], label[1:][follows[:-1]]
+        known = label >= 0
+
+        def total(column: FloatArray) -> FloatArray:
+            return np.bincount(label[known], column[known], minlength=n)
+
+        def of_instants(weight: FloatArray) -> FloatArray:
+            return np.bincount(z[z >= 0], weight[z >= 0], minlength=n)
+
+        return cls(
+            visits=total(np.ones(len(visits))),
+            seconds=total(visits.seconds),
+            left=total(visits.follows().astype(np.float64)),
+            turned=of_instants(np.nan_to_num(driven * turn)),
+            turns=of_instants(np.where(np.isfinite(turn), driven, 0.0)),
+            course=Regression.of(place, off_course, driven, z, n),
+            log_pace=Regression.of(place, off_pace, share, z, n),
+            path=Regression.of(np.column_stack([one, along, along**2]), across, driven, z, n),
+            acceleration=Regression.of(state, _acceleration(visits), share, z, n),
+            pushed=Regression.of(state, _change(visits, visits.speed, PUSHED_OVER_S), share, z, n),
+            stretch=Regression.of(one[:, None], _stretch(visits), share, z, n),
+            transition=csr_array((np.ones(pair[0].size), pair), shape=(n, n)),
+        )
+
+    def __add__(self, other: MotionSums) -> MotionSums:  # type: ignore[override]
+        return MotionSums(*(a + b for a, b in zip(self, other, strict=True)))
+
+    def __sub__(self, other: MotionSums) -> MotionSums:
+        return MotionSums(*(a - b for a, b in zip(self, other, strict=True)))
+
+
+def _of_pace(primitives: PrimitiveMap, cell: IntArray, mode: IntArray) -> FloatArray:
+    """(z, 2) 1/m, the field of log(speed + 0.3) that a mode's gain of log speed is."""
+    mean = primitives.speed.mean[cell, mode]
+    return np.asarray(primitives.gain[cell, mode] * (mean / (mean + CREEP))[:, None])
+
+
+def _change(visits: Visits, column: FloatArray, seconds: float, *, is_angle: bool = False) -> FloatArray:
+    """(n,) how much a column changes in so many seconds; NaN where that is not seen. Turns add up step by step."""
+    later = visits.later(seconds)
+    if is_angle:
+        steps = difference(column[1:], column[:-1])
+        column = np.concatenate([[0.0], np.cumsum(steps)])[: column.size]
+    return np.where(later >= 0, column[np.maximum(later, 0)] - column, np.nan)
+
+
+def _acceleration(visits: Visits) -> FloatArray:
+    """(n,) m/s^2, the central difference of the speed."""
+    gained = _change(visits, visits.speed, ACCELERATED_OVER * STEP_S) / (ACCELERATED_OVER * STEP_S)
+    half = ACCELERATED_OVER // 2
+    return np.concatenate([np.full(half, np.nan), gained[: max(gained.size - half, 0)]])[: gained.size]
+
+
+def _stretch(visits: Visits) -> FloatArray:
+    """(n,) by how much longer the way around an instant is than its speeds say."""
+    n = visits.speed.size
+    if n == 0:
+        return np.empty(0)
+    step = STEP_S * 0.5 * (visits.speed[1:] + visits.speed[:-1])
+    said = _change(visits, np.concatenate([[0.0], np.cumsum(step)]), ACCELERATED_OVER * STEP_S)
+    later = visits.later(ACCELERATED_OVER * STEP_S)
+    way = np.hypot(*(visits.position[np.maximum(later, 0)] - visits.position).T)
+    longer = np.where(said > STRETCHED_FROM_M, way / np.maximum(said, STRETCHED_FROM_M) - 1.0, np.nan)
+    half = ACCELERATED_OVER // 2
+    return np.clip(np.concatenate([np.full(half, np.nan), longer[: max(n - half, 0)]])[:n], -MOST_STRETCH, MOST_STRETCH)

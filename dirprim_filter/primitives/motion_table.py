@@ -1,0 +1,92 @@
+"""A map's motion as the kernels take it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from dirprim_filter.primitives import _motion
+from dirprim_filter.primitives._motion import MotionTable
+from dirprim_filter.primitives.motion import PUSH_RATE
+from tessellation._kernels import Locator
+from tessellation.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from dirprim_filter.primitives.primitive_map import PrimitiveMap
+
+FINE_PIXEL_M = 1.5
+MAX_REFINEMENT = 10
+MAX_PIXELS = 20_000_000
+COURSE_FLOOR, PACE_FLOOR, PATH_FLOOR = 0.02, 0.03, 0.1
+"""Radians, log speed, metres, added to a manoeuvre's spreads where it is told how well a vehicle fits it."""
+
+
+class MotionKnobs(NamedTuple):
+    """What a filter adds to a map's motion; see `FilterConfig`."""
+
+    place_free_share: float = 0.0
+    redraw_rate: float = 0.0
+    drift: float = 0.005
+    step_s: float = 0.1
+    reach_m: float = 3.5
+
+
+def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
+    """The motion of a map, with a filter's knobs."""
+    motion, cells = primitives.motion, primitives.tessellation
+    of_cell = motion.cell[: motion.n_placed]
+    return MotionTable(
+        locator=reaching(cells.locator, knobs.reach_m),
+        row=_rows(primitives),
+        begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
+        first=motion.first,
+        following=motion.following,
+        count=motion.count,
+        most=int(np.bincount(of_cell, minlength=1).max()) + 1,
+        course_rate=motion.course_rate,
+        push_rate=PUSH_RATE,
+        strength=motion.strength,
+        place_free_share=knobs.place_free_share,
+        redraw_rate=knobs.redraw_rate,
+        drift=knobs.drift,
+        step_s=knobs.step_s,
+    )
+
+
+def _rows(primitives: PrimitiveMap) -> FloatArray:
+    """(z, N_COLUMNS), see `_motion`."""
+    motion = primitives.motion
+    extent = np.append(0.6 * np.sqrt(primitives.tessellation.area), 0.0)
+    by_course = 1.0 / (motion.course_spread + COURSE_FLOOR)
+    by_pace = 1.0 / (motion.log_pace_spread + PACE_FLOOR)
+    by_path = 1.0 / (motion.path_spread + PATH_FLOOR)
+    return np.column_stack([
+        primitives.centers[motion.cell], extent[motion.cell], motion.course, motion.bend, motion.acceleration,
+        motion.push, motion.course_spread, motion.cell < 0, motion.stretch, motion.start_rate, motion.log_pace,
+        motion.gain, motion.path, np.cos(motion.path_direction), np.sin(motion.path_direction), by_course, by_pace,
+        by_path, np.log(by_course * by_pace * by_path), motion.visits, motion.seconds, motion.turn_ahead, motion.mode,
+    ])  # fmt: skip
+
+
+def reaching(locator: Locator, reach_m: float) -> Locator:
+    """The locator whose cells also cover what lies within `reach_m` of them, to the nearest.
+
+    A vehicle beside the cells, where nobody happened to be seen, still follows the road beside it. The raster is made
+    as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`. Where several generators share the
+    nearest pixel, the nearest of them has the vehicle.
+    """
+    finer = int(np.clip(np.ceil(1.0 / (locator.pixels_per_metre * FINE_PIXEL_M)), 1, MAX_REFINEMENT))
+    while finer > 1 and locator.pixel.size * finer**2 > MAX_PIXELS:
+        finer -= 1
+    per_metre = locator.pixels_per_metre * finer
+    margin = int(np.ceil(reach_m * per_metre))
+    pixel = np.pad(np.kron(locator.pixel, np.ones((finer, finer), np.int32)), margin, constant_values=-1)
+    beyond = pixel == -1
+    if beyond.all():
+        return locator
+    distance, nearest = distance_transform_edt(beyond, return_indices=True)
+    reached = np.where(distance <= reach_m * per_metre, pixel[tuple(nearest)], np.int32(-1))
+    origin_x, origin_y = locator.origin_x - margin / per_metre, locator.origin_y - margin / per_metre
+    return Locator(origin_x, origin_y, per_metre, np.ascontiguousarray(reached), locator.entry)
