@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.figures import figure_lines, number
 from dirprim_filter.cli.options import Force, Logs
 from dirprim_filter.cli.reading import Reading, reads_logs
 
@@ -19,13 +20,6 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.evaluation.experiment import TrackingTable
 
-FIGURES = {
-    "seen_rmse": "RMSE seen, m", "hidden_rmse": "in gaps, m", "seen_nees": "NEES seen", "hidden_nees": "in gaps",
-    "coverage_50": "in 50 %", "coverage_90": "in 90 %", "hidden_coverage_90": "in gaps", "reported": "reported",
-    "gospa": "GOSPA, m", "localisation": "localis., m2", "missed": "missed, m2", "false": "false, m2",
-    "switches": "id switches",
-}  # fmt: skip
-"""The figures of a report, and what the table calls them."""
 CONFIG_KEY = "experiment"
 """Of the metadata record and the JSON object that hold an experiment."""
 
@@ -50,6 +44,9 @@ def tracking(
     method: Annotated[list[str] | None, typer.Option(help="Compare only this one; may be given again.")] = None,
     particles: Annotated[int | None, typer.Option(min=1, help="Samples for each vehicle.")] = None,
     cutoff: Annotated[float | None, typer.Option(help="GOSPA's cut-off, metres.")] = None,
+    similarity: Annotated[
+        float | None, typer.Option(help="Similarity is max(0, 1 - distance / so many metres).")
+    ] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="How many times all is drawn anew.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the first method's run, MCAP.")] = None,
@@ -73,7 +70,8 @@ def tracking(
 
     given: dict[str, Any] = {
         "noise_m": noise, "gap_s": gap, "miss_rate": misses, "false_per_frame": clutter, "with_ids": with_ids,
-        "learn": learn, "methods": method or None, "cutoff_m": cutoff, "n_seeds": seeds, "seed": seed,
+        "learn": learn, "methods": method or None, "cutoff_m": cutoff, "similarity_m": similarity, "n_seeds": seeds,
+        "seed": seed,
     }  # fmt: skip
     told = read_experiment(config) if config else {}
     told |= {name: value for name, value in given.items() if value is not None}
@@ -136,7 +134,7 @@ def _metadata(path: Path) -> dict[str, str]:
 
 
 def tracking_text(table: TrackingTable) -> str:
-    """The table as text: means over the seeds, and below them the deviations of the seeds and of the groups."""
+    """The table as text: means over the seeds, and beside them the deviations of the seeds and of the groups."""
     experiment = table.experiment
     ids = "ids" if experiment.with_ids else "no ids"
     where = f"map learned from others, held out by {table.split_by}" if table.map_learned else "map given"
@@ -147,14 +145,17 @@ def tracking_text(table: TrackingTable) -> str:
         f"{experiment.gap_s:g} s, noise {experiment.noise_m:g} m, {experiment.miss_rate:.0%} missed, "
         f"{experiment.false_per_frame:g} false per frame, {ids}; {where}",
         "",
-        _row("mean over the runs", list(FIGURES.values())),
     ]
-    for row in table.methods:
-        lines.append(_row(row.name, [_number(row.mean(figure)) for figure in FIGURES]))
-        if experiment.n_seeds > 1:
-            lines.append(_row("  from run to run", [f"+-{_number(row.std(figure))}" for figure in FIGURES]))
-        if has_groups:
-            lines.append(_row("  between groups", [f"+-{_number(row.group_std(figure))}" for figure in FIGURES]))
+    spreads = ["run to run"] * (experiment.n_seeds > 1) + ["group to group"] * has_groups
+    if spreads:
+        lines.insert(1, f"means over the runs, +- deviations from {' and from '.join(spreads)}")
+
+    def cell(i: int, figure: str) -> str:
+        method = table.methods[i]
+        deviations = [method.std(figure)] * (experiment.n_seeds > 1) + [method.group_std(figure)] * has_groups
+        return " +-".join(map(number, [method.mean(figure), *deviations]))
+
+    lines += figure_lines([method.name for method in table.methods], cell)
     return "\n".join([*lines, *_gap_lines(table)])
 
 
@@ -173,11 +174,3 @@ def _gap_lines(table: TrackingTable) -> list[str]:
                 "anew)"
             )
     return ["", *lines] if lines else []
-
-
-def _row(name: str, cells: list[str]) -> str:
-    return f"{name:<19}" + "".join(f"{cell:>13}" for cell in cells)
-
-
-def _number(value: float) -> str:
-    return f"{value:.3f}" if abs(value) < 100 else f"{value:.0f}"

@@ -84,10 +84,11 @@ def test_tracking_tells_people_and_machines_the_same_and_can_be_had_again(log, c
     assert evaluate(*options, *QUICK, "--json") == DONE
     first = capsys.readouterr().out
     table = json.loads(first)
-    for row in table["methods"]:
-        line = next(line for line in text.splitlines() if line.startswith(f"{row['name']}  "))
-        mean = sum(report["gospa"] for report in row["reports"]) / 2
-        assert f"{mean:.3f}" in line.split()
+    heads = {"gospa": "GOSPA per vehicle, m", "hota": "HOTA", "settled_rmse": "RMSE settled, m"}
+    for figure, head in heads.items():
+        line = next(line for line in text.splitlines() if line.startswith(f"{head}  "))
+        means = [sum(report[figure] for report in row["reports"]) / 2 for row in table["methods"]]
+        assert [cell for cell in line.removeprefix(head).split() if "+-" not in cell] == [f"{m:.3f}" for m in means]
     assert chart.stat().st_size > 1000
     assert len(read_estimates(out)) > 0
     (tmp_path / "run.json").write_text(first)
