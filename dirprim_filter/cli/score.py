@@ -55,7 +55,7 @@ def score(
     """Score what trackers wrote against the truth, a column for each file.
 
     Every group of the truth is a world of its own. The options that choose a part of a log are about the truth;
-    estimates at other instants are left out and counted.
+    estimates of other instants and groups are left out and counted.
 
     Example: dirprim score tracks.mcap other.csv --truth recordings/roundabout_track.mcap
     """
@@ -67,16 +67,21 @@ def score(
 
     _check_plot(plot, force=force)
     log = reading.tracks([truth])
+    one_of_many = reading.group is not None
     scales = Scales(cutoff_m=cutoff, similarity_m=similarity)
     with step_progress("scoring", "files") as told:
-        rows = {name: read_tracked_rows(path, truth=log.tracks) for name, path in _names(estimates).items()}
+        rows = {
+            name: read_tracked_rows(path, truth=log.tracks, one_of_many=one_of_many)
+            for name, path in _names(estimates).items()
+        }
         table = score_rows(
             rows, log.tracks, with_ids=with_ids, scales=scales, penalty_m=penalty if t_gospa else None, progress=told
         )
     for path, found in zip(estimates, table.scores, strict=True):
         if found.left_out:
             typer.echo(
-                f"{path}: {found.left_out} rows are at instants that the truth does not hold: left out", err=True
+                f"{path}: {found.left_out} rows are of instants or groups that the truth does not hold: left out",
+                err=True,
             )
     if plot is not None:
         from dirprim_filter.viewer.charts import score_chart
