@@ -12,6 +12,8 @@ from dirprim_filter.cli import losses
 from dirprim_filter.cli.figures import figure_lines, number, row
 from dirprim_filter.cli.options import Force
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import as_json as json_text
+from dirprim_filter.cli.results import check_plot
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.scores import ScoreTable
@@ -59,13 +61,12 @@ def score(
 
     Example: dirprim score tracks.mcap other.csv --truth recordings/roundabout_track.mcap
     """
-    from dirprim_filter.cli.evaluate import _as_json, _check_plot
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracking_report import Scales
     from dirprim_filter.recording.tables.tracked_table import read_tracked_rows
 
-    _check_plot(plot, force=force)
+    check_plot(plot, force=force)
     log = reading.tracks([truth])
     one_of_many = reading.group is not None
     scales = Scales(cutoff_m=cutoff, similarity_m=similarity)
@@ -88,7 +89,7 @@ def score(
         from dirprim_filter.viewer.figures import save_figure
 
         save_figure(score_chart(table), plot, force=force)
-    typer.echo(_as_json(score_object(table, estimates, truth, reading)) if as_json else score_text(table, truth.name))
+    typer.echo(json_text(score_object(table, estimates, truth, reading)) if as_json else score_text(table, truth.name))
     return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
 
 

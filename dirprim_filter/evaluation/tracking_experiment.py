@@ -83,12 +83,12 @@ class TrackingExperiment:
         plain = dict(told)
         for name, kind in (("filter", FilterConfig), ("tracking", TrackingConfig)):
             if plain.get(name) is not None:
-                plain[name] = _config_of(kind, plain[name], where=name)
-        made: TrackingExperiment = _config_of(cls, plain, where="experiment")
+                plain[name] = config_of(kind, plain[name], where=name)
+        made: TrackingExperiment = config_of(cls, plain, where="experiment")
         return made
 
 
-def _config_of(kind: type[Any], told: object, *, where: str) -> Any:
+def config_of(kind: type[Any], told: object, *, where: str) -> Any:
     """A configuration from the names and values of a file.
 
     Raises:
