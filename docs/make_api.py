@@ -25,7 +25,7 @@ MODULES = (
     "dirprim_filter.recording.field_mapping", "dirprim_filter.recording.recovery",
     "dirprim_filter.evaluation.splits", "dirprim_filter.evaluation.density", "dirprim_filter.evaluation.cues",
     "dirprim_filter.evaluation.experiment", "dirprim_filter.evaluation.tracking",
-    "dirprim_filter.evaluation.scoring", "dirprim_filter.evaluation.gospa",
+    "dirprim_filter.evaluation.scoring",
     "dirprim_filter.evaluation.scores", "dirprim_filter.evaluation.tracked_rows",
     "dirprim_filter.evaluation.tracking_report", "dirprim_filter.recording.tables.estimate_table",
     "dirprim_filter.recording.tables.tracked_table",

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from enum import StrEnum
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dirprim_filter.cli import evaluate_forecast, evaluate_tracking, losses
-from dirprim_filter.cli.options import Cells, Force, Logs, Seed, Tessellation
+from dirprim_filter.cli.options import Cells, Force, Logs, Plot, Seed, Tessellation, WholeVehicles
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import as_json as json_text
+from dirprim_filter.cli.results import check_plot, result_object
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.cues import CueTable, SignalExample
@@ -40,17 +39,9 @@ class SplitBy(StrEnum):
     RANDOM = "random"
 
 
-class WholeVehicles(StrEnum):
-    """What is held out together, where vehicles must be whole."""
-
-    VEHICLE = "vehicle"
-    GROUP = "group"
-
-
 Folds = Annotated[int, typer.Option(min=1, help="How many times rows are held out.")]
 MinSpeed = Annotated[float, typer.Option(min=0.0, help="m/s; slower rows do not count, as in the paper.")]
-Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg.")]
-Json = Annotated[bool, typer.Option("--json", help="All figures, for machines.")]
+Json = Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")]
 
 
 @evaluate.command()
@@ -79,7 +70,7 @@ def density(
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.density import evaluate_density
 
-    _check_plot(plot, force=force)
+    check_plot(plot, force=force)
     log = reading.tracks(logs)
     with step_progress("evaluating", "fits") as told:
         table = evaluate_density(
@@ -90,7 +81,18 @@ def density(
         from dirprim_filter.viewer.figures import density_table_figure, save_figure
 
         save_figure(density_table_figure(table), plot, force=force)
-    typer.echo(_as_json(asdict(table)) if as_json else density_text(table))
+    if as_json:
+        experiment = {
+            "split_by": table.split_by, "n_folds": folds, "interval_s": every, "min_speed": min_speed, "seed": seed
+        }  # fmt: skip
+        told_all = asdict(table)
+        typer.echo(
+            json_text(
+                result_object("evaluate density", inputs=logs, experiment=experiment, reading=reading, table=told_all)
+            )
+        )
+    else:
+        typer.echo(density_text(table))
     return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
 
 
@@ -120,7 +122,7 @@ def cues(
     from dirprim_filter.evaluation.cues import evaluate_cues, turn_signal_example
     from dirprim_filter.primitives import learn_primitives
 
-    _check_plot(plot, force=force)
+    check_plot(plot, force=force)
     log = reading.tracks(logs)
     deal, learn, draw = np.random.default_rng(seed).spawn(3)
     with step_progress("evaluating", "folds") as told:
@@ -136,7 +138,14 @@ def cues(
         save_figure(cue_table_figure(table), plot, force=force)
     if as_json:
         signal = asdict(example) | {"position": example.position.tolist()}
-        typer.echo(_as_json({"table": asdict(table), "turn_signal": signal}))
+        experiment = {
+            "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation.value, "min_speed": min_speed,
+            "seed": seed,
+        }  # fmt: skip
+        both = {"table": asdict(table), "turn_signal": signal}
+        typer.echo(
+            json_text(result_object("evaluate cues", inputs=logs, experiment=experiment, reading=reading, table=both))
+        )
     else:
         typer.echo(cues_text(table, example))
     return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
@@ -188,28 +197,5 @@ def cues_text(table: CueTable, example: SignalExample) -> str:
     return "\n".join(lines)
 
 
-def _check_plot(plot: Path | None, *, force: bool) -> None:
-    """Whether the picture can be written: before the work, not after it."""
-    if plot is not None:
-        from dirprim_filter.viewer.figures import check_figure_path
-
-        check_figure_path(plot, force=force)
-
-
 def _line(name: str, cells: Sequence[str], *, width: int) -> str:
     return f"{name:<24}" + "".join(f"{cell:>{width}}" for cell in cells)
-
-
-def _as_json(told: dict[str, Any]) -> str:
-    """One object; NaN and infinities, which JSON has no word for, become null."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {name: plain(inner) for name, inner in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(inner) for inner in value]
-        if isinstance(value, float) and not math.isfinite(value):
-            return None
-        return value
-
-    return json.dumps(plain(told))

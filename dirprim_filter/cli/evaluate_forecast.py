@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Force, Logs, Seed
+from dirprim_filter.cli.options import Config, Force, Logs, Plot, WholeVehicles, former
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import as_json as json_text
+from dirprim_filter.cli.results import check_plot, read_experiment, result_object
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
+    from dirprim_filter.recording.track_log import TrackLog
 
 FIGURES = {
     "energy": "energy, m", "ade": "ADE, m", "fde": "FDE, m", "best_of_20": "best of 20, m", "nll": "NLL",
@@ -25,17 +28,22 @@ FIGURES = {
 @reads_logs
 def forecast(
     logs: Logs,
-    by_group: Annotated[bool, typer.Option("--by-group", help="Hold out whole groups, not single vehicles.")] = False,
+    split: Annotated[
+        WholeVehicles | None,
+        typer.Option(help="Hold out so; left out, by group if there are several, else by vehicle."),
+    ] = None,
+    config: Config = None,
     horizon: Annotated[
         list[float] | None, typer.Option(help="Seconds ahead; may be given again. Left out, 0.5 to 8 s.")
     ] = None,
-    folds: Annotated[int, typer.Option(min=2, help="Parts of the vehicles, each held out once.")] = 4,
-    seeds: Annotated[int, typer.Option(min=1, help="How many times vehicles are dealt anew.")] = 1,
-    samples: Annotated[int, typer.Option(min=20, help="Futures of each vehicle.")] = 100,
-    seed: Seed = 0,
+    folds: Annotated[int | None, typer.Option(min=2, help="Parts of the vehicles, each held out once; 4.")] = None,
+    seeds: Annotated[int | None, typer.Option(min=1, help="How many times vehicles are dealt anew; 1.")] = None,
+    samples: Annotated[int | None, typer.Option(min=20, help="Futures of each vehicle; 100.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result; 0.")] = None,
     reading: Reading = Reading(),
-    plot: Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="All figures, for machines.")] = False,
+    plot: Plot = None,
+    by_group: Annotated[bool, former("--by-group", "--split group")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")] = False,
     force: Force = False,
 ) -> int:
     """Forecast held-out vehicles with the prior, without places, and at constant velocity.
@@ -44,24 +52,57 @@ def forecast(
     """
     import numpy as np
 
-    from dirprim_filter.cli.evaluate import _as_json, _check_plot
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.evaluation.forecasting import HORIZONS_S, evaluate_forecasts
+    from dirprim_filter.evaluation.forecasting import evaluate_forecasts
 
-    _check_plot(plot, force=force)
+    check_plot(plot, force=force)
+    asked: dict[str, Any] = {
+        "split_by": "group" if by_group else split and split.value, "horizons_s": horizon or None, "n_folds": folds,
+        "n_seeds": seeds, "n_samples": samples, "seed": seed,
+    }  # fmt: skip
+    told_before = read_experiment(config, of="evaluate forecast")
     log = reading.tracks(logs)
+    experiment = _experiment(told_before | {name: value for name, value in asked.items() if value is not None}, log)
+    drawn = np.random.default_rng(experiment["seed"])
     with step_progress("evaluating", "fits") as told:
         table = evaluate_forecasts(
-            log.tracks, split_by="group" if by_group else "vehicle", horizons_s=horizon or HORIZONS_S, n_folds=folds,
-            n_seeds=seeds, n_samples=samples, progress=told, rng=np.random.default_rng(seed),
-        )  # fmt: skip
+            log.tracks,
+            **{name: value for name, value in experiment.items() if name != "seed"},
+            progress=told,
+            rng=drawn,
+        )
     if plot is not None:
         from dirprim_filter.viewer.charts import forecast_chart
         from dirprim_filter.viewer.figures import save_figure
 
         save_figure(forecast_chart(table), plot, force=force)
-    typer.echo(_as_json(asdict(table) | {"seed": seed}) if as_json else forecast_text(table))
+    if as_json:
+        found = result_object(
+            "evaluate forecast", inputs=logs, experiment=experiment, reading=reading, table=asdict(table)
+        )
+        typer.echo(json_text(found))
+    else:
+        typer.echo(forecast_text(table))
     return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
+
+
+def _experiment(told: Mapping[str, Any], log: TrackLog) -> dict[str, Any]:
+    """What is told, and of the rest what is usual.
+
+    Raises:
+        ValueError: a name that is none of the experiment's.
+    """
+    from dirprim_filter.evaluation.forecasting import HORIZONS_S
+    from dirprim_filter.evaluation.splits import honest_split
+
+    usual: dict[str, Any] = {
+        "split_by": honest_split(log.tracks), "horizons_s": list(HORIZONS_S), "n_folds": 4, "n_seeds": 1,
+        "n_samples": 100, "seed": 0,
+    }  # fmt: skip
+    for name in told:
+        if name not in usual:
+            raise ValueError(f"experiment: {name}: expected one of {', '.join(usual)}")
+    return usual | dict(told)
 
 
 def forecast_text(table: ForecastTable) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -12,22 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Force, Logs
+from dirprim_filter.cli.figures import figure_lines, number
+from dirprim_filter.cli.options import Config, Force, Logs, Plot, former
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import CONFIG_KEY, check_plot, read_experiment, result_object
+from dirprim_filter.cli.results import as_json as json_text
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.evaluation.experiment import TrackingTable
-
-FIGURES = {
-    "seen_rmse": "RMSE seen, m", "hidden_rmse": "in gaps, m", "seen_nees": "NEES seen", "hidden_nees": "in gaps",
-    "coverage_50": "in 50 %", "coverage_90": "in 90 %", "hidden_coverage_90": "in gaps", "reported": "reported",
-    "gospa": "GOSPA, m", "localisation": "localis., m2", "missed": "missed, m2", "false": "false, m2",
-    "switches": "id switches",
-}  # fmt: skip
-"""The figures of a report, and what the table calls them."""
-CONFIG_KEY = "experiment"
-"""Of the metadata record and the JSON object that hold an experiment."""
 
 
 @reads_logs
@@ -37,23 +29,26 @@ def tracking(
         Path | None,
         typer.Option("--map", help="Track with this map; left out, learn one from a part of the log.", exists=True),
     ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(help="An experiment: TOML, or the --json or -o of an earlier run, to have it again.", exists=True),
-    ] = None,
+    config: Config = None,
     noise: Annotated[float | None, typer.Option(help="Standard deviation of reported positions, metres.")] = None,
     gap: Annotated[float | None, typer.Option(help="Seconds each vehicle is out of sight once; 0 for never.")] = None,
-    misses: Annotated[float | None, typer.Option(help="Share of the frames in which a vehicle is missed.")] = None,
-    clutter: Annotated[float | None, typer.Option(help="Mean number of false detections in a frame.")] = None,
+    miss_rate: Annotated[float | None, typer.Option(help="Share of the frames in which a vehicle is missed.")] = None,
+    false_per_frame: Annotated[float | None, typer.Option(help="Mean number of false detections in a frame.")] = None,
     with_ids: Annotated[bool | None, typer.Option("--ids/--no-ids", help="Does the sensor name vehicles?")] = None,
     learn: Annotated[float | None, typer.Option(help="Share of the vehicles, or groups, to learn from.")] = None,
     method: Annotated[list[str] | None, typer.Option(help="Compare only this one; may be given again.")] = None,
     particles: Annotated[int | None, typer.Option(min=1, help="Samples for each vehicle.")] = None,
     cutoff: Annotated[float | None, typer.Option(help="GOSPA's cut-off, metres.")] = None,
+    similarity: Annotated[
+        float | None, typer.Option(help="Similarity is max(0, 1 - distance / so many metres).")
+    ] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="How many times all is drawn anew.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the first method's run, MCAP.")] = None,
-    chart: Annotated[Path | None, typer.Option(help="Draw the table: .png, .pdf or .svg.")] = None,
+    plot: Plot = None,
+    misses: Annotated[float | None, former("--misses", "--miss-rate")] = None,
+    clutter: Annotated[float | None, former("--clutter", "--false-per-frame")] = None,
+    chart: Annotated[Path | None, former("--chart", "--plot")] = None,
     reading: Reading = Reading(),
     as_json: Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")] = False,
     force: Force = False,
@@ -62,7 +57,6 @@ def tracking(
 
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
-    from dirprim_filter.cli.evaluate import _as_json
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.evaluation.experiment import evaluate_tracking
@@ -72,19 +66,23 @@ def tracking(
     from dirprim_filter.simulation.sensor import detect
 
     given: dict[str, Any] = {
-        "noise_m": noise, "gap_s": gap, "miss_rate": misses, "false_per_frame": clutter, "with_ids": with_ids,
-        "learn": learn, "methods": method or None, "cutoff_m": cutoff, "n_seeds": seeds, "seed": seed,
+        "noise_m": noise, "gap_s": gap, "with_ids": with_ids, "learn": learn,
+        "miss_rate": misses if miss_rate is None else miss_rate,
+        "false_per_frame": clutter if false_per_frame is None else false_per_frame,
+        "methods": method or None, "cutoff_m": cutoff, "similarity_m": similarity, "n_seeds": seeds, "seed": seed,
     }  # fmt: skip
-    told = read_experiment(config) if config else {}
+    plot = plot or chart
+    check_plot(plot, force=force)
+    told = read_experiment(config, of="evaluate tracking")
     told |= {name: value for name, value in given.items() if value is not None}
     if particles is not None:
         told["filter"] = told.get("filter", {}) | {"n_particles": particles}
     experiment = TrackingExperiment.of(told)
+    inputs = [*logs, map_file] if map_file else logs
     log = reading.tracks(logs)
     with ExitStack() as files:
         sinks: tuple[EstimateSink, ...] = ()
         if output is not None:
-            inputs = [*logs, map_file] if map_file else logs
             said = provenance("evaluate tracking", inputs=inputs, **reading.said())
             said[CONFIG_KEY] = json.dumps(asdict(experiment))
             sinks = (files.enter_context(EstimateLog(output, metadata=said, force=force)),)
@@ -93,50 +91,23 @@ def tracking(
             log.tracks, experiment, sensor=detect, primitive_map=load_map(map_file) if map_file else None, sinks=sinks,
             progress=told_steps,
         )  # fmt: skip
-    if chart is not None:
+    if plot is not None:
         from dirprim_filter.viewer.charts import tracking_chart
         from dirprim_filter.viewer.figures import save_figure
 
-        save_figure(tracking_chart(table), chart, force=force)
-    typer.echo(_as_json(asdict(table)) if as_json else tracking_text(table))
+        save_figure(tracking_chart(table), plot, force=force)
+    if as_json:
+        found = result_object(
+            "evaluate tracking", inputs=inputs, experiment=asdict(experiment), reading=reading, table=asdict(table)
+        )
+        typer.echo(json_text(found))
+    else:
+        typer.echo(tracking_text(table))
     return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
 
 
-def read_experiment(path: Path) -> dict[str, Any]:
-    """The experiment that a TOML file describes, or that an earlier run's JSON or MCAP carries.
-
-    Raises:
-        ValueError: the file describes none.
-    """
-    from dirprim_filter.recording.errors import RecordingError
-
-    try:
-        if path.suffix == ".toml":
-            return tomllib.loads(path.read_text())
-        if path.suffix == ".json":
-            told = json.loads(path.read_text())[CONFIG_KEY]
-        else:
-            told = json.loads(_metadata(path)[CONFIG_KEY])
-    except (
-        tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, RecordingError
-    ) as error:  # fmt: skip
-        raise ValueError(
-            f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim evaluate tracking`, got {error}"
-        ) from error
-    if not isinstance(told, dict):
-        raise ValueError(f"{path}: expected an object under {CONFIG_KEY!r}, got {type(told).__name__}")  # noqa: TRY004 - the file's error, not a caller's
-    return {name: value for name, value in told.items() if value is not None}
-
-
-def _metadata(path: Path) -> dict[str, str]:
-    from dirprim_filter.recording.scan import Scan
-
-    with Scan(path) as log:
-        return {key: value for _, entries in log.metadata for key, value in entries.items()}
-
-
 def tracking_text(table: TrackingTable) -> str:
-    """The table as text: means over the seeds, and below them the deviations of the seeds and of the groups."""
+    """The table as text: means over the seeds, and beside them the deviations of the seeds and of the groups."""
     experiment = table.experiment
     ids = "ids" if experiment.with_ids else "no ids"
     where = f"map learned from others, held out by {table.split_by}" if table.map_learned else "map given"
@@ -147,14 +118,17 @@ def tracking_text(table: TrackingTable) -> str:
         f"{experiment.gap_s:g} s, noise {experiment.noise_m:g} m, {experiment.miss_rate:.0%} missed, "
         f"{experiment.false_per_frame:g} false per frame, {ids}; {where}",
         "",
-        _row("mean over the runs", list(FIGURES.values())),
     ]
-    for row in table.methods:
-        lines.append(_row(row.name, [_number(row.mean(figure)) for figure in FIGURES]))
-        if experiment.n_seeds > 1:
-            lines.append(_row("  from run to run", [f"+-{_number(row.std(figure))}" for figure in FIGURES]))
-        if has_groups:
-            lines.append(_row("  between groups", [f"+-{_number(row.group_std(figure))}" for figure in FIGURES]))
+    spreads = ["run to run"] * (experiment.n_seeds > 1) + ["group to group"] * has_groups
+    if spreads:
+        lines.insert(1, f"means over the runs, +- deviations from {' and from '.join(spreads)}")
+
+    def cell(i: int, figure: str) -> str:
+        method = table.methods[i]
+        deviations = [method.std(figure)] * (experiment.n_seeds > 1) + [method.group_std(figure)] * has_groups
+        return " +-".join(map(number, [method.mean(figure), *deviations]))
+
+    lines += figure_lines([method.name for method in table.methods], cell)
     return "\n".join([*lines, *_gap_lines(table)])
 
 
@@ -173,11 +147,3 @@ def _gap_lines(table: TrackingTable) -> list[str]:
                 "anew)"
             )
     return ["", *lines] if lines else []
-
-
-def _row(name: str, cells: list[str]) -> str:
-    return f"{name:<19}" + "".join(f"{cell:>13}" for cell in cells)
-
-
-def _number(value: float) -> str:
-    return f"{value:.3f}" if abs(value) < 100 else f"{value:.0f}"

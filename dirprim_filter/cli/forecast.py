@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Force, Map, Seed
+from dirprim_filter.cli.options import Config, Force, Map, NoIds, Noise, Particles, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import read_filter
+
+if TYPE_CHECKING:
+    from dirprim_filter.config import FilterConfig, TrackingConfig
+    from dirprim_filter.forecasting import Forecasts, ForecastSink
 
 
 @reads_logs
@@ -31,7 +36,13 @@ def forecast(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="A picture: .png, .pdf or .svg; of a log, an MCAP.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="All sampled positions, for machines.")] = False,
+    config: Config = None,
+    particles: Particles = None,
+    noise: Noise = None,
+    no_ids: NoIds = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="All sampled positions, for machines; of a log an object for each instant.")
+    ] = False,
     seed: Seed = 0,
     reading: Reading = Reading(),
     force: Force = False,
@@ -43,10 +54,15 @@ def forecast(
     if log is not None:
         if output is None or at is not None:
             raise typer.BadParameter("--log: expected -o with the MCAP to write, and no --at")
+        knobs, association = read_filter(config, n_particles=particles, noise_m=noise)
         return _of_log(
-            log, map_file, output, reading, horizon_s=horizon, dt_s=dt, every_s=every, n_samples=samples, seed=seed,
-            force=force,
+            log, map_file, output, reading, knobs, association, horizon_s=horizon, dt_s=dt, every_s=every,
+            n_samples=samples, no_ids=no_ids, seed=seed, as_json=as_json, force=force,
         )  # fmt: skip
+    if config or particles or noise or no_ids:
+        raise typer.BadParameter(
+            "--config, --particles, --noise and --no-ids are of a tracker: expected --log with them"
+        )
     if at is None or direction_deg is None or speed is None:
         raise typer.BadParameter("expected --at, --direction-deg and --speed, or --log")
     _of_state(
@@ -85,35 +101,48 @@ def _of_state(
 
 
 def _of_log(
-    log: Path, map_file: Path, output: Path, reading: Reading, *, horizon_s: float, dt_s: float, every_s: float,
-    n_samples: int, seed: int, force: bool,
+    log: Path, map_file: Path, output: Path, reading: Reading, config: FilterConfig, tracking: TrackingConfig, *,
+    horizon_s: float, dt_s: float, every_s: float, n_samples: int, no_ids: bool, seed: int, as_json: bool, force: bool,
 ) -> int:  # fmt: skip
     import numpy as np
 
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.cli.provenance import provenance
-    from dirprim_filter.config import FilterConfig
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.replay import replay
 
-    learned, config = load_map(map_file), FilterConfig()
+    learned = load_map(map_file)
     stream = reading.detections(log, motion=False)
-    worlds = Worlds(lambda _: Tracker(learned, config=config, rng=np.random.default_rng(seed)))
+    worlds = Worlds(lambda _: Tracker(learned, config=config, tracking=tracking, rng=np.random.default_rng(seed)))
     said = provenance(
         "forecast", inputs=[log, map_file], config=config, seed=seed, horizon_s=horizon_s, dt_s=dt_s,
-        every_s=every_s, n_samples=n_samples, **reading.said(),
+        every_s=every_s, n_samples=n_samples, no_ids=no_ids, **reading.said(),
     )  # fmt: skip
     with EstimateLog(output, metadata=said, particle_stride=config.n_particles, force=force) as estimates:
         estimates.write_map_scene(learned)
+        listening: list[ForecastSink] = [estimates, _Lines(dt_s)] if as_json else [estimates]
         forecaster = Forecaster(
-            learned, [estimates], every_s=every_s, horizon_s=horizon_s, dt_s=dt_s, n_samples=n_samples, config=config,
+            learned, listening, every_s=every_s, horizon_s=horizon_s, dt_s=dt_s, n_samples=n_samples, config=config,
             rng=np.random.default_rng([seed, 1]),
         )  # fmt: skip
-        seen = with_progress(stream, what=f"forecasting {log.name}", end_ns=stream.end_ns)
+        frames = (reported.without_ids() for reported in stream) if no_ids else stream
+        seen = with_progress(frames, what=f"forecasting {log.name}", end_ns=stream.end_ns)
         n_frames = replay(seen, worlds, [estimates, forecaster])
         reading.require_frames(n_frames, log, stream.dropped)
-    typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}")
+    typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}", err=as_json)
     return losses.exit_code(stream.damage, stream.dropped.total)
+
+
+class _Lines:
+    """A `ForecastSink` that tells machines: a line of JSON for each instant with forecasts."""
+
+    def __init__(self, dt_s: float) -> None:
+        self._dt_s = dt_s
+
+    def write_forecast(self, forecasts: Forecasts) -> None:
+        """Tell where each vehicle may be."""
+        paths = dict(zip(forecasts.track_id, forecasts.paths.tolist(), strict=True))
+        typer.echo(json.dumps({"time_ns": forecasts.time_ns, "dt_s": self._dt_s, "paths": paths}))

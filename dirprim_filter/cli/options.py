@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -16,6 +16,13 @@ class Cells(StrEnum):
     JOINT = "joint"
     VORONOI = "voronoi"
     GRID = "grid"
+
+
+class WholeVehicles(StrEnum):
+    """What is held out together, where vehicles must be whole."""
+
+    VEHICLE = "vehicle"
+    GROUP = "group"
 
 
 class ParticleColor(StrEnum):
@@ -56,6 +63,17 @@ def time_ns(text: str | None) -> int | None:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
+def former(old: str, new: str) -> Any:
+    """The former name of an option, not shown: it is still taken, with a warning, until the next release."""
+
+    def warn(value: Any) -> Any:
+        if value not in (None, False):
+            typer.echo(f"warning: {old} is now {new}; the next release does not know {old}", err=True)
+        return value
+
+    return typer.Option(old, hidden=True, callback=warn)
+
+
 def _log(text: str) -> Path:
     """A file that exists, "-", or what looks like a URL."""
     path = Path(text)
@@ -69,6 +87,7 @@ Logs = Annotated[list[Path], typer.Argument(help="MCAP logs; - for standard inpu
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file)]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
 Tessellation = Annotated[
     Cells, typer.Option(help="joint: cells learned with the primitives; voronoi: by positions alone; grid: squares.")
@@ -84,8 +103,15 @@ Fields = Annotated[
     typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
 ]
 Strict = Annotated[bool, typer.Option("--strict", help="Damage in a log is an error.")]
-Particles = Annotated[int, typer.Option("--particles", min=1, help="Samples for each vehicle.")]
-Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of a measured position, metres.")]
+Config = Annotated[
+    Path | None,
+    typer.Option("--config", help="TOML, or the --json or -o of an earlier run, to have it again.", exists=True),
+]
+Particles = Annotated[int | None, typer.Option("--particles", min=1, help="Samples for each vehicle; 1000.")]
+Noise = Annotated[float | None, typer.Option("--noise", help="Standard deviation of a measured position, metres; 0.5.")]
+NoIds = Annotated[
+    bool, typer.Option("--no-ids", help="Ignore the log's ids; detections without one need no such word.")
+]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer.")]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a rerun viewer and stream to it.")]
 Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]

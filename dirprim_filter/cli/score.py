@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,28 +9,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.figures import figure_lines, number, row
 from dirprim_filter.cli.options import Force
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import as_json as json_text
+from dirprim_filter.cli.results import check_plot
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.scores import ScoreTable
 
-FIGURES = {
-    "rmse": "RMSE, m", "seen_rmse": "RMSE in sight, m", "settled_rmse": "RMSE settled, m",
-    "hidden_rmse": "RMSE in gaps, m", "seen_nees": "NEES in sight", "hidden_nees": "NEES in gaps",
-    "coverage_50": "truth in 50 %", "coverage_90": "truth in 90 %", "hidden_coverage_90": "in 90 %, in gaps",
-    "reported": "reported", "hota": "HOTA", "deta": "DetA", "assa": "AssA", "loca": "LocA", "idf1": "IDF1",
-    "mota": "MOTA", "switches": "identity switches", "gospa": "GOSPA per vehicle, m",
-    "localisation": "  localisation, m2", "missed": "  missed, m2", "false": "  false, m2",
-}  # fmt: skip
-"""The figures of a report, and what the table calls them."""
 WHOLE = {
     "distance": "T-GOSPA, m", "localisation": "  localisation, m2", "missed": "  missed, m2", "false": "  false, m2",
     "switch": "  switches, m2",
 }  # fmt: skip
 """The parts of T-GOSPA, of which `distance` is the metric."""
 JSON_FORMAT, JSON_VERSION = "dirprim score", 1
-UNKNOWN = "-"
 
 
 @reads_logs
@@ -65,35 +57,39 @@ def score(
     """Score what trackers wrote against the truth, a column for each file.
 
     Every group of the truth is a world of its own. The options that choose a part of a log are about the truth;
-    estimates at other instants are left out and counted.
+    estimates of other instants and groups are left out and counted.
 
     Example: dirprim score tracks.mcap other.csv --truth recordings/roundabout_track.mcap
     """
-    from dirprim_filter.cli.evaluate import _as_json, _check_plot
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracking_report import Scales
     from dirprim_filter.recording.tables.tracked_table import read_tracked_rows
 
-    _check_plot(plot, force=force)
+    check_plot(plot, force=force)
     log = reading.tracks([truth])
+    one_of_many = reading.group is not None
     scales = Scales(cutoff_m=cutoff, similarity_m=similarity)
     with step_progress("scoring", "files") as told:
-        rows = {name: read_tracked_rows(path, truth=log.tracks) for name, path in _names(estimates).items()}
+        rows = {
+            name: read_tracked_rows(path, truth=log.tracks, one_of_many=one_of_many)
+            for name, path in _names(estimates).items()
+        }
         table = score_rows(
             rows, log.tracks, with_ids=with_ids, scales=scales, penalty_m=penalty if t_gospa else None, progress=told
         )
     for path, found in zip(estimates, table.scores, strict=True):
         if found.left_out:
             typer.echo(
-                f"{path}: {found.left_out} rows are at instants that the truth does not hold: left out", err=True
+                f"{path}: {found.left_out} rows are of instants or groups that the truth does not hold: left out",
+                err=True,
             )
     if plot is not None:
         from dirprim_filter.viewer.charts import score_chart
         from dirprim_filter.viewer.figures import save_figure
 
         save_figure(score_chart(table), plot, force=force)
-    typer.echo(_as_json(score_object(table, estimates, truth, reading)) if as_json else score_text(table, truth.name))
+    typer.echo(json_text(score_object(table, estimates, truth, reading)) if as_json else score_text(table, truth.name))
     return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
 
 
@@ -133,29 +129,16 @@ def score_text(table: ScoreTable, truth: str) -> str:
     """A line for each figure, a column for each file."""
     matched = "vehicles by their ids" if table.with_ids else "vehicles by their places"
     groups = f" in {table.n_groups} groups, each by itself" if table.n_groups > 1 else ""
+    names = [found.name for found in table.scores]
     lines = [
         f"{truth}: {table.n_vehicles} vehicles{groups}, {table.n_rows} rows; errors of {matched}; similarity is 0 from "
         f"{table.scales.similarity_m:g} m, GOSPA's cut-off is {table.scales.cutoff_m:g} m",
         "",
-        _row("", [found.name for found in table.scores]),
-        _row("rows", [str(found.n_rows) for found in table.scores]),
-        _row("tracks", [str(found.n_tracks) for found in table.scores]),
+        *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
     ]
-    for figure, head in FIGURES.items():
-        lines.append(_row(head, [_number(getattr(found.report, figure)) for found in table.scores]))
-    if table.penalty_m is not None:
-        wholes = [found.t_gospa for found in table.scores if found.t_gospa is not None]
-        lines += [_row(head, [_number(getattr(whole, part)) for whole in wholes]) for part, head in WHOLE.items()]
+    wholes = [found.t_gospa for found in table.scores if found.t_gospa is not None]
+    if wholes:
+        width = max(16, *map(len, names))
+        lines += [row(head, [number(getattr(whole, part)) for whole in wholes], width) for part, head in WHOLE.items()]
+    lines += ["", *(f"{found.name}: {found.n_tracks} tracks, {found.n_rows} rows" for found in table.scores)]
     return "\n".join(lines)
-
-
-def _row(head: str, cells: list[str]) -> str:
-    return f"{head:<22}" + "".join(f"  {cell:>16}" for cell in cells)
-
-
-def _number(value: float) -> str:
-    if math.isnan(value):
-        return UNKNOWN
-    if isinstance(value, int):
-        return str(value)
-    return f"{value:.3f}" if abs(value) < 100 else f"{value:.0f}"

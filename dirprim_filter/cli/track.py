@@ -13,11 +13,13 @@ from dirprim_filter.cli import losses
 from dirprim_filter.cli.options import (
     Bind,
     ColorBy,
+    Config,
     Connect,
     Focus,
     Force,
     Log,
     Map,
+    NoIds,
     Noise,
     Output,
     ParticleColor,
@@ -29,6 +31,7 @@ from dirprim_filter.cli.options import (
     Truth,
 )
 from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
@@ -53,8 +56,9 @@ def track(
     truth: Truth = None,
     focus: Focus = None,
     color_by: ColorBy = ParticleColor.DIRECTION,
-    particles: Particles = 1000,
-    noise: Noise = 0.5,
+    config: Config = None,
+    particles: Particles = None,
+    noise: Noise = None,
     particle_stride: Annotated[
         int | None,
         typer.Option(min=1, help="Write one particle in so many; left out, some 100 of each vehicle, 50 to rerun."),
@@ -70,11 +74,13 @@ def track(
     motion: Annotated[
         bool, typer.Option("--motion", help="The log's directions and speeds were measured: use them too.")
     ] = False,
-    no_ids: Annotated[
-        bool, typer.Option("--no-ids", help="Ignore the log's ids; detections without one need no such word.")
-    ] = False,
-    detection_probability: Annotated[float, typer.Option(help="Without ids: of a vehicle in sight, per frame.")] = 0.9,
-    clutter_density: Annotated[float, typer.Option(help="Without ids: false detections per m2 and frame.")] = 1e-4,
+    no_ids: NoIds = False,
+    detection_probability: Annotated[
+        float | None, typer.Option(help="Without ids: of a vehicle in sight, per frame; 0.9.")
+    ] = None,
+    clutter_density: Annotated[
+        float | None, typer.Option(help="Without ids: false detections per m2 and frame; 0.0001.")
+    ] = None,
     seed: Seed = 0,
     reading: Reading = Reading(),
     force: Force = False,
@@ -91,7 +97,6 @@ def track(
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.cli.watching import keep_serving, open_viewer
-    from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
@@ -99,21 +104,24 @@ def track(
     from dirprim_filter.replay import replay
 
     learned = load_map(map_file)
-    config = FilterConfig(n_particles=particles, noise_m=noise)
-    stride = particle_stride or max(particles // PARTICLES_WRITTEN, 1)
+    knobs, association = read_filter(
+        config, n_particles=particles, noise_m=noise, detection_probability=detection_probability,
+        clutter_density=clutter_density,
+    )  # fmt: skip
+    stride = particle_stride or max(knobs.n_particles // PARTICLES_WRITTEN, 1)
     stream = reading.detections(log, motion=motion)
-    association = TrackingConfig(detection_probability=detection_probability, clutter_density=clutter_density)
     watched = save is not None or spawn or connect is not None or serve
     model = learned.without_places() if place_free else learned
     worlds = Worlds(
         lambda _: Tracker(
-            model, config=config, tracking=association, with_innovations=watched, rng=np.random.default_rng(seed)
+            model, config=knobs, tracking=association, with_innovations=watched, rng=np.random.default_rng(seed)
         )
     )
     said = provenance(
-        "track", inputs=[log, map_file], config=config, seed=seed, place_free=place_free, no_ids=no_ids,
+        "track", inputs=[log, map_file], config=knobs, seed=seed, place_free=place_free, no_ids=no_ids,
         motion=motion, tracking=json.dumps(asdict(association), sort_keys=True), **reading.said(),
     )  # fmt: skip
+    said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
     with ExitStack() as open_files:
         estimates = open_files.enter_context(EstimateLog(output, metadata=said, particle_stride=stride, force=force))
         estimates.write_map_scene(learned)
@@ -123,7 +131,7 @@ def track(
         if watched:
             viewer = open_viewer(
                 map_file.stem, save=save, spawn=spawn, connect=connect, serve=bind if serve else None, force=force,
-                particle_stride=particle_stride or max(particles // PARTICLES_SHOWN, 1),
+                particle_stride=particle_stride or max(knobs.n_particles // PARTICLES_SHOWN, 1),
                 particle_color=color_by.value, focus=focus, truth=truth,
                 most_in_full=in_full,
                 group=reading.group if truth == log else None,
@@ -135,7 +143,7 @@ def track(
             forecasts.append(viewer)
         if forecast > 0:
             rng = np.random.default_rng([seed, 1])
-            sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=config, rng=rng))
+            sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=knobs, rng=rng))
         frames = (seen.without_ids() for seen in stream) if no_ids else stream
         n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.dropped)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.evaluation.methods import Method, filters
 from dirprim_filter.evaluation.scenes import Scene, followed
-from dirprim_filter.evaluation.scoring import TrackingReport, report
+from dirprim_filter.evaluation.scoring import report
 from dirprim_filter.evaluation.splits import honest_split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.evaluation.tracking_experiment import Sensor, TrackingExperiment
+from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import FloatArray
@@ -124,9 +126,10 @@ def evaluate_tracking(
         told.add()
         for number, (method, make) in enumerate(made.items()):
             listening = sinks if i == 0 and number == 0 else ()
-            scores = followed(scenes, make, experiment, listening, seed=int(seeds[number]))
-            pooled[method].append(report(scores))
-            by_group[method].append(tuple(report([score]) for score in scores))
+            tracked = followed(scenes, make, experiment, listening, seed=int(seeds[number]))
+            scored = partial(report, with_ids=experiment.with_ids, scales=experiment.scales)
+            pooled[method].append(scored(tracked))
+            by_group[method].append(tuple(scored([world]) for world in tracked))
             told.add()
     return TrackingTable(
         experiment=experiment, map_learned=primitive_map is None,

@@ -10,9 +10,9 @@ import numpy as np
 
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import NO_TIME, Detections
-from dirprim_filter.estimates import EstimateSink
+from dirprim_filter.estimates import EstimateList, EstimateSink
 from dirprim_filter.evaluation.methods import MakeFilter
-from dirprim_filter.evaluation.scoring import Truth, WorldScore
+from dirprim_filter.evaluation.scoring import TrackedWorld, Truth
 from dirprim_filter.evaluation.tracking_experiment import Sensor, TrackingExperiment
 from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.tracks import Tracks
@@ -103,13 +103,10 @@ def _report_of(
 def followed(
     scenes: Sequence[Scene], make: MakeFilter, experiment: TrackingExperiment, sinks: tuple[EstimateSink, ...], *,
     seed: int,
-) -> list[WorldScore]:  # fmt: skip
+) -> list[TrackedWorld]:  # fmt: skip
     """Each group tracked by a tracker of its own, at every instant of its truth: those with nothing seen included."""
     of_group = {scene.group: scene for scene in scenes}
-    scores = {
-        scene.group: WorldScore(scene.truth, cutoff_m=experiment.cutoff_m, with_ids=experiment.with_ids)
-        for scene in scenes
-    }
+    tracked = {scene.group: TrackedWorld(truth=scene.truth, estimates=EstimateList()) for scene in scenes}
 
     def tracker_of(group: int) -> Tracker:
         rng = np.random.default_rng(_seed_of(seed, group))
@@ -123,11 +120,11 @@ def followed(
         worlds.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns, groups=present)
         worlds.weigh()
         for group, frame in worlds.frames().items():
-            scores[group].add(frame)
+            tracked[group].estimates.write(frame)
         for sink in sinks:
             sink.write(worlds.frame())
         worlds.resample()
-    return list(scores.values())
+    return list(tracked.values())
 
 
 def _instants(time_ns: IntArray, group: IntArray) -> Iterator[tuple[int, list[int]]]:

@@ -77,16 +77,6 @@ def coverage(squared: FloatArray, share: float) -> float:
     return float((squared <= -2.0 * np.log(1.0 - share)).mean()) if squared.size else float("nan")
 
 
-def rmse_by_vehicle(estimates: Estimates, truth: Tracks) -> FloatArray:
-    """(v,) metres, root mean square distance of each of the truth's vehicles, by name; NaN where none was estimated."""
-    row, true_row = matches((estimates.track_id, estimates.time_ns), (truth.track_id, truth.time_ns))
-    names, vehicle = np.unique(as_texts(truth.track_id), return_inverse=True)
-    squared = ((estimates.position[row] - truth.position[true_row]) ** 2).sum(axis=1)
-    n = np.bincount(vehicle[true_row], minlength=names.size)
-    total = np.bincount(vehicle[true_row], squared, minlength=names.size)
-    return np.asarray(np.sqrt(np.divide(total, n, out=np.full(names.size, np.nan), where=n > 0)))
-
-
 def matches(estimates: tuple[AnyArray, IntArray], truth: tuple[AnyArray, IntArray]) -> tuple[IntArray, IntArray]:
     """Of ids and times: rows of the estimates, and for each the row of the truth with its id and time."""
     (track_id, time_ns), (true_id, true_time_ns) = estimates, truth

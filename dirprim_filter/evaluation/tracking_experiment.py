@@ -11,6 +11,7 @@ import numpy as np
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.methods import METHODS, Method
+from dirprim_filter.evaluation.tracking_report import Scales
 from dirprim_filter.tracks import Tracks
 
 
@@ -29,6 +30,7 @@ class TrackingExperiment:
         n_seeds: how many times all is drawn anew.
         seed: of the first.
         cutoff_m: metres, farther than which an estimate is not of a vehicle, in GOSPA.
+        similarity_m: metres, from which an estimate and a vehicle are not similar at all, in HOTA, IDF1 and CLEAR MOT.
         methods: which are compared.
         filter: knobs of the filters; its noise is the sensor's, and its beliefs outlast a gap.
         tracking: knobs of association; left out, what is true of the sensor.
@@ -43,6 +45,7 @@ class TrackingExperiment:
     n_seeds: int = 5
     seed: int = 0
     cutoff_m: float = 5.0
+    similarity_m: float = 5.0
     methods: tuple[Method, ...] = METHODS
     filter: FilterConfig = field(default_factory=FilterConfig)
     tracking: TrackingConfig | None = None
@@ -52,7 +55,7 @@ class TrackingExperiment:
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
             raise ValueError(f"methods: expected some of {', '.join(METHODS)}, got {', '.join(unknown) or 'none'}")
-        for name in ("noise_m", "cutoff_m", "n_seeds"):
+        for name in ("noise_m", "cutoff_m", "similarity_m", "n_seeds"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
         for name in ("false_per_frame", "gap_s", "seed"):
@@ -65,6 +68,11 @@ class TrackingExperiment:
         lasting_s = max(self.filter.max_gap_s, self.gap_s + 1.0)  # else the end of a gap has no estimate to judge
         object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m, max_gap_s=lasting_s))
 
+    @property
+    def scales(self) -> Scales:
+        """The lengths that the metrics need."""
+        return Scales(cutoff_m=self.cutoff_m, similarity_m=self.similarity_m)
+
     @classmethod
     def of(cls, told: Mapping[str, Any]) -> TrackingExperiment:
         """The experiment of a configuration file: its names are the attributes', `filter` and `tracking` are tables.
@@ -75,12 +83,12 @@ class TrackingExperiment:
         plain = dict(told)
         for name, kind in (("filter", FilterConfig), ("tracking", TrackingConfig)):
             if plain.get(name) is not None:
-                plain[name] = _config_of(kind, plain[name], where=name)
-        made: TrackingExperiment = _config_of(cls, plain, where="experiment")
+                plain[name] = config_of(kind, plain[name], where=name)
+        made: TrackingExperiment = config_of(cls, plain, where="experiment")
         return made
 
 
-def _config_of(kind: type[Any], told: object, *, where: str) -> Any:
+def config_of(kind: type[Any], told: object, *, where: str) -> Any:
     """A configuration from the names and values of a file.
 
     Raises:

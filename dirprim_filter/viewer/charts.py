@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isnan
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -14,20 +15,14 @@ from dirprim_filter.evaluation.scores import ScoreTable
 from dirprim_filter.viewer.figures.page import DOTS_PER_INCH
 
 PANELS = {
-    "RMSE, m": {"seen": "seen_rmse", "in gaps": "hidden_rmse"},
-    "90 % regions hold": {"all": "coverage_90", "in gaps": "hidden_coverage_90"},
-    "GOSPA squared, m²": {"localisation": "localisation", "missed": "missed", "false": "false"},
-    "identity switches": {"switches": "switches"},
-}
-"""Title of each panel, and the figures of a report that its bars show."""
-
-SCORE_PANELS = {
     "RMSE, m": {"all": "rmse", "in sight": "seen_rmse", "in gaps": "hidden_rmse"},
+    "90 % regions hold": {"all": "coverage_90", "in gaps": "hidden_coverage_90"},
     "HOTA and its parts": {"HOTA": "hota", "DetA": "deta", "AssA": "assa"},
     "IDF1 and MOTA": {"IDF1": "idf1", "MOTA": "mota"},
     "GOSPA squared per vehicle, m²": {"localisation": "localisation", "missed": "missed", "false": "false"},
     "identity switches": {"switches": "switches"},
 }
+"""Title of each panel, and the figures of a report that its bars show."""
 
 FORECAST_PANELS = {
     "energy score, m": "energy", "best of 20, m": "best_of_20", "mean to truth, m": "fde",
@@ -73,7 +68,7 @@ def tracking_chart(table: TrackingTable) -> Figure:
     def runs(name: str) -> tuple[list[float], list[float]]:
         return [m.mean(name) for m in table.methods], [m.std(name) for m in table.methods]
 
-    return _bar_chart([m.name for m in table.methods], PANELS, runs)
+    return _bar_chart([m.name for m in table.methods], runs)
 
 
 def score_chart(table: ScoreTable) -> Figure:
@@ -82,19 +77,19 @@ def score_chart(table: ScoreTable) -> Figure:
     def figures(name: str) -> tuple[list[float], None]:
         return [getattr(found.report, name) for found in table.scores], None
 
-    return _bar_chart([found.name for found in table.scores], SCORE_PANELS, figures)
+    return _bar_chart([found.name for found in table.scores], figures)
 
 
 def _bar_chart(
     names: list[str],
-    panels: dict[str, dict[str, str]],
     figures: Callable[[str], tuple[list[float], list[float] | None]],
 ) -> Figure:
     """The panels of bars; `figures`: values and, where there are any, deviations of a figure, one for each name."""
     height = 1.5 + 0.6 * len(names)
-    figure = Figure(figsize=(3.2 * len(panels), height), dpi=DOTS_PER_INCH, layout="constrained")
-    for axes, (title, bars) in zip(figure.subplots(1, len(panels), sharey=True), panels.items(), strict=True):
+    figure = Figure(figsize=(3.2 * len(PANELS), height), dpi=DOTS_PER_INCH, layout="constrained")
+    for axes, (title, bars) in zip(figure.subplots(1, len(PANELS), sharey=True), PANELS.items(), strict=True):
         width = 0.8 / len(bars)
+        ends = np.zeros(1)
         for i, (label, name) in enumerate(bars.items()):
             at = [row + (i - 0.5 * (len(bars) - 1)) * width for row in range(len(names))]
             values, deviations = figures(name)
@@ -103,11 +98,12 @@ def _bar_chart(
             )
             numbers = ["" if isnan(value) else f"{value:.2f}" for value in values]
             axes.bar_label(drawn, numbers, fontsize=7, padding=3)
+            spread = np.nan_to_num(deviations) if deviations else 0.0
+            ends = np.concatenate([ends, np.nan_to_num(values) - spread, np.nan_to_num(values) + spread])
         if title == COVERAGE_PANEL:
             axes.axvline(COVERAGE, color="0.3", linewidth=0.8, linestyle=":")
         axes.set_yticks(range(len(names)), names)
-        low, high = axes.dataLim.intervalx
-        axes.set_xlim(1.24 * min(low, 0.0), 1.24 * max(high, 1.0))  # a number beside the longest bar
+        axes.set_xlim(1.24 * ends.min(), 1.24 * max(ends.max(), 1.0))  # a number beside the longest bar
         _dress(axes, title)
         if len(bars) > 1:
             axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=len(bars))

@@ -266,6 +266,65 @@ def test_forecast_asks_for_a_state_or_a_log(learned, options):
     assert dirprim("forecast", "--map", learned, *options) == USAGE
 
 
+def test_forecasts_of_a_log_are_told_to_machines_and_follow_the_filters_knobs(log, learned, tmp_path, capsys):
+    out = tmp_path / "futures.mcap"
+    options = (
+        "forecast",
+        "--map",
+        learned,
+        "--log",
+        log,
+        "-o",
+        out,
+        "--force",
+        "--horizon",
+        1,
+        "--samples",
+        5,
+        "--json",
+    )
+    told = {}
+    for knobs in ((), ("--particles", 20), ("--noise", 2.0), ("--no-ids",)):
+        assert dirprim(*options, *knobs) == DONE
+        captured = capsys.readouterr()
+        told[knobs] = [json.loads(line) for line in captured.out.splitlines()]
+        assert "futures.mcap: 100 frames" in captured.err
+    usual = told[()]
+    assert [instant["time_ns"] for instant in usual] == [1_000_000_000 * i for i in range(10)]
+    assert set(usual[0]["paths"]) == {str(i) for i in range(6)}
+    assert np.shape(usual[0]["paths"]["0"]) == (5, 2, 2)
+    assert usual[0]["dt_s"] == 0.5
+    assert len({json.dumps(lines) for lines in told.values()}) == 4
+    assert set(told["--no-ids",][5]["paths"]) != set(usual[5]["paths"])
+    for knobs in (("--noise", 1.0), ("--no-ids",), ("--particles", 9)):
+        state = ("--at", 20, 0, "--direction-deg", 90, "--speed", 8)
+        assert dirprim("forecast", "--map", learned, *state, *knobs) == USAGE
+
+
+def test_a_run_can_be_had_again_from_its_log_and_knobs_from_a_file(log, learned, tmp_path, capsys):
+    first, again, other = (tmp_path / f"{name}.mcap" for name in ("first", "again", "other"))
+    config = tmp_path / "knobs.toml"
+    config.write_text("[filter]\nn_particles = 30\nnoise_m = 0.8\n[tracking]\ngate = 9.0\n")
+    options = ("track", log, "--map", learned)
+    assert dirprim(*options, "--config", config, "-o", first) == DONE
+    assert dirprim(*options, "--config", first, "-o", again) == DONE
+    assert again.read_bytes() == first.read_bytes()
+    assert dirprim(*options, "--config", config, "--particles", 40, "-o", other) == DONE
+    assert other.read_bytes() != first.read_bytes()
+    by_options = tmp_path / "options.mcap"
+    assert dirprim(*options, "--particles", 30, "--noise", 0.8, "-o", by_options) == DONE
+    np.testing.assert_array_equal(read_estimates(by_options).position, read_estimates(first).position)
+    capsys.readouterr()
+    for text, said in (
+        ("[filter]\nnoise = 1.0", "filter: noise: expected one of"),
+        ("noise_m = 1.0", "noise_m: expected"),
+    ):
+        config.write_text(text)
+        assert dirprim(*options, "--config", config, "-o", tmp_path / "no.mcap") == FAILED
+        assert said in capsys.readouterr().err
+        assert not (tmp_path / "no.mcap").exists()
+
+
 def test_a_bug_keeps_its_traceback(monkeypatch, log):
     def broken(_path, **_options):
         raise TypeError("a bug")

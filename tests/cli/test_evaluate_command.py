@@ -1,5 +1,6 @@
 """`dirprim evaluate`: tables for people, one object for machines."""
 
+import hashlib
 import json
 
 import pytest
@@ -15,6 +16,9 @@ def log(ring, tmp_path_factory):
     path = tmp_path_factory.mktemp("evaluate") / "few.mcap"
     write_tracks(ring[ring.track_id < 8], path)
     return path
+
+
+ENVELOPE = {"format", "format_version", "version", "inputs", "reading", "experiment"}
 
 
 def evaluate(*arguments):
@@ -50,7 +54,7 @@ def test_cues_tells_people_and_machines_the_same(log, capsys):
     text = capsys.readouterr().out
     assert evaluate("cues", log, "--folds", 2, "--tessellation", "grid", "--json") == DONE
     told = json.loads(capsys.readouterr().out)
-    assert set(told) == {"table", "turn_signal"}
+    assert set(told) == {*ENVELOPE, "table", "turn_signal"}
     assert f"{told['table']['n_steps']} steps from cell to cell, 8 vehicles, held out by vehicle, 2 folds" in text
     for name in ("cell_before", "own_course"):
         line = next(line for line in text.splitlines() if line.startswith(name.replace("_", " ")))
@@ -77,17 +81,18 @@ def test_tracking_tells_people_and_machines_the_same_and_can_be_had_again(log, c
     from dirprim_filter import read_estimates
 
     out, chart = tmp_path / "out.mcap", tmp_path / "chart.png"
-    options = ("tracking", log, "--no-ids", "--misses", 0.1, "--clutter", 0.5, "--cutoff", 4)
-    assert evaluate(*options, *QUICK, "-o", out, "--chart", chart) == DONE
+    options = ("tracking", log, "--no-ids", "--miss-rate", 0.1, "--false-per-frame", 0.5, "--cutoff", 4)
+    assert evaluate(*options, *QUICK, "-o", out, "--plot", chart) == DONE
     text = capsys.readouterr().out
     assert "10% missed, 0.5 false per frame, no ids; map learned from others, held out by vehicle" in text
     assert evaluate(*options, *QUICK, "--json") == DONE
     first = capsys.readouterr().out
     table = json.loads(first)
-    for row in table["methods"]:
-        line = next(line for line in text.splitlines() if line.startswith(f"{row['name']}  "))
-        mean = sum(report["gospa"] for report in row["reports"]) / 2
-        assert f"{mean:.3f}" in line.split()
+    heads = {"gospa": "GOSPA per vehicle, m", "hota": "HOTA", "settled_rmse": "RMSE settled, m"}
+    for figure, head in heads.items():
+        line = next(line for line in text.splitlines() if line.startswith(f"{head}  "))
+        means = [sum(report[figure] for report in row["reports"]) / 2 for row in table["methods"]]
+        assert [cell for cell in line.removeprefix(head).split() if "+-" not in cell] == [f"{m:.3f}" for m in means]
     assert chart.stat().st_size > 1000
     assert len(read_estimates(out)) > 0
     (tmp_path / "run.json").write_text(first)
@@ -133,3 +138,64 @@ def test_a_configuration_that_is_none_is_told_as_such(log, capsys, tmp_path):
     (tmp_path / "notes.txt").write_text("noise: a lot")
     assert evaluate("tracking", log, "--config", tmp_path / "notes.txt") == FAILED
     assert "notes.txt: expected an experiment in TOML, or the JSON or MCAP of" in capsys.readouterr().err
+
+
+def test_every_object_says_what_it_follows_from(log, capsys):
+    commands = {
+        "density": (("--folds", 2, "--every", 1.0), {"split_by", "n_folds", "interval_s", "min_speed", "seed"}),
+        "forecast": (("--folds", 2, "--horizon", 0.5, "--samples", 20), {"split_by", "horizons_s", "n_folds", "n_seeds",
+                                                                         "n_samples", "seed"}),
+        "tracking": (QUICK, {"noise_m", "gap_s", "methods", "filter", "tracking", "seed"}),
+    }  # fmt: skip
+    for command, (options, names) in commands.items():
+        assert evaluate(command, log, *options, "--start", 0, "--json") == DONE
+        told = json.loads(capsys.readouterr().out)
+        assert set(told) > ENVELOPE
+        assert (told["format"], told["format_version"]) == (f"dirprim evaluate {command}", 2)
+        assert told["inputs"] == [{"name": "few.mcap", "sha256": hashlib.sha256(log.read_bytes()).hexdigest()}]
+        assert told["reading"]["start"] == "0"
+        assert set(told["experiment"]) >= names
+
+
+def test_forecasts_can_be_had_again_from_what_was_told(log, capsys, tmp_path):
+    options = ("--folds", 2, "--horizon", 0.5, "--horizon", 1, "--samples", 20, "--seed", 3)
+    assert evaluate("forecast", log, *options, "--json") == DONE
+    first = capsys.readouterr().out
+    (tmp_path / "run.json").write_text(first)
+    assert evaluate("forecast", log, "--config", tmp_path / "run.json", "--json") == DONE
+    assert capsys.readouterr().out == first
+    assert evaluate("forecast", log, "--config", tmp_path / "run.json", "--seed", 4, "--json") == DONE
+    assert json.loads(capsys.readouterr().out)["experiment"] == json.loads(first)["experiment"] | {"seed": 4}
+    (tmp_path / "wrong.toml").write_text("n_fold = 2")
+    assert evaluate("forecast", log, "--config", tmp_path / "wrong.toml") == FAILED
+    assert "experiment: n_fold: expected one of split_by" in capsys.readouterr().err
+
+
+def test_former_names_of_options_are_taken_with_a_warning_and_not_shown(log, capsys, tmp_path):
+    options = ("--gap", 0, "--seeds", 1, "--method", "constant velocity", "--json")
+    assert evaluate("tracking", log, "--miss-rate", 0.3, "--false-per-frame", 2, *options) == DONE
+    told = capsys.readouterr()
+    assert "warning" not in told.err
+    assert evaluate("tracking", log, "--misses", 0.3, "--clutter", 2, "--chart", tmp_path / "c.png", *options) == DONE
+    formerly = capsys.readouterr()
+    assert formerly.out == told.out
+    assert (tmp_path / "c.png").exists()
+    for old, new in (("--misses", "--miss-rate"), ("--clutter", "--false-per-frame"), ("--chart", "--plot")):
+        assert f"warning: {old} is now {new}; the next release does not know {old}" in formerly.err
+    assert evaluate("forecast", log, "--by-group") == FAILED
+    assert "--by-group is now --split group" in capsys.readouterr().err
+    for command, old in (("tracking", ("--misses", "--clutter", "--chart")), ("forecast", ("--by-group",))):
+        assert evaluate(command, "--help") == DONE
+        shown = capsys.readouterr().out
+        assert not [name for name in old if name in shown]
+
+
+@pytest.mark.parametrize("command", ["tracking", "forecast", "density", "cues"])
+def test_a_picture_that_exists_is_found_before_the_work(log, capsys, tmp_path, command, monkeypatch):
+    def reads_nothing(*_args, **_options):
+        raise AssertionError("the log was read")
+
+    (tmp_path / "old.png").write_bytes(b"")
+    monkeypatch.setattr("dirprim_filter.cli.reading.Reading.tracks", reads_nothing)
+    assert evaluate(command, log, "--plot", tmp_path / "old.png") == FAILED
+    assert "old.png" in capsys.readouterr().err

@@ -207,7 +207,13 @@ def test_groups_are_worlds_and_rows_say_which_they_are_of(ring, tmp_path, capsys
     alone = write_log(own, tmp_path / "alone.mcap")
     assert dirprim("score", alone, "--truth", truth) == FAILED
     assert "expected rows that say which of the truth's 2 groups they are of" in capsys.readouterr().err
-    assert dirprim("score", alone, "--truth", truth, "--group", 1, "--ids") == DONE
+    for group in (0, 1):  # of one group count its own rows, and all rows where none names a group
+        for path, left_out in ((log, len(own)), (table, len(own)), (alone, 0)):
+            assert dirprim("score", path, "--truth", truth, "--group", group, "--ids", "--json") == DONE
+            told = json.loads(capsys.readouterr().out)["scores"][0]
+            assert (told["left_out"], told["report"]["reported"]) == (left_out, 1.0)
+            assert told["report"]["rmse"] == pytest.approx(one["rmse"])
+            assert told["report"]["mota"] == 1.0
 
 
 def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):
@@ -234,4 +240,4 @@ def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):
         assert error.count("\n") == 1
         assert message in error
     assert dirprim("score", half, "--truth", truth) == DONE
-    assert "rows are at instants that the truth does not hold: left out" in capsys.readouterr().err
+    assert "rows are of instants or groups that the truth does not hold: left out" in capsys.readouterr().err

@@ -4,12 +4,10 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from test_tracking import TRUTH, estimates
 
 from dirprim_filter.evaluation.experiment import MethodResult
 from dirprim_filter.evaluation.pairs import compare_gaps
-from dirprim_filter.evaluation.scoring import TrackingReport
-from dirprim_filter.evaluation.tracking import rmse_by_vehicle
+from dirprim_filter.evaluation.tracking_report import TrackingReport
 
 NAN = float("nan")
 
@@ -19,12 +17,6 @@ def result(*gaps_of_seeds):
     return MethodResult(
         name="prior", reports=tuple(TrackingReport(**(figures | {"gap_rmse": tuple(gaps)})) for gaps in gaps_of_seeds)
     )
-
-
-def test_each_vehicle_has_an_error_of_its_own():
-    found = estimates(["b", "a", "a"], [10, 0, 10], [[100.0, 2.0], [3.0, 4.0], [1.0, 1.0]])
-    np.testing.assert_allclose(rmse_by_vehicle(found, TRUTH), [np.sqrt((25 + 1) / 2), 2.0])
-    np.testing.assert_array_equal(rmse_by_vehicle(found[np.array([0])], TRUTH), [NAN, 2.0])
 
 
 def test_gaps_that_only_one_method_tells_of_do_not_count():

@@ -40,6 +40,17 @@ def test_errors_in_sight_settled_and_in_gaps_are_those_worked_out_by_hand():
     assert np.isnan([got.seen_nees, got.hidden_nees, got.coverage_50, got.coverage_90]).all()
 
 
+def test_each_vehicle_has_an_error_of_its_own_gap_and_none_where_it_was_not_estimated():
+    truth = Tracks(
+        track_id=np.repeat(["a", "b", "c"], N), time_ns=np.tile(TIMES, 3), position=np.tile(TRUTH.position, (3, 1)),
+        direction=np.zeros(3 * N), speed=np.ones(3 * N),
+    )  # fmt: skip
+    hidden = np.isin(truth.time_ns, TIMES[HIDDEN]) & (truth.track_id != "c")
+    assert report(rows(track_id="b"), truth=truth, is_hidden=hidden).gap_rmse == pytest.approx(
+        (np.nan, 3.0), nan_ok=True
+    )
+
+
 def test_where_only_the_tracker_says_so_a_gap_is_what_it_did_not_measure_for_longer_than_a_missed_frame():
     unseen = np.where(HIDDEN, 0.1 * (np.arange(N) - 19), 0.0)
     unseen[50] = 0.1  # missed once

@@ -75,7 +75,7 @@ def test_a_chart_of_tracking_has_a_bar_for_each_figure_and_none_for_what_was_not
     rmse, *_, switches = figure.axes
     assert [text.get_text() for text in rmse.get_yticklabels()] == list(told)
     widths = [bar.get_width() for bar in rmse.patches]
-    assert widths[:2] == list(told.values())
-    assert np.isnan(widths[2:]).all()
+    assert widths[:4] == 2 * list(told.values())  # of all, and of those in sight
+    assert np.isnan(widths[4:]).all()
     assert {text.get_text() for text in rmse.texts} == {"0.50", "2.00", ""}
     assert switches.get_xlim()[0] == 0.0

@@ -25,8 +25,8 @@ from dirprim_filter.evaluation.metrics.gospa import ORDER
 from dirprim_filter.evaluation.metrics.matching import components
 from tessellation.arrays import FloatArray, IntArray
 
-MAX_ASSIGNMENTS = 100_000
-"""Numbers W of one linear program: more take minutes."""
+MAX_ASSIGNMENTS = 500_000
+"""Numbers W of one linear program: so many take half a minute and 2.5 GB."""
 
 
 class TrajectoryGospa(NamedTuple):
@@ -57,7 +57,7 @@ def trajectory_gospa(comparison: Comparison, *, cutoff_m: float, penalty_m: floa
 
     Raises:
         ValueError: a length is not positive, the cut-off is beyond the comparison's reach, or one linear program has
-            more than 100,000 assignments: pairs of vehicles and tracks that come near each other, times instants.
+            more than 500,000 assignments: pairs of vehicles and tracks that come near each other, times instants.
     """
     if not penalty_m > 0:
         raise ValueError(f"penalty_m: expected a positive distance in metres, got {penalty_m}")

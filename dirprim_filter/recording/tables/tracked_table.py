@@ -24,7 +24,7 @@ NOWHERE = -1.0
 """A coordinate that MOTChallenge leaves out."""
 
 
-def read_tracked_rows(path: str | Path, *, truth: Tracks) -> TrackedRows:
+def read_tracked_rows(path: str | Path, *, truth: Tracks, one_of_many: bool = False) -> TrackedRows:
     """What a tracker says, in the groups of a truth.
 
     A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A `.csv` or
@@ -34,6 +34,7 @@ def read_tracked_rows(path: str | Path, *, truth: Tracks) -> TrackedRows:
     Args:
         path: a .csv, .parquet or .txt, else an MCAP log that `dirprim track` wrote.
         truth: what it is to be compared with.
+        one_of_many: the truth is one of its log's groups: ids that name another group are not of it.
 
     Raises:
         RecordingError: the file is none of these, or does not say which group its rows are of.
@@ -52,19 +53,22 @@ def read_tracked_rows(path: str | Path, *, truth: Tracks) -> TrackedRows:
         columns = {"track_id": rows.track_id, "time_ns": rows.time_ns, "position": rows.position,
                    "covariance": rows.covariance, "unseen_s": rows.unseen_s}  # fmt: skip
     if "group" not in columns:
-        columns["group"] = _groups(Path(path), as_texts(np.asarray(columns["track_id"])), truth)
+        columns["group"] = _groups(Path(path), as_texts(np.asarray(columns["track_id"])), truth, one_of_many)
     try:
         return TrackedRows(**columns)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _groups(path: Path, names: AnyArray, truth: Tracks) -> IntArray:
-    """The group of each row, as its id says; ids without one are of group 0."""
+def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> IntArray:
+    """The group of each row, as its id says; ids without one are of group 0, where others have one."""
     groups = np.unique(truth.group)
-    if groups.size == 1:
-        return np.full(names.size, groups[0])
     said = np.array([name.partition("/")[0] if "/" in name else "" for name in names.tolist()], dtype=np.str_)
+    if groups.size == 1:
+        is_number = np.char.isdecimal(said)
+        if not (one_of_many and is_number.any()):
+            return np.full(names.size, groups[0])
+        return np.where(is_number, said, "0").astype(np.int64)
     group = np.zeros(names.size, np.int64)
     known = np.zeros(names.size, np.bool_)
     for number in groups.tolist():

@@ -1,0 +1,126 @@
+"""What commands tell machines, and how a later one takes it up: the figures and all that they follow from."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dirprim_filter.cli.reading import Reading
+    from dirprim_filter.config import FilterConfig, TrackingConfig
+
+FORMAT_VERSION = 2
+"""Of the objects that `--json` writes; 1 had neither `format` nor `inputs`."""
+CONFIG_KEY = "experiment"
+"""Of the metadata record and the JSON object that hold an experiment."""
+
+
+def result_object(
+    command: str, *, inputs: Sequence[Path], experiment: Mapping[str, Any], reading: Reading, table: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The table, and what it follows from: version, files by their checksums, experiment, options of reading."""
+    from importlib.metadata import version
+
+    from dirprim_filter.cli.provenance import checksum
+
+    return {
+        "format": f"dirprim {command}",
+        "format_version": FORMAT_VERSION,
+        "version": version("dirprim-filter"),
+        "inputs": [{"name": path.name, "sha256": checksum(path)} for path in inputs],
+        "reading": {name: value for name, value in reading.said().items() if value is not None},
+        CONFIG_KEY: dict(experiment),
+    } | {name: value for name, value in table.items() if name != CONFIG_KEY}
+
+
+def as_json(told: Mapping[str, Any]) -> str:
+    """One object; NaN and infinities, which JSON has no word for, become null."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: plain(inner) for name, inner in value.items()}
+        if isinstance(value, list | tuple):
+            return [plain(inner) for inner in value]
+        if isinstance(value, float) and not math.isfinite(value):
+            return None
+        return value
+
+    return json.dumps(plain(dict(told)))
+
+
+def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
+    """The experiment that a TOML file describes, or that an earlier run's JSON or MCAP carries; of no file none.
+
+    Args:
+        path: the file.
+        of: the command whose run it may be.
+
+    Raises:
+        ValueError: the file describes none.
+    """
+    from dirprim_filter.recording.errors import RecordingError
+
+    if path is None:
+        return {}
+    try:
+        if path.suffix == ".toml":
+            return tomllib.loads(path.read_text())
+        if path.suffix == ".json":
+            told = json.loads(path.read_text())[CONFIG_KEY]
+        else:
+            told = json.loads(_metadata(path)[CONFIG_KEY])
+    except (
+        tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, RecordingError
+    ) as error:  # fmt: skip
+        raise ValueError(
+            f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim {of}`, got {error}"
+        ) from error
+    if not isinstance(told, dict):
+        raise ValueError(f"{path}: expected an object under {CONFIG_KEY!r}, got {type(told).__name__}")  # noqa: TRY004 - the file's error, not a caller's
+    return {name: value for name, value in told.items() if value is not None}
+
+
+def read_filter(path: Path | None, **given: Any) -> tuple[FilterConfig, TrackingConfig]:
+    """The knobs of a tracker: those given, else those of a file, else the defaults.
+
+    Args:
+        path: TOML with the tables `filter` and `tracking`, or what an earlier `track` or `evaluate tracking` wrote.
+        given: knobs of either, by name; None is not given.
+
+    Raises:
+        ValueError: the file has none, or a knob is unknown or out of range.
+    """
+    from dataclasses import fields
+
+    from dirprim_filter.config import FilterConfig, TrackingConfig
+    from dirprim_filter.evaluation.tracking_experiment import config_of
+
+    told = read_experiment(path, of="track")
+    if path is not None and path.suffix == ".toml":
+        unknown = [name for name in told if name not in {"filter", "tracking"}]
+        if unknown:
+            raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
+    made = []
+    for kind, name in ((FilterConfig, "filter"), (TrackingConfig, "tracking")):
+        own = {f.name: given[f.name] for f in fields(kind) if given.get(f.name) is not None}
+        made.append(config_of(kind, dict(told.get(name) or {}) | own, where=name))
+    return made[0], made[1]
+
+
+def _metadata(path: Path) -> dict[str, str]:
+    from dirprim_filter.recording.scan import Scan
+
+    with Scan(path) as log:
+        return {key: value for _, entries in log.metadata for key, value in entries.items()}
+
+
+def check_plot(plot: Path | None, *, force: bool) -> None:
+    """Whether the picture can be written: before the work, not after it."""
+    if plot is not None:
+        from dirprim_filter.viewer.figures import check_figure_path
+
+        check_figure_path(plot, force=force)
