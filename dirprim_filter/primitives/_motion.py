@@ -28,7 +28,7 @@ STARTS_AT = 0.31
 """m/s: a vehicle that starts no longer stands."""
 PLACE_FREE_LOG_DENSITY = -2.0
 """Of a vehicle's course, log pace and path where no cell says, as `log_fit` counts: any way, any pace, on three lanes."""
-DISCOUNT = 0.5
+DISCOUNT = 0.2
 """Of each count of transitions (Ney, Essen and Kneser 1994): what was seen once may well be something else."""
 
 
