@@ -73,6 +73,11 @@ class FilterConfig:
         place_free_share: least share of the particles that take up a place-free manoeuvre, where they take up any: the
             vehicle that does what none has done there is not lost.
         redraw_rate: 1/s, how often a particle takes up whichever manoeuvre fits it by then.
+        direction_spread: radians by which drivers stray beyond what a map's manoeuvres say: a filter that believes a
+            hundredth of a radian loses whoever does otherwise. Forecasts go by the map alone.
+        push: m/s^2, the same of their acceleration.
+        place_free_agility: by how much more a place-free particle turns, accelerates and starts than the map's vehicles
+            do: who does what none did is found by these. Forecasts go by the map alone.
         reach_m: metres; so far beside a cell a vehicle still moves as vehicles do in it: about a lane's width.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         drift: m^2/s, how fast a vehicle drifts from the way that its direction and speed say, in each axis: 0.07 m in
@@ -89,7 +94,10 @@ class FilterConfig:
     motion_outlier_probability: float = 0.05
     resample_below: float = 0.5
     place_free_share: float = 0.1
-    redraw_rate: float = 0.3
+    redraw_rate: float = 1.0
+    direction_spread: float = 0.03
+    push: float = 0.5
+    place_free_agility: float = 1.5
     reach_m: float = 3.5
     step_s: float = 0.1
     drift: float = 0.005

@@ -16,11 +16,13 @@ def tracking_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionT
 
 def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
     """The same for forecasts, where nothing shows which particles are right: none is renewed on the way."""
-    return table_of(primitive_map, _knobs(config)._replace(place_free_share=0.0, redraw_rate=0.0))
+    of_map = _knobs(config)._replace(place_free_share=0.0, redraw_rate=0.0, direction_spread=0.0, push=0.0, agility=1.0)
+    return table_of(primitive_map, of_map)
 
 
 def _knobs(config: FilterConfig) -> MotionKnobs:
     return MotionKnobs(
         place_free_share=config.place_free_share, redraw_rate=config.redraw_rate, drift=config.drift,
-        step_s=config.step_s, reach_m=config.reach_m,
+        step_s=config.step_s, reach_m=config.reach_m, direction_spread=config.direction_spread, push=config.push,
+        agility=config.place_free_agility,
     )  # fmt: skip

@@ -20,8 +20,8 @@ from tessellation.arrays import FloatArray, IntArray
 # Columns of `MotionTable.row`.
 (EAST, NORTH, EXTENT, COURSE, BEND_E, BEND_N, A_0, A_E, A_N, A_V, PUSH, TURNING, KEEPS, LONGER, STARTS, PACE, GAIN_E,
  GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH, LOG_SCALE, VISITS, SECONDS, AHEAD,
- MODE) = range(31)  # fmt: skip
-N_COLUMNS = 31
+ MODE, CURVATURE) = range(32)  # fmt: skip
+N_COLUMNS = 32
 CREEP = 0.3
 STANDING_BELOW = 0.3
 STARTS_AT = 0.31
@@ -29,6 +29,8 @@ STARTS_AT = 0.31
 PLACE_FREE_LOG_DENSITY = -2.0
 """Of a vehicle's course, log pace and path where no cell says, as `log_fit` counts: any way, any pace, on three lanes."""
 DISCOUNT = 0.2
+PLACE_FREE_REDRAWS = 0.7
+"""1/s: so often a vehicle of no place begins to turn, or ends it, or becomes livelier or calmer."""
 """Of each count of transitions (Ney, Essen and Kneser 1994): what was seen once may well be something else."""
 
 
@@ -155,7 +157,7 @@ def move(
     root, drift = math.sqrt(h), math.sqrt(12.0 * table.drift * h)
     redraws = 1.0 - math.exp(-table.redraw_rate * h)
     normal, even = np.empty(2 * n), np.empty(2 * n)
-    redraw = random.draw_gap(redraws, state)
+    redraw, changes = random.draw_gap(redraws, state), 1.0 - math.exp(-PLACE_FREE_REDRAWS * h)
     for _ in range(n_steps):
         random.fill_normals(normal, state)
         random.fill_even(even, state)  # over some steps a drift is normal whatever each step's is
@@ -174,7 +176,7 @@ def move(
                 later = max(v + h * gained, 0.0)
                 way = 0.5 * h * (v + later) * (1.0 + row[LONGER])
             c, s = cos(theta), sin(theta)
-            turn = (row[BEND_E] * c + row[BEND_N] * s) * way
+            turn = (row[BEND_E] * c + row[BEND_N] * s + row[CURVATURE]) * way
             off = theta - row[COURSE] - row[BEND_E] * east - row[BEND_N] * north
             off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
             keeps = row[KEEPS]  # 1 for a place-free manoeuvre, which has no course to come back to
@@ -182,9 +184,8 @@ def move(
             turn += row[TURNING] * (turned_by + keeps * (root - turned_by)) * min(v, 1.0) * normal[p]
             push[p] = push[p] * push_kept + pushed_by * normal[n + p]
             half = 0.5 * turn
-            drifts = drift * min(later, 1.0)
-            x += way * (c - half * (s + 0.5 * half * c)) + drifts * even[p]
-            y += way * (s + half * (c - 0.5 * half * s)) + drifts * even[n + p]
+            x += way * (c - half * (s + 0.5 * half * c)) + drift * even[p]
+            y += way * (s + half * (c - 0.5 * half * s)) + drift * even[n + p]
             theta += turn
             position[p, 0], position[p, 1] = x, y
             direction[p] = theta - 2.0 * math.pi * math.floor(theta / (2.0 * math.pi) + 0.5)
@@ -192,7 +193,7 @@ def move(
             here = locate(table.locator, x, y)
             redrawn = redraw == 0
             redraw = random.draw_gap(redraws, state) if redrawn else redraw - 1
-            if redrawn:
+            if redrawn or (keeps == 1.0 and random.uniform(state) < changes):
                 manoeuvre[p] = take_up(
                     table, here, x, y, direction[p], later, True, table.place_free_share, weight, state
                 )

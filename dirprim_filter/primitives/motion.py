@@ -56,6 +56,7 @@ class Motion:
         stretch: (z,) by how much longer the way is than speeds say; speedometers and curbs differ from place to place.
         start_rate: (z,) 1/s, how often a vehicle that stands starts; 0 for those in motion.
         turn_ahead: (z,) radians by which vehicles have turned `AHEAD_S` later.
+        curvature: (z,) 1/m, of place-free manoeuvres; the others turn as their course bends.
         first: (z + 1,) transitions of manoeuvre z are those from first[z] to first[z + 1].
         following: (t,) the manoeuvre that followed.
         count: (t,) how often.
@@ -84,6 +85,7 @@ class Motion:
     stretch: FloatArray
     start_rate: FloatArray
     turn_ahead: FloatArray
+    curvature: FloatArray
     first: IntArray
     following: IntArray
     count: FloatArray
@@ -143,7 +145,7 @@ class Motion:
         fast = anywhere[mean[-1, anywhere] >= CREEP]
         free = place_free_manoeuvres(
             share=np.array([direction.weight[-1, fast].sum()]), push=np.array([ANYWHERE_PUSH]),
-            turning=np.array([ANYWHERE_TURNING]),
+            turning=np.array([ANYWHERE_TURNING]), curvature=np.zeros(1),
             standing=float(direction.weight[-1].sum() - direction.weight[-1, fast].sum()), start_rate=START_RATE,
         )  # fmt: skip
         variance = pace**2 / shape[of_cell, of_mode]
@@ -160,7 +162,7 @@ class Motion:
             "path_spread": np.full(n, WIDE_M), "path_direction": direction.mean_direction[of_cell, of_mode],
             "acceleration": np.column_stack([rate * pace, rate[:, None] * pace[:, None] * gained, -rate]),
             "push": np.sqrt(variance * rate * (rate + PUSH_RATE)), "stretch": np.zeros(n),
-            "start_rate": np.where(stands, START_RATE, 0.0), "turn_ahead": np.zeros(n),
+            "start_rate": np.where(stands, START_RATE, 0.0), "turn_ahead": np.zeros(n), "curvature": np.zeros(n),
         }  # fmt: skip
         return cls(
             **joined(placed, free), first=np.zeros(n + len(free["cell"]) + 1, np.int64),
@@ -178,14 +180,16 @@ def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str
 
 
 def place_free_manoeuvres(
-    *, share: FloatArray, push: FloatArray, turning: FloatArray, standing: float, start_rate: float
-) -> dict[str, FloatArray]:
-    """Manoeuvres of no place: constant velocity, calmer or livelier, and standing.
+    *, share: FloatArray, push: FloatArray, turning: FloatArray, curvature: FloatArray, standing: float,
+    start_rate: float,
+) -> dict[str, FloatArray]:  # fmt: skip
+    """Manoeuvres of no place: calmer or livelier, turning or not, and standing.
 
     Args:
         share: (k,) how often vehicles move like each.
         push: (k,) m/s^2.
         turning: (k,) radians in the square root of a second.
+        curvature: (k,) 1/m, positive to the left.
         standing: how often they stand.
         start_rate: 1/s.
     """
@@ -198,6 +202,7 @@ def place_free_manoeuvres(
         "log_pace_spread": np.ones(n), "path": np.zeros((n, 3)), "path_spread": np.full(n, WIDE_M),
         "path_direction": none, "acceleration": np.zeros((n, 4)), "push": np.append(push, 0.0), "stretch": none,
         "start_rate": np.append(np.zeros(n - 1), start_rate), "turn_ahead": none,
+        "curvature": np.append(curvature, 0.0),
     }  # fmt: skip
 
 

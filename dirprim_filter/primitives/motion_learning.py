@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives import _clustering, _motion
 from dirprim_filter.primitives.motion import CREEP, PUSH_RATE, Motion, joined, place_free_manoeuvres
 from dirprim_filter.primitives.motion_sums import MotionSums, Regression, _of_pace
@@ -39,6 +40,8 @@ FEWEST_STARTS = 20
 N_SAMPLES = 32
 FEWEST_GROUPS = 4
 PLACE_FREE_LEVELS = 3
+TURNS_FROM = 0.15
+"""Radians in a second."""
 PUSHED_SHARE = 0.85
 """Of the variance of a vehicle's own acceleration, what its mean over a second has at `PUSH_RATE`."""
 
@@ -165,7 +168,7 @@ def motion_of(
         "path": path, "path_spread": _spread(sums.path.mean_square(path), n), "path_direction": direction,
         "acceleration": acceleration, "push": spread * _spread(pushed, n), "stretch": stretch,
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),
-        "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9),
+        "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(n.size),
     }  # fmt: skip
     transition = csr_array(sums.transition)
     transition.sum_duplicates()
@@ -195,26 +198,31 @@ def _reversion(acceleration: Regression) -> float:
 
 
 def _place_free(visits: Visits) -> dict[str, FloatArray]:
-    """Manoeuvres of no place: vehicles in motion by how lively they are over two seconds, and those that stand."""
+    """Manoeuvres of no place: vehicles that turn left or right, the others by how lively they are, and who stands."""
     second, stands = visits.later(1.0), visits.stands[visits.of_instant]
     moves = np.flatnonzero((second >= 0) & ~stands)
     gained = (visits.speed[second[moves]] - visits.speed[moves]) / np.sqrt(PUSHED_SHARE)
-    turned = (visits.course[second[moves]] - visits.course[moves] + np.pi) % (2.0 * np.pi) - np.pi
+    turned = difference(visits.course[second[moves]], visits.course[moves])
+    way = 0.5 * (visits.speed[second[moves]] + visits.speed[moves])
+    side = np.sign(turned) * ((np.abs(turned) > TURNS_FROM) & (way > 1.0))
     usual = np.sqrt([np.mean(gained**2) + 1e-6, np.mean(turned**2) + 1e-6]) if moves.size else np.ones(2)
-    lively = np.abs(gained) / usual[0] + np.abs(turned) / usual[1]
-    level = np.argsort(np.argsort(lively)) * PLACE_FREE_LEVELS // max(moves.size, 1)
-    n = np.bincount(level, minlength=PLACE_FREE_LEVELS)
+    lively = np.where(side == 0, np.abs(gained) / usual[0] + np.abs(turned) / usual[1], np.inf)
+    straight = int((side == 0).sum())
+    level = np.minimum(np.argsort(np.argsort(lively)) * PLACE_FREE_LEVELS // max(straight, 1), PLACE_FREE_LEVELS - 1)
+    level = np.where(side == 0, level, PLACE_FREE_LEVELS + (side > 0)).astype(np.int64)
+    n = np.bincount(level, minlength=PLACE_FREE_LEVELS + 2)
 
-    def of_level(column: FloatArray, least: float) -> FloatArray:
-        total = np.bincount(level, column**2, minlength=PLACE_FREE_LEVELS)
-        return np.sqrt((total + least**2) / (n + 1.0))
+    def total(column: FloatArray) -> FloatArray:
+        return np.bincount(level, column, minlength=n.size)
 
+    curvature = np.where(np.arange(n.size) < PLACE_FREE_LEVELS, 0.0, total(turned) / np.maximum(total(way), 1.0))
+    strayed = turned - curvature[level] * way
     standing = visits.seconds[visits.stands].sum()
-    left = float(visits.follows()[visits.stands].sum())
-    seconds = visits.seconds.sum()
+    left, seconds = float(visits.follows()[visits.stands].sum()), visits.seconds.sum()
     return place_free_manoeuvres(
-        share=(n + 1.0) / (n.sum() + PLACE_FREE_LEVELS) * (1.0 - standing / seconds), push=of_level(gained, 0.1),
-        turning=of_level(turned, 0.01), standing=float(standing / seconds), start_rate=(left + 0.1) / (standing + 1.0),
+        share=(n + 1.0) / (n.sum() + n.size) * (1.0 - standing / seconds),
+        push=np.sqrt((total(gained**2) + 0.1**2) / (n + 1.0)), turning=np.sqrt((total(strayed**2) + 0.01**2) / (n + 1.0)),
+        curvature=curvature, standing=float(standing / seconds), start_rate=(left + 0.1) / (standing + 1.0),
     )  # fmt: skip
 
 

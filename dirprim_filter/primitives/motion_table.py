@@ -31,6 +31,9 @@ class MotionKnobs(NamedTuple):
     drift: float = 0.005
     step_s: float = 0.1
     reach_m: float = 3.5
+    direction_spread: float = 0.0
+    push: float = 0.0
+    agility: float = 1.0
 
 
 def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
@@ -39,7 +42,7 @@ def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
     of_cell = motion.cell[: motion.n_placed]
     return MotionTable(
         locator=reaching(cells.locator, knobs.reach_m),
-        row=_rows(primitives),
+        row=_rows(primitives, knobs),
         begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
         first=motion.first,
         following=motion.following,
@@ -55,18 +58,22 @@ def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
     )
 
 
-def _rows(primitives: PrimitiveMap) -> FloatArray:
+def _rows(primitives: PrimitiveMap, knobs: MotionKnobs) -> FloatArray:
     """(z, N_COLUMNS), see `_motion`."""
     motion = primitives.motion
+    is_free = motion.cell < 0
+    agility = np.where(is_free, knobs.agility, 1.0)
     extent = np.append(0.6 * np.sqrt(primitives.tessellation.area), 0.0)
     by_course = 1.0 / (motion.course_spread + COURSE_FLOOR)
     by_pace = 1.0 / (motion.log_pace_spread + PACE_FLOOR)
     by_path = 1.0 / (motion.path_spread + PATH_FLOOR)
     return np.column_stack([
         primitives.centers[motion.cell], extent[motion.cell], motion.course, motion.bend, motion.acceleration,
-        motion.push, motion.course_spread, motion.cell < 0, motion.stretch, motion.start_rate, motion.log_pace,
-        motion.gain, motion.path, np.cos(motion.path_direction), np.sin(motion.path_direction), by_course, by_pace,
+        np.hypot(agility * motion.push, np.where(is_free, 0.0, knobs.push)),
+        np.hypot(agility * motion.course_spread, np.where(is_free, 0.0, knobs.direction_spread)), is_free,
+        motion.stretch, agility * motion.start_rate, motion.log_pace, motion.gain, motion.path, np.cos(motion.path_direction), np.sin(motion.path_direction), by_course, by_pace,
         by_path, np.log(by_course * by_pace * by_path), motion.visits, motion.seconds, motion.turn_ahead, motion.mode,
+        motion.curvature,
     ])  # fmt: skip
 
 
