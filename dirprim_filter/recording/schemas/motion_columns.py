@@ -36,7 +36,8 @@ def encode_motion(motion: Motion, tile: int, n_tiles: int) -> dirprim_pb2.Motion
     columns = of_manoeuvre | {"following": motion.following, "count": motion.count}
     return dirprim_pb2.Motion(
         **{name: column[_part(column.size, tile, n_tiles)].tolist() for name, column in columns.items()},
-        **{name: getattr(motion, name) for name in KNOBS},
+        course_rate=motion.course_rate,
+        strength=motion.strength,
     )
 
 
@@ -59,11 +60,12 @@ def decode_motion(parts: list[dirprim_pb2.Motion]) -> Motion:
     return Motion(
         cell=joined(ints_of, "cell"),
         mode=joined(ints_of, "mode"),
-        **floats,
         first=np.append(joined(ints_of, "first"), following.size),
         following=following,
         count=joined(floats_of, "count", rows="following"),
-        **{name: getattr(parts[0], name) for name in KNOBS},
+        **floats,
+        course_rate=parts[0].course_rate,
+        strength=parts[0].strength,
     )
 
 
