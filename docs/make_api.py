@@ -19,7 +19,7 @@ MODULES = (
     "dirprim_filter.config", "dirprim_filter.detections", "dirprim_filter.estimates", "dirprim_filter.replay",
     "dirprim_filter.forecasting", "dirprim_filter.distributions.gamma", "dirprim_filter.distributions.von_mises",
     "dirprim_filter.distributions.von_mises_mixture", "dirprim_filter.distributions.product",
-    "dirprim_filter.primitives.cues", "dirprim_filter.primitives.journeys", "dirprim_filter.primitives.primitive_map",
+    "dirprim_filter.primitives.cues", "dirprim_filter.primitives.motion", "dirprim_filter.primitives.primitive_map",
     "dirprim_filter.primitives.transitions",
     "dirprim_filter.recording.scan", "dirprim_filter.recording.reader", "dirprim_filter.recording.writer",
     "dirprim_filter.recording.field_mapping", "dirprim_filter.recording.recovery",

@@ -1,10 +1,12 @@
 """Traffic and maps that several test modules build with numbers of their own."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives import PrimitiveMap
-from dirprim_filter.primitives.primitive_map import Relaxation
+from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation
 
@@ -38,13 +40,9 @@ def rows_of(direction, speed, *, position=(0.0, 0.0), time_ns=0, first_id=0):
     )
 
 
-def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4, **rates):
+def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4):
     """One cell around the origin, in which vehicles drive one way at one speed; outside they do the same."""
     column = np.ones((2, 1))
-    given = {
-        "direction_rate": 0.5, "speed_rate": 0.5, "mode_rate": 0.1,
-        "place_free_turning": 1e-4, "place_free_speed_rate": 0.1, "drift": 0.02,
-    } | rates  # fmt: skip
     return PrimitiveMap(
         tessellation=GridTessellation(
             origin=np.full(2, -side / 2), cell_size=side, n_x=1, n_y=1, square=np.zeros(1, np.int64)
@@ -53,5 +51,19 @@ def one_cell_map(*, mean=0.0, concentration=1e6, speed=10.0, shape=1e8, side=1e4
         speed=Gamma(shape=shape * column, rate=shape / speed * column),
         n_rows=np.array([1, 1]),
         n_place_free_modes=0,
-        relaxation=Relaxation(**given),
     )
+
+
+def with_ways(primitives, cell, ways):
+    """The map with manoeuvres of these cells, the place-free ones last, and transitions (from, to, how often)."""
+    free = primitives.motion.without_places()
+    n = len(cell) + len(free)
+    ways = sorted(ways)
+    columns = {name: np.concatenate([np.ones((len(cell), *column.shape[1:])), column])
+               for name in FLOATS for column in [getattr(free, name)]}  # fmt: skip
+    motion = Motion(
+        **columns, cell=np.append(cell, free.cell), mode=np.zeros(n, np.int64),
+        first=np.searchsorted([way[0] for way in ways], np.arange(n + 1)),
+        following=np.array([way[1] for way in ways], np.int64), count=np.array([way[2] for way in ways]),
+    )  # fmt: skip
+    return replace(primitives, motion=motion)

@@ -22,6 +22,7 @@ class Picture(StrEnum):
     MAP = "map"
     ROSES = "roses"
     CELLS = "cells"
+    TRANSITIONS = "transitions"
     DIRECTION = "direction"
     SPEED = "speed"
     REJECTION = "rejection"
@@ -39,6 +40,7 @@ TAKES = {
     Picture.MAP: {"--log", "--estimates"},
     Picture.ROSES: {"--log"},
     Picture.CELLS: {"--log"},
+    Picture.TRANSITIONS: {"--log"},
     Picture.DIRECTION: {"--log", "--at"},
     Picture.SPEED: {"--log", "--at"},
     Picture.REJECTION: {"--at", "--cue", "--heading-deg"},
@@ -55,8 +57,9 @@ def plot(
         typer.Option(
             help=(
                 "map: cells, and petals coloured by mean speed. roses: from blue to red by probability. cells: over "
-                "the rows of --log, coloured by direction. direction, speed: of a place, by mode. rejection, product: "
-                "a turn signal times what is usual at a place."
+                "the rows of --log, coloured by direction. transitions: arrows from cell to cell, as wide as the share "
+                "of those who leave. direction, speed: of a place, by mode. rejection, product: a turn signal times "
+                "what is usual at a place."
             )
         ),
     ] = Picture.MAP,
@@ -121,12 +124,20 @@ def _check(figure: Picture, given: set[str]) -> None:
 
 
 def _of_map(figure: Picture, learned: PrimitiveMap, tracks: Tracks | None, at: tuple[float, float] | None) -> Figure:
-    from dirprim_filter.viewer.figures import cell_figure, direction_figure, rose_figure, speed_figure
+    from dirprim_filter.viewer.figures import (
+        cell_figure,
+        direction_figure,
+        rose_figure,
+        speed_figure,
+        transition_figure,
+    )
 
     if figure is Picture.CELLS and tracks is not None:
         return cell_figure(learned.tessellation, tracks)
     if figure is Picture.ROSES:
         return rose_figure(learned, tracks=tracks)
+    if figure is Picture.TRANSITIONS:
+        return transition_figure(learned, tracks=tracks)
     draw = direction_figure if figure is Picture.DIRECTION else speed_figure
     return draw(learned, position=at, tracks=tracks)
 

@@ -15,7 +15,6 @@ from dirprim_filter.distributions.highest_density import highest_density_regions
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.forecasting import forecast
 from dirprim_filter.primitives import PrimitiveMap
-from dirprim_filter.primitives.relaxation import FALLBACK
 from tessellation import GridTessellation
 
 
@@ -28,7 +27,6 @@ def warm_up() -> None:
         speed=Gamma(shape=two_rows, rate=two_rows),
         n_rows=np.ones(2, np.int64),
         n_place_free_modes=0,
-        relaxation=FALLBACK,
     )
     tracker = Tracker(anywhere, config=FilterConfig(n_particles=2), rng=np.random.default_rng(0))
     reported = Detections(

@@ -64,7 +64,7 @@ class Motion:
         strength: how much a place-free manoeuvre counts against those of a cell, in visits.
 
     Raises:
-        ValueError: columns of different lengths, numbers that are not finite, or transitions to nowhere.
+        ValueError: columns of different lengths, numbers that are not finite, amounts below zero, or transitions to nowhere.
     """
 
     cell: IntArray
@@ -105,9 +105,14 @@ class Motion:
         placed = self.cell[self.cell >= 0]
         if n == placed.size or (np.diff(placed) < 0).any() or (self.cell[placed.size :] != -1).any():
             raise ValueError("cell: expected cells in ascending order, then -1 for one place-free manoeuvre at least")
-        ordered = self.first[0] == 0 and self.first[-1] == self.following.size and (np.diff(self.first) >= 0).all()
+        grows = (self.first[1:] >= self.first[:-1]).all()
+        ordered = self.first[0] == 0 and self.first[-1] == self.following.size and grows
         if not ordered or ((self.following < 0) | (self.following >= placed.size)).any():
             raise ValueError(f"first, following: expected transitions to manoeuvres 0 to {placed.size - 1}")
+        object.__setattr__(self, "count", as_floats("count", self.count, f"{self.following.size}"))
+        for name in AMOUNTS:
+            if (getattr(self, name) < 0).any():
+                raise ValueError(f"{name}: expected no negative numbers, got {getattr(self, name).min()}")
         for name in ("course_rate", "strength"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
@@ -172,6 +177,10 @@ class Motion:
 
 FLOATS = tuple(f.name for f in fields(Motion) if f.type == "FloatArray" and f.name != "count")
 """Columns of floats, a row for each manoeuvre."""
+AMOUNTS = (
+    "visits", "seconds", "course_spread", "log_pace_spread", "path_spread", "push", "start_rate", "count",
+)  # fmt: skip
+"""Columns that are nowhere negative."""
 
 
 def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str, FloatArray]:

@@ -103,7 +103,7 @@ class PrimitiveMap:
             settling = Motion.settling(self.direction, self.speed, self.bend, self.gain, self.n_place_free_modes)
             object.__setattr__(self, "motion", settling)
         last = self.motion.cell[self.motion.n_placed - 1] if self.motion.n_placed else -1
-        if last >= n - 1 or (self.motion.mode >= shapes[0][1]).any():
+        if last >= n - 1 or ((self.motion.mode < 0) | (self.motion.mode >= shapes[0][1])).any():
             raise ValueError(f"motion: expected manoeuvres of {n - 1} cells and {shapes[0][1]} modes, got others")
 
     @property

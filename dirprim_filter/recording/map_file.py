@@ -65,7 +65,7 @@ def load_map(path: str | Path) -> PrimitiveMap:
     except DecodeError as error:
         broken = f" (the file is damaged: {damage[0]})" if damage else ""
         raise RecordingError(
-            f"{path}: not a whole map: {error}{broken}; learn it again with `dirprim learn`"
+            f"{path}: cannot be read as a map: {error}{broken}; learn it again with `dirprim learn`"
         ) from error
     if damage:
         logger.warning("%s: the map is whole, but the file is damaged: %s", path, damage[0])

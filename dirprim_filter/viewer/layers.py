@@ -78,6 +78,16 @@ def draw_cells(axes: Axes, tessellation: Tessellation) -> None:
     axes.add_collection(LineCollection(outlines, colors="0.3", linewidths=0.45, joinstyle="round", zorder=4))
 
 
+def draw_flow(axes: Axes, primitives: PrimitiveMap) -> None:
+    """Arrows from cell to cell, as wide as their share of those who leave the first, coloured by direction."""
+    ways = shapes.Flow.of(primitives)
+    order = np.argsort(-ways.share, kind="stable")  # the narrower lies above
+    usual = float(np.sqrt(np.median(primitives.tessellation.area))) if primitives.tessellation.n_cells else 0.0
+    outlines = ways.outlines(shapes.FLOW_WIDTH * usual * ways.share)[order]
+    color = direction_color(np.arctan2(*ways.vector.T[::-1]))[order] / 255.0
+    axes.add_collection(PolyCollection(list(outlines), facecolors=color, edgecolors="white", linewidths=0.15, zorder=3))
+
+
 def draw_rows(axes: Axes, tracks: Tracks) -> None:
     """Where vehicles were seen, coloured by direction; grey where they stood. A bitmap also in a vector file."""
     color = direction_color(tracks.direction) / 255.0

@@ -16,7 +16,6 @@ import rerun as rr
 from dirprim_filter.distributions.highest_density import Region
 from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.forecasting import REGION_SHARES
-from dirprim_filter.primitives.transitions import Transitions
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.colors import (
@@ -52,10 +51,6 @@ ROOT_SHADE = 4
 """A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
 """What moves must stand out."""
-FLOW_LEAST = 0.05
-"""Of those who leave a cell: ways that fewer take are not drawn."""
-FLOW_LENGTH = 0.7
-"""Of the way between the centres of two cells: arrows must not run into each other."""
 FLOW_WIDTH = 1.5
 """Points on the screen, of the way that most vehicles take."""
 FLOW_COLOR = (255, 170, 110)
@@ -128,17 +123,14 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
     )
 
 
-def flow(transitions: Transitions, tessellation: Tessellation) -> rr.Arrows3D:
+def flow(ways: shapes.Flow) -> rr.Arrows3D:
     """An arrow from cell to cell, as bright as its share of those who leave the first, as thick as they are many."""
-    kept = (transitions.share >= FLOW_LEAST) & (transitions.n > 1)
-    start = tessellation.centers[transitions.start[kept]]
-    way = tessellation.centers[transitions.end[kept]] - start
-    many = np.sqrt(transitions.n[kept] / max(int(transitions.n.max(initial=1)), 1))
-    color = np.full((len(way), 4), 255, np.uint8)
-    color[:, :3] = np.rint(np.array(FLOW_COLOR) * (0.35 + 0.65 * transitions.share[kept, None]))
+    many = np.sqrt(ways.n / ways.n.max(initial=1.0))
+    color = np.full((many.size, 4), 255, np.uint8)
+    color[:, :3] = np.rint(np.array(FLOW_COLOR) * (0.35 + 0.65 * ways.share[:, None]))
     return rr.Arrows3D(
-        origins=_raised(start + (0.5 - 0.5 * FLOW_LENGTH) * way, HEIGHT["flow"]),
-        vectors=_raised(FLOW_LENGTH * way, 0.0),
+        origins=_raised(ways.origin, HEIGHT["flow"]),
+        vectors=_raised(ways.vector, 0.0),
         radii=rr.Radius.ui_points(FLOW_WIDTH * np.maximum(many, 0.3)),
         colors=color,
     )

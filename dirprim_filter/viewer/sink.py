@@ -21,7 +21,6 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.transitions import cell_transitions
 from dirprim_filter.tracks import Tracks, as_texts
 from dirprim_filter.viewer import marks, shapes
 from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
@@ -168,7 +167,7 @@ class RerunSink:
         legend = Legend.of(primitives, extent=box, fastest=fastest)
         self._static("/map/cells", marks.cells(primitives.tessellation))
         self._static("/map/roses", marks.roses(petals, fastest=fastest))
-        self._static("/map/flow", marks.flow(cell_transitions(primitives), primitives.tessellation))
+        self._static("/map/flow", marks.flow(shapes.Flow.of(primitives)))
         self._static("/map/legend", legend.bar(), legend.ticks())
         self._static("/legend", legend.text())
         self._box = box

@@ -26,6 +26,7 @@ def plot(files, *arguments):
         ("map", ()),
         ("roses", ()),
         ("cells", ("--log", "log.mcap")),
+        ("transitions", ("--log", "log.mcap")),
         ("direction", ("--at", 20, 0, "--log", "log.mcap")),
         ("speed", ("--at", -20, 0)),
         ("rejection", ("--cue", "left")),

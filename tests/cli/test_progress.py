@@ -62,12 +62,12 @@ def test_steps_tell_how_many_of_how_many():
             told.progress(17, -0.5)
             told.progress(18, -0.625)
         with learning_progress() as told:
-            told.stage(4)
+            told.stage(3)
         with working("reading y"):
             pass
     assert "4 of 4 chunks" in text_of(shown)
-    assert re.search(r"cells \(1 of 5\): 18, log density 0.625, round 1, at most \d+ s left", text_of(shown))
-    assert "how they go on (5 of 5)" in text_of(shown)
+    assert re.search(r"cells \(1 of 4\): 18, log density 0.625, round 1, at most \d+ s left", text_of(shown))
+    assert "how vehicles go on (4 of 4)" in text_of(shown)
     assert "reading y" in text_of(shown)
 
 
@@ -91,7 +91,7 @@ def test_the_long_commands_tell_of_their_steps(tmp_path, ring, capsys):
     write_tracks(ring[ring.track_id < 6], tmp_path / "ring.mcap")
     commands = {
         f"convert {tmp_path}/t.csv -o {tmp_path}/t.mcap": r"9 of 9 instants",
-        f"learn {tmp_path}/ring.mcap -o {tmp_path}/map.mcap --tessellation grid --cell-size 8": r"go on \(5 of 5\)",
+        f"learn {tmp_path}/ring.mcap -o {tmp_path}/map.mcap --tessellation grid --cell-size 8": r"go on \(4 of 4\)",
         f"recover {tmp_path}/t.mcap -o {tmp_path}/whole.mcap": r"(\d+) of \1 chunks",
         f"replay {tmp_path}/ring.mcap --rate inf --save {tmp_path}/r.rrd": r"(\d+\.\d) of \1 s of the log",
         f"evaluate forecast {tmp_path}/ring.mcap --folds 2 --horizon 1 --samples 20": r"4 of 4 fits",

@@ -1,64 +1,64 @@
-"""Laws of transitions: those of a walk that is known cell by cell, none lost, none made up."""
+"""Laws of transitions: those that vehicles were seen to make, of all manoeuvres of a cell together."""
 
 import itertools
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 
-from dirprim_filter.primitives.journeys import Journeys
 from dirprim_filter.primitives.transitions import cell_transitions
-from situations import one_cell_map
+from situations import one_cell_map, with_ways
 from tessellation import OUTSIDE, GridTessellation
 
 
-def on_grid(journeys, *, n=6, side=10.0):
-    """A map of n by n squares with these journeys."""
-    one = one_cell_map()
-    cells = GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n, n_y=n, square=np.arange(n * n, dtype=np.int64))
-    row = np.zeros(n * n + 1, np.int64)
+def three_cells():
+    one, row = one_cell_map(), np.zeros(4, np.int64)
+    cells = GridTessellation(origin=np.zeros(2), cell_size=10.0, n_x=3, n_y=1, square=np.arange(3, dtype=np.int64))
     return replace(
-        one, tessellation=cells, direction=one.direction[row], speed=one.speed[row], n_rows=np.ones(row.size, np.int64),
-        bend=np.empty(0), gain=np.empty(0), journeys=journeys,
+        one, tessellation=cells, direction=one.direction[row], speed=one.speed[row], n_rows=np.ones(4, np.int64),
+        bend=np.empty(0), gain=np.empty(0), motion=None,
     )  # fmt: skip
 
 
-def journeys_along(*ways):
-    """Journeys through points, half a second from each to the next."""
-    position = np.concatenate([np.asarray(way, float) for way in ways])
-    duration = np.concatenate([[0.5] * (len(way) - 1) + [0.0] for way in ways])
-    return Journeys(
-        position=position, direction=np.zeros(len(position)), speed=np.ones(len(position)), duration=duration
+def told(found):
+    return {(int(s), int(t)): (float(n), float(p)) for s, t, n, p in zip(*found, strict=True)}
+
+
+def test_manoeuvres_of_a_cell_count_together_and_those_inside_it_not():
+    learned = with_ways(
+        three_cells(),
+        cell=[0, 0, 1, 2],
+        ways=[(0, 2, 3.0), (0, 3, 1.0), (0, 1, 9.0), (1, 2, 4.0), (2, 0, 2.0), (3, 2, 0.0)],
     )
+    assert told(cell_transitions(learned)) == {(0, 1): (7.0, 7 / 8), (0, 2): (1.0, 1 / 8), (1, 0): (2.0, 1.0)}
 
 
-def test_a_way_across_three_cells_in_one_row_is_two_transitions():
-    learned = on_grid(journeys_along([(5, 5), (25, 5)], [(5, 5), (5, 15)], [(5, 5), (15, 5), (15, 15)]))
-    cell = learned.tessellation.cell_of
-    a, b, c, d, e = (int(cell(np.array(p))) for p in ((5.0, 5.0), (15.0, 5.0), (25.0, 5.0), (5.0, 15.0), (15.0, 15.0)))
-    found = cell_transitions(learned)
-    told = {(int(s), int(t)): (int(n), float(p)) for s, t, n, p in zip(*found, strict=True)}
-    assert told == {(a, b): (2, 2 / 3), (a, d): (1, 1 / 3), (b, c): (1, 1 / 2), (b, e): (1, 1 / 2)}
+def test_what_follows_a_manoeuvre_of_no_place_is_from_no_cell():
+    learned = with_ways(three_cells(), cell=[0, 0, 1, 2], ways=[(0, 2, 3.0), (4, 1, 5.0)])
+    assert told(cell_transitions(learned)) == {(0, 1): (3.0, 1.0)}
 
 
-def test_they_are_those_of_a_walk_looked_at_much_more_finely():
-    rng = np.random.default_rng(3)
-    walks = [np.clip(rng.uniform(5, 55, 2) + np.cumsum(rng.normal(0, 3, (40, 2)), axis=0), -10, 70) for _ in range(20)]
-    learned = on_grid(journeys_along(*walks))
-    expected = {}
-    for walk in walks:
-        for start, end in itertools.pairwise(walk):
-            cells = learned.tessellation.cell_of(start + np.linspace(0, 1, 2000)[:, None] * (end - start))
-            for s, t in itertools.pairwise(cells):
-                if s != t and OUTSIDE not in (s, t):
-                    expected[int(s), int(t)] = expected.get((int(s), int(t)), 0) + 1
-    found = cell_transitions(learned)
-    assert set(zip(found.start.tolist(), found.end.tolist(), strict=True)) >= {p for p, n in expected.items() if n > 3}
-    # A corner that is cut by less than a step is passed over, and taken for a way from corner to corner.
-    assert abs(found.n.sum() - sum(expected.values())) < 0.05 * sum(expected.values())
-    np.testing.assert_allclose(np.bincount(found.start, weights=found.share)[np.unique(found.start)], 1.0)
+def test_they_are_those_of_the_tracks_that_were_learned_from(ring, ring_map):
+    """Beside those that the thinned rows' splines cut differently: a tenth of a second past a border, and corners."""
+    expected = Counter()
+    for track_id in np.unique(ring.track_id):
+        cell = ring_map.tessellation.cell_of(ring.position[ring.track_id == track_id])
+        expected.update((int(s), int(t)) for s, t in itertools.pairwise(cell) if s != t and OUTSIDE not in (s, t))
+    found = told(cell_transitions(ring_map))
+    assert {pair for pair, n in expected.items() if n > 3} <= set(found)
+    off = sum(abs(found.get(pair, (0.0,))[0] - expected[pair]) for pair in set(found) | set(expected))
+    assert off < 0.05 * expected.total()
+    cells = np.unique([s for s, _ in found])
+    shares = [sum(share for (s, _), (_, share) in found.items() if s == cell) for cell in cells]
+    np.testing.assert_allclose(shares, 1.0)
 
 
-def test_no_journeys_no_transitions():
-    found = cell_transitions(one_cell_map())
-    assert found.n.size == found.share.size == 0
-    assert cell_transitions(one_cell_map().without_places()).n.size == 0
+def test_nothing_learned_no_transitions():
+    for primitives in (one_cell_map(), one_cell_map().without_places()):
+        assert all(column.size == 0 for column in cell_transitions(primitives))
+
+
+def test_a_map_without_places_keeps_none(ring_map):
+    assert cell_transitions(ring_map).n.size > 0
+    assert cell_transitions(ring_map.without_places()).n.size == 0
+    assert cell_transitions(replace(ring_map, motion=None)).n.size == 0

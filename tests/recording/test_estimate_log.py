@@ -19,7 +19,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
-from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import save_map, scene
 from dirprim_filter.recording.schemas.dirprim import decode_estimates, encode_estimates
 from dirprim_filter.recording.writer import EstimateLog, write_tracks
@@ -74,14 +74,6 @@ def a_map(*, n_place_free_modes=1):
         speed=Gamma(shape=np.full((3, 3), 2.0), rate=np.full((3, 3), 0.3)),
         n_rows=np.array([3, 4, 7]),
         n_place_free_modes=n_place_free_modes,
-        relaxation=Relaxation(
-            direction_rate=0.5,
-            speed_rate=0.3,
-            mode_rate=0.1,
-            place_free_turning=0.02,
-            place_free_speed_rate=0.2,
-            drift=0.05,
-        ),
     )
 
 

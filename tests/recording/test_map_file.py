@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives.journeys import Journeys
-from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
+from dirprim_filter.primitives.motion import AMOUNTS, FLOATS, Motion
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
 from dirprim_filter.recording.map_file import MAP_TOPIC
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.scene import frame_transform
-from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, encode_tiles
+from dirprim_filter.recording.schemas.motion_columns import COLUMNS
 from tessellation import GridTessellation, VoronoiTessellation
 
 
@@ -39,12 +39,22 @@ def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
         speed=Gamma(shape=rng.gamma(2.0, 1.0, rows), rate=rng.gamma(2.0, 1.0, rows)),
         n_rows=rng.integers(0, 2**40, n_cells + 1),
         n_place_free_modes=1,
-        relaxation=Relaxation(**{f.name: rng.gamma(2.0) for f in fields(Relaxation)}),
-        journeys=Journeys(
-            position=rng.normal(size=(n_cells, 2)), direction=rng.uniform(-4, 4, n_cells),
-            speed=rng.gamma(2.0, size=n_cells), duration=np.append(rng.uniform(size=n_cells), 0.0)[1:],
-            nearness=rng.gamma(2.0), strength=rng.choice([rng.gamma(2.0), np.inf]),
-        ),
+        motion=some_motion(n_cells, n_modes, rng),
+    )
+
+
+def some_motion(n_cells, n_modes, rng):
+    """Some manoeuvres of some of the cells, and three of no place."""
+    cell = np.sort(rng.integers(n_cells, size=2 * n_cells))
+    n = cell.size + 3
+    first = np.cumsum(rng.integers(3, size=n + 1) if n_cells else np.zeros(n + 1, np.int64))
+    first -= first[0]
+    wide = {"bend": 2, "gain": 2, "path": 3, "acceleration": 4}
+    return Motion(
+        cell=np.append(cell, [-1] * 3), mode=rng.integers(n_modes, size=n), first=first,
+        **{name: rng.gamma(2.0, size=(n, wide[name]) if name in wide else n) for name in FLOATS},
+        following=rng.integers(max(cell.size, 1), size=first[-1]), count=rng.gamma(2.0, size=first[-1]),
+        course_rate=rng.gamma(2.0), strength=rng.gamma(2.0),
     )  # fmt: skip
 
 
@@ -62,11 +72,10 @@ def assert_equal(a, b):
         np.testing.assert_array_equal(getattr(a.speed, name), getattr(b.speed, name), err_msg=name)
     np.testing.assert_array_equal(a.n_rows, b.n_rows)
     assert a.n_place_free_modes == b.n_place_free_modes
-    assert a.relaxation == b.relaxation
-    for field in fields(Journeys):
-        np.testing.assert_array_equal(
-            getattr(a.journeys, field.name), getattr(b.journeys, field.name), err_msg=field.name
-        )
+    for field in fields(Motion):
+        sent, got = getattr(a.motion, field.name), getattr(b.motion, field.name)
+        np.testing.assert_array_equal(sent, got, err_msg=field.name)
+        assert np.asarray(sent).dtype == np.asarray(got).dtype, field.name
 
 
 @pytest.mark.parametrize("voronoi", [False, True])
@@ -80,8 +89,30 @@ def test_a_map_loads_equal(tmp_path, n_cells, voronoi):
     assert {tile.topic for tile in tiles} == {"/dirprim/map"}
 
 
-def test_every_field_of_a_relaxation_has_its_place_in_the_message():
-    assert [f.name for f in dirprim_pb2.Relaxation.DESCRIPTOR.fields] == [f.name for f in fields(Relaxation)]
+def test_what_was_learned_loads_equal(tmp_path, ring_map):
+    assert ring_map.motion.count.size > 0
+    save_map(ring_map, tmp_path / "map.mcap")
+    assert_equal(load_map(tmp_path / "map.mcap"), ring_map)
+
+
+def test_tiles_share_manoeuvres_and_transitions_evenly():
+    sent = some_map(2 * TILE_CELLS + 9)
+    parts = [tile.motion for tile in encode_tiles(sent)]
+    assert sum(len(part.cell) for part in parts) == len(sent.motion)
+    for column in ("cell", "first", "acceleration_speed", "following", "count"):
+        n = [len(getattr(part, column)) for part in parts]
+        assert max(n) - min(n) <= 1, column
+
+
+@pytest.mark.parametrize(("version", "age"), [(0, "an older"), (1, "an older"), (3, "a newer")])
+def test_a_map_of_another_version_is_to_be_learned_again(tmp_path, version, age):
+    (tile,) = encode_tiles(some_map(10))
+    tile.version = version
+    tile.ClearField("motion")
+    write_tiles(tmp_path / "map.mcap", [tile])
+    with pytest.raises(RecordingError, match=rf"map\.mcap: .*of {age} version.*learn it again") as caught:
+        load_map(tmp_path / "map.mcap")
+    assert "\n" not in str(caught.value)
 
 
 def test_the_same_map_gives_the_same_bytes(tmp_path):
@@ -224,6 +255,66 @@ def test_a_harmed_tile_is_told_in_one_line(tmp_path, harm, told):
     assert "\n" not in str(caught.value)
 
 
+def harm_motion(name, index, value):
+    """Set one number of a column."""
+
+    def harm(tile):
+        getattr(tile.motion, name)[index] = value
+
+    return harm
+
+
+def shorten_motion(name):
+    def harm(tile):
+        getattr(tile.motion, name).pop()
+
+    return harm
+
+
+def wrap_around(tile):
+    """Differences of 64 bits would be positive all along."""
+    tile.motion.first[1:4] = [2**63 - 1, -(2**63), -1]
+
+
+@pytest.mark.parametrize(
+    ("harm", "told"),
+    [
+        *((shorten_motion(name), f"{name}: expected") for name in COLUMNS if name not in ("cell", "following")),
+        (shorten_motion("cell"), "expected 22 numbers, got 23"),
+        (shorten_motion("following"), "count: expected"),
+        *(
+            (harm_motion(name, 2, value), "expected finite")
+            for name in ("course", "bend_north", "path_curvature", "acceleration_speed", "count")
+            for value in (np.nan, -np.inf)
+        ),
+        *((harm_motion(name, 2, -1.0), f"{name}: expected no negative") for name in AMOUNTS),
+        (harm_motion("cell", -1, 3), "then -1 for one place-free manoeuvre"),
+        (harm_motion("cell", 0, -1), "expected cells in ascending order"),
+        (harm_motion("cell", -1, -2), "expected cells in ascending order"),
+        (harm_motion("cell", 19, 10), "expected manoeuvres of 10 cells and 3 modes"),
+        (harm_motion("cell", 19, 2**62), "expected manoeuvres of 10 cells and 3 modes"),
+        (harm_motion("mode", 0, 3), "expected manoeuvres of 10 cells and 3 modes"),
+        (harm_motion("mode", 0, -1), "expected manoeuvres of 10 cells and 3 modes"),
+        (harm_motion("first", 0, 1), "expected transitions to manoeuvres 0 to 19"),
+        (harm_motion("first", 4, 2**62), "expected transitions to manoeuvres 0 to 19"),
+        (harm_motion("first", -1, -(2**63)), "expected transitions to manoeuvres 0 to 19"),
+        (wrap_around, "expected transitions to manoeuvres 0 to 19"),
+        (harm_motion("following", 0, 20), "expected transitions to manoeuvres 0 to 19"),
+        (harm_motion("following", 0, -1), "expected transitions to manoeuvres 0 to 19"),
+        (lambda tile: tile.ClearField("motion"), "expected cells in ascending order"),
+        (lambda tile: tile.motion.ClearField("strength"), "strength: expected a positive number"),
+        (lambda tile: tile.motion.ClearField("course_rate"), "course_rate: expected a positive number"),
+    ],
+)
+def test_harmed_motion_is_told_in_one_line(tmp_path, harm, told):
+    (tile,) = encode_tiles(some_map(10))
+    harm(tile)
+    write_tiles(tmp_path / "map.mcap", [tile])
+    with pytest.raises(RecordingError, match=told) as caught:
+        load_map(tmp_path / "map.mcap")
+    assert "\n" not in str(caught.value)
+
+
 def test_a_missing_a_doubled_and_a_foreign_tile_are_told(tmp_path):
     tiles = list(encode_tiles(some_map(TILE_CELLS + 9)))
     foreign = list(encode_tiles(some_map(TILE_CELLS + 9, seed=1)))
@@ -243,5 +334,5 @@ def test_a_damaged_map_is_told(tmp_path):
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 0xFF
     path.write_bytes(data)
-    with pytest.raises(RecordingError, match=r"map\.mcap: not a whole map.*damaged"):
+    with pytest.raises(RecordingError, match=r"map\.mcap: cannot be read as a map.*damaged"):
         load_map(path)

@@ -8,7 +8,7 @@ import pytest
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
-from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation
 
@@ -31,7 +31,6 @@ def scene_map() -> PrimitiveMap:
         speed=Gamma(shape=np.full((4, 3), 4.0), rate=np.array([[0.5, 1.0, 1.0]] * 4)),
         n_rows=np.array([100, 60, 0, 160]),
         n_place_free_modes=1,
-        relaxation=Relaxation(**{f.name: 0.3 for f in fields(Relaxation)}),  # nothing that is drawn
     )
 
 

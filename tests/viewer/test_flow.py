@@ -1,39 +1,45 @@
 """The flow layer: an arrow where vehicles went on from one cell to the next, as many as did."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rrd_files import rows_of
 
-from dirprim_filter.primitives.journeys import Journeys
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer import marks
+from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.stream import open_stream
+from situations import with_ways
 
-
-def with_journeys(scene_map: PrimitiveMap) -> PrimitiveMap:
-    """Nine vehicles from the first cell to the second, two straight to the third, one that comes back."""
-    ways = [[(5, 5), (15, 15)]] * 9 + [[(5, 5), (11, 11), (25, 25)]] * 2 + [[(15, 15), (5, 5)]]
-    position = np.concatenate([np.asarray(way, float) for way in ways])
-    duration = np.concatenate([[0.5] * (len(way) - 1) + [0.0] for way in ways])
-    journeys = Journeys(
-        position=position, direction=np.zeros(len(position)), speed=np.ones(len(position)), duration=duration
-    )
-    return replace(scene_map, journeys=journeys)
+WAYS = [(0, 1, 11.0), (1, 2, 2.0), (1, 0, 1.0)]
+"""Eleven vehicles from the first cell to the second, two of them on to the third, one that comes back."""
 
 
 def test_arrows_point_from_cell_to_cell(tmp_path: Path, scene_map: PrimitiveMap) -> None:
     with open_stream(save=tmp_path / "map.rrd") as sink:
-        sink.log_map(with_journeys(scene_map))
+        sink.log_map(with_ways(scene_map, cell=[0, 1, 2], ways=WAYS))
     ((_, origins),) = rows_of(tmp_path / "map.rrd", "/map/flow", "Arrows3D:origins")
     ((_, vectors),) = rows_of(tmp_path / "map.rrd", "/map/flow", "Arrows3D:vectors")
     ((_, radii),) = rows_of(tmp_path / "map.rrd", "/map/flow", "Arrows3D:radii")
-    rest = 0.5 * (1.0 - marks.FLOW_LENGTH)
+    rest = 0.5 * (1.0 - shapes.FLOW_LENGTH)
     assert origins[:, :2] == pytest.approx(np.array([[5.0, 5.0], [15.0, 15.0]]) + 10.0 * rest)
-    assert vectors[:, :2] == pytest.approx(10.0 * marks.FLOW_LENGTH)  # the one that came back is not drawn
+    assert vectors[:, :2] == pytest.approx(10.0 * shapes.FLOW_LENGTH)  # the one that came back is not drawn
     assert abs(radii[0]) > abs(radii[1])
+
+
+def test_a_way_of_few_among_many_is_not_drawn(scene_map: PrimitiveMap) -> None:
+    ways = shapes.Flow.of(
+        with_ways(scene_map, cell=[0, 1, 2], ways=[(0, 1, 96.0), (0, 2, 4.0), (1, 2, 94.0), (1, 0, 6.0)])
+    )
+    np.testing.assert_allclose(ways.share, [0.96, 0.06, 0.94])
+
+
+def test_an_outline_runs_from_tail_to_tip_and_is_as_wide_as_told(scene_map: PrimitiveMap) -> None:
+    ways = shapes.Flow.of(with_ways(scene_map, cell=[0, 1, 2], ways=WAYS))
+    outlines = ways.outlines(np.array([1.0, 0.25]))
+    np.testing.assert_allclose(outlines[:, 3], ways.origin + ways.vector)
+    np.testing.assert_allclose(0.5 * (outlines[:, 0] + outlines[:, 6]), ways.origin)
+    np.testing.assert_allclose(np.hypot(*(outlines[:, 0] - outlines[:, 6]).T), [1.0, 0.25])
 
 
 def test_a_map_that_remembers_nothing_has_no_arrows(tmp_path: Path, scene_map: PrimitiveMap) -> None:

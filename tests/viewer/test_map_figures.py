@@ -11,7 +11,8 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.colors import direction_color, probability_color
-from dirprim_filter.viewer.figures import cell_figure, rose_figure
+from dirprim_filter.viewer.figures import cell_figure, rose_figure, transition_figure
+from situations import with_ways
 from tessellation import GridTessellation
 from tessellation.arrays import FloatArray, IntArray
 
@@ -77,6 +78,25 @@ def test_the_rose_figure_draws_every_sector_and_says_what_colour_is(scene_map: P
     assert len(sectors.get_paths()) == len(roses.probability)
     np.testing.assert_allclose(sectors.get_facecolor(), probability_color(roses.probability) / 255.0)
     assert bar.get_ylabel() == "probability of a 15° sector"
+
+
+def test_the_transition_figure_draws_arrows_as_wide_as_their_share(scene_map: PrimitiveMap) -> None:
+    learned = with_ways(scene_map, cell=[0, 1, 2], ways=[(0, 1, 9.0), (1, 2, 6.0), (1, 0, 2.0)])
+    figure = transition_figure(learned)
+    axes, key = figure.axes[0], figure.axes[-1]
+    (arrows,) = [c for c in axes.collections if isinstance(c, PolyCollection)]
+    shafts = np.array([np.hypot(*(path.vertices[0] - path.vertices[6])) for path in arrows.get_paths()])
+    np.testing.assert_allclose(shafts / shafts[0], [1.0, 0.75, 0.25])  # the widest lies lowest
+    to_north_east, back = (direction_color(np.array(angle)) / 255.0 for angle in (np.pi / 4, -3 * np.pi / 4))
+    np.testing.assert_allclose(arrows.get_facecolor(), [to_north_east, to_north_east, back])
+    (borders,) = [c for c in axes.collections if isinstance(c, LineCollection)]
+    assert len(borders.get_paths()) == 3
+    assert any(text.get_text().startswith("width: share") for text in key.texts)
+
+
+def test_a_map_that_learned_no_transitions_has_cells_alone(scene_map: PrimitiveMap) -> None:
+    axes = transition_figure(scene_map).axes[0]
+    assert all(len(c.get_paths()) == 0 for c in axes.collections if isinstance(c, PolyCollection))
 
 
 def test_cells_of_any_shape_are_drawn_over_rows_in_their_colours() -> None:

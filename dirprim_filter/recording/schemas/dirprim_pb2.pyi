@@ -124,46 +124,72 @@ class Primitives(_message.Message):
     n_rows: _containers.RepeatedScalarFieldContainer[int]
     def __init__(self, weight: _Optional[_Iterable[float]] = ..., mean_direction: _Optional[_Iterable[float]] = ..., concentration: _Optional[_Iterable[float]] = ..., shape: _Optional[_Iterable[float]] = ..., rate: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., n_rows: _Optional[_Iterable[int]] = ...) -> None: ...
 
-class Relaxation(_message.Message):
-    __slots__ = ("direction_rate", "speed_rate", "mode_rate", "place_free_turning", "place_free_speed_rate", "drift")
-    DIRECTION_RATE_FIELD_NUMBER: _ClassVar[int]
-    SPEED_RATE_FIELD_NUMBER: _ClassVar[int]
-    MODE_RATE_FIELD_NUMBER: _ClassVar[int]
-    PLACE_FREE_TURNING_FIELD_NUMBER: _ClassVar[int]
-    PLACE_FREE_SPEED_RATE_FIELD_NUMBER: _ClassVar[int]
-    DRIFT_FIELD_NUMBER: _ClassVar[int]
-    direction_rate: float
-    speed_rate: float
-    mode_rate: float
-    place_free_turning: float
-    place_free_speed_rate: float
-    drift: float
-    def __init__(self, direction_rate: _Optional[float] = ..., speed_rate: _Optional[float] = ..., mode_rate: _Optional[float] = ..., place_free_turning: _Optional[float] = ..., place_free_speed_rate: _Optional[float] = ..., drift: _Optional[float] = ...) -> None: ...
-
-class Journeys(_message.Message):
-    __slots__ = ("x", "y", "direction", "speed", "duration", "nearness", "strength", "direction_rate", "speed_rate")
-    X_FIELD_NUMBER: _ClassVar[int]
-    Y_FIELD_NUMBER: _ClassVar[int]
-    DIRECTION_FIELD_NUMBER: _ClassVar[int]
-    SPEED_FIELD_NUMBER: _ClassVar[int]
-    DURATION_FIELD_NUMBER: _ClassVar[int]
-    NEARNESS_FIELD_NUMBER: _ClassVar[int]
+class Motion(_message.Message):
+    __slots__ = ("cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "first", "following", "count", "course_rate", "strength")
+    CELL_FIELD_NUMBER: _ClassVar[int]
+    MODE_FIELD_NUMBER: _ClassVar[int]
+    VISITS_FIELD_NUMBER: _ClassVar[int]
+    SECONDS_FIELD_NUMBER: _ClassVar[int]
+    COURSE_FIELD_NUMBER: _ClassVar[int]
+    BEND_EAST_FIELD_NUMBER: _ClassVar[int]
+    BEND_NORTH_FIELD_NUMBER: _ClassVar[int]
+    COURSE_SPREAD_FIELD_NUMBER: _ClassVar[int]
+    LOG_PACE_FIELD_NUMBER: _ClassVar[int]
+    GAIN_EAST_FIELD_NUMBER: _ClassVar[int]
+    GAIN_NORTH_FIELD_NUMBER: _ClassVar[int]
+    LOG_PACE_SPREAD_FIELD_NUMBER: _ClassVar[int]
+    PATH_OFFSET_FIELD_NUMBER: _ClassVar[int]
+    PATH_SLOPE_FIELD_NUMBER: _ClassVar[int]
+    PATH_CURVATURE_FIELD_NUMBER: _ClassVar[int]
+    PATH_SPREAD_FIELD_NUMBER: _ClassVar[int]
+    PATH_DIRECTION_FIELD_NUMBER: _ClassVar[int]
+    ACCELERATION_FIELD_NUMBER: _ClassVar[int]
+    ACCELERATION_EAST_FIELD_NUMBER: _ClassVar[int]
+    ACCELERATION_NORTH_FIELD_NUMBER: _ClassVar[int]
+    ACCELERATION_SPEED_FIELD_NUMBER: _ClassVar[int]
+    PUSH_FIELD_NUMBER: _ClassVar[int]
+    STRETCH_FIELD_NUMBER: _ClassVar[int]
+    START_RATE_FIELD_NUMBER: _ClassVar[int]
+    TURN_AHEAD_FIELD_NUMBER: _ClassVar[int]
+    FIRST_FIELD_NUMBER: _ClassVar[int]
+    FOLLOWING_FIELD_NUMBER: _ClassVar[int]
+    COUNT_FIELD_NUMBER: _ClassVar[int]
+    COURSE_RATE_FIELD_NUMBER: _ClassVar[int]
     STRENGTH_FIELD_NUMBER: _ClassVar[int]
-    DIRECTION_RATE_FIELD_NUMBER: _ClassVar[int]
-    SPEED_RATE_FIELD_NUMBER: _ClassVar[int]
-    x: _containers.RepeatedScalarFieldContainer[float]
-    y: _containers.RepeatedScalarFieldContainer[float]
-    direction: _containers.RepeatedScalarFieldContainer[float]
-    speed: _containers.RepeatedScalarFieldContainer[float]
-    duration: _containers.RepeatedScalarFieldContainer[float]
-    nearness: float
+    cell: _containers.RepeatedScalarFieldContainer[int]
+    mode: _containers.RepeatedScalarFieldContainer[int]
+    visits: _containers.RepeatedScalarFieldContainer[float]
+    seconds: _containers.RepeatedScalarFieldContainer[float]
+    course: _containers.RepeatedScalarFieldContainer[float]
+    bend_east: _containers.RepeatedScalarFieldContainer[float]
+    bend_north: _containers.RepeatedScalarFieldContainer[float]
+    course_spread: _containers.RepeatedScalarFieldContainer[float]
+    log_pace: _containers.RepeatedScalarFieldContainer[float]
+    gain_east: _containers.RepeatedScalarFieldContainer[float]
+    gain_north: _containers.RepeatedScalarFieldContainer[float]
+    log_pace_spread: _containers.RepeatedScalarFieldContainer[float]
+    path_offset: _containers.RepeatedScalarFieldContainer[float]
+    path_slope: _containers.RepeatedScalarFieldContainer[float]
+    path_curvature: _containers.RepeatedScalarFieldContainer[float]
+    path_spread: _containers.RepeatedScalarFieldContainer[float]
+    path_direction: _containers.RepeatedScalarFieldContainer[float]
+    acceleration: _containers.RepeatedScalarFieldContainer[float]
+    acceleration_east: _containers.RepeatedScalarFieldContainer[float]
+    acceleration_north: _containers.RepeatedScalarFieldContainer[float]
+    acceleration_speed: _containers.RepeatedScalarFieldContainer[float]
+    push: _containers.RepeatedScalarFieldContainer[float]
+    stretch: _containers.RepeatedScalarFieldContainer[float]
+    start_rate: _containers.RepeatedScalarFieldContainer[float]
+    turn_ahead: _containers.RepeatedScalarFieldContainer[float]
+    first: _containers.RepeatedScalarFieldContainer[int]
+    following: _containers.RepeatedScalarFieldContainer[int]
+    count: _containers.RepeatedScalarFieldContainer[float]
+    course_rate: float
     strength: float
-    direction_rate: float
-    speed_rate: float
-    def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., direction: _Optional[_Iterable[float]] = ..., speed: _Optional[_Iterable[float]] = ..., duration: _Optional[_Iterable[float]] = ..., nearness: _Optional[float] = ..., strength: _Optional[float] = ..., direction_rate: _Optional[float] = ..., speed_rate: _Optional[float] = ...) -> None: ...
+    def __init__(self, cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ...) -> None: ...
 
 class PrimitiveMap(_message.Message):
-    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cells", "place_free", "relaxation", "journeys")
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cells", "place_free", "version", "motion")
     TILE_FIELD_NUMBER: _ClassVar[int]
     N_TILES_FIELD_NUMBER: _ClassVar[int]
     N_MODES_FIELD_NUMBER: _ClassVar[int]
@@ -172,8 +198,8 @@ class PrimitiveMap(_message.Message):
     VORONOI_FIELD_NUMBER: _ClassVar[int]
     CELLS_FIELD_NUMBER: _ClassVar[int]
     PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
-    RELAXATION_FIELD_NUMBER: _ClassVar[int]
-    JOURNEYS_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    MOTION_FIELD_NUMBER: _ClassVar[int]
     tile: int
     n_tiles: int
     n_modes: int
@@ -182,6 +208,6 @@ class PrimitiveMap(_message.Message):
     voronoi: Voronoi
     cells: Primitives
     place_free: Primitives
-    relaxation: Relaxation
-    journeys: Journeys
-    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., relaxation: _Optional[_Union[Relaxation, _Mapping]] = ..., journeys: _Optional[_Union[Journeys, _Mapping]] = ...) -> None: ...
+    version: int
+    motion: Motion
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ...) -> None: ...

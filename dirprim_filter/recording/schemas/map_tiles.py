@@ -6,29 +6,27 @@ Source: dirprim.proto. Columns travel as packed doubles, so a map comes back bit
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives.journeys import Journeys
-from dirprim_filter.primitives.primitive_map import PrimitiveMap, Relaxation
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of, parse
+from dirprim_filter.recording.schemas.motion_columns import COLUMNS, decode_motion, encode_motion
 from tessellation import GridTessellation, VoronoiTessellation
 from tessellation.arrays import FloatArray, IntArray
 
+VERSION = 2
+"""Of the messages; a map of another version says other things of motion."""
 TILE_CELLS = 4096
 """Cells in a message: some 0.5 MB at three modes, so that a damaged chunk is small and a viewer can page."""
 
 MODE_COLUMNS = (
     "weight", "mean_direction", "concentration", "shape", "rate", "bend_east", "bend_north", "gain_east", "gain_north",
 )  # fmt: skip
-JOURNEY_COLUMNS = ("x", "y", "direction", "speed", "duration")
-JOURNEY_KNOBS = ("nearness", "strength", "direction_rate", "speed_rate")
-RELAXATION_FIELDS = tuple(f.name for f in fields(Relaxation))
 
 
 def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveMap]:
@@ -55,11 +53,11 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
         "gain_north": primitive_map.gain[..., 1],
     }
     n_tiles = max(1, -(-n_cells // TILE_CELLS))
-    relaxation = {name: getattr(primitive_map.relaxation, name) for name in RELAXATION_FIELDS}
     place_free = _encode_rows(columns, primitive_map.n_rows, slice(n_cells, None))
     for tile in range(n_tiles):
         cells = slice(tile * TILE_CELLS, min((tile + 1) * TILE_CELLS, n_cells))
         yield dirprim_pb2.PrimitiveMap(
+            version=VERSION,
             tile=tile,
             n_tiles=n_tiles,
             n_modes=primitive_map.direction.weight.shape[1],
@@ -67,8 +65,7 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
             **_encode_cells(tessellation, cells, tile, n_tiles),
             cells=_encode_rows(columns, primitive_map.n_rows, cells),
             place_free=place_free,
-            relaxation=dirprim_pb2.Relaxation(**relaxation),
-            journeys=_encode_journeys(primitive_map.journeys, tile, n_tiles),
+            motion=encode_motion(primitive_map.motion, tile, n_tiles),
         )
 
 
@@ -76,13 +73,16 @@ def decode_tiles(messages: Iterable[bytes]) -> PrimitiveMap:
     """The map that the messages hold, in whatever order they come.
 
     Raises:
-        DecodeError: bytes that are no such message, a tile that is missing, twice there or of another map,
-            columns of a wrong length, or numbers that make no map.
+        DecodeError: bytes that are no such message, another version of it, a tile that is missing, twice there or of
+            another map, columns of a wrong length, or numbers that make no map.
     """
     tiles: dict[int, dirprim_pb2.PrimitiveMap] = {}
     for data in messages:
         message = dirprim_pb2.PrimitiveMap()
         parse(message, data)
+        if message.version != VERSION:
+            age = "an older" if message.version < VERSION else "a newer"
+            raise DecodeError(f"it is of {age} version, {message.version}; this program reads version {VERSION}")
         if message.WhichOneof("tessellation") is None:
             raise DecodeError(
                 f"tile {message.tile}: expected the cells of a grid or of generators, got none that this version knows"
@@ -133,40 +133,14 @@ def _encode_rows(columns: dict[str, FloatArray], n_rows: IntArray, rows: slice) 
     return dirprim_pb2.Primitives(**packed, n_rows=n_rows[rows].tolist())
 
 
-def _encode_journeys(journeys: Journeys, tile: int, n_tiles: int) -> dirprim_pb2.Journeys:
-    """A tile's part of the rows: as large as any other's, for no row belongs to a cell."""
-    first, last = (len(journeys) * t // n_tiles for t in (tile, tile + 1))
-    columns = {
-        "x": journeys.position[:, 0], "y": journeys.position[:, 1], "direction": journeys.direction,
-        "speed": journeys.speed, "duration": journeys.duration,
-    }  # fmt: skip
-    return dirprim_pb2.Journeys(
-        **{name: column[first:last].tolist() for name, column in columns.items()},
-        **{name: getattr(journeys, name) for name in JOURNEY_KNOBS},
-    )
-
-
-def _journeys_of(parts: list[dirprim_pb2.Journeys]) -> Journeys:
-    column = {name: np.concatenate([floats_of(part, name, len(part.x)) for part in parts]) for name in JOURNEY_COLUMNS}
-    if not parts[0].nearness:  # a map of before there were journeys
-        return Journeys.none()
-    return Journeys(
-        position=np.column_stack([column["x"], column["y"]]),
-        direction=column["direction"],
-        speed=column["speed"],
-        duration=column["duration"],
-        **{name: getattr(parts[0], name) for name in JOURNEY_KNOBS},
-    )
-
-
 def _shared_part(tile: dirprim_pb2.PrimitiveMap) -> bytes:
     """What every tile of a map repeats."""
     shared = dirprim_pb2.PrimitiveMap()
     shared.CopyFrom(tile)
     shared.ClearField("tile")
     shared.ClearField("cells")
-    for column in JOURNEY_COLUMNS:
-        shared.journeys.ClearField(column)
+    for column in COLUMNS:
+        shared.motion.ClearField(column)
     if shared.HasField("grid"):
         shared.grid.ClearField("square")
     else:
@@ -197,10 +171,9 @@ def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
         speed=Gamma(shape=column["shape"], rate=column["rate"]),
         n_rows=np.concatenate([ints_of(part, "n_rows", n) for part, n in rows]),
         n_place_free_modes=first.n_place_free_modes,
-        relaxation=Relaxation(**{name: getattr(first.relaxation, name) for name in RELAXATION_FIELDS}),
         bend=np.stack([column["bend_east"], column["bend_north"]], axis=-1),
         gain=np.stack([column["gain_east"], column["gain_north"]], axis=-1),
-        journeys=_journeys_of([tile.journeys for tile in tiles]),
+        motion=decode_motion([tile.motion for tile in tiles]),
     )
 
 

@@ -6,7 +6,7 @@ Drawn through matplotlib's objects and never through pyplot: nothing global chan
 from matplotlib.figure import Figure
 
 from dirprim_filter.viewer.figures.demo import demo_figure
-from dirprim_filter.viewer.figures.map import cell_figure, map_figure, rose_figure
+from dirprim_filter.viewer.figures.map import cell_figure, map_figure, rose_figure, transition_figure
 from dirprim_filter.viewer.figures.page import check_figure_path, save_figure
 from dirprim_filter.viewer.figures.primitive import direction_figure, speed_figure
 from dirprim_filter.viewer.figures.product import product_figure, rejection_figure
@@ -26,4 +26,5 @@ __all__ = [
     "rose_figure",
     "save_figure",
     "speed_figure",
+    "transition_figure",
 ]

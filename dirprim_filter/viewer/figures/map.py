@@ -1,4 +1,4 @@
-"""The whole map: what was learned, as petals by speed, as roses by probability, and its cells over the data."""
+"""The whole map: as petals by speed, roses by probability, arrows from cell to cell, and its cells over the data."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from dirprim_filter.estimates import Estimates
@@ -23,9 +24,11 @@ from dirprim_filter.viewer.figures.page import (
     mark_close_up,
 )
 from dirprim_filter.viewer.layers import (
+    CELL_GREY,
     FOCUS_COLOR,
     draw_cells,
     draw_estimates,
+    draw_flow,
     draw_forecast,
     draw_map,
     draw_roses,
@@ -105,6 +108,28 @@ def rose_figure(primitives: PrimitiveMap, *, tracks: Tracks | None = None) -> Fi
     left, bottom, _, height = sheet.key_box
     bar = sheet.figure.colorbar(colors, cax=add_axes(sheet.figure, (left, bottom + 0.2 * height, 0.15, 0.6 * height)))
     dress_color_bar(bar, f"probability of a {360 / shapes.N_SECTORS:g}° sector")
+    return sheet.figure
+
+
+def transition_figure(primitives: PrimitiveMap, *, tracks: Tracks | None = None) -> Figure:
+    """Where vehicles went on: arrows from cell to cell, as wide as the share of those who left the first for another.
+
+    Args:
+        primitives: the map.
+        tracks: what it was learned from, as thin lines underneath.
+    """
+    sheet = Sheet.of(primitives.tessellation, primitives.n_rows[:-1])
+    for axes in sheet.panels:
+        outlines = shapes.cell_outlines(primitives.tessellation)
+        axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.4, zorder=1))
+        draw_flow(axes, primitives)
+        if tracks is not None:
+            draw_tracks(axes, tracks)
+    left, bottom, width, height = sheet.key_box
+    key = add_axes(sheet.figure, (left, bottom + 0.5 * height, width, width))
+    draw_wheel(key, "direction of\nan arrow")
+    told = "width: share of\nthose who leave\na cell for another"
+    key.text(0.0, -2.6, told, ha="center", va="top", fontsize=SMALL)
     return sheet.figure
 
 
