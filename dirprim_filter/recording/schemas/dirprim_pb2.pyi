@@ -125,7 +125,7 @@ class Primitives(_message.Message):
     def __init__(self, weight: _Optional[_Iterable[float]] = ..., mean_direction: _Optional[_Iterable[float]] = ..., concentration: _Optional[_Iterable[float]] = ..., shape: _Optional[_Iterable[float]] = ..., rate: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., n_rows: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Motion(_message.Message):
-    __slots__ = ("cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "first", "following", "count", "course_rate", "strength")
+    __slots__ = ("cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "curvature", "first", "following", "count", "course_rate", "strength")
     CELL_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
     VISITS_FIELD_NUMBER: _ClassVar[int]
@@ -151,6 +151,7 @@ class Motion(_message.Message):
     STRETCH_FIELD_NUMBER: _ClassVar[int]
     START_RATE_FIELD_NUMBER: _ClassVar[int]
     TURN_AHEAD_FIELD_NUMBER: _ClassVar[int]
+    CURVATURE_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
     FOLLOWING_FIELD_NUMBER: _ClassVar[int]
     COUNT_FIELD_NUMBER: _ClassVar[int]
@@ -181,12 +182,13 @@ class Motion(_message.Message):
     stretch: _containers.RepeatedScalarFieldContainer[float]
     start_rate: _containers.RepeatedScalarFieldContainer[float]
     turn_ahead: _containers.RepeatedScalarFieldContainer[float]
+    curvature: _containers.RepeatedScalarFieldContainer[float]
     first: _containers.RepeatedScalarFieldContainer[int]
     following: _containers.RepeatedScalarFieldContainer[int]
     count: _containers.RepeatedScalarFieldContainer[float]
     course_rate: float
     strength: float
-    def __init__(self, cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ...) -> None: ...
+    def __init__(self, cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., curvature: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ...) -> None: ...
 
 class PrimitiveMap(_message.Message):
     __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cells", "place_free", "version", "motion")
