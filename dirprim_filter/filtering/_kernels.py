@@ -147,29 +147,33 @@ def spread_of(column: FloatArray, survivors: IntArray, is_angle: bool) -> float:
 def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
     """Replace the particles of each vehicle by equally weighted survivors: the first of each stays where it is.
 
-    A vehicle whose effective sample size is not below `below` keeps its own. Copies are spread in direction and speed
-    by the kernel of a regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times n^(-1/6),
-    so that few particles do not become one that is wrong.
+    A vehicle whose effective sample size is not below `below` keeps its own. Copies are spread by the kernel of a
+    regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times the effective sample size to
+    the power -1/6, so that the few that a vehicle found again after a gap leaves do not become one that is wrong.
     """
     n = cloud.position.shape[1]
-    bandwidth = KERNEL_SHARE * n ** (-1.0 / 6.0)
     survivors = np.empty(n, np.int64)
     for v in vehicle:
         weight = cloud.weight[v]
-        if effective_sample_size(weight) >= below:
+        effective = effective_sample_size(weight)
+        if effective >= below:
             continue
+        bandwidth = KERNEL_SHARE * effective ** (-1.0 / 6.0)
         state = cloud.state[v].copy()
         systematic(weight, random.uniform(state), survivors)
         position, direction, speed, push = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.push[v]
         cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
         wider = bandwidth * spread_of(direction, survivors, True)
         faster = bandwidth * spread_of(speed, survivors, False)
+        east = bandwidth * spread_of(position[:, 0], survivors, False)
+        north = bandwidth * spread_of(position[:, 1], survivors, False)
         free = 0
         for a in range(n):
             for _ in range(survivors[a] - 1):
                 while survivors[free] > 0:
                     free += 1
-                position[free, 0], position[free, 1] = position[a, 0], position[a, 1]
+                position[free, 0] = position[a, 0] + east * random.draw_normal(state)
+                position[free, 1] = position[a, 1] + north * random.draw_normal(state)
                 direction[free] = density.wrap(direction[a] + wider * random.draw_normal(state))
                 speed[free] = max(speed[a] + faster * random.draw_normal(state), 0.0)
                 cell[free], manoeuvre[free], push[free] = cell[a], manoeuvre[a], push[a]

@@ -29,8 +29,6 @@ STARTS_AT = 0.31
 PLACE_FREE_LOG_DENSITY = -2.0
 """Of a vehicle's course, log pace and path where no cell says, as `log_fit` counts: any way, any pace, on three lanes."""
 DISCOUNT = 0.2
-PLACE_FREE_REDRAWS = 0.7
-"""1/s: so often a vehicle of no place begins to turn, or ends it, or becomes livelier or calmer."""
 """Of each count of transitions (Ney, Essen and Kneser 1994): what was seen once may well be something else."""
 
 
@@ -49,6 +47,7 @@ class MotionTable(NamedTuple):
     strength: float
     place_free_share: float
     redraw_rate: float
+    change_rate: float  # 1/s: how often a vehicle of no place begins to turn, ends it, becomes livelier or calmer
     drift: float
     step_s: float
 
@@ -157,7 +156,7 @@ def move(
     root, drift = math.sqrt(h), math.sqrt(12.0 * table.drift * h)
     redraws = 1.0 - math.exp(-table.redraw_rate * h)
     normal, even = np.empty(2 * n), np.empty(2 * n)
-    redraw, changes = random.draw_gap(redraws, state), 1.0 - math.exp(-PLACE_FREE_REDRAWS * h)
+    redraw, changes = random.draw_gap(redraws, state), 1.0 - math.exp(-table.change_rate * h)
     for _ in range(n_steps):
         random.fill_normals(normal, state)
         random.fill_even(even, state)  # over some steps a drift is normal whatever each step's is

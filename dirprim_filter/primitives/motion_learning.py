@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 DETAILS = (0.3, 1.0, 3.0)
 """Squared distances, in units of what is alike, from which on a visit is of another manoeuvre."""
-STRENGTHS = (1.0, 0.2, 5.0, 25.0, 125.0)
+STRENGTHS = (1.0, 0.2, 5.0, 30.0, 200.0, 2000.0)
 SPREADS = (1.0, 1.4, 2.0, 2.8)
 MOST_MANOEUVRES = 32
 """Of a mode."""
@@ -41,7 +41,7 @@ N_SAMPLES = 32
 FEWEST_GROUPS = 4
 PLACE_FREE_LEVELS = 3
 TURNS_FROM = 0.15
-"""Radians in a second."""
+"""Radians in a second, and in the next: noise does not turn the same way twice."""
 PUSHED_SHARE = 0.85
 """Of the variance of a vehicle's own acceleration, what its mean over a second has at `PUSH_RATE`."""
 
@@ -199,12 +199,13 @@ def _reversion(acceleration: Regression) -> float:
 
 def _place_free(visits: Visits) -> dict[str, FloatArray]:
     """Manoeuvres of no place: vehicles that turn left or right, the others by how lively they are, and who stands."""
-    second, stands = visits.later(1.0), visits.stands[visits.of_instant]
-    moves = np.flatnonzero((second >= 0) & ~stands)
+    second, third, stands = visits.later(1.0), visits.later(2.0), visits.stands[visits.of_instant]
+    moves = np.flatnonzero((third >= 0) & ~stands)
     gained = (visits.speed[second[moves]] - visits.speed[moves]) / np.sqrt(PUSHED_SHARE)
     turned = difference(visits.course[second[moves]], visits.course[moves])
+    later = difference(visits.course[third[moves]], visits.course[second[moves]])
     way = 0.5 * (visits.speed[second[moves]] + visits.speed[moves])
-    side = np.sign(turned) * ((np.abs(turned) > TURNS_FROM) & (way > 1.0))
+    side = np.where(np.minimum(turned, later) > TURNS_FROM, 1, np.where(np.maximum(turned, later) < -TURNS_FROM, -1, 0))
     usual = np.sqrt([np.mean(gained**2) + 1e-6, np.mean(turned**2) + 1e-6]) if moves.size else np.ones(2)
     lively = np.where(side == 0, np.abs(gained) / usual[0] + np.abs(turned) / usual[1], np.inf)
     straight = int((side == 0).sum())

@@ -23,11 +23,16 @@ COURSE_FLOOR, PACE_FLOOR, PATH_FLOOR = 0.02, 0.03, 0.1
 """Radians, log speed, metres, added to a manoeuvre's spreads where it is told how well a vehicle fits it."""
 
 
+CHANGE_RATE = 0.2
+"""1/s, of a vehicle of no place: how often it begins to turn, ends it, becomes livelier or calmer."""
+
+
 class MotionKnobs(NamedTuple):
     """What a filter adds to a map's motion; see `FilterConfig`."""
 
     place_free_share: float = 0.0
     redraw_rate: float = 0.0
+    change_rate: float = CHANGE_RATE
     drift: float = 0.005
     step_s: float = 0.1
     reach_m: float = 3.5
@@ -53,6 +58,7 @@ def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
         strength=motion.strength,
         place_free_share=knobs.place_free_share,
         redraw_rate=knobs.redraw_rate,
+        change_rate=knobs.change_rate,
         drift=knobs.drift,
         step_s=knobs.step_s,
     )
