@@ -96,7 +96,7 @@ def kalman_known_velocity(measured, dt_s, *, velocity, noise_m, drift):
     return np.array(means), np.array(variances), np.array(evidences)
 
 
-def log_fit(motion, z, center, extent, place, direction, speed):
+def log_fit(motion, z, center, extent, place, direction, speed):  # noqa: PLR0917
     """How well a vehicle fits manoeuvre z: logs of three normal densities without their constants, added."""
     offset = np.clip(np.asarray(place) - center, -extent, extent)
     off_course = np.angle(np.exp(1j * (direction - motion.course[z] - motion.bend[z] @ offset)))
@@ -109,7 +109,7 @@ def log_fit(motion, z, center, extent, place, direction, speed):
     return -np.log(spread).sum() - 0.5 * (sigmas**2).sum()
 
 
-def manoeuvre_weights(motion, cell, center, extent, place, direction, speed, *, by_time):
+def manoeuvre_weights(motion, cell, center, extent, place, direction, speed, *, by_time):  # noqa: PLR0917
     """Of each of a cell's manoeuvres: how often it is driven times how well it fits, against no place at all."""
     amount = motion.seconds if by_time else motion.visits
     return np.array([
@@ -119,7 +119,7 @@ def manoeuvre_weights(motion, cell, center, extent, place, direction, speed, *, 
     ])  # fmt: skip
 
 
-def moved_without_noise(motion, z, center, extent, place, direction, speed, push, h):
+def moved_without_noise(motion, z, center, extent, place, direction, speed, push, h):  # noqa: PLR0917
     """Place, direction, speed and push after one short step of manoeuvre z that nothing disturbs."""
     offset = np.clip(np.asarray(place) - center, -extent, extent)
     gained = motion.acceleration[z] @ [1.0, *offset, speed] + motion.push[z] * push

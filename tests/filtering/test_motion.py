@@ -118,9 +118,7 @@ def share_that_stays(primitive_map, t, n_calls, config, n):
 
 def test_a_vehicle_that_stands_starts_at_its_rate():
     n, rate = 20_000, 0.5
-    waits = motion_by_hand(
-        [0, 0], start_rate=[rate, 0.0], log_pace=[np.log(0.3), np.log(10.3)], acceleration=[[0.0] * 4, [2.0, 0, 0, -0.2]]
-    )
+    waits = motion_by_hand([0, 0], start_rate=[rate, 0.0], acceleration=[[0.0] * 4, [2.0, 0, 0, -0.2]])
     for t in (0.5, 1.0, 3.0):
         found = moved(squares(1, 1, waits, side=200.0), t, n=n, config=FINER, place=(100.0, 100.0), speed=0.0)
         started = found.speed >= 0.3

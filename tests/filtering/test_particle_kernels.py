@@ -161,7 +161,8 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     table = tracking_table(ring_map, FilterConfig())
     belief = ParticleBelief(n_particles=20_000, mode_of=ring_map.motion.mode)
     place = np.array([20.0, 0.0])
-    _kernels.be_born(table, ring_map.compiled(), belief.cloud, np.array([0]), np.array([7], np.uint64), place[None], 0.01)
+    key = np.array([7], np.uint64)
+    _kernels.be_born(table, ring_map.compiled(), belief.cloud, np.array([0]), key, place[None], 0.01)
     x, y = (belief.cloud.position[0] - place).T
     assert stats.kstest(x, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
     assert stats.kstest(y, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM

@@ -25,8 +25,9 @@ def random_map(rng, *, noise=1.0):
     motion = motion_by_hand(
         np.repeat([0, 1], 5), start_rate=np.tile([0.0, 0.0, 0.0, 0.0, 0.3], 2), visits=rng.gamma(2.0, 5.0, n),
         seconds=rng.gamma(2.0, 5.0, n), course=rng.uniform(-3, 3, n), bend=rng.normal(0, 0.05, (n, 2)),
-        course_spread=noise * rng.gamma(2.0, 0.2, n), log_pace=rng.normal(2.0, 0.3, n), strength=3.0, turning=0.2 * noise,
-        gain=rng.normal(0, 0.02, (n, 2)), log_pace_spread=rng.gamma(2.0, 0.3, n), path=rng.normal(0, [1.0, 0.1, 0.01], (n, 3)),
+        course_spread=noise * rng.gamma(2.0, 0.2, n), log_pace=rng.normal(2.0, 0.3, n), turning=0.2 * noise,
+        gain=rng.normal(0, 0.02, (n, 2)), log_pace_spread=rng.gamma(2.0, 0.3, n), strength=3.0,
+        path=rng.normal(0, [1.0, 0.1, 0.01], (n, 3)),
         path_spread=rng.gamma(2.0, 1.0, n), path_direction=rng.uniform(-3, 3, n),
         acceleration=rng.normal(0, [1.0, 0.05, 0.05, 0.1], (n, 4)), push=rng.gamma(2.0, 0.5, n),
         stretch=rng.normal(0, 0.1, n),
@@ -79,15 +80,14 @@ def test_manoeuvres_are_taken_up_by_their_weights_against_the_strength_of_no_pla
     for share, free in ((0.0, 1 / 3), (0.2, 1 / 3), (0.7, 0.7)):
         table = motion_table(random, MotionKnobs(place_free_share=share))
         room, state = np.empty(20), seeded(4)
-        found = [
-            _motion.take_up(table, 0, *place, direction, speed, True, share, room, state) for _ in range(N)
-        ]
+        found = [_motion.take_up(table, 0, *place, direction, speed, True, share, room, state) for _ in range(N)]
         count = np.bincount(found, minlength=12)
         expected = N * np.append((1 - free) * weight / weight.sum(), free)
         seen = np.append(count[:5], count[10:].sum())
         assert count[5:10].sum() == count[11] == 0  # of the other cell; who moves does not stand
         often = expected > 5
-        assert stats.chisquare(seen[often], expected[often] * seen[often].sum() / expected[often].sum()).pvalue > FALSE_ALARM
+        right = expected[often]
+        assert stats.chisquare(seen[often], right * seen[often].sum() / right.sum()).pvalue > FALSE_ALARM
         wrong = N * np.append((1 - 0.9 * free) * weight / weight.sum(), 0.9 * free)[often]
         assert stats.chisquare(seen[often], wrong * seen[often].sum() / wrong.sum()).pvalue < FALSE_ALARM
 
