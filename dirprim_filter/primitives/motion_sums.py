@@ -95,22 +95,22 @@ class MotionSums(NamedTuple):
         """
         n, of_instant = cell.size, visits.of_instant
         z = label[of_instant]
-        at = np.maximum(z, 0)
+        at = np.append(cell, -1)[z], np.append(mode, 0)[z]  # of those without a manoeuvre any
         share = 1.0 / (visits.end - visits.begin)[of_instant]
         driven = share * np.clip(visits.speed, SLOWEST_COURSE, 1.0)
-        mean_direction = primitives.direction.mean_direction[cell, mode][at]
-        mean_speed = primitives.speed.mean[cell, mode]
-        offset = visits.position - primitives.centers[cell[at]]
+        mean_direction = primitives.direction.mean_direction[at]
+        mean_speed = primitives.speed.mean[at]
+        offset = visits.position - primitives.centers[at[0]]
         one = np.ones(z.size)
         place = np.column_stack([one, offset])
-        of_mode = np.column_stack([mean_direction, primitives.bend[cell, mode][at]])
+        of_mode = np.column_stack([mean_direction, primitives.bend[at]])
         off_course = difference(visits.course, (place * of_mode).sum(axis=1))
-        gained = np.column_stack([np.log(mean_speed + CREEP), _of_pace(primitives, cell, mode)])[at]
+        gained = np.column_stack([np.log(mean_speed + CREEP), _of_pace(primitives, *at)])
         off_pace = np.log(visits.speed + CREEP) - (place * gained).sum(axis=1)
         cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
         along = cosine * offset[:, 0] + sine * offset[:, 1]
         across = cosine * offset[:, 1] - sine * offset[:, 0]
-        state = np.column_stack([place, visits.speed - mean_speed[at]])
+        state = np.column_stack([place, visits.speed - mean_speed])
         turn = _change(visits, visits.course, AHEAD_S, is_angle=True)
         follows = visits.follows() & (label >= 0)
         follows &= np.append(label[1:] >= 0, np.zeros(min(len(visits), 1), np.bool_))

@@ -1,5 +1,7 @@
 """What is learned of how vehicles go on: it forecasts others, is the same for a seed, and grows slower than the log."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -84,6 +86,15 @@ def test_finer_detail_is_more_manoeuvres(junction):
         for d in (0.1, 1.0, 10.0)
     ]
     assert sizes[0] > sizes[1] > sizes[2] > learned.tessellation.n_cells
+
+
+def test_where_nobody_was_in_a_cell_motion_is_of_no_place(junction):
+    learned, rows = junction
+    elsewhere = replace(rows, position=rows.position + 1e4)
+    motion = learn_motion(learned, elsewhere, rng=np.random.default_rng(0))
+    assert motion.n_placed == 0
+    assert len(motion) > 1
+    assert (motion.push > 0).any()
 
 
 def test_labels_are_of_one_cell_and_mode_each(junction):
