@@ -94,3 +94,66 @@ def kalman_known_velocity(measured, dt_s, *, velocity, noise_m, drift):
         means.append(x)
         variances.append(p)
     return np.array(means), np.array(variances), np.array(evidences)
+
+
+def log_fit(motion, z, center, extent, place, direction, speed):  # noqa: PLR0917
+    """How well a vehicle fits manoeuvre z: logs of three normal densities without their constants, added."""
+    offset = np.clip(np.asarray(place) - center, -extent, extent)
+    off_course = np.angle(np.exp(1j * (direction - motion.course[z] - motion.bend[z] @ offset)))
+    off_pace = np.log(speed + 0.3) - motion.log_pace[z] - motion.gain[z] @ offset
+    c, s = np.cos(motion.path_direction[z]), np.sin(motion.path_direction[z])
+    u, across = np.array([[c, s], [-s, c]]) @ offset
+    off_path = across - np.polyval(motion.path[z][::-1], u)
+    spread = np.array([motion.course_spread[z] + 0.02, motion.log_pace_spread[z] + 0.03, motion.path_spread[z] + 0.1])
+    sigmas = np.array([min(speed, 1.0) * off_course, off_pace, off_path]) / spread
+    return -np.log(spread).sum() - 0.5 * (sigmas**2).sum()
+
+
+def manoeuvre_weights(motion, cell, center, extent, place, direction, speed, *, by_time):  # noqa: PLR0917
+    """Of each of a cell's manoeuvres: how often it is driven times how well it fits, against no place at all."""
+    amount = motion.seconds if by_time else motion.visits
+    return np.array([
+        amount[z] * np.exp(min(log_fit(motion, z, center, extent, place, direction, speed) + 2.0, 50.0))
+        * ((motion.start_rate[z] > 0) == (speed < 0.3))
+        for z in np.flatnonzero(motion.cell == cell)
+    ])  # fmt: skip
+
+
+def moved_without_noise(motion, z, center, extent, place, direction, speed, push, h):  # noqa: PLR0917
+    """Place, direction, speed and push after one short step of manoeuvre z that nothing disturbs."""
+    offset = np.clip(np.asarray(place) - center, -extent, extent)
+    gained = motion.acceleration[z] @ [1.0, *offset, speed] + motion.push[z] * push
+    later = max(speed + h * gained, 0.0)
+    way = h * (speed + later) / 2 * (1 + motion.stretch[z])
+    heading = np.array([np.cos(direction), np.sin(direction)])
+    turn = motion.bend[z] @ heading * way
+    if motion.cell[z] >= 0:
+        off = np.angle(np.exp(1j * (direction - motion.course[z] - motion.bend[z] @ offset)))
+        turn -= (1 - np.exp(-motion.course_rate * h)) * off
+    left = np.array([-heading[1], heading[0]])
+    place = place + way * ((1 - turn**2 / 8) * heading + turn / 2 * left)  # to the middle direction, to second order
+    return place, np.angle(np.exp(1j * (direction + turn))), later, push * np.exp(-0.5 * h)
+
+
+def dp_means(feature, order, opens_at, most):
+    """DP-means by its definition: every mean anew from its members, whenever a visit is looked at."""
+    label, n_groups = np.full(len(feature), -1), 0
+    for number in range(8):
+        before = label.copy()
+        for i in order:
+            distance = np.full(n_groups, np.inf)
+            for k in range(n_groups):
+                members = feature[label == k]
+                known = ~np.isnan(members).all(axis=0) if len(members) else np.zeros(feature.shape[1], bool)
+                both = known & ~np.isnan(feature[i])
+                if both.any():
+                    distance[k] = np.mean((feature[i, both] - np.nanmean(members[:, both], axis=0)) ** 2)
+            near = distance.min(initial=np.inf)
+            alone = not np.isfinite(near) or (near > opens_at and number < 2)
+            if alone and n_groups < most:
+                label[i], n_groups = n_groups, n_groups + 1
+            else:
+                label[i] = distance.argmin() if np.isfinite(near) else 0
+        if (label == before).all():
+            break
+    return label

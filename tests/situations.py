@@ -67,3 +67,32 @@ def with_ways(primitives, cell, ways):
         following=np.array([way[1] for way in ways], np.int64), count=np.array([way[2] for way in ways]),
     )  # fmt: skip
     return replace(primitives, motion=motion)
+
+
+def junction_traffic(rng, *, n_vehicles=60, dt_s=0.1, n_rows=90):
+    """Vehicles that come from the west at about 10 m/s; in a junction 40 m on a third each turns left or right.
+
+    Who turns brakes to 5 m/s before it, and drives a quarter of a circle of 10 m radius.
+    """
+    parts = []
+    for i in range(n_vehicles):
+        turn = (0.0, 1.0, -1.0)[i % 3]
+        pace, late = rng.normal(1.0, 0.05), rng.uniform(0.0, 1.0)
+        s, theta, place, rows = 0.0, 0.0, np.array([0.0, rng.normal(0, 0.4)]), []
+        for _ in range(n_rows):
+            slow = abs(turn) * np.exp(-(((s - 45.0) / 15.0) ** 2))
+            speed = pace * (10.0 - 5.0 * slow)
+            rows.append([*place, theta, speed])
+            step = speed * dt_s
+            bend = turn / 10.0 if 40.0 < s < 40.0 + 5.0 * np.pi else 0.0
+            middle = theta + 0.5 * bend * step
+            place = place + step * np.array([np.cos(middle), np.sin(middle)])
+            s, theta = s + step, theta + bend * step
+        x, y, direction, speed = np.array(rows).T
+        parts.append(
+            Tracks(
+                track_id=np.full(n_rows, i), time_ns=((late + dt_s * np.arange(n_rows)) * 1e9).round().astype(np.int64),
+                position=np.column_stack([x, y]), direction=direction, speed=speed,
+            )
+        )  # fmt: skip
+    return Tracks.concatenate(parts)

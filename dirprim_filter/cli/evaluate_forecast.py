@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.track_log import TrackLog
 
 FIGURES = {
-    "energy": "energy, m", "ade": "ADE, m", "fde": "FDE, m", "best_of_20": "best of 20, m", "nll": "NLL",
+    "energy": "energy, m", "energy_se": "its std error", "ade": "ADE, m", "fde": "FDE, m",
+    "best_of_20": "best of 20, m", "nll": "NLL",
     "coverage_50": "in 50 %", "coverage_90": "in 90 %",
 }  # fmt: skip
 """The figures of a score, and what the table calls them."""
@@ -46,7 +47,7 @@ def forecast(
     as_json: Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")] = False,
     force: Force = False,
 ) -> int:
-    """Forecast held-out vehicles with the prior, without places, and at constant velocity.
+    """Forecast held-out vehicles with the prior and what it must beat: fewer or no cells, remembered tracks, velocity.
 
     Example: dirprim evaluate forecast recordings/roundabout_learn.mcap --seeds 5 --plot forecast.png
     """

@@ -14,12 +14,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from dirprim_filter.evaluation import _kernels
+from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.splits import SplitBy, split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.filtering.futures import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
-from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray, IntArray
+from dirprim_filter.tracks import Tracks, world_names
+from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 HORIZONS_S = tuple(0.5 * i for i in range(1, 17))
 START_EVERY_S = 1.0
@@ -27,7 +28,6 @@ MAX_STARTS = 8
 """Of a vehicle: that one which waits for minutes does not outweigh all others."""
 MAX_MATCH_S = 0.25
 """Between rows further from an instant than this, where the vehicle was is not known."""
-CELL_M = 10.0
 BATCH = 20
 """Samples that the best-of score may choose from."""
 MIN_CASES = 20
@@ -38,7 +38,9 @@ class Cases(NamedTuple):
     """Instants from which forecasts are made, and what came after.
 
     Attributes:
-        vehicle: (n,) number of the vehicle.
+        vehicle: (n,) number of the vehicle, (group, id), among those forecast.
+        name: (n,) str, the vehicle's id, with its group's: the same whichever vehicles it is forecast with.
+        group: (n,) the vehicle's.
         position: (n, 2) metres.
         direction: (n,) radians.
         speed: (n,) m/s.
@@ -46,6 +48,8 @@ class Cases(NamedTuple):
     """
 
     vehicle: IntArray
+    name: AnyArray
+    group: IntArray
     position: FloatArray
     direction: FloatArray
     speed: FloatArray
@@ -69,6 +73,8 @@ class Cases(NamedTuple):
         row = np.concatenate(starts)
         return cls(
             vehicle=np.asarray(vehicle[row], np.int64),
+            name=world_names(tracks.track_id[row], tracks.group[row]),
+            group=tracks.group[row],
             position=tracks.position[row],
             direction=tracks.direction[row],
             speed=tracks.speed[row],
@@ -104,12 +110,15 @@ Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Sa
 
 
 def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
-    """The learned map, and the same without its cells.
-
-    Of a grid, which is learned in seconds: forecasts follow the journeys that a map remembers, whatever its cells are.
-    """
-    learned = learn_primitives(train, tessellation="grid", cell_size=CELL_M, rng=rng)
+    """The map as it is learned by default, and the same without its cells."""
+    learned = learn_primitives(train, rng=rng)
     return {"prior": futures_of(learned, horizons_s), "place-free": futures_of(learned.without_places(), horizons_s)}
+
+
+def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
+    """The same learning with a single cell for all places: the negative control. What is left owes nothing to cells."""
+    learned = learn_primitives(train, tessellation="grid", n_cells=1, rng=rng)
+    return {"one cell": futures_of(learned, horizons_s)}
 
 
 def futures_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleFutures:
@@ -122,6 +131,19 @@ def futures_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> Sa
         )  # fmt: skip
 
     return sample
+
+
+def by_trajectory_memory(
+    train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator
+) -> dict[str, SampleFutures]:
+    """Each vehicle goes on as a training vehicle that moved like it at this place."""
+    memory = TrajectoryMemory.of(train).chosen(rng=rng)
+
+    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
+        now = States(cases.position, cases.direction, cases.speed)
+        return memory.sample(now, time_s=np.asarray(horizons_s), n_samples=n_samples, rng=rng)
+
+    return {"trajectory memory": sample}
 
 
 def by_constant_velocity(
@@ -158,7 +180,7 @@ def _turned(vector: FloatArray, angle: FloatArray) -> FloatArray:
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
 
 
-METHODS: tuple[Fit, ...] = (by_map, by_constant_velocity)
+METHODS: tuple[Fit, ...] = (by_map, by_one_cell, by_trajectory_memory, by_constant_velocity)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,6 +191,8 @@ class HorizonScore:
         horizon_s: seconds ahead.
         n_cases: forecasts that were scored, over all seeds.
         energy: metres, energy score.
+        energy_se: its standard error, by what the vehicles (or the groups, where these were held out) differ from each
+            other; forecasts of one vehicle are not independent, nor are those of a vehicle in two seeds. NaN for one.
         energy_std: its standard deviation over seeds; NaN for one.
         ade: metres from the samples' mean to the truth, mean over the horizons up to this one.
         fde: metres from the samples' mean to the truth.
@@ -182,6 +206,7 @@ class HorizonScore:
     horizon_s: float
     n_cases: int
     energy: float
+    energy_se: float
     energy_std: float
     ade: float
     fde: float
@@ -264,23 +289,27 @@ def evaluate_forecasts(
     if n_samples < BATCH or n_seeds < 1:
         raise ValueError(f"n_samples, n_seeds: expected at least {BATCH} and 1, got {n_samples} and {n_seeds}")
     found: dict[str, list[FloatArray]] = {}
+    clusters: list[AnyArray] = []
     n_vehicles = 0
     told: StepCount | None = None
     for child in rng.spawn(n_seeds):
         of_seed: dict[str, list[FloatArray]] = {}
+        clusters_of_seed: list[AnyArray] = []
         dealt = split(tracks, by=split_by, n_folds=n_folds, rng=child)
         told = told or StepCount(n_seeds * len(dealt) * len(methods), progress)
         for fold in dealt:
             cases = Cases.of(fold.test, horizons_s=horizons)
+            clusters_of_seed.append(cases.group if split_by == "group" else cases.name)
             n_vehicles += int(np.unique(cases.vehicle).size)
             for fit, own in zip(methods, child.spawn(len(methods)), strict=True):
                 for name, sample in fit(fold.train, horizons, own).items():
                     scores = score_cases(sample(cases, n_samples, own), cases.later)
                     of_seed.setdefault(name, []).append(scores)
                 told.add()
+        clusters.append(np.concatenate(clusters_of_seed))
         for name, folds in of_seed.items():
             found.setdefault(name, []).append(np.concatenate(folds))
-    rows = {name: _over_seeds(seeds, horizons) for name, seeds in found.items()}
+    rows = {name: _over_seeds(seeds, clusters, horizons) for name, seeds in found.items()}
     if not any(rows.values()):
         raise ValueError(f"tracks: expected {MIN_CASES} held-out forecasts {horizons[0]:g} s ahead, got fewer")
     return ForecastTable(
@@ -324,20 +353,42 @@ def score_cases(sample: FloatArray, later: FloatArray) -> FloatArray:
     return np.stack([of_samples[..., 0], so_far, off, best, of_samples[..., 1], *inside], axis=-1)
 
 
-def _over_seeds(seeds: list[FloatArray], horizons_s: Sequence[float]) -> tuple[HorizonScore, ...]:
+def _over_seeds(
+    seeds: list[FloatArray], clusters: list[AnyArray], horizons_s: Sequence[float]
+) -> tuple[HorizonScore, ...]:
     rows = []
     for h, horizon_s in enumerate(horizons_s):
-        kept = [scores[np.isfinite(scores[:, h, 0]), h] for scores in seeds]
-        kept = [scores for scores in kept if len(scores) >= MIN_CASES]
+        known = [np.isfinite(scores[:, h, 0]) for scores in seeds]
+        kept = [(scores[k, h], of[k]) for scores, of, k in zip(seeds, clusters, known, strict=True)]
+        kept = [(scores, of) for scores, of in kept if len(scores) >= MIN_CASES]
         if not kept:
             continue
-        means = np.array([np.nanmean(scores, axis=0) for scores in kept])
+        means = np.array([np.nanmean(scores, axis=0) for scores, _ in kept])
         rows.append(
             HorizonScore(
                 horizon_s=horizon_s,
-                n_cases=sum(len(scores) for scores in kept),
+                n_cases=sum(len(scores) for scores, _ in kept),
+                energy_se=standard_error([scores[:, 0] for scores, _ in kept], [of for _, of in kept]),
                 energy_std=float(means[:, 0].std(ddof=1)) if len(means) > 1 else float("nan"),
                 **{name: float(value) for name, value in zip(SCORES, means.mean(axis=0), strict=True)},
             )
         )
     return tuple(rows)
+
+
+def standard_error(seeds: Sequence[FloatArray], clusters: Sequence[AnyArray]) -> float:
+    """Standard error of the mean over seeds of the mean over cases, where only clusters are independent.
+
+    Liang and Zeger 1986, of a mean: the deviations of a cluster's cases are added before they are squared.
+
+    Args:
+        seeds: a score of each case, (n,) in each seed.
+        clusters: (n,) whose each is, by the same names in every seed.
+
+    Returns:
+        NaN of a single cluster.
+    """
+    share = [(values - values.mean()) / (values.size * len(seeds)) for values in seeds]
+    names, number = np.unique(np.concatenate(clusters), return_inverse=True)
+    off = np.bincount(number, np.concatenate(share))
+    return float(np.sqrt(names.size / (names.size - 1) * (off**2).sum())) if names.size > 1 else float("nan")

@@ -73,9 +73,7 @@ class ParticleFilter:
         for s in np.unique(spread):
             rows = np.flatnonzero(spread == s)
             born = (slot[rows], np.asarray(key)[rows], measured.position[rows])
-            self._split(
-                _kernels.be_born, (self._table, self._primitives, cloud), born, (float(s),), each_ns=150.0
-            )
+            self._split(_kernels.be_born, (self._table, self._primitives, cloud), born, (float(s),), each_ns=150.0)
         more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if more.size:
             columns = self._columns(measured[more])

@@ -28,7 +28,7 @@ def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, l
     Returns:
         how many groups were opened; some may be empty.
     """
-    n, f = feature.shape
+    f = feature.shape[1]
     total, known = np.zeros((most, f)), np.zeros((most, f))
     label[:] = -1
     n_groups = 0

@@ -27,7 +27,7 @@ STANDING_BELOW = 0.3
 STARTS_AT = 0.31
 """m/s: a vehicle that starts no longer stands."""
 PLACE_FREE_LOG_DENSITY = -2.0
-"""Of a vehicle's course, log pace and path where no cell says, as `log_fit` counts: any way, any pace, on three lanes."""
+"""Of a vehicle's course, log pace and path where no cell says, as `log_fit` counts: any way or pace, on three lanes."""
 DISCOUNT = 0.2
 """Of each count of transitions (Ney, Essen and Kneser 1994): what was seen once may well be something else."""
 
@@ -40,7 +40,7 @@ class MotionTable(NamedTuple):
     begin: IntArray  # (n_cells + 1,) the first manoeuvre of each cell
     first: IntArray  # (z + 1,)
     following: IntArray  # (t,)
-    count: FloatArray  # (t,)
+    count: FloatArray  # type: ignore[assignment]  # (t,), not the method of tuples
     most: int  # manoeuvres of a cell, and the place-free ones
     course_rate: float
     push_rate: float
@@ -212,7 +212,9 @@ def course_at(row: FloatArray, x: float, y: float) -> float:
 
 
 @njit(cache=True)
-def keep_deviation(table: MotionTable, before: int, after: int, place: FloatArray, direction: FloatArray, p: int) -> None:
+def keep_deviation(
+    table: MotionTable, before: int, after: int, place: FloatArray, direction: FloatArray, p: int
+) -> None:
     """Turn a particle with the course of its manoeuvre: what it keeps is how it deviates."""
     if table.row[before, KEEPS] == 0.0 and table.row[after, KEEPS] == 0.0:
         turned = direction[p] + course_at(table.row[after], place[0], place[1])
@@ -237,9 +239,7 @@ def settle(
 
 
 @njit(cache=True, nogil=True)
-def rollout(
-    table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntArray, path: FloatArray
-) -> None:
+def rollout(table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntArray, path: FloatArray) -> None:
     """Futures of vehicles. (n, 4) place, direction, speed; (n_steps,) seconds; (n,) keys; fills (n, p, n_steps, 2)."""
     n = path.shape[1]
     position, direction, speed, push = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty(n)

@@ -8,7 +8,7 @@ between cells as future work: here they are counts of transitions from manoeuvre
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -64,7 +64,8 @@ class Motion:
         strength: how much a place-free manoeuvre counts against those of a cell, in visits.
 
     Raises:
-        ValueError: columns of different lengths, numbers that are not finite, amounts below zero, or transitions to nowhere.
+        ValueError: columns of different lengths, numbers that are not finite, amounts below zero, or transitions to
+            nowhere.
     """
 
     cell: IntArray
@@ -153,18 +154,19 @@ class Motion:
             turning=np.array([ANYWHERE_TURNING]), curvature=np.zeros(1),
             standing=float(direction.weight[-1].sum() - direction.weight[-1, fast].sum()), start_rate=START_RATE,
         )  # fmt: skip
+        weight, heading = direction.weight[of_cell, of_mode], direction.mean_direction[of_cell, of_mode]
+        turning = 1.0 / np.sqrt(np.maximum(direction.concentration[of_cell, of_mode], 1e-9))
         variance = pace**2 / shape[of_cell, of_mode]
         turned, gained = bend[of_cell, of_mode], gain[of_cell, of_mode]
         rate = np.full(pace.size, REVERSION)
         n = pace.size
         placed = {
-            "cell": of_cell, "mode": of_mode, "visits": ASSUMED_VISITS * direction.weight[of_cell, of_mode],
-            "seconds": ASSUMED_VISITS * direction.weight[of_cell, of_mode], "course": direction.mean_direction[of_cell, of_mode],
-            "bend": turned,
-            "course_spread": np.minimum(1.0 / np.sqrt(np.maximum(direction.concentration[of_cell, of_mode], 1e-9)), 2.0),
+            "cell": of_cell, "mode": of_mode, "visits": ASSUMED_VISITS * weight,
+            "seconds": ASSUMED_VISITS * weight, "course": heading, "bend": turned,
+            "course_spread": np.minimum(turning, 2.0),
             "log_pace": np.log(pace + CREEP), "gain": gained * (pace / (pace + CREEP))[:, None],
             "log_pace_spread": np.sqrt(1.0 / shape[of_cell, of_mode]), "path": np.zeros((n, 3)),
-            "path_spread": np.full(n, WIDE_M), "path_direction": direction.mean_direction[of_cell, of_mode],
+            "path_spread": np.full(n, WIDE_M), "path_direction": heading,
             "acceleration": np.column_stack([rate * pace, rate[:, None] * pace[:, None] * gained, -rate]),
             "push": np.sqrt(variance * rate * (rate + PUSH_RATE)), "stretch": np.zeros(n),
             "start_rate": np.where(stands, START_RATE, 0.0), "turn_ahead": np.zeros(n), "curvature": np.zeros(n),
@@ -183,7 +185,7 @@ AMOUNTS = (
 """Columns that are nowhere negative."""
 
 
-def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str, FloatArray]:
+def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str, Any]:
     """Columns of manoeuvres, one after the other."""
     return {name: np.concatenate([one[name], other[name]]) for name in (*FLOATS, "cell", "mode")}
 

@@ -9,20 +9,22 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 
+from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives import _clustering, _motion
-from dirprim_filter.primitives.motion import CREEP, PUSH_RATE, Motion, joined, place_free_manoeuvres
+from dirprim_filter.primitives.motion import CREEP, Motion, joined, place_free_manoeuvres
 from dirprim_filter.primitives.motion_sums import MotionSums, Regression, _of_pace
 from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.primitives.visits import STEP_S, Visits
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.primitives.visits import STEP_S, Visits, _filled_in
+from tessellation.arrays import FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 
@@ -98,9 +100,7 @@ def fit_motion(
     return motion_of(sums, labels.cell, labels.mode, primitives, _place_free(visits), strength=strength, spread=spread)
 
 
-def label_visits(
-    primitives: PrimitiveMap, visits: Visits, *, detail: float, rng: np.random.Generator
-) -> Labels:
+def label_visits(primitives: PrimitiveMap, visits: Visits, *, detail: float, rng: np.random.Generator) -> Labels:
     """Group the visits of each mode of each cell."""
     inside = np.flatnonzero(visits.cell >= 0)
     feature = visits.features(primitives.centers)
@@ -109,14 +109,15 @@ def label_visits(
     key = visits.cell[inside] * n_modes + mode[inside]
     order = np.argsort(key, kind="stable")
     bounds = np.append(np.flatnonzero(np.diff(key[order], prepend=-1)), order.size)
-    label, of_group = np.full(len(visits), -1, np.int64), []
-    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+    label = np.full(len(visits), -1, np.int64)
+    of_group: list[int] = []
+    for a, b in pairwise(bounds.tolist()):
         members = inside[order[a:b]]
         found = np.empty(members.size, np.int64)
         _clustering.dp_means(feature[members], rng.permutation(members.size), detail, MOST_MANOEUVRES, found)
         used, found = np.unique(found, return_inverse=True)
         label[members] = len(of_group) + found
-        of_group += [key[order[a]]] * used.size
+        of_group += [int(key[order[a]])] * used.size
     cell, mode_of = np.divmod(np.array(of_group, dtype=np.int64), n_modes)
     return Labels(label, cell, mode_of)
 
@@ -129,7 +130,7 @@ def _modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
     of_instant = visits.of_instant
     moving = max(n_own - 1, 1)  # the last is for standing
     total = [np.bincount(of_instant, np.maximum(log_p[:, m], -30.0), minlength=len(visits)) for m in range(moving)]
-    return np.where(visits.stands, n_own - 1, np.argmax(total, axis=0)).astype(np.int64)
+    return np.asarray(np.where(visits.stands, n_own - 1, np.argmax(total, axis=0)), np.int64)
 
 
 def motion_of(
@@ -235,13 +236,11 @@ class Cases(NamedTuple):
 
     start: FloatArray  # (n, 4) place, direction, speed
     later: FloatArray  # (n, n_lags, 2) metres, NaN where not seen
-    key: IntArray  # (n,) uint64, of the random numbers
+    key: UIntArray  # (n,) of the random numbers
 
 
 def _cases(rows: TrackRows, rng: np.random.Generator) -> Cases | None:
     """Instants of held-out vehicles; None where too few are seen for a second."""
-    from dirprim_filter.primitives.visits import _filled_in
-
     _, segment, position, course, speed = _filled_in(rows)
     lag = np.round(LAGS_S / STEP_S).astype(np.int64)
     n = segment.size
@@ -295,12 +294,10 @@ def _energy(path: FloatArray, later: FloatArray) -> float:
 
 
 def _surprise(path: FloatArray, later: FloatArray) -> float:
-    """Dawid-Sebastiani score over the lags up to two seconds: log det of the covariance, and the squared error by it."""
+    """Dawid-Sebastiani score over the lags up to two seconds: log det of the covariance, and squared error by it."""
     path, later = path[:, :, :3], later[:, :3]
     off = later - path.mean(axis=1)
     away = path - path.mean(axis=1, keepdims=True)
     covariance = np.einsum("npti,nptj->ntij", away, away) / (path.shape[1] - 1) + 1e-4 * np.eye(2)
     squared = np.einsum("nti,nti->nt", off, np.linalg.solve(covariance, off[..., None])[..., 0])
     return float(np.nanmean(np.log(np.linalg.det(covariance)) + np.minimum(squared, 30.0)))
-
-

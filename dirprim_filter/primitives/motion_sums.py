@@ -45,9 +45,9 @@ class Regression(NamedTuple):
         xx = np.empty((n, p, p))
         for i in range(p):
             for j in range(i, p):
-                xx[:, i, j] = xx[:, j, i] = np.bincount(label, weight * x[:, i] * x[:, j], minlength=n)
-        xy = np.stack([np.bincount(label, weight * x[:, i] * y, minlength=n) for i in range(p)], axis=-1)
-        return cls(xx, xy, np.bincount(label, weight * y * y, minlength=n), np.bincount(label, weight, minlength=n))
+                xx[:, i, j] = xx[:, j, i] = _totals(label, weight * x[:, i] * x[:, j], n)
+        xy = np.stack([_totals(label, weight * x[:, i] * y, n) for i in range(p)], axis=-1)
+        return cls(xx, xy, _totals(label, weight * y * y, n), _totals(label, weight, n))
 
     def __add__(self, other: Regression) -> Regression:  # type: ignore[override]
         return Regression(*(a + b for a, b in zip(self, other, strict=True)))
@@ -95,22 +95,22 @@ class MotionSums(NamedTuple):
         """
         n, of_instant = cell.size, visits.of_instant
         z = label[of_instant]
-        at = np.maximum(z, 0)
+        at = np.append(cell, -1)[z], np.append(mode, 0)[z]  # of those without a manoeuvre any
         share = 1.0 / (visits.end - visits.begin)[of_instant]
         driven = share * np.clip(visits.speed, SLOWEST_COURSE, 1.0)
-        mean_direction = primitives.direction.mean_direction[cell, mode][at]
-        mean_speed = primitives.speed.mean[cell, mode]
-        offset = visits.position - primitives.centers[cell[at]]
+        mean_direction = primitives.direction.mean_direction[at]
+        mean_speed = primitives.speed.mean[at]
+        offset = visits.position - primitives.centers[at[0]]
         one = np.ones(z.size)
         place = np.column_stack([one, offset])
-        of_mode = np.column_stack([mean_direction, primitives.bend[cell, mode][at]])
+        of_mode = np.column_stack([mean_direction, primitives.bend[at]])
         off_course = difference(visits.course, (place * of_mode).sum(axis=1))
-        gained = np.column_stack([np.log(mean_speed + CREEP), _of_pace(primitives, cell, mode)])[at]
+        gained = np.column_stack([np.log(mean_speed + CREEP), _of_pace(primitives, *at)])
         off_pace = np.log(visits.speed + CREEP) - (place * gained).sum(axis=1)
         cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
         along = cosine * offset[:, 0] + sine * offset[:, 1]
         across = cosine * offset[:, 1] - sine * offset[:, 0]
-        state = np.column_stack([place, visits.speed - mean_speed[at]])
+        state = np.column_stack([place, visits.speed - mean_speed])
         turn = _change(visits, visits.course, AHEAD_S, is_angle=True)
         follows = visits.follows() & (label >= 0)
         follows &= np.append(label[1:] >= 0, np.zeros(min(len(visits), 1), np.bool_))
@@ -118,10 +118,10 @@ class MotionSums(NamedTuple):
         known = label >= 0
 
         def total(column: FloatArray) -> FloatArray:
-            return np.bincount(label[known], column[known], minlength=n)
+            return _totals(label[known], column[known], n)
 
         def of_instants(weight: FloatArray) -> FloatArray:
-            return np.bincount(z[z >= 0], weight[z >= 0], minlength=n)
+            return _totals(z[z >= 0], weight[z >= 0], n)
 
         return cls(
             visits=total(np.ones(len(visits))),
@@ -139,10 +139,15 @@ class MotionSums(NamedTuple):
         )
 
     def __add__(self, other: MotionSums) -> MotionSums:  # type: ignore[override]
-        return MotionSums(*(a + b for a, b in zip(self, other, strict=True)))
+        return MotionSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
     def __sub__(self, other: MotionSums) -> MotionSums:
-        return MotionSums(*(a - b for a, b in zip(self, other, strict=True)))
+        return MotionSums(*(a - b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
+
+
+def _totals(label: IntArray, column: FloatArray, n: int) -> FloatArray:
+    """(n,) the sum of a column over the rows of each label."""
+    return np.asarray(np.bincount(label, column, minlength=n), np.float64)
 
 
 def _of_pace(primitives: PrimitiveMap, cell: IntArray, mode: IntArray) -> FloatArray:
@@ -178,4 +183,5 @@ def _stretch(visits: Visits) -> FloatArray:
     way = np.hypot(*(visits.position[np.maximum(later, 0)] - visits.position).T)
     longer = np.where(said > STRETCHED_FROM_M, way / np.maximum(said, STRETCHED_FROM_M) - 1.0, np.nan)
     half = ACCELERATED_OVER // 2
-    return np.clip(np.concatenate([np.full(half, np.nan), longer[: max(n - half, 0)]])[:n], -MOST_STRETCH, MOST_STRETCH)
+    centred = np.concatenate([np.full(half, np.nan), longer[: max(n - half, 0)]])[:n]
+    return np.asarray(np.clip(centred, -MOST_STRETCH, MOST_STRETCH))

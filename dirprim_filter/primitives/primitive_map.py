@@ -82,7 +82,7 @@ class PrimitiveMap:
     n_place_free_modes: int
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
-    motion: Motion = cast(Motion, None)  # made of the primitives where it is left out
+    motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:

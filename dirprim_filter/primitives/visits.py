@@ -172,5 +172,3 @@ def _stands(segment: IntArray, speed: FloatArray) -> BoolArray:
     run = np.cumsum(change) - 1
     length = np.bincount(run, minlength=1)
     return np.asarray(slow & (length[run] * STEP_S >= SHORTEST_STAND_S - 1e-9))
-
-

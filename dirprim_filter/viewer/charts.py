@@ -39,15 +39,16 @@ LINE_STYLES = (
 
 
 def forecast_chart(table: ForecastTable) -> Figure:
-    """A panel for each figure, a line for each method over the seconds ahead."""
+    """A panel for each figure, a line for each method over the seconds ahead; whiskers are standard errors."""
     figure = Figure(figsize=(3.2 * len(FORECAST_PANELS), 3.7), dpi=DOTS_PER_INCH, layout="constrained")
     panels = figure.subplots(1, len(FORECAST_PANELS))
     for axes, (title, name) in zip(panels, FORECAST_PANELS.items(), strict=True):
         for k, row in enumerate(table.methods):
             color, dashes, mark = LINE_STYLES[k % len(LINE_STYLES)]
-            axes.plot(
-                [s.horizon_s for s in row.horizons], [getattr(s, name) for s in row.horizons], label=row.name,
-                color=color, linestyle=dashes, marker=mark, markersize=4,
+            error = [s.energy_se for s in row.horizons] if name == "energy" else None
+            axes.errorbar(
+                [s.horizon_s for s in row.horizons], [getattr(s, name) for s in row.horizons], error, label=row.name,
+                color=color, linestyle=dashes, marker=mark, markersize=4, elinewidth=0.8,
             )  # fmt: skip
         if title == COVERAGE_PANEL:
             axes.axhline(COVERAGE, color="0.3", linewidth=0.8, linestyle=":")

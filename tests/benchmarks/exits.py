@@ -2,7 +2,8 @@
 
 Defends `ParticleFilter.heed`: Eq. 4 as a weight of what particles are about to do. Held-out vehicles are seen once
 (position to 0.5 m, direction to 0.05 rad, speed to 0.5 m/s) at each second of their last fifteen before they leave the
-scene; an exit's probability is the weight of the particles whose journey ends there. The signal is what an honest
+scene; an exit's probability is the weight of the particles that come nearest to it, of all exits, when they are moved
+on until they are near one. The signal is what an honest
 driver gives: left or right where the vehicle turns by more than 30 degrees within the next 4 s, else none. Beside it
 stand a signal of the wrong side, which must harm, and the very turn to some 8 degrees (`exact`): more than that no cue
 of direction can tell. Cross-entropies in nat, means over vehicles.
@@ -20,11 +21,12 @@ from sklearn.cluster import DBSCAN
 from dirprim_filter import FilterConfig, learn_primitives, read_tracks
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.splits import split
-from dirprim_filter.filtering.heeding import AHEAD_S
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT, Cue
+from dirprim_filter.primitives.motion_sums import AHEAD_S
 
 EXIT_M, FEWEST, NEAR_M = 8.0, 5, 12.0
+AHEAD_OF_EXIT_S, LOOK_S = 25.0, 0.5
 LAST_S, LEAST_TURN, FLOOR = 15.0, np.deg2rad(30.0), 1e-3
 
 
@@ -37,20 +39,19 @@ class Cases(NamedTuple):
     exit: np.ndarray  # (n,)
 
 
-def exits_of(journeys):
-    """Centres of the places where journeys end, and the exit of each row's journey, -1 for none."""
-    ends = np.flatnonzero(journeys.duration == 0)
-    label = DBSCAN(eps=EXIT_M, min_samples=FEWEST).fit_predict(journeys.position[ends])
-    centers = np.array([journeys.position[ends[label == k]].mean(axis=0) for k in range(label.max() + 1)])
-    begins = np.concatenate([[0], ends[:-1] + 1])
-    return centers, np.repeat(label, ends - begins + 1)
+def exits_of(tracks):
+    """Centres of the places where tracks end."""
+    _, last = np.unique(tracks.vehicle[::-1], return_index=True)  # rows are in order of time
+    ends = tracks.position[len(tracks) - 1 - last]
+    label = DBSCAN(eps=EXIT_M, min_samples=FEWEST).fit_predict(ends)
+    return np.array([ends[label == k].mean(axis=0) for k in range(label.max() + 1)])
 
 
 def cases_of(tracks, centers):
     """One a second, of vehicles that end at an exit."""
     tree, parts = cKDTree(centers), []
-    for vehicle in np.unique(tracks.track_id):
-        own = tracks[tracks.track_id == vehicle]
+    for vehicle in range(tracks.n_tracks):
+        own = tracks[tracks.vehicle == vehicle]
         time_s = (own.time_ns - own.time_ns[-1]) * 1e-9
         away, exit_ = tree.query(own.position[-1])
         moving = own.speed > 0.5
@@ -75,7 +76,7 @@ def exact(turn):
     return [(Cue(turn=angle, concentration=50.0), np.array([i])) for i, angle in enumerate(turn)]
 
 
-def cross_entropies(learned, cases, cues, *, exit_of_row, n_exits, rng):
+def cross_entropies(learned, cases, cues, *, exits, rng):
     """(n,) before and after the cues."""
     n, particles = len(cases.turn), ParticleFilter(learned, FilterConfig(n_particles=500))
     noisy = cases.motion + rng.normal(size=(n, 4)) * [0.5, 0.5, 0.05, 0.5]
@@ -86,22 +87,31 @@ def cross_entropies(learned, cases, cues, *, exit_of_row, n_exits, rng):
     slot = np.arange(n)
     particles.reserve(n)
     particles.begin(slot, rng.integers(2**63, size=n, dtype=np.uint64), seen)
-    particles.predict(slot, np.full(n, 0.1))  # now they follow journeys
+    particles.predict(slot, np.full(n, 0.1))  # now they follow manoeuvres
 
-    def surprise():
-        cloud = particles.belief.cloud
-        row, weight = cloud.row[:n], cloud.weight[:n]
-        label = np.where(row >= 0, np.append(exit_of_row, -1)[np.clip(row, -1, exit_of_row.size)], -1)
-        of_exit = np.stack([(weight * (label == k)).sum(axis=1) for k in range(n_exits)], axis=1)
+    def moved_on():
+        """(n, P) the exit that each particle is the first to come near; -1 for none."""
+        exit_of = np.full((n, particles.config.n_particles), -1)
+        tree = cKDTree(exits)
+        for _ in range(int(AHEAD_OF_EXIT_S / LOOK_S)):
+            particles.predict(slot, np.full(n, LOOK_S))
+            away, near = tree.query(particles.belief.cloud.position[:n])
+            exit_of = np.where((exit_of < 0) & (away < NEAR_M), near, exit_of)
+        return exit_of
+
+    def surprise(weight, exit_of):
+        of_exit = np.stack([(weight * (exit_of == k)).sum(axis=1) for k in range(len(exits))], axis=1)
         unknown = weight.sum(axis=1) - of_exit.sum(axis=1)
-        p = (1 - FLOOR) * (of_exit + unknown[:, None] / n_exits) + FLOOR / n_exits
+        p = (1 - FLOOR) * (of_exit + unknown[:, None] / len(exits)) + FLOOR / len(exits)
         return -np.log(p[slot, cases.exit])
 
-    before = surprise()
+    before = particles.belief.cloud.weight[:n].copy()
     for cue, given in cues:
         if given.size:
             particles.heed(given, cue)
-    return before, surprise()
+    after = particles.belief.cloud.weight[:n].copy()
+    exit_of = moved_on()  # the weights stay with the particles
+    return surprise(before, exit_of), surprise(after, exit_of)
 
 
 def mean_over_vehicles(value, vehicle):
@@ -121,7 +131,7 @@ def main():
     for seed in range(given.seeds):
         fold = split(tracks, by="vehicle", n_folds=2, rng=np.random.default_rng(seed))[0]
         learned = learn_primitives(fold.train, rng=np.random.default_rng(seed))
-        centers, exit_of_row = exits_of(learned.journeys)
+        centers = exits_of(fold.train)
         cases = cases_of(fold.test, centers)
         cases = Cases(*(column[np.abs(cases.turn) > LEAST_TURN] for column in cases))
         right = cases.turn < 0
@@ -131,8 +141,7 @@ def main():
                 learned,
                 cases,
                 cues,
-                exit_of_row=exit_of_row,
-                n_exits=len(centers),
+                exits=centers,
                 rng=np.random.default_rng([seed, 1]),
             )
             of[name] = mean_over_vehicles(after, cases.vehicle)

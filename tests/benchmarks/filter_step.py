@@ -1,7 +1,7 @@
 """What a step of the particle filter costs, and what bounds it; what a forecast costs.
 
-Defends: vehicles follow remembered journeys, two normal draws and a look-up to a step, and look for another journey
-now and then; deviations relax linearly, so that no exponential and no gamma is drawn on the way.
+Defends: vehicles move by manoeuvres, two normal draws and the look-up of a cell to a step, and go over to another where
+they enter a cell; deviations relax linearly, so that no exponential and no gamma is drawn on the way.
 
     python tests/benchmarks/filter_step.py
 
@@ -70,13 +70,13 @@ def main():
     slot = np.arange(N_VEHICLES)
     n = N_VEHICLES * N_PARTICLES
     print(f"{'part':<34}{'ms':>8}{'ns per particle':>18}")
-    for name, primitive_map in (("journeys", learned), ("place-free", learned.without_places())):
+    for name, primitive_map in (("manoeuvres", learned), ("place-free", learned.without_places())):
         bayes_filter = ParticleFilter(primitive_map, FilterConfig(n_particles=N_PARTICLES, resample_below=1.0))
         bayes_filter.reserve(N_VEHICLES)
         bayes_filter.begin(slot, np.arange(N_VEHICLES, dtype=np.uint64), detections)
         dt_s = np.full(N_VEHICLES, 0.1)
         still = bayes_filter.belief.cloud
-        bayes_filter.predict(slot, dt_s)  # the first looks for journeys; those after it go on
+        bayes_filter.predict(slot, dt_s)  # compiled now
         kept = [column.copy() for column in still]
 
         def restore(still=still, kept=kept):

@@ -1,6 +1,6 @@
-"""Is following remembered journeys as good as a network trained for nothing but the forecast?
+"""Is moving by manoeuvres as good as a network trained for nothing but the forecast?
 
-Defends: the motion model of `primitives.journeys`, which forecasts any horizon, beside a mixture density network
+Defends: the motion model of `primitives.motion`, which forecasts any horizon, beside a mixture density network
 (Bishop 1994) trained straight for one: position, direction and speed in, a mixture of eight Gaussians of the position
 so many seconds later out. Early stopping on vehicles of its own. Same vehicles for all.
 
@@ -16,7 +16,13 @@ import numpy as np
 
 from dirprim_filter import read_tracks
 from dirprim_filter.evaluation import forecasting
-from dirprim_filter.evaluation.forecasting import Cases, by_constant_velocity, by_map, evaluate_forecasts
+from dirprim_filter.evaluation.forecasting import (
+    Cases,
+    by_constant_velocity,
+    by_map,
+    by_trajectory_memory,
+    evaluate_forecasts,
+)
 
 try:
     import torch
@@ -132,15 +138,16 @@ def main():
     given = parser.parse_args()
     table = evaluate_forecasts(
         read_tracks(given.log), horizons_s=(given.horizon,), n_seeds=given.seeds,
-        methods=(by_map, by_network, by_constant_velocity), rng=np.random.default_rng(0),
+        methods=(by_map, by_network, by_trajectory_memory, by_constant_velocity), rng=np.random.default_rng(0),
     )  # fmt: skip
-    print(f"{'':<20}{'energy, m':>12}{'to CV':>8}{'best of 20':>12}{'NLL':>8}{'in 50 %':>9}{'in 90 %':>9}")
+    heads = {"energy, m": 12, "se": 8, "to CV": 8, "best of 20": 12, "NLL": 8, "in 50 %": 9, "in 90 %": 9}
+    print(" " * 20 + "".join(f"{head:>{width}}" for head, width in heads.items()))
     baseline = table.methods[-1].horizons[0].energy
     for row in table.methods:
         s = row.horizons[0]
         print(
-            f"{row.name:<20}{s.energy:>12.2f}{s.energy / baseline:>8.2f}{s.best_of_20:>12.2f}{s.nll:>8.2f}"
-            f"{s.coverage_50:>9.2f}{s.coverage_90:>9.2f}"
+            f"{row.name:<20}{s.energy:>12.2f}{s.energy_se:>8.2f}{s.energy / baseline:>8.2f}"
+            f"{s.best_of_20:>12.2f}{s.nll:>8.2f}{s.coverage_50:>9.2f}{s.coverage_90:>9.2f}"
         )
 
 

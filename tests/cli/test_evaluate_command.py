@@ -9,6 +9,7 @@ from dirprim_filter import write_tracks
 from dirprim_filter.cli.main import run
 
 DONE, FAILED, USAGE = 0, 1, 2
+FORECASTS = ["prior", "place-free", "one cell", "trajectory memory", "constant velocity"]
 
 
 @pytest.fixture(scope="module")
@@ -126,12 +127,12 @@ def test_forecast_tells_people_and_machines_the_same_and_draws(log, capsys, tmp_
     assert evaluate(*options, "--json") == DONE
     table = json.loads(capsys.readouterr().out)
     assert text.startswith("8 vehicles held out by vehicle, 2 folds, 1 seeds; 20 futures each")
-    assert [row["name"] for row in table["methods"]] == ["prior", "place-free", "constant velocity"]
+    assert [row["name"] for row in table["methods"]] == FORECASTS
     lines = [line.split() for line in text.splitlines() if " s   " in line]
-    figures = ("n_cases", "energy", "ade", "fde", "best_of_20", "nll", "coverage_50", "coverage_90")
+    figures = ("n_cases", "energy", "energy_se", "ade", "fde", "best_of_20", "nll", "coverage_50", "coverage_90")
     scores = [score for row in table["methods"] for score in row["horizons"]]
     for line, score in zip(lines, scores, strict=True):
-        assert line[2:10] == [str(score["n_cases"]), *(f"{score[name]:.2f}" for name in figures[1:])]
+        assert line[2:11] == [str(score["n_cases"]), *(f"{score[name]:.2f}" for name in figures[1:])]
 
 
 def test_a_configuration_that_is_none_is_told_as_such(log, capsys, tmp_path):

@@ -13,7 +13,6 @@ from dirprim_filter.evaluation.cues import (
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import TURN_LEFT, Cue
 from dirprim_filter.tracks import Tracks
-from situations import one_cell_map
 from tessellation import GridTessellation
 
 
@@ -27,7 +26,7 @@ def street(n_cells, mixtures):
         ),
         direction=VonMisesMixture(weight=weight, mean_direction=mean, concentration=concentration),
         speed=Gamma(shape=np.full((n_cells + 1, n_modes), 9.0), rate=np.ones((n_cells + 1, n_modes))),
-        n_rows=np.ones(n_cells + 1, np.int64), n_place_free_modes=0, relaxation=one_cell_map().relaxation,
+        n_rows=np.ones(n_cells + 1, np.int64), n_place_free_modes=0,
     )  # fmt: skip
 
 

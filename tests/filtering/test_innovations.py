@@ -27,7 +27,7 @@ def tracked(*, noise_m, n_vehicles=40, n_frames=25, jump_at=None, with_innovatio
         time_ns=np.repeat((t * 1e9).round().astype(np.int64), n_vehicles),
         position=measured.reshape(-1, 2),
     )
-    primitive_map = one_cell_map(speed=10.0, shape=1e4, concentration=1e4, drift=0.01)
+    primitive_map = one_cell_map(speed=10.0, shape=1e4, concentration=1e4)
     config = FilterConfig(n_particles=600, noise_m=noise_m)
     frames = Frames()
     tracker = Tracker(primitive_map, config=config, with_innovations=with_innovations, rng=np.random.default_rng(2))

@@ -11,7 +11,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.filtering import _kernels, _measuring, particle_filter
 from dirprim_filter.filtering.belief import FIRST_CAPACITY, ParticleBelief, birth_key
-from dirprim_filter.filtering.motion import motion_table
+from dirprim_filter.filtering.motion import tracking_table
 from situations import one_cell_map
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
@@ -29,9 +29,8 @@ def cloud():
         direction=rng.vonmises(3.0, 4.0, (3, 500)),
         speed=rng.gamma(5.0, 2.0, (3, 500)),
         cell=rng.integers(0, 9, (3, 500)),
-        mode=rng.integers(0, 3, (3, 500)),
-        row=np.full((3, 500), -1),
-        since=np.zeros((3, 500)),
+        manoeuvre=rng.integers(0, 3, (3, 500)),
+        push=rng.normal(size=(3, 500)),
         weight=weight,
         state=rng.integers(2**63, size=(3, 4), dtype=np.uint64),
     )
@@ -66,7 +65,7 @@ def weighed(cloud, vehicle, place, *, noise_m):
 
 def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(cloud):
     before = copied(cloud)
-    table = motion_table(one_cell_map(), FilterConfig())
+    table = tracking_table(one_cell_map(), FilterConfig())
     vehicle = np.array([1], np.int64)
     _kernels.settle(table, cloud, vehicle)
     _kernels.predict(table, cloud, vehicle, np.array([1e-9]))
@@ -131,7 +130,7 @@ def test_a_belief_that_has_kept_its_weight_is_left_as_it_is(cloud):
     before = copied(cloud)
     size = [1.0 / (cloud.weight[v] ** 2).sum() for v in VEHICLE]
     below = np.mean(size)  # between the two
-    _kernels.resample(cloud, VEHICLE, below, 0.0)
+    _kernels.resample(cloud, VEHICLE, below)
     for v, n in zip(VEHICLE, size, strict=True):
         assert (cloud.weight[v] == before.weight[v]).all() == (n >= below)
 
@@ -139,11 +138,11 @@ def test_a_belief_that_has_kept_its_weight_is_left_as_it_is(cloud):
 def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
     before = copied(cloud)
     heaviest = int(before.weight[2].argmax())
-    _kernels.resample(cloud, VEHICLE, np.inf, 0.0)
+    _kernels.resample(cloud, VEHICLE, np.inf)
     np.testing.assert_allclose(cloud.weight[VEHICLE], 1 / 500)
     rows = {tuple(before.position[2, p]): p for p in range(500)}
     origin = np.array([rows[tuple(place)] for place in cloud.position[2]])
-    for name in ("cell", "mode"):
+    for name in ("cell", "manoeuvre", "push"):
         np.testing.assert_array_equal(getattr(cloud, name)[2], getattr(before, name)[2, origin])
     stays = np.unique(origin)
     for name, off_by in (("direction", wrap), ("speed", np.asarray)):  # copies are spread a little, the others stay
@@ -159,10 +158,11 @@ def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
 
 
 def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
-    table = motion_table(ring_map, FilterConfig(direction_spread=1e-6, speed_spread=1e-6))
-    belief = ParticleBelief(n_particles=20_000)
+    table = tracking_table(ring_map, FilterConfig())
+    belief = ParticleBelief(n_particles=20_000, mode_of=ring_map.motion.mode)
     place = np.array([20.0, 0.0])
-    _kernels.be_born(table, belief.cloud, np.array([0]), np.array([7], np.uint64), place[None], 0.01)
+    key = np.array([7], np.uint64)
+    _kernels.be_born(table, ring_map.compiled(), belief.cloud, np.array([0]), key, place[None], 0.01)
     x, y = (belief.cloud.position[0] - place).T
     assert stats.kstest(x, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
     assert stats.kstest(y, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
@@ -177,7 +177,7 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
 
 
 def test_slots_keep_what_they_hold_when_there_is_room_for_more():
-    belief = ParticleBelief(n_particles=3)
+    belief = ParticleBelief(n_particles=3, mode_of=np.zeros(1, np.int64))
     belief.cloud.position[:] = np.arange(FIRST_CAPACITY)[:, None, None]
     before = copied(belief.cloud)
     belief.reserve(FIRST_CAPACITY + 5)
@@ -198,4 +198,4 @@ def test_a_birth_key_differs_by_seed_by_vehicle_and_by_time():
 
 def test_a_belief_without_particles_is_refused():
     with pytest.raises(ValueError, match="n_particles: expected at least 1, got 0"):
-        ParticleBelief(n_particles=0)
+        ParticleBelief(n_particles=0, mode_of=np.zeros(1, np.int64))

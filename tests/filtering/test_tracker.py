@@ -232,8 +232,8 @@ def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to
     measured = truth + rng.normal(0, noise_m, truth.shape)
     frames = [one("a", i * dt_s, *place) for i, place in enumerate(measured)]
     found, _ = track(
-        one_cell_map(drift=drift), frames, n_particles=n, noise_m=noise_m, outlier_probability=1e-12,
-        direction_spread=1e-6, speed_spread=1e-6,
+        one_cell_map(), frames, n_particles=n, noise_m=noise_m, outlier_probability=1e-12, drift=drift,
+        place_free_share=1e-12,
     )  # fmt: skip
 
     def off(**change):

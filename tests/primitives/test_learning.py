@@ -99,7 +99,7 @@ def parameters(learned):
     return [
         learned.tessellation.centers, learned.direction.weight, learned.direction.mean_direction,
         learned.direction.concentration, learned.speed.shape, learned.speed.rate, learned.n_rows,
-        np.array([getattr(learned.relaxation, name) for name in learned.relaxation.__dataclass_fields__]),
+        *(np.asarray(getattr(learned.motion, name)) for name in learned.motion.__dataclass_fields__),
     ]  # fmt: skip
 
 

@@ -6,7 +6,6 @@ from scipy import stats
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture, _blocks
 from dirprim_filter.primitives import PrimitiveMap
-from dirprim_filter.primitives.primitive_map import Relaxation
 from oracles import map_log_densities
 from situations import one_cell_map
 from tessellation import GridTessellation
@@ -34,13 +33,9 @@ def random_map(*, curved, least=1e-9, concentration=1e6, seed=0):
         speed=Gamma(shape=alpha, rate=alpha / rng.uniform(0.5, 20.0, shape)),
         n_rows=np.ones(shape[0], np.int64),
         n_place_free_modes=0,
-        relaxation=Relaxation(
-            direction_rate=1.0, speed_rate=1.0, mode_rate=1.0, place_free_turning=1.0, place_free_speed_rate=1.0,
-            drift=1.0,
-        ),
         bend=slope[0],
         gain=slope[1],
-    )  # fmt: skip
+    )
 
 
 def rows(n, rng):
@@ -139,7 +134,6 @@ def test_direction_and_speed_of_a_sample_are_of_one_mode():
         speed=Gamma(shape=np.full((2, 2), 1e4), rate=1e4 / np.array([[3.0, 12.0]] * 2)),
         n_rows=learned.n_rows,
         n_place_free_modes=0,
-        relaxation=learned.relaxation,
     )
     direction, speed = two.sample(np.zeros((1000, 2)), rng=np.random.default_rng(0))
     np.testing.assert_array_equal(direction > 1.0, speed > 7.0)

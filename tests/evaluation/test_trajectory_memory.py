@@ -1,0 +1,115 @@
+"""Trajectory memory: vehicles go on as one that was seen here and moved like it, never as themselves."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter.evaluation.baselines import trajectory_memory
+from dirprim_filter.evaluation.baselines.trajectory_memory import FARTHEST, States, TrajectoryMemory
+from dirprim_filter.tracks import Tracks
+from situations import ring_traffic
+
+RADIUS, SPEED = 20.0, 8.0
+
+
+def on_ring(angle, *, radius=RADIUS, speed=SPEED):
+    angle = np.atleast_1d(angle)
+    place = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    return States(place, angle + np.pi / 2, np.full(angle.size, speed))
+
+
+def drawn(memory, start, time_s, *, n_samples=200, but=None):
+    return memory.sample(start, time_s=np.array(time_s), n_samples=n_samples, but=but, rng=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def memory():
+    return TrajectoryMemory.of(ring_traffic(np.random.default_rng(0), n_vehicles=40))
+
+
+def test_on_a_ring_it_goes_along_the_ring_and_off_it_straight_on(memory):
+    path = drawn(memory, on_ring([0.3, 2.0]), (1.0, 3.0))
+    radius = np.linalg.norm(path, axis=-1)
+    angle = np.arctan2(path[..., 1], path[..., 0]) - np.array([0.3, 2.0])[:, None, None]
+    assert np.median(np.abs(radius - RADIUS)) < 1.0
+    np.testing.assert_allclose(np.median(angle % (2 * np.pi), axis=1), [[0.4, 1.2]] * 2, rtol=0.1)
+    beside = States(np.array([[200.0, 0.0]]), np.array([0.0]), np.array([SPEED]))  # the control: nobody was there
+    strangers = drawn(memory, beside, (3.0,))
+    bend = np.linalg.norm(strangers - [200.0, 0.0], axis=-1)
+    assert np.median(np.abs(np.linalg.norm(strangers, axis=-1) - RADIUS)) > 100.0
+    assert (bend < 1.7 * 3.0 * SPEED).all()
+
+
+def test_who_moves_against_all_others_follows_none_of_them(memory):
+    row, weight = memory._alike(on_ring([0.3]), np.array([-1]))
+    assert weight.sum() > 1.0
+    against = on_ring([0.3])._replace(direction=np.array([0.3 - np.pi / 2]))
+    assert memory._alike(against, np.array([-1]))[1].sum() == 0.0
+    assert np.isfinite(row[weight > 0]).all()
+
+
+def test_weights_are_those_of_a_slow_loop_over_all_rows(memory, monkeypatch):
+    """Each row's way to its next is cut fine, and the nearest place of it taken."""
+    monkeypatch.setattr(trajectory_memory, "NEIGHBOURS", 600)
+    start = on_ring([1.0])
+    row, weight = memory._alike(start, np.array([3]))
+    found = dict(zip(np.round(row[weight > 0], 2), weight[weight > 0], strict=True))
+    n_alike = 0
+    for r in memory._going:
+        fine = r + np.linspace(0.0, 1.0, 2001)
+        at = memory.at(fine)
+        nearest = np.argmin(np.linalg.norm(at.position - start.position, axis=1))
+        distance = ((memory.at(fine[[nearest]]).features() - start.features()) ** 2).sum() / memory.nearness**2
+        if memory.vehicle[r] != 3 and distance < 0.8 * FARTHEST:
+            n_alike += 1
+            near = min(found, key=lambda key, at=fine[nearest]: abs(key - at))
+            assert near == pytest.approx(fine[nearest], abs=0.02)
+            assert found[near] == pytest.approx(np.exp(-0.5 * distance), rel=0.05, abs=1e-4)
+    assert 20 < n_alike <= (weight > 0).sum()
+
+
+def test_a_vehicle_never_follows_itself():
+    alone = ring_traffic(np.random.default_rng(0), n_vehicles=1)
+    memory = TrajectoryMemory.of(alone)
+    start = States(alone.position[:1], alone.direction[:1], alone.speed[:1])
+    radius = {but: np.linalg.norm(drawn(memory, start, (3.0,), but=np.array([but])), axis=-1) for but in (-1, 0)}
+    own = np.linalg.norm(alone.position[0])
+    assert np.median(np.abs(radius[-1] - own)) < 1.0
+    assert (radius[0] > own + 5.0).all()  # straight on: there is nobody else
+
+
+def test_groups_are_worlds_whose_vehicles_are_not_the_same():
+    one = ring_traffic(np.random.default_rng(0), n_vehicles=1)
+    rows = {
+        name: np.concatenate([getattr(one, name)] * 2)
+        for name in ("track_id", "time_ns", "position", "direction", "speed")
+    }
+    memory = TrajectoryMemory.of(Tracks(**rows, group=np.repeat([0, 1], len(one))))
+    assert np.unique(memory.vehicle).tolist() == [0, 1]
+    start = States(one.position[:1], one.direction[:1], one.speed[:1])
+    path = drawn(memory, start, (3.0,), but=np.array([0]))
+    assert np.median(np.abs(np.linalg.norm(path, axis=-1) - np.linalg.norm(one.position[0]))) < 1.0
+
+
+def test_the_chosen_knobs_are_no_worse_and_what_is_too_wide_is_not_chosen(monkeypatch):
+    memory = TrajectoryMemory.of(ring_traffic(np.random.default_rng(0), n_vehicles=40))
+    monkeypatch.setattr(trajectory_memory, "CANDIDATES", {"nearness": (20.0,), "strength": (50.0,)})
+    kept = memory.chosen(rng=np.random.default_rng(0))
+    assert (kept.nearness, kept.strength) == (memory.nearness, memory.strength)
+    monkeypatch.setattr(trajectory_memory, "CANDIDATES", {"nearness": (0.7,), "strength": (0.1,)})
+    wrong = trajectory_memory.replace(memory, nearness=0.01, strength=50.0)
+    better = wrong.chosen(rng=np.random.default_rng(0))
+    assert (better.nearness, better.strength) == (0.7, 0.1)
+
+
+def test_of_tracks_of_one_row_there_is_nothing_to_remember_and_all_go_straight_on():
+    lone = Tracks(
+        track_id=np.arange(3), time_ns=np.zeros(3, np.int64), position=np.zeros((3, 2)), direction=np.zeros(3),
+        speed=np.ones(3),
+    )  # fmt: skip
+    memory = TrajectoryMemory.of(lone).chosen(rng=np.random.default_rng(0))
+    path = drawn(memory, States(np.zeros((1, 2)), np.zeros(1), np.full(1, 10.0)), (2.0,))
+    np.testing.assert_allclose(path[0, :, 0], np.tile([20.0, 0.0], (200, 1)), atol=1.0)
+
+
+def test_the_same_seed_draws_the_same_futures(memory):
+    np.testing.assert_array_equal(drawn(memory, on_ring([0.3]), (1.0,)), drawn(memory, on_ring([0.3]), (1.0,)))

@@ -1,0 +1,94 @@
+"""Maps whose manoeuvres are written by hand, and particles that move by them."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions import _random as random
+from dirprim_filter.filtering.motion import forecast_table
+from dirprim_filter.primitives import PrimitiveMap, _motion
+from dirprim_filter.primitives.motion import FLOATS, Motion, joined, place_free_manoeuvres
+from tessellation import GridTessellation
+
+SIDE = 20.0
+NOTHING = 1e-300
+
+
+class Particles(NamedTuple):
+    """Particles of one vehicle."""
+
+    position: np.ndarray
+    direction: np.ndarray
+    speed: np.ndarray
+    cell: np.ndarray
+    manoeuvre: np.ndarray
+    push: np.ndarray
+
+
+def seeded(key):
+    state = np.zeros(4, np.uint64)
+    random.seed_state(np.uint64(key), state)
+    return state
+
+
+def motion_by_hand(cell, *, transitions=(), strength=NOTHING, course_rate=2.0, turning=0.2, **columns):
+    """Manoeuvres of cells, all alike but for the columns given; (before, after, count) of each transition.
+
+    Vehicles keep 10 m/s, without noise; `strength` is next to nothing, so that no place-free manoeuvre is taken up.
+    """
+    n = len(cell)
+    wide = {"bend": 2, "gain": 2, "path": 3, "acceleration": 4}
+    usual = {"visits": 1.0, "seconds": 1.0, "course_spread": 0.0, "log_pace": np.log(10.3), "log_pace_spread": 10.0}
+    usual |= {"path_spread": 1e3}
+    placed = {name: np.full((n, wide[name]) if name in wide else n, usual.get(name, 0.0)) for name in FLOATS}
+    for name, column in columns.items():
+        placed[name][:] = column
+    placed |= {"cell": np.array(cell), "mode": np.zeros(n, np.int64)}
+    free = place_free_manoeuvres(
+        share=np.array([1.0]), push=np.array([1.0]), turning=np.array([turning]), standing=0.1, start_rate=0.1
+    )
+    pairs = sorted(transitions)
+    first = np.searchsorted([before for before, _, _ in pairs], np.arange(n + len(free["cell"]) + 1))
+    return Motion(
+        **joined(placed, free), first=first, following=np.array([after for _, after, _ in pairs], np.int64),
+        count=np.array([count for _, _, count in pairs], np.float64), strength=strength, course_rate=course_rate,
+    )  # fmt: skip
+
+
+def squares(n_x, n_y, motion, *, side=SIDE):
+    """A map of square cells from the origin on, row by row, that moves so; its primitives head east at 10 m/s."""
+    n = n_x * n_y
+    column = np.ones((n + 1, 1))
+    return PrimitiveMap(
+        tessellation=GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n_x, n_y=n_y, square=np.arange(n)),
+        direction=VonMisesMixture(weight=column, mean_direction=0 * column, concentration=100.0 * column),
+        speed=Gamma(shape=100.0 * column, rate=10.0 * column),
+        n_rows=np.ones(n + 1, np.int64), n_place_free_modes=0, motion=motion,
+    )  # fmt: skip
+
+
+def only_places(primitive_map):
+    """The same map, whose place-free manoeuvres no vehicle takes up where a cell has its own."""
+    return replace(primitive_map, motion=replace(primitive_map.motion, strength=NOTHING))
+
+
+def settled(table, n, *, place=(0.0, 0.0), direction=0.0, speed=10.0, state):
+    """Particles at one state, that have taken up manoeuvres."""
+    made = Particles(
+        np.tile(np.asarray(place, np.float64), (n, 1)), np.full(n, float(direction)), np.full(n, float(speed)),
+        np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n),
+    )  # fmt: skip
+    _motion.settle(table, *made, state)
+    return made
+
+
+def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, table_of=forecast_table, config=None, **start):
+    """Particles after so many seconds, cut into calls."""
+    table, state = table_of(primitive_map, config or FilterConfig()), seeded(key)
+    particles = settled(table, n, state=state, **start)
+    for _ in range(n_calls):
+        _motion.move(table, *particles, dt_s / n_calls, state)
+    return particles

@@ -1,0 +1,123 @@
+"""What is learned of how vehicles go on: it forecasts others, is the same for a seed, and grows slower than the log."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dirprim_filter import learn_primitives
+from dirprim_filter.filtering.futures import forecast_states
+from dirprim_filter.primitives.motion_learning import fit_motion, label_visits, learn_motion
+from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.visits import Visits
+from situations import junction_traffic, ring_traffic
+
+LAGS_S = [1.0, 2.0, 3.0]
+
+
+def energy_score(learned, tracks):
+    """Mean energy score, metres, of forecasts from every 15th row of vehicles, by its definition."""
+    scores = []
+    for name in np.unique(tracks.track_id):
+        own = tracks[tracks.track_id == name]
+        at = np.arange(5, len(own) - 30, 15)
+        later = np.stack([own.position[at + round(lag / 0.1)] for lag in LAGS_S], axis=1)
+        paths = forecast_states(
+            learned, position=own.position[at], direction=own.direction[at], speed=own.speed[at], time_s=LAGS_S,
+            n_samples=64, rng=np.random.default_rng(3),
+        )  # fmt: skip
+        off = np.linalg.norm(paths - later[:, None], axis=-1).mean(axis=1)
+        apart = np.linalg.norm(paths[:, :, None] - paths[:, None], axis=-1).sum(axis=(1, 2)) / (64 * 63)
+        scores.append((off - apart / 2).mean())
+    return float(np.mean(scores))
+
+
+@pytest.mark.parametrize("traffic", [ring_traffic, junction_traffic])
+def test_vehicles_held_out_are_forecast_better_by_their_places(traffic):
+    tracks = traffic(np.random.default_rng(1), n_vehicles=48)
+    held_out = tracks.track_id % 8 >= 6
+    learned = learn_primitives(tracks[~held_out], tessellation="grid", cell_size=8.0, rng=np.random.default_rng(1))
+    coarse = learn_primitives(tracks[~held_out], tessellation="grid", cell_size=1e3, rng=np.random.default_rng(1))
+    assert coarse.tessellation.n_cells <= 4
+    test = tracks[held_out]
+    with_places, without, one_place = (energy_score(m, test) for m in (learned, learned.without_places(), coarse))
+    assert with_places < 0.7 * without
+    assert with_places < 0.7 * one_place
+
+
+@pytest.fixture(scope="module")
+def junction():
+    tracks = junction_traffic(np.random.default_rng(2), n_vehicles=120)
+    learned = learn_primitives(tracks, tessellation="grid", cell_size=10.0, rng=np.random.default_rng(2))
+    return learned, TrackRows.thinned(tracks, interval_s=0.2)
+
+
+def columns(motion):
+    return {name: np.asarray(getattr(motion, name)) for name in motion.__dataclass_fields__}
+
+
+def test_motion_is_the_same_for_the_same_seed(junction):
+    learned, rows = junction
+    first, again, other = (columns(learn_motion(learned, rows, rng=np.random.default_rng(s))) for s in (4, 4, 5))
+    for name, column in first.items():
+        np.testing.assert_array_equal(column, again[name])
+    assert any(not np.array_equal(column, other[name]) for name, column in first.items())
+
+
+def test_twice_the_vehicles_are_less_than_half_as_many_manoeuvres_more(junction):
+    learned, rows = junction
+
+    def n_manoeuvres(part, detail):
+        visits = Visits.of(rows[part], learned.tessellation)
+        return label_visits(learned, visits, detail=detail, rng=np.random.default_rng(0)).cell.size
+
+    half, all_ = rows.vehicle < 60, rows.vehicle < 120
+    for detail in (0.3, 1.0, 3.0):
+        assert n_manoeuvres(all_, detail) < 1.5 * n_manoeuvres(half, detail)
+    few, some = rows.vehicle < 9, rows.vehicle < 18
+    assert n_manoeuvres(some, 1e-6) > 1.5 * n_manoeuvres(few, 1e-6)  # where every visit is a manoeuvre of its own
+
+
+def test_finer_detail_is_more_manoeuvres(junction):
+    learned, rows = junction
+    visits = Visits.of(rows, learned.tessellation)
+    sizes = [
+        len(fit_motion(learned, visits, detail=d, strength=1.0, spread=1.0, rng=np.random.default_rng(0)))
+        for d in (0.1, 1.0, 10.0)
+    ]
+    assert sizes[0] > sizes[1] > sizes[2] > learned.tessellation.n_cells
+
+
+def test_where_nobody_was_in_a_cell_motion_is_of_no_place(junction):
+    learned, rows = junction
+    elsewhere = replace(rows, position=rows.position + 1e4)
+    motion = learn_motion(learned, elsewhere, rng=np.random.default_rng(0))
+    assert motion.n_placed == 0
+    assert len(motion) > 1
+    assert (motion.push > 0).any()
+
+
+def test_labels_are_of_one_cell_and_mode_each(junction):
+    learned, rows = junction
+    visits = Visits.of(rows, learned.tessellation)
+    labels = label_visits(learned, visits, detail=1.0, rng=np.random.default_rng(0))
+    inside = visits.cell >= 0
+    np.testing.assert_array_equal(labels.label >= 0, inside)
+    np.testing.assert_array_equal(labels.cell[labels.label[inside]], visits.cell[inside])
+    standing = learned.direction.weight.shape[1] - learned.n_place_free_modes - 1
+    np.testing.assert_array_equal(labels.mode[labels.label[inside]] == standing, visits.stands[inside])
+    assert (np.diff(labels.cell) >= 0).all()
+    np.testing.assert_array_equal(np.unique(labels.label[inside]), np.arange(labels.cell.size))
+
+
+def test_the_manoeuvres_of_a_junction_tell_who_turns(junction):
+    """Before the junction nobody has turned; by their manoeuvre's count vehicles go on left, right and straight."""
+    learned, rows = junction
+    visits = Visits.of(rows, learned.tessellation)
+    motion = fit_motion(learned, visits, detail=1.0, strength=1.0, spread=1.0, rng=np.random.default_rng(0))
+    entry = learned.tessellation.cell_of(np.array([[35.0, 0.5], [35.0, -0.5]]))
+    here = np.isin(motion.cell, entry)
+    for turn in (-np.pi / 2, 0.0, np.pi / 2):
+        share = motion.visits[here & (np.abs(motion.turn_ahead - turn) < 0.5)].sum() / motion.visits[here].sum()
+        assert share == pytest.approx(1 / 3, abs=0.05)
+    np.testing.assert_allclose(motion.course[here], 0.0, atol=0.15)

@@ -1,0 +1,197 @@
+"""Particles move by manoeuvres: the kernels against slow twins, and who goes where as often as counted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.filtering.motion import forecast_table
+from dirprim_filter.primitives import _motion
+from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
+from moving import SIDE, motion_by_hand, moved, seeded, squares
+from oracles import log_fit, manoeuvre_weights, moved_without_noise
+
+FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
+N = 20_000
+EXTENT = 0.6 * SIDE
+STILL = MotionKnobs(drift=0.0, step_s=0.1)
+
+
+def random_map(rng, *, noise=1.0):
+    """Two cells, four manoeuvres in motion and one that stands in each, of random fields."""
+    n = 10
+    motion = motion_by_hand(
+        np.repeat([0, 1], 5), start_rate=np.tile([0.0, 0.0, 0.0, 0.0, 0.3], 2), visits=rng.gamma(2.0, 5.0, n),
+        seconds=rng.gamma(2.0, 5.0, n), course=rng.uniform(-3, 3, n), bend=rng.normal(0, 0.05, (n, 2)),
+        course_spread=noise * rng.gamma(2.0, 0.2, n), log_pace=rng.normal(2.0, 0.3, n), turning=0.2 * noise,
+        gain=rng.normal(0, 0.02, (n, 2)), log_pace_spread=rng.gamma(2.0, 0.3, n), strength=3.0,
+        path=rng.normal(0, [1.0, 0.1, 0.01], (n, 3)),
+        path_spread=rng.gamma(2.0, 1.0, n), path_direction=rng.uniform(-3, 3, n),
+        acceleration=rng.normal(0, [1.0, 0.05, 0.05, 0.1], (n, 4)), push=rng.gamma(2.0, 0.5, n),
+        stretch=rng.normal(0, 0.1, n),
+    )  # fmt: skip
+    return squares(2, 1, motion)
+
+
+def somewhere(rng):
+    """A place in or near the two cells, a direction, a speed: every fourth stands."""
+    speed = rng.choice([rng.uniform(0.0, 0.29), *rng.uniform(0.31, 20.0, 3)])
+    return rng.uniform([-8.0, -8.0], [48.0, 28.0]), rng.uniform(-np.pi, np.pi), speed
+
+
+def test_how_well_a_vehicle_fits_is_what_the_slow_twin_says():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        random = random_map(rng)
+        table = motion_table(random, STILL)
+        for z in range(10):
+            place, direction, speed = somewhere(rng)
+            center = random.centers[random.motion.cell[z]]
+            slow = log_fit(random.motion, z, center, EXTENT, place, direction, speed)
+            assert _motion.log_fit(table.row[z], *place, direction, speed) == pytest.approx(slow, rel=1e-9, abs=1e-9)
+            nudged = _motion.log_fit(table.row[z], *place, direction, speed * 1.001 + 1e-3)
+            assert nudged != pytest.approx(slow, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("by_time", [False, True])
+def test_weights_of_manoeuvres_are_what_the_slow_twin_says(by_time):
+    rng, state = np.random.default_rng(2), seeded(2)
+    for _ in range(100):
+        random = random_map(rng)
+        table, room = motion_table(random, STILL), np.full(20, np.nan)
+        place, direction, speed = somewhere(rng)
+        for cell in (0, 1):
+            _motion.take_up(table, cell, *place, direction, speed, by_time, 0.0, room, state)
+            slow = manoeuvre_weights(
+                random.motion, cell, random.centers[cell], EXTENT, place, direction, speed, by_time=by_time
+            )
+            np.testing.assert_allclose(room[:5], slow, rtol=1e-9, atol=1e-200)
+            assert (slow[4] > 0) == (speed < 0.3)
+
+
+def test_manoeuvres_are_taken_up_by_their_weights_against_the_strength_of_no_place():
+    rng = np.random.default_rng(5)
+    random = random_map(rng)
+    place, direction, speed = np.array([12.0, 8.0]), 0.3, 8.0
+    weight = manoeuvre_weights(random.motion, 0, random.centers[0], EXTENT, place, direction, speed, by_time=True)
+    random = replace(random, motion=replace(random.motion, strength=0.5 * weight.sum()))
+    for share, free in ((0.0, 1 / 3), (0.2, 1 / 3), (0.7, 0.7)):
+        table = motion_table(random, MotionKnobs(place_free_share=share))
+        room, state = np.empty(20), seeded(4)
+        found = [_motion.take_up(table, 0, *place, direction, speed, True, share, room, state) for _ in range(N)]
+        count = np.bincount(found, minlength=12)
+        expected = N * np.append((1 - free) * weight / weight.sum(), free)
+        seen = np.append(count[:5], count[10:].sum())
+        assert count[5:10].sum() == count[11] == 0  # of the other cell; who moves does not stand
+        often = expected > 5
+        right = expected[often]
+        assert stats.chisquare(seen[often], right * seen[often].sum() / right.sum()).pvalue > FALSE_ALARM
+        wrong = N * np.append((1 - 0.9 * free) * weight / weight.sum(), 0.9 * free)[often]
+        assert stats.chisquare(seen[often], wrong * seen[often].sum() / wrong.sum()).pvalue < FALSE_ALARM
+
+
+def test_a_step_that_nothing_disturbs_is_the_slow_twins():
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        random = random_map(rng, noise=0.0)
+        table = motion_table(random, STILL)
+        z = int(rng.choice([0, 1, 2, 3, 10]))
+        place, direction, speed = rng.uniform(4.0, 16.0, 2), rng.uniform(-np.pi, np.pi), rng.uniform(4.0, 20.0)
+        push = rng.normal() if z < 10 else 0.0
+        position, course, pace, pushes = place[None].copy(), np.array([direction]), np.array([speed]), np.array([push])
+        z_of = np.array([z])
+        _motion.move(table, position, course, pace, np.zeros(1, np.int64), z_of, pushes, 0.07, seeded(1))
+        center = random.centers[random.motion.cell[z]]
+        slow = moved_without_noise(random.motion, z, center, EXTENT, place, direction, speed, push, 0.07)
+        assert z_of[0] == z
+        np.testing.assert_allclose(position[0], slow[0], rtol=1e-9)
+        assert course[0] == pytest.approx(slow[1], abs=1e-9)
+        assert pace[0] == pytest.approx(slow[2], rel=1e-9)
+        assert np.linalg.norm(slow[0] - place) > 0.1
+
+
+def test_a_step_follows_the_arc():
+    """The way to the middle direction, to second order: over a turn of 0.1 rad off by less than 0.1^3 / 48."""
+    turns = motion_by_hand([0], bend=[[0.1, 0.0]], course_rate=1e-9)
+    found = moved(squares(1, 1, turns), 0.1, n=1, place=(10.0, 10.0), config=FilterConfig(drift=1e-30))
+    np.testing.assert_allclose(found.position[0] - 10.0, [np.cos(0.05), np.sin(0.05)], atol=0.1**3 / 48 + 1e-9)
+
+
+def fork():
+    """A stem whose vehicles leave it up or down into cells of three ways that differ by how often they were seen.
+
+    Cells from south to north: 0, the stem, 2. Who came up went on by manoeuvre 5 six times and 6 once; nobody was seen
+    to come down. Vehicles start in the middle of the stem, heading between the two.
+    """
+    up = 1.2
+    return squares(1, 3, motion_by_hand(
+        [0, 0, 0, 1, 1, 2, 2, 2], visits=[1.0, 2.0, 5.0, 10.0, 30.0, 4.0, 4.0, 2.0],
+        seconds=[1.0, 1.0, 1.0, 10.0, 30.0, 1.0, 1.0, 1.0], course=[-up, -up, -up, -up, up, up, up, up],
+        course_spread=0.1,
+        transitions=[(4, 5, 6.0), (4, 6, 1.0)],
+    ))  # fmt: skip
+
+
+def test_vehicles_go_where_the_counts_say_and_back_off_where_nothing_was_counted():
+    found = moved(fork(), 1.8, n=N, place=(2.0, 30.0))
+    above = found.cell == 2
+    assert (found.cell != 1).all()
+    assert (above == (found.manoeuvre >= 5)).all()
+    assert stats.binomtest(int(above.sum()), N, 0.75).pvalue > FALSE_ALARM
+
+    def as_seen(share, of):
+        return stats.chisquare(np.bincount(of, minlength=3), of.size * np.array(share)).pvalue > FALSE_ALARM
+
+    up, down = found.manoeuvre[above] - 5, found.manoeuvre[~above]
+    unseen = _motion.DISCOUNT  # of each kind that was seen, for what was not
+    seen, backed_off = np.array([6 - unseen, 1 - unseen, 0.0]), 2 * unseen * np.array([0.4, 0.4, 0.2])
+    assert as_seen((seen + backed_off) / 7, up)
+    assert not as_seen(np.array([6 - 0.01, 1.0, 0.01]) / 7, up)  # counts as they are
+    assert as_seen([1 / 8, 2 / 8, 5 / 8], down)  # by visits, for nobody was counted
+    assert not as_seen([1 / 3, 1 / 3, 1 / 3], down)  # by seconds
+
+
+def test_who_is_beside_the_course_stays_so_in_the_next_cell_less_what_is_forgotten():
+    for into, rate in ((0.5, 0.3), (-1.0, 0.3), (3.0, 1e-9)):
+        ahead = squares(2, 1, motion_by_hand([0, 1], course=[0.0, into], course_rate=rate))
+        for beside in (0.05, -0.2):
+            start = {"n": 3, "place": (17.0, 10.0), "direction": beside, "config": FilterConfig(drift=1e-30)}
+            before, after = (moved(ahead, t, **start) for t in (0.2, 0.4))
+            np.testing.assert_allclose(before.direction, beside * np.exp(-0.2 * rate), rtol=1e-9)
+            assert (before.cell == 0).all()
+            assert (after.cell == 1).all()
+            off = np.angle(np.exp(1j * (after.direction - into)))
+            np.testing.assert_allclose(off, beside * np.exp(-0.4 * rate), rtol=1e-9)
+
+
+def test_who_drives_by_no_place_keeps_its_direction_in_the_next_cell():
+    ahead = squares(2, 1, motion_by_hand([1], course=[0.5], course_rate=1e-9, turning=0.0))
+    found = moved(ahead, 0.4, n=3, place=(17.0, 10.0), direction=0.05, config=FilterConfig(drift=1e-30, step_s=0.4))
+    assert (found.cell == 1).all()
+    assert (found.manoeuvre == 0).all()
+    np.testing.assert_allclose(found.direction, 0.05, rtol=1e-9)
+
+
+def test_a_vehicles_own_pace_outlives_the_change_of_manoeuvre():
+    """Pushes are kept across cells: who gained speed in one cell by its own push goes on to gain in the next."""
+    ahead = squares(2, 1, motion_by_hand([0, 1], push=1.0))
+    found = moved(ahead, 0.4, n=N, place=(17.0, 10.0))
+    later = moved(ahead, 0.6, n=N, place=(17.0, 10.0))  # the same numbers, two steps more
+    assert (found.cell == 1).all()
+    assert np.corrcoef(found.speed - 10.0, later.speed - found.speed)[0, 1] > 0.8
+
+
+def test_rollouts_are_settled_particles_moved_on():
+    table = forecast_table(fork(), FilterConfig())
+    start, key = np.array([[2.0, 30.0, 0.0, 10.0], [3.0, 31.0, 0.1, 9.0]]), np.array([11, 12], np.uint64)
+    path = np.empty((2, 6, 3, 2))
+    _motion.rollout(table, start, np.array([0.5, 0.5, 1.0]), key, path)
+    for i in range(2):
+        part = np.empty((1, 6, 3, 2))
+        _motion.rollout(table, start[i : i + 1], np.array([0.5, 0.5, 1.0]), key[i : i + 1], part)
+        np.testing.assert_array_equal(part[0], path[i])
+        one = moved(fork(), 0.5, n=6, key=11 + i, place=start[i, :2], direction=start[i, 2], speed=start[i, 3])
+        np.testing.assert_array_equal(one.position, path[i, :, 0])
+    assert not np.array_equal(path[0, :, 0] - start[0, :2], path[1, :, 0] - start[1, :2])

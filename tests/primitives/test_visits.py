@@ -1,0 +1,160 @@
+"""Visits: a vehicle's runs through one cell each, whatever the rate of its log."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter.primitives._clustering import dp_means
+from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.visits import AHEAD_M, AHEAD_S, GAINED_MPS, GAINED_S, STEP_S, Visits
+from dirprim_filter.tracks import Tracks
+from oracles import dp_means as slow_dp_means
+from situations import ring_traffic
+from tessellation import GridTessellation
+
+
+def rows_of_tracks(tracks):
+    """All rows of tracks, by vehicle and time."""
+    return TrackRows.thinned(tracks, interval_s=1e-3)
+
+
+def squares_of(tracks, *, side):
+    return GridTessellation.covering(np.concatenate([tracks.position, tracks.position + side]), cell_size=side)
+
+
+def eastward(speed, *, dt_s=0.1, x=0.0, track_id=0, group=0, start_s=0.0):
+    """A vehicle that drives east at the speeds given, one for each row."""
+    speed = np.asarray(speed, float)
+    way = np.concatenate([[0.0], np.cumsum(dt_s * (speed[1:] + speed[:-1]) / 2)])
+    n = speed.size
+    return Tracks(
+        track_id=np.full(n, track_id), time_ns=np.round((start_s + dt_s * np.arange(n)) * 1e9).astype(np.int64),
+        position=np.column_stack([x + way, np.full(n, 5.0)]), direction=np.zeros(n), speed=speed,
+        group=np.full(n, group),
+    )  # fmt: skip
+
+
+STREET = GridTessellation(origin=np.zeros(2), cell_size=10.0, n_x=20, n_y=1, square=np.arange(20))
+
+
+def visits_of(*parts):
+    return Visits.of(rows_of_tracks(Tracks.concatenate(list(parts))), STREET)
+
+
+def test_rows_at_2_hz_pass_the_cells_that_rows_at_10_hz_pass():
+    often = ring_traffic(np.random.default_rng(4), n_rows=96)
+    seldom = often[often.time_ns % 500_000_000 == 0]
+    cells = squares_of(often, side=3.0)
+    of_often, of_seldom = (Visits.of(rows_of_tracks(tracks), cells) for tracks in (often, seldom))
+    np.testing.assert_array_equal(of_often.cell, of_seldom.cell)
+    np.testing.assert_array_equal(of_often.vehicle, of_seldom.vehicle)
+    np.testing.assert_allclose(of_often.position, of_seldom.position, atol=1e-3)
+    assert np.abs(of_often.seconds - of_seldom.seconds).max() < 1.5 * STEP_S
+    passed = cells.cell_of(seldom.position[seldom.track_id == 0])
+    assert (np.diff(passed) != 0).sum() + 1 < (of_seldom.vehicle[of_seldom.begin] == 0).sum()  # rows alone miss some
+
+
+def test_instants_of_rows_are_the_rows():
+    tracks = ring_traffic(np.random.default_rng(5), n_vehicles=6, n_rows=30)
+    rows = rows_of_tracks(tracks)
+    visits = Visits.of(rows, squares_of(tracks, side=5.0))
+    np.testing.assert_allclose(visits.position, rows.position, atol=1e-6)
+    np.testing.assert_allclose(np.exp(1j * visits.course), np.exp(1j * rows.direction), atol=1e-6)
+    np.testing.assert_allclose(visits.speed, rows.speed)
+    assert (visits.end[-1], visits.begin[0]) == (len(rows), 0)
+    np.testing.assert_array_equal(visits.begin[1:], visits.end[:-1])
+    cell = squares_of(tracks, side=5.0).cell_of(visits.position)
+    np.testing.assert_array_equal(visits.cell[visits.of_instant], cell)
+
+
+def braking(stand_s):
+    """Through a street's third cell at 8 m/s, to a stop in its middle, and on."""
+    down, up = np.linspace(8.0, 0.0, 12), np.linspace(0.0, 8.0, 12)
+    return np.concatenate([np.full(25, 8.0), down, np.zeros(round(stand_s / 0.1)), up, np.full(20, 8.0)])
+
+
+def test_who_stops_makes_three_visits():
+    visits = visits_of(eastward(braking(3.0)))
+    here = visits.cell == visits.cell[visits.stands]
+    assert visits.stands[here].tolist() == [False, True, False]
+    assert visits.seconds[visits.stands][0] == pytest.approx(3.2)  # with the zeros at which it stops and starts
+    assert (np.diff(visits.cell) >= 0).all()
+    assert visits.cell[0] == 0
+    assert visits.follows().tolist() == [True] * (len(visits) - 1) + [False]
+
+
+def test_who_hardly_stops_makes_one_visit():
+    visits = visits_of(eastward(braking(0.2)))
+    assert not visits.stands.any()
+    assert (np.diff(visits.cell) == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("second", "joined"),
+    [
+        ({"track_id": 0}, True),
+        ({"track_id": 1}, False),
+        ({"group": 1}, False),
+        ({"start_s": 2.0 + 1.6}, False),
+        ({"start_s": 2.0 + 1.2}, True),
+    ],
+    ids=["the same vehicle", "another vehicle", "another group", "a long gap", "a short gap"],
+)
+def test_nothing_joins_two_vehicles_groups_or_what_a_long_gap_divides(second, joined):
+    speed = np.full(20, 5.0)
+    later = {"start_s": 2.0, "x": 10.0} | second
+    later["x"] = 5.0 * later["start_s"]
+    visits = visits_of(eastward(speed), eastward(speed, **later))
+    assert (np.unique(visits.segment).size == 1) == joined
+    assert (visits.follows().sum() == len(visits) - 1) == joined
+    across = visits.later(1.5)[10]
+    assert (across >= 0) == joined
+    ahead = visits.features(np.vstack([STREET.centers, np.zeros(2)]))
+    known = np.isfinite(ahead[0])
+    assert known[7:9].all()  # 8 m on, before the divide at 9.5 m
+    assert known[9:11].all() == known[14] == joined  # 16 m, and 3 s
+
+
+def test_features_say_where_and_how_fast_a_vehicle_is_later():
+    speed = 6.0 + 0.05 * np.arange(100)
+    visits = visits_of(eastward(speed))
+    feature = visits.features(np.vstack([STREET.centers, np.zeros(2)]))
+    x = visits.position[visits.begin, 0]
+    for i, (metres, alike) in enumerate(AHEAD_M):
+        known = np.isfinite(feature[:, 7 + 2 * i])
+        assert known.any()
+        np.testing.assert_allclose(feature[known, 7 + 2 * i] * alike, (x + metres)[known], atol=1.2)  # an instant's way
+        np.testing.assert_allclose(feature[known, 8 + 2 * i] * alike, 5.0)
+        np.testing.assert_array_equal(known, x + metres < visits.position[-1, 0] + 1e-6)
+    for i, (seconds, alike) in enumerate(AHEAD_S):
+        later = visits.speed[visits.begin] + 0.5 * seconds
+        known = np.isfinite(feature[:, 13 + i])
+        np.testing.assert_allclose((feature[:, 13 + i] * alike)[known], later[known], atol=1e-6)
+    np.testing.assert_allclose(feature[np.isfinite(feature[:, 15]), 15] * GAINED_MPS, 0.5 * GAINED_S, atol=1e-6)
+
+
+def test_one_row_is_no_visit():
+    assert len(visits_of(eastward([5.0]))) == 0
+    assert len(visits_of(eastward([5.0]), eastward([5.0], start_s=9.0))) == 0
+
+
+@pytest.mark.parametrize("opens_at", [0.05, 0.5, 2.0, 50.0])
+@pytest.mark.parametrize("most", [3, 40])
+def test_groups_are_those_of_the_slow_twin(opens_at, most):
+    rng = np.random.default_rng(6)
+    for _ in range(10):
+        feature = rng.normal(0, 1, (40, 4)) + rng.integers(0, 4, (40, 1))
+        feature[rng.random(feature.shape) < 0.25] = np.nan
+        order, label = rng.permutation(40), np.empty(40, np.int64)
+        n_groups = dp_means(feature, order, opens_at, most, label)
+        np.testing.assert_array_equal(label, slow_dp_means(feature, order, opens_at, most))
+        assert label.max() < n_groups <= most
+
+
+def test_groups_far_apart_are_found_and_near_ones_are_not_told_apart():
+    rng = np.random.default_rng(7)
+    truth = rng.integers(0, 3, 300)
+    feature = rng.normal(0, 0.2, (300, 2)) + 5.0 * truth[:, None]
+    label = np.empty(300, np.int64)
+    assert dp_means(feature, rng.permutation(300), 1.0, 32, label) == 3
+    assert len({(a, b) for a, b in zip(label, truth, strict=True)}) == 3
+    assert dp_means(feature - 5.0 * truth[:, None], rng.permutation(300), 1.0, 32, label) == 1
