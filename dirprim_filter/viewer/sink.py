@@ -22,7 +22,7 @@ from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.transitions import cell_transitions
-from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks, shapes
 from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
 from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
@@ -338,7 +338,7 @@ class RerunSink:
 
 def _steps_of(tracks: Tracks) -> tuple[IntArray, IntArray]:
     """Rows of each vehicle's neighbouring instants, ascending in the time of the later."""
-    _, vehicle = np.unique(as_texts(tracks.track_id), return_inverse=True)
+    vehicle = tracks.vehicle
     order = np.lexsort((tracks.time_ns, vehicle))
     same = np.diff(vehicle[order]) == 0
     near = np.diff(tracks.time_ns[order]) <= TRAIL_S * 1e9
