@@ -67,7 +67,7 @@ def read_tracks(
             labels: what the wanted objects are, such as "car|truck": a name or a regular expression for the label that
                 their schema gives them, which is empty where it gives none.
             group: the one that is wanted of those that a log holds, by its number there: recordings made apart, whose
-                times may overlap. Left out: all; an id that stands in several of them becomes `group/id`.
+                times may overlap. Left out: all; an id that stands in several of them is a vehicle in each.
 
     Raises:
         NotMcapError: a file is no MCAP log.

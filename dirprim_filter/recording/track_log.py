@@ -14,7 +14,7 @@ from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import TimedRows
 from dirprim_filter.sizes import chosen_sizes, has_sizes, joined_sizes, unknown_sizes
-from dirprim_filter.tracks import Numbers, Tracks, as_texts, as_track_ids, repeated_rows, vehicle_numbers
+from dirprim_filter.tracks import Numbers, Tracks, as_track_ids, repeated_rows, vehicle_numbers
 from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 
 
@@ -78,7 +78,7 @@ class Columns(ArrayValue):
     """Rows as logs tell them, not yet tracks.
 
     Attributes:
-        names: (m,) str, of the vehicles.
+        names: (m,) str, of the vehicles; those of several groups may share one.
         vehicle: (n,) int64, the place of each row's vehicle among them: a column of text is as wide as its longest.
         time_ns: (n,) int64.
         position: (n, 2) metres.
@@ -123,18 +123,13 @@ class Columns(ArrayValue):
         whole = cls(
             names=np.array(list(numbers), dtype=np.str_), **{name: column.whole() for name, column in kept.items()}
         )
-        return whole._with_ids_apart() if whole.group.any() else whole
+        return whole._by_group() if whole.group.any() else whole
 
-    def _with_ids_apart(self) -> Columns:
-        """An id that stands in several groups is a vehicle in each: there it becomes `group/id`."""
+    def _by_group(self) -> Columns:
+        """The same rows, where an id that stands in several groups is a vehicle in each."""
         vehicle = vehicle_numbers(self.vehicle, self.group)
         _, first = np.unique(vehicle, return_index=True)
-        if first.size == self.names.size:
-            return self
-        own, group = self.vehicle[first], self.group[first]
-        shared = np.bincount(own)[own] > 1
-        apart = np.char.add(np.char.add(as_texts(group), "/"), self.names[own])
-        return replace(self, names=np.where(shared, apart, self.names[own]), vehicle=vehicle)
+        return replace(self, names=self.names[self.vehicle[first]], vehicle=vehicle)
 
     @classmethod
     def of_logs(cls, logs: Sequence[Columns], names: Sequence[str]) -> Columns:
@@ -147,7 +142,7 @@ class Columns(ArrayValue):
         if len(logs) == 1:
             return logs[0]
         names = [f"{name}-{i}" if names.count(name) > 1 else name for i, name in enumerate(names)]
-        own, n_logs = np.unique(np.concatenate([log.names for log in logs]), return_counts=True)
+        own, n_logs = np.unique(np.concatenate([np.unique(log.names) for log in logs]), return_counts=True)
         shared = own[n_logs > 1]
         vehicles, groups, n_groups = [], [], 0
         for log, name in zip(logs, names, strict=True):

@@ -116,7 +116,7 @@ def _roots(primitives: PrimitiveMap, petals: shapes.Petals) -> tuple[FloatArray,
 
 def draw_tracks(axes: Axes, tracks: Tracks) -> None:
     """Observed motion, as thin lines under the roses."""
-    paths = paths_of(tracks.track_id, tracks.time_ns, tracks.position)
+    paths = paths_of(tracks.vehicle, tracks.time_ns, tracks.position)
     axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.3, alpha=0.3, zorder=2))
 
 

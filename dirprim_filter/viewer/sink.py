@@ -337,7 +337,7 @@ class RerunSink:
 
 def _steps_of(tracks: Tracks) -> tuple[IntArray, IntArray]:
     """Rows of each vehicle's neighbouring instants, ascending in the time of the later."""
-    _, vehicle = np.unique(as_texts(tracks.track_id), return_inverse=True)
+    vehicle = tracks.vehicle
     order = np.lexsort((tracks.time_ns, vehicle))
     same = np.diff(vehicle[order]) == 0
     near = np.diff(tracks.time_ns[order]) <= TRAIL_S * 1e9

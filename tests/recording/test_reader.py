@@ -127,10 +127,10 @@ def test_velocity_is_differenced_where_a_scene_tells_none(tmp_path):
 def test_velocity_of_the_metadata_counts_only_where_a_track_has_it_throughout(tmp_path):
     told, partly = circling(name="told"), circling(name="partly")
     for i, (_, _, update) in enumerate(told + partly):
+        update.entities[0].metadata.add(key="group", value="-4")
         if i != len(told) + 3:
             update.entities[0].metadata.add(key="speed_mps", value="3.25")
             update.entities[0].metadata.add(key="direction_rad", value="0.5")
-            update.entities[0].metadata.add(key="group", value="-4")
     tracks = read_tracks(write_protobuf_log(tmp_path / "log.mcap", told + partly))
     is_told = tracks.track_id == "told"
     assert set(tracks.speed[is_told]) == {3.25}
