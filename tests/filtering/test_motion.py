@@ -97,23 +97,27 @@ def test_of_redrawn_particles_a_share_is_of_no_place_at_any_time():
     assert (never.manoeuvre == 0).all()
 
 
-def test_redraws_come_at_their_rate_however_time_is_cut():
+@pytest.mark.parametrize("n_particles", [20_000, 10])
+def test_redraws_come_at_their_rate_however_time_is_cut_and_however_many_particles_there_are(n_particles):
     """A particle set on the place-free manoeuvre by hand comes back to its place when it is redrawn."""
     n, rate, t = 20_000, 0.4, 2.0
     for n_calls, step_s in ((1, 0.1), (20, 0.1), (8, 0.25)):
         config = FilterConfig(place_free_share=1e-9, redraw_rate=rate, step_s=step_s)
-        stays = share_that_stays(anyhow(), t, n_calls, config, n)
+        stays = n_that_stay(n // n_particles, n_particles, t=t, n_calls=n_calls, config=config)
         assert stats.binomtest(stays, n, np.exp(-rate * t)).pvalue > FALSE_ALARM
         assert stats.binomtest(stays, n, np.exp(-1.1 * rate * t)).pvalue < FALSE_ALARM
 
 
-def share_that_stays(primitive_map, t, n_calls, config, n):
-    table, state = tracking_table(primitive_map, config), seeded(8)
-    particles = settled(table, n, place=(200.0, 200.0), state=state)
-    particles.manoeuvre[:] = 1
-    for _ in range(n_calls):
-        _motion.move(table, *particles, t / n_calls, state)
-    return int((particles.manoeuvre == 1).sum())
+def n_that_stay(n_vehicles, n_particles, *, t, n_calls, config):
+    table, stays = tracking_table(anyhow(), config), 0
+    for key in range(n_vehicles):
+        state = seeded(key)
+        particles = settled(table, n_particles, place=(200.0, 200.0), state=state)
+        particles.manoeuvre[:] = 1
+        for _ in range(n_calls):
+            _motion.move(table, *particles, t / n_calls, state)
+        stays += int((particles.manoeuvre == 1).sum())
+    return stays
 
 
 def test_a_vehicle_that_stands_starts_at_its_rate():
