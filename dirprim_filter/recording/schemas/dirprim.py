@@ -123,10 +123,14 @@ def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: 
     if is_held(observed.size) and not np.isnan(size := observed.size[rows]).all():
         for name, column in zip(_SIZE, size.T.tolist(), strict=True):
             getattr(message, name).extend(column)
+    if isinstance(observed, Tracks) and is_held(observed.heading):
+        heading = observed.heading[rows]
+        if not np.isnan(heading).all():
+            message.heading.extend(heading.tolist())
     return message
 
 
-_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE)
+_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE, "heading")
 _COLUMNS = ("x", "y", *_OPTIONAL)
 
 
@@ -164,6 +168,7 @@ def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         group=group,
         covariance=matrices(*(columns[label] for label in _COVARIANCE)),
         size=np.stack([columns[label] for label in _SIZE], axis=-1),
+        heading=columns["heading"],
     )[kept]
 
 
