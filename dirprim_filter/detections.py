@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from dirprim_filter.sizes import as_sizes, chosen_sizes, joined_sizes
+from dirprim_filter.optional_columns import chosen, joined
+from dirprim_filter.sizes import as_sizes
 from dirprim_filter.tracks import Tracks, as_groups, as_texts, as_times, check_lengths, world_names
 from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
@@ -78,7 +79,7 @@ class Detections(ArrayValue):
             direction=self.direction[rows],
             speed=self.speed[rows],
             covariance=self.covariance[rows],
-            size=chosen_sizes(self.size, rows),
+            size=chosen(self.size, rows),
             group=self.group[rows],
         )
 
@@ -101,7 +102,7 @@ class Detections(ArrayValue):
         names = [f.name for f in fields(cls) if f.name != "size"]
         return cls(
             **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-            size=joined_sizes([part.size for part in parts]),
+            size=joined([part.size for part in parts]),
         )
 
     def in_one_world(self) -> Detections:

@@ -97,7 +97,7 @@ def find_faults(tracks: Tracks) -> Faults:
     order = np.lexsort((tracks.time_ns, vehicle))
     way = _Way(
         vehicle=vehicle[order], time_ns=tracks.time_ns[order], position=tracks.position[order],
-        direction=tracks.direction[order], speed=tracks.speed[order], group=tracks.group[order],
+        direction=tracks.body_direction[order], speed=tracks.speed[order], group=tracks.group[order],
     )  # fmt: skip
     if not way.vehicle.size:
         return Faults()

@@ -11,16 +11,14 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.course import log_motion, motion_of
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.sizes import as_sizes, chosen_sizes, joined_sizes
+from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
+from dirprim_filter.sizes import as_sizes
 from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
 logger = logging.getLogger(__name__)
 
-DIFFERENCE_HALF_WINDOW_S = 0.25
-"""Velocity is differenced over this time to either side: two rows of 10 Hz data, which halves their jitter."""
-MAX_DIFFERENCE_GAP_S = 2.0
-"""Across a longer gap nothing is differenced: the vehicle may have turned and come back."""
 BLOCK_ROWS = 1 << 14
 """So many ids at a time are Python's own texts."""
 
@@ -87,10 +85,12 @@ class Tracks(ArrayValue):
             nothing compares rows across groups, and they are what to split by. Left out: all 0.
         size: (n, 3) length, width and height of the body, metres; NaN where unknown. Left out: nowhere known, which
             takes no memory.
+        heading: (n,) yaw of the body, radians in (-pi, pi]; NaN where unknown. Left out: nowhere known, which takes no
+            memory. On bends it is not the direction, and a vehicle that stands has a heading alone.
 
     Raises:
-        ValueError: shapes that do not fit, NaN, negative speeds, sizes that are not positive, or a vehicle with two
-            rows at one time.
+        ValueError: shapes that do not fit, NaN, negative speeds, sizes that are not positive, infinite headings, or a
+            vehicle with two rows at one time.
     """
 
     track_id: AnyArray
@@ -100,6 +100,7 @@ class Tracks(ArrayValue):
     speed: FloatArray
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     size: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    heading: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.time_ns))
@@ -116,13 +117,12 @@ class Tracks(ArrayValue):
         if (speed < 0).any():
             row = int(np.argmax(speed < 0))
             raise ValueError(f"speed: expected at least 0 m/s, got {speed[row]} in row {row}")
-        size = as_sizes(self.size, n)
+        maybe = {"size": as_sizes(self.size, n), "heading": as_headings(self.heading, n)}
         if (columns["time_ns"][1:] < columns["time_ns"][:-1]).any():  # else long columns are not copied
             order = np.argsort(columns["time_ns"], kind="stable")
             columns = {name: column[order] for name, column in columns.items()}
-            size = chosen_sizes(size, order)
-        columns["size"] = size
-        for name, column in columns.items():
+            maybe = {name: chosen(column, order) for name, column in maybe.items()}
+        for name, column in (columns | maybe).items():
             object.__setattr__(self, name, column)
         check_not_repeated(self.track_id, self.time_ns, self.group)
 
@@ -138,8 +138,14 @@ class Tracks(ArrayValue):
             direction=self.direction[rows],
             speed=self.speed[rows],
             group=self.group[rows],
-            size=chosen_sizes(self.size, rows),
+            size=chosen(self.size, rows),
+            heading=chosen(self.heading, rows),
         )
+
+    @property
+    def body_direction(self) -> FloatArray:
+        """(n,) where each body points, radians: its heading where known, else its course."""
+        return np.where(np.isnan(self.heading), self.direction, self.heading)
 
     @property
     def n_tracks(self) -> int:
@@ -166,10 +172,13 @@ class Tracks(ArrayValue):
         position: npt.ArrayLike,
         group: npt.ArrayLike = (),
         size: npt.ArrayLike = (),
+        heading: npt.ArrayLike = (),
+        speed: npt.ArrayLike = (),
     ) -> Tracks:
-        """Tracks whose direction and speed are central differences of the positions of each vehicle.
+        """Tracks whose direction is the course that the positions of each vehicle tell: `course.motion_of`.
 
-        Rows of a vehicle that no other row stands near enough in time to difference with are dropped, and logged.
+        Rows of a vehicle that no other row stands near enough in time to difference with have their heading and their
+        known speed; where one of them is missing the row is dropped, and logged.
 
         Args:
             track_id: (n,) ids.
@@ -177,6 +186,9 @@ class Tracks(ArrayValue):
             position: (n, 2) metres.
             group: (n,) optional groups.
             size: (n, 3) optional sizes, metres.
+            heading: (n,) optional yaw of the bodies, radians; NaN where unknown.
+            speed: (n,) optional, m/s; NaN where unknown. A vehicle of which it is not known throughout has that of its
+                positions.
 
         Raises:
             ValueError: as the constructor.
@@ -185,10 +197,15 @@ class Tracks(ArrayValue):
         position = as_floats("position", position, "n 2")
         groups = as_groups(group, ids.size)
         check_lengths({"track_id": ids, "time_ns": times, "position": position, "group": groups})
-        sizes = as_sizes(size, ids.size)
+        sizes, headings = as_sizes(size, ids.size), as_headings(heading, ids.size)
         check_not_repeated(ids, times, groups)
-        velocity = differenced_velocity(vehicle_numbers(ids, groups), times, position)
-        known = np.isfinite(velocity[:, 0])
+        vehicle = vehicle_numbers(ids, groups)
+        motion = motion_of(vehicle, times, position, headings)
+        told = np.asarray(speed, dtype=np.float64)
+        speeds = _where_told_throughout(told, motion.speed, vehicle) if told.size else motion.speed
+        known = np.isfinite(speeds) & (np.isfinite(motion.speed) | np.isfinite(headings))
+        if ids.size:
+            log_motion(motion, int(known.sum()))
         if not known.all():
             logger.warning(
                 "%d of %d rows stand alone in time, so no velocity can be derived for them; dropped",
@@ -196,14 +213,9 @@ class Tracks(ArrayValue):
                 known.size,
             )
         return cls(
-            track_id=ids[known],
-            time_ns=times[known],
-            position=position[known],
-            direction=np.arctan2(velocity[known, 1], velocity[known, 0]),
-            speed=np.hypot(velocity[known, 0], velocity[known, 1]),
-            group=groups[known],
-            size=chosen_sizes(sizes, known),
-        )
+            track_id=ids[known], time_ns=times[known], position=position[known], direction=motion.direction[known],
+            speed=speeds[known], group=groups[known], size=chosen(sizes, known), heading=chosen(headings, known),
+        )  # fmt: skip
 
     @classmethod
     def concatenate(cls, parts: Iterable[Tracks]) -> Tracks:
@@ -226,8 +238,34 @@ class Tracks(ArrayValue):
             direction=np.concatenate([p.direction for p in parts]),
             speed=np.concatenate([p.speed for p in parts]),
             group=np.concatenate([p.group for p in parts]),
-            size=joined_sizes([p.size for p in parts]),
+            size=joined([p.size for p in parts]),
+            heading=joined([p.heading for p in parts]),
         )
+
+
+def _where_told_throughout(told: FloatArray, derived: FloatArray, vehicle: IntArray) -> FloatArray:
+    """(n,) what is told of the vehicles of which it is told in all rows, of the others what is derived."""
+    is_told = np.ones(int(vehicle.max(initial=-1)) + 1, np.bool_)
+    is_told[vehicle[~np.isfinite(told)]] = False
+    return np.where(is_told[vehicle], told, derived)
+
+
+def as_headings(value: npt.ArrayLike, n: int) -> FloatArray:
+    """(n,) radians in (-pi, pi], NaN where unknown; that of no row is a column that tells nothing.
+
+    Raises:
+        ValueError: another shape, or an infinite number.
+    """
+    heading = np.asarray(value, dtype=np.float64)
+    if heading.shape == (0,):
+        return unknown(n)
+    if heading.shape != (n,):
+        raise ValueError(f"heading: expected shape ({n},), got {heading.shape}")
+    if not is_held(heading):
+        return heading
+    if np.isinf(heading).any():
+        raise ValueError(f"heading: expected radians, or NaN where unknown, got {heading[np.isinf(heading)][0]}")
+    return unknown(n) if np.isnan(heading).all() else wrap(heading)
 
 
 def as_texts(track_id: AnyArray) -> AnyArray:
@@ -337,36 +375,3 @@ def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:
         same = (np.diff(who[order]) == 0) & (np.diff(when[order]) == 0)
         repeated[start + order[1:][same]] = True
     return repeated
-
-
-def differenced_velocity(track_id: AnyArray, time_ns: IntArray, position: FloatArray) -> FloatArray:
-    """(n, 2) velocity by central differences per vehicle, m/s; NaN where a row has no neighbour in time.
-
-    Differences reach `DIFFERENCE_HALF_WINDOW_S` to either side, at least to the next row, and never across a gap of
-    more than `MAX_DIFFERENCE_GAP_S`; at the ends of a track they are one-sided.
-    """
-    _, vehicle = numbered(track_id)
-    order = np.lexsort((time_ns, vehicle))
-    time = time_ns[order]
-    gap_ns = int(MAX_DIFFERENCE_GAP_S * 1e9)
-    half_ns = int(DIFFERENCE_HALF_WINDOW_S * 1e9)
-    breaks = (np.diff(vehicle[order]) != 0) | (np.diff(time) > gap_ns)
-    piece = np.concatenate([[0], np.cumsum(breaks)]) if time.size else np.empty(0, np.int64)
-    # Pieces end to end on one axis, further apart than the window, so one search serves all of them.
-    first = np.flatnonzero(np.concatenate([[True], breaks])) if time.size else np.empty(0, np.int64)
-    last = np.concatenate([first[1:], [time.size]]) - 1 if time.size else first
-    length = time[last] - time[first] + 2 * half_ns + 1
-    start = np.cumsum(length) - length
-    axis = time - time[first][piece] + start[piece]
-    row = np.arange(time.size)
-    before = np.searchsorted(axis, axis - half_ns, side="left")
-    after = np.searchsorted(axis, axis + half_ns, side="right") - 1
-    before = np.where(before == row, np.maximum(row - 1, first[piece]), before)
-    after = np.where(after == row, np.minimum(row + 1, last[piece]), after)
-    span_s = (time[after] - time[before]) * 1e-9
-    velocity = np.full((time.size, 2), np.nan)
-    moved = position[order][after] - position[order][before]
-    np.divide(moved, span_s[:, None], out=velocity, where=span_s[:, None] > 0)
-    result = np.empty_like(velocity)
-    result[order] = velocity
-    return result

@@ -1,7 +1,7 @@
 """Slow and obvious twins of what the package computes fast."""
 
 import numpy as np
-from scipy import stats
+from scipy import linalg, stats
 from scipy.special import logsumexp
 
 
@@ -34,9 +34,9 @@ def map_log_densities(learned, position, direction, speed):
     return tuple(logsumexp(log_weight + part, axis=-1) for part in (of_direction, of_speed, of_direction + of_speed))
 
 
-def central_velocity(track_id, time_ns, position, *, half_window_s, max_gap_s):
-    """Central differences row by row, as the definition says it."""
-    velocity = np.full((len(time_ns), 2), np.nan)
+def central_differences(track_id, time_ns, position, *, half_window_s, max_gap_s):
+    """Central differences row by row, as the definition says it: (n, 2) metres and (n,) seconds."""
+    moved, span_s = np.zeros((len(time_ns), 2)), np.zeros(len(time_ns))
     for i in range(len(time_ns)):
         rows = [j for j in range(len(time_ns)) if track_id[j] == track_id[i]]
         rows.sort(key=lambda j: time_ns[j])
@@ -55,9 +55,43 @@ def central_velocity(track_id, time_ns, position, *, half_window_s, max_gap_s):
             if time_ns[rows[high]] - time_ns[i] > half_window_s * 1e9:
                 break
         if low != high:
-            span_s = (time_ns[rows[high]] - time_ns[rows[low]]) * 1e-9
-            velocity[i] = (position[rows[high]] - position[rows[low]]) / span_s
-    return velocity
+            span_s[i] = (time_ns[rows[high]] - time_ns[rows[low]]) * 1e-9
+            moved[i] = position[rows[high]] - position[rows[low]]
+    return moved, span_s
+
+
+def nearest_moving(track_id, time_ns, moves, *, max_gap_s):
+    """(n,) the row nearest in time that moves, of the same vehicle and with no longer gap between; -1 where none is."""
+    nearest = np.full(len(time_ns), -1)
+    for i in range(len(time_ns)):
+        best_ns = None
+        for step in (-1, 1):
+            rows = sorted(np.flatnonzero(track_id == track_id[i]), key=lambda j: time_ns[j])
+            at = rows.index(i)
+            while not moves[rows[at]]:
+                if (
+                    not 0 <= at + step < len(rows)
+                    or abs(time_ns[rows[at + step]] - time_ns[rows[at]]) > max_gap_s * 1e9
+                ):
+                    at = None
+                    break
+                at += step
+            if at is not None and (best_ns is None or abs(time_ns[rows[at]] - time_ns[i]) < best_ns):
+                nearest[i], best_ns = rows[at], abs(time_ns[rows[at]] - time_ns[i])
+    return nearest
+
+
+def noise_of_neighbours(track_id, time_ns, position, moves, *, max_span_s):
+    """The robust spread of what no parabola explains in four neighbours' positions: by the null space of parabolas."""
+    off = []
+    for vehicle in set(track_id.tolist()):
+        rows = sorted(np.flatnonzero(track_id == vehicle), key=lambda j: time_ns[j])
+        for four in zip(rows, rows[1:], rows[2:], rows[3:], strict=False):
+            t = (time_ns[list(four)] - time_ns[four[0]]) * 1e-9
+            if t[-1] <= max_span_s and moves[four[1]]:
+                scaled = t / t[-1]
+                off += (linalg.null_space(np.vander(scaled, 3).T)[:, 0] @ position[list(four)]).tolist()
+    return np.median(np.abs(off)) / stats.norm.ppf(0.75) if off else 0.0
 
 
 def kalman_positions(measured, dt_s, *, noise_m, density, first_speed_std):

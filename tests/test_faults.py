@@ -159,3 +159,10 @@ def test_rows_without_end_take_time_that_grows_as_they_do():
         find_faults(tracks)
         seconds.append(time.perf_counter() - begun)
     assert seconds[1] < 12.0 * seconds[0]  # four times the rows; of all pairs it would be sixteen
+
+
+def test_who_drives_backwards_is_found_by_the_heading_where_the_direction_is_the_course():
+    own = driven(name="v", seed=1)
+    turned = replace(own, heading=np.full(len(own), np.pi))
+    assert found(own) == Faults()
+    assert [of.vehicle for of in found(turned).backwards] == ["v"]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.sizes import chosen_sizes, has_sizes, joined_sizes, known_sizes, unknown_sizes
+from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
+from dirprim_filter.sizes import known_sizes
 from dirprim_filter.tracks import Tracks
 
 SIZE = np.array([[4.5, 1.9, 1.5], [np.nan, np.nan, 3.0], [12.0, 2.5, np.nan]])
@@ -47,16 +48,16 @@ def test_what_nobody_tells_takes_no_memory(kind, size):
     for part in (rows, rows[np.zeros(len(rows), np.int64) == 0], type(rows).concatenate([rows, rows[:0]])):
         assert part.size.shape == (len(part), 3)
         assert np.isnan(part.size).all()
-        assert not has_sizes(part.size)
-    assert has_sizes(KINDS[kind](size=SIZE).size)
+        assert not is_held(part.size)
+    assert is_held(KINDS[kind](size=SIZE).size)
 
 
 @pytest.mark.parametrize("n", [0, 1, 5])
 def test_unknown_sizes_are_chosen_and_joined_as_any(n):
     rows = np.arange(n) % 2 == 0
-    for chosen in (rows, np.flatnonzero(rows), slice(0, n, 2)):
-        assert chosen_sizes(unknown_sizes(n), chosen).shape == (int(rows.sum()), 3)
-    assert joined_sizes([unknown_sizes(n), unknown_sizes(2)]).shape == (n + 2, 3)
+    for some in (rows, np.flatnonzero(rows), slice(0, n, 2)):
+        assert chosen(unknown(n, 3), some).shape == (int(rows.sum()), 3)
+    assert joined([unknown(n, 3), unknown(2, 3)]).shape == (n + 2, 3)
 
 
 def test_what_is_no_size_is_refused_by_whoever_gave_it_and_unknown_in_a_file():

@@ -5,23 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dirprim_filter.detections import Detections
+from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.track_log import TrackLog
 from dirprim_filter.tracks import (
-    DIFFERENCE_HALF_WINDOW_S,
-    MAX_DIFFERENCE_GAP_S,
     Tracks,
     as_texts,
     as_track_ids,
-    differenced_velocity,
     vehicle_numbers,
     world_names,
 )
-from oracles import central_velocity
 
 GOOD = {
     "track_id": [4, 4, 9], "time_ns": [0, 10, 0], "position": np.zeros((3, 2)),
@@ -72,6 +69,29 @@ def test_detections_are_equal_where_every_row_is():
     assert seen == Detections.of(Tracks(**GOOD))
     assert seen != replace(seen, position=seen.position + 1)
     assert seen != Tracks(**GOOD)
+
+
+def test_headings_stay_with_their_rows_and_take_no_memory_where_nobody_knows_them():
+    heading = np.array([3 * np.pi, np.nan, 0.5])
+    tracks = Tracks(**GOOD, heading=heading)
+    order = np.argsort(GOOD["time_ns"], kind="stable")
+    np.testing.assert_array_equal(tracks.heading, np.array([np.pi, np.nan, 0.5])[order])
+    np.testing.assert_array_equal(tracks[1:].heading, tracks.heading[1:])
+    assert tracks != Tracks(**GOOD)
+    bare = Tracks(**GOOD | {"group": [7, 7, 7]})
+    both = Tracks.concatenate([tracks, bare])
+    assert np.isnan(both.heading[both.group == 7]).all()
+    np.testing.assert_array_equal(both.heading[both.group == 0], tracks.heading)
+    np.testing.assert_array_equal(bare.body_direction, bare.direction)
+    assert tracks.body_direction.tolist() == [
+        d if np.isnan(h) else h for d, h in zip(tracks.direction, tracks.heading, strict=True)
+    ]
+    for part in (bare, bare[:2], Tracks.concatenate([bare, bare[:0]]), Tracks(**GOOD, heading=[np.nan] * 3)):
+        assert part.heading.shape == (len(part),)
+        assert not is_held(part.heading)
+    for wrong, message in (([np.inf, 0, 0], "got inf"), ([0.0, 1.0], r"expected shape \(3,\), got \(2,\)")):
+        with pytest.raises(ValueError, match=message):
+            Tracks(**GOOD, heading=wrong)
 
 
 def test_directions_are_wrapped_and_groups_left_out_are_zero():
@@ -144,24 +164,6 @@ def test_ids_are_numbers_where_all_are_canonical_int64_and_text_elsewhere(given_
 def test_an_id_is_the_same_as_number_and_as_text(ids):
     numbers = np.array(ids, np.int64)
     np.testing.assert_array_equal(as_track_ids(as_texts(numbers)), numbers)
-
-
-@settings(max_examples=100, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_central_differences_are_those_of_the_slow_oracle_on_irregular_tracks_with_gaps(seed):
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(1, 40))
-    vehicle = rng.integers(0, 4, n)
-    step_ns = rng.choice([1, 20_000_000, 100_000_000, 250_000_000, 400_000_000, 2_000_000_000, 2_000_000_001], n)
-    time_ns = 1_700_000_000_000_000_000 + step_ns.cumsum()
-    position = rng.normal(0, 50, (n, 2))
-    order = rng.permutation(n)
-    ours = differenced_velocity(vehicle[order], time_ns[order], position[order])
-    slow = central_velocity(
-        vehicle[order], time_ns[order], position[order],
-        half_window_s=DIFFERENCE_HALF_WINDOW_S, max_gap_s=MAX_DIFFERENCE_GAP_S,
-    )  # fmt: skip
-    np.testing.assert_allclose(ours, slow, rtol=1e-6)
 
 
 def test_positions_of_a_circle_give_its_direction_and_speed(ring):

@@ -33,8 +33,8 @@ def convert(
 ) -> int:
     """Write a table of tracks as an MCAP log.
 
-    csv has columns by name: time_s, track_id, x_m, y_m; optional heading_rad, speed_mps, group,
-    length_m, width_m, height_m.
+    csv has columns by name: time_s, track_id, x_m, y_m; optional heading_rad (of the body),
+    course_rad (over ground), speed_mps, group, length_m, width_m, height_m.
 
     Example: dirprim convert tracks.csv -o tracks.mcap
     """

@@ -41,7 +41,7 @@ class FieldMapping:
         speed_kmh: km/h.
         direction: course over ground, radians counter-clockwise from x.
         direction_deg: the same in degrees.
-        heading: of the body, radians; stands in for the course.
+        heading: yaw of the body, radians; the course is derived from positions.
         heading_deg: the same in degrees.
         group: a whole number.
         label: what the object is.
@@ -185,9 +185,10 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         stamp_ns=rows.time_ns(),
         frame_id=rows.name("frame", np.full(rows.message.size, "")),
         place=np.column_stack([rows.number("x"), rows.number("y"), rows.number("z")]),
-        direction=np.where(np.isfinite(direction), direction, either["heading"]),
+        direction=direction,
         speed=speed,
         group=np.where(np.isfinite(group), group, 0).astype(np.int64),
         label=rows.name("label", np.full(rows.message.size, "")),
         size=np.column_stack([rows.number(name) for name in SIZE]) if any(map(rows.has, SIZE)) else None,
+        heading=either["heading"],
     )

@@ -136,6 +136,10 @@ def _moved(rows: ObservedRows, here: IntArray, found: Placement) -> ObservedRows
     moving = np.where(np.isfinite(speed) & (speed > 0), speed, 1.0)
     climb = np.where(np.isfinite(speed) & (speed > 0), rows.climb[here], 0.0)
     velocity = found.rotation.apply(np.column_stack([moving * np.cos(direction), moving * np.sin(direction), climb]))
+    yaw = rows.heading[here]
+    forward = found.rotation.apply(np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(yaw.size)]))
+    heading = rows.heading.copy()  # of one NaN for all it makes a column
+    heading[here] = np.arctan2(forward[:, 1], forward[:, 0])
     position, height, covariance = rows.position.copy(), rows.height.copy(), rows.covariance.copy()
     directions, speeds, climbs = rows.direction.copy(), rows.speed.copy(), rows.climb.copy()
     position[here], height[here] = place[:, :2], place[:, 2]
@@ -144,8 +148,9 @@ def _moved(rows: ObservedRows, here: IntArray, found: Placement) -> ObservedRows
     climbs[here] = np.where(speed > 0, velocity[:, 2], 0.0)
     covariance[here] = _turned(rows.covariance[here], found.rotation)
     return replace(
-        rows, position=position, height=height, direction=directions, speed=speeds, climb=climbs, covariance=covariance
-    )
+        rows, position=position, height=height, direction=directions, speed=speeds, climb=climbs,
+        covariance=covariance, heading=heading,
+    )  # fmt: skip
 
 
 def _turned(covariance: FloatArray, rotation: Rotation) -> FloatArray:

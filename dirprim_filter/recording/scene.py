@@ -26,7 +26,7 @@ from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.forecasting import REGION_SHARES, Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, set_time
-from dirprim_filter.recording.schemas.scene_update import SIZE_NOTES
+from dirprim_filter.recording.schemas.scene_update import HEADING_NOTE, SIZE_NOTES
 from dirprim_filter.recording.stencil import Stencils
 from dirprim_filter.tracks import Tracks, as_texts
 from tessellation.arrays import AnyArray, FloatArray, IntArray
@@ -75,11 +75,11 @@ def frame_transform(time_ns: int) -> FrameTransform:
 
 
 def tracks_scene(tracks: Tracks, rows: IntArray, time_ns: int, *, lifetime_ns: int) -> SceneUpdate:
-    """A cube for each vehicle of one instant; its metadata tells direction, speed and size to the last bit."""
+    """A cube for each vehicle of one instant; its metadata tells direction, speed, size and heading to the last bit."""
     update = SceneUpdate()
     columns = (as_texts(tracks.track_id[rows]), tracks.position[rows], tracks.direction[rows],
-               tracks.speed[rows], tracks.group[rows], tracks.size[rows])  # fmt: skip
-    for name, (x, y), direction, speed, group, size in zip(*(c.tolist() for c in columns), strict=True):
+               tracks.speed[rows], tracks.group[rows], tracks.size[rows], tracks.heading[rows])  # fmt: skip
+    for name, (x, y), direction, speed, group, size, heading in zip(*(c.tolist() for c in columns), strict=True):
         entity = _entity(update, name, time_ns, lifetime_ns)
         entity.frame_locked = True
         entity.metadata.add(key="direction_rad", value=repr(direction))
@@ -88,11 +88,13 @@ def tracks_scene(tracks: Tracks, rows: IntArray, time_ns: int, *, lifetime_ns: i
         for key, metres in zip(SIZE_NOTES, size, strict=True):
             if not math.isnan(metres):
                 entity.metadata.add(key=key, value=repr(metres))
+        if not math.isnan(heading):
+            entity.metadata.add(key=HEADING_NOTE, value=repr(heading))
         length, width, height = (
             middling if math.isnan(metres) else metres for metres, middling in zip(size, VEHICLE_SIZE, strict=True)
         )
         cube = entity.cubes.add()
-        _place(cube.pose, x, y, height / 2, direction)
+        _place(cube.pose, x, y, height / 2, direction if math.isnan(heading) else heading)
         cube.size.x, cube.size.y, cube.size.z = length, width, height
         _paint(cube.color, VEHICLE_COLOR)
     return update

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.detections import NO_ID
+from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import TimedRows
-from dirprim_filter.sizes import chosen_sizes, has_sizes, joined_sizes, unknown_sizes
 from dirprim_filter.tracks import Numbers, Tracks, as_track_ids, repeated_rows, vehicle_numbers
 from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 
@@ -54,23 +54,24 @@ class _Column:
         return self._values
 
 
-class _SizeColumn(_Column):
-    """The sizes: begun at the first that is told, as most logs tell none."""
+class _OptionalColumn(_Column):
+    """Sizes or headings: begun at the first that is known, as most logs have none."""
 
-    def __init__(self) -> None:
-        super().__init__(np.float64, 3)
+    def __init__(self, *width: int) -> None:
+        super().__init__(np.float64, *width)
+        self._width = width
         self._untold = 0
 
     def extend(self, values: AnyArray) -> None:
         if not self._n:
-            if not (has_sizes(values) and np.isfinite(values).any()):
+            if not (is_held(values) and np.isfinite(values).any()):
                 self._untold += len(values)
                 return
-            super().extend(unknown_sizes(self._untold))
+            super().extend(unknown(self._untold, *self._width))
         super().extend(values)
 
     def whole(self) -> AnyArray:
-        return super().whole() if self._n else unknown_sizes(self._untold)
+        return super().whole() if self._n else unknown(self._untold, *self._width)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,6 +87,7 @@ class Columns(ArrayValue):
         speed: (n,) m/s; NaN where the log does not tell.
         group: (n,) int64.
         size: (n, 3) metres; NaN where the log does not tell.
+        heading: (n,) radians; NaN where the log does not tell.
     """
 
     names: AnyArray
@@ -96,6 +98,7 @@ class Columns(ArrayValue):
     speed: FloatArray
     group: IntArray
     size: FloatArray
+    heading: FloatArray
 
     @classmethod
     def of_rows(cls, parts: Iterable[TimedRows]) -> Columns:
@@ -109,7 +112,7 @@ class Columns(ArrayValue):
         kept = {
             "vehicle": _Column(np.int64), "time_ns": _Column(np.int64), "position": _Column(np.float64, 2),
             "direction": _Column(np.float64), "speed": _Column(np.float64), "group": _Column(np.int64),
-            "size": _SizeColumn(),
+            "size": _OptionalColumn(3), "heading": _OptionalColumn(),
         }  # fmt: skip
         for time_ns, rows in parts:
             names = rows.track_id.tolist()
@@ -117,9 +120,9 @@ class Columns(ArrayValue):
                 named = zip(names, time_ns.tolist(), strict=True)
                 names = [name or f"{time}/{next(nameless)}" for name, time in named]
             vehicle = np.fromiter(map(numbers.__getitem__, names), np.int64, len(names))
-            of_batch = (vehicle, time_ns, rows.position, rows.direction, rows.speed, rows.group, rows.size)
-            for column, values in zip(kept.values(), of_batch, strict=True):
-                column.extend(values)
+            of_batch = {"vehicle": vehicle, "time_ns": time_ns}
+            for name, column in kept.items():
+                column.extend(of_batch[name] if name in of_batch else getattr(rows, name))
         whole = cls(
             names=np.array(list(numbers), dtype=np.str_), **{name: column.whole() for name, column in kept.items()}
         )
@@ -159,7 +162,8 @@ class Columns(ArrayValue):
             direction=np.concatenate([log.direction for log in logs]),
             speed=np.concatenate([log.speed for log in logs]),
             group=np.concatenate(groups),
-            size=joined_sizes([log.size for log in logs]),
+            size=joined([log.size for log in logs]),
+            heading=joined([log.heading for log in logs]),
         )
 
     def __getitem__(self, rows: BoolArray) -> Columns:
@@ -174,7 +178,8 @@ class Columns(ArrayValue):
             direction=self.direction[rows],
             speed=self.speed[rows],
             group=self.group[rows],
-            size=chosen_sizes(self.size, rows),
+            size=chosen(self.size, rows),
+            heading=chosen(self.heading, rows),
         )
 
     def without_repeats(self, drops: Drops) -> Columns:
@@ -184,18 +189,22 @@ class Columns(ArrayValue):
         return self[~repeated]
 
     def as_tracks(self, drops: Drops) -> Tracks:
-        """Direction and speed as told where that is so in all rows of a vehicle, else from positions."""
+        """Direction and speed as told where that is so in all rows of a vehicle, else from positions.
+
+        Where only the speed is told, or the heading of the body, both stay, and the direction is derived.
+        """
         told = np.isfinite(self.direction) & np.isfinite(self.speed) & (self.speed >= 0)
         is_told = np.ones(self.names.size, np.bool_)
         is_told[self.vehicle[~told]] = False
         known, rest = self[is_told[self.vehicle]], self[~is_told[self.vehicle]]
         ids = as_track_ids(self.names)
         derived = Tracks.from_positions(
-            track_id=ids[rest.vehicle], time_ns=rest.time_ns, position=rest.position, group=rest.group, size=rest.size
-        )
+            track_id=ids[rest.vehicle], time_ns=rest.time_ns, position=rest.position, group=rest.group,
+            size=rest.size, heading=rest.heading, speed=np.where(rest.speed >= 0, rest.speed, np.nan),
+        )  # fmt: skip
         drops.alone += rest.time_ns.size - len(derived)
         taken = Tracks(
-            track_id=ids[known.vehicle], time_ns=known.time_ns, position=known.position,
-            direction=known.direction, speed=known.speed, group=known.group, size=known.size,
+            track_id=ids[known.vehicle], time_ns=known.time_ns, position=known.position, direction=known.direction,
+            speed=known.speed, group=known.group, size=known.size, heading=known.heading,
         )  # fmt: skip
         return Tracks.concatenate([part for part in (taken, derived) if len(part)] or [taken])

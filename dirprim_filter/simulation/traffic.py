@@ -60,8 +60,9 @@ def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0)
     """Drive a scene's traffic, and observe each vehicle's centre, direction and speed at a fixed rate.
 
     SUMO gives the middle of the front bumper and the body's yaw; the position is moved back by half a length.
-    There the yaw is the course over ground: on an arc the chord from bumper to bumper is parallel to the
-    tangent at its middle; where the bend changes they differ by degrees. Standing vehicles keep their yaw.
+    The yaw is the heading; the direction is the course of that centre, from its positions: on an arc they are the
+    same, as the chord from bumper to bumper is parallel to the tangent at its middle, and where the bend changes they
+    differ by degrees. Who never moves has the yaw for a direction.
 
     Args:
         scene: one of `SCENES`.
@@ -203,11 +204,11 @@ def _read_tracks(path: Path) -> Tracks:
         elif event == "end":
             root.clear()  # the file is far larger than what is kept of it
     x, y, compass_deg, speed, body = np.array(states).reshape(-1, 5).T
-    direction = np.radians(90.0 - compass_deg)
-    return Tracks(
+    heading = np.radians(90.0 - compass_deg)
+    return Tracks.from_positions(
         track_id=np.array(vehicle, np.int64),
         time_ns=np.array(time_step, np.int64) * (STEP_MS * 1_000_000),
-        position=np.column_stack([x - body / 2 * np.cos(direction), y - body / 2 * np.sin(direction)]),
-        direction=direction,
+        position=np.column_stack([x - body / 2 * np.cos(heading), y - body / 2 * np.sin(heading)]),
+        heading=heading,
         speed=speed,
     )

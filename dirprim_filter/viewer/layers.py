@@ -145,7 +145,7 @@ def draw_frame(
     estimates = frame.estimates
     if truth is not None:
         now = truth.time_ns == frame.time_ns
-        outline = shapes.vehicle_outline(truth.position[now], truth.direction[now], truth.size[now])
+        outline = shapes.vehicle_outline(truth.position[now], truth.body_direction[now], truth.size[now])
         axes.add_collection(PolyCollection(list(outline), facecolors="white", alpha=0.6, linewidths=0, zorder=6.5))
         axes.add_collection(LineCollection(list(outline), colors=INK, linewidths=0.9, zorder=7))
     axes.plot(*frame.detections.position.T, "x", color=INK, markersize=1.3 * marker, markeredgewidth=1.1, zorder=9)

@@ -149,7 +149,7 @@ def paint(particles: Particles, by: ParticleColor) -> ByteArray:
 
 def truth(tracks: Tracks) -> rr.ComponentColumnList:
     """The outline of the vehicle of each row."""
-    outline = shapes.vehicle_outline(tracks.position, tracks.direction, tracks.size)
+    outline = shapes.vehicle_outline(tracks.position, tracks.body_direction, tracks.size)
     return rr.LineStrips3D.columns(strips=_raised(outline, HEIGHT["truth"]))
 
 

@@ -293,14 +293,14 @@ def motion_arrow(direction: FloatArray, speed: FloatArray, *, duration_s: float 
     return arrow
 
 
-def vehicle_outline(position: FloatArray, direction: FloatArray, size: FloatArray) -> FloatArray:
+def vehicle_outline(position: FloatArray, heading: FloatArray, size: FloatArray) -> FloatArray:
     """The closed outline of vehicles from above, with a pointed bow. (n, 2), (n,), (n, 3) -> (n, 6, 2) metres.
 
     Those of unknown size are drawn as a `MIDDLING` car.
     """
     body = np.array([[-0.5, -0.5], [0.28, -0.5], [0.5, 0.0], [0.28, 0.5], [-0.5, 0.5], [-0.5, -0.5]])
     across = np.where(np.isnan(size[:, :2]), MIDDLING, size[:, :2])
-    outline: FloatArray = position[:, None, :] + _turned(body * across[:, None], np.asarray(direction)[:, None])
+    outline: FloatArray = position[:, None, :] + _turned(body * across[:, None], np.asarray(heading)[:, None])
     return outline
 
 

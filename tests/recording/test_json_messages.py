@@ -109,7 +109,7 @@ def test_nasty_messages_of_every_schema_never_end_the_read(schema):
         topic="/t", message_encoding="json", schema=Schema(name=schema, encoding="", data=b""), metadata=()
     )
     tree = wanted(family.fields)
-    payloads = [json.dumps(nasty(tree, rng)).encode() for _ in range(400)]
+    payloads = [json.dumps(nasty(tree, rng)).encode() for _ in range(800)]
     messages = [Message(i, i, i, channel, payload) for i, payload in enumerate(payloads)]
     rows, failures = Decoders().rows(messages)
     assert 0 < len(failures) < len(messages)

@@ -1,14 +1,17 @@
 """What we write is what we read: tracks and detections through a file, to the last bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dirprim_filter.detections import Detections
+from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.tracks import Tracks
 
-COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "group")
+COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "group", "heading")
 
 
 def crossing(vehicles):
@@ -23,6 +26,7 @@ def crossing(vehicles):
         direction=np.where(rng.random(n) < 0.1, np.pi, rng.uniform(-np.pi, np.pi, n)),
         speed=np.where(rng.random(n) < 0.1, 0.0, rng.gamma(2.0, 5.0, n)),
         group=rng.integers(-(10**17), 10**17, n),
+        heading=np.where(rng.random(n) < 0.2, np.nan, rng.uniform(-np.pi, np.pi, n)),
     )
 
 
@@ -35,6 +39,8 @@ def test_tracks_read_back_equal(tmp_path, topics, vehicles):
     for name in COLUMNS:
         assert getattr(back, name).dtype.kind == getattr(tracks, name).dtype.kind
         np.testing.assert_array_equal(getattr(back, name), getattr(tracks, name), err_msg=name)
+    write_tracks(replace(tracks, heading=[]), tmp_path / "b.mcap")
+    assert not is_held(read_tracks(tmp_path / "b.mcap", topics=topics).heading)
 
 
 def test_detections_read_back_frame_by_frame(tmp_path):

@@ -15,12 +15,12 @@ from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detect
 
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
+from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording import decoding, read_tracks, write_tracks
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.reader import inspect, stream_detections
 from dirprim_filter.recording.scene import VEHICLE_SIZE
 from dirprim_filter.recording.tables import read_csv
-from dirprim_filter.sizes import has_sizes
 from dirprim_filter.tracks import Tracks
 
 NAN = np.nan
@@ -80,7 +80,7 @@ def test_sizes_of_ros_2_objects(tmp_path, name):
     tracks = read_tracks(path)
     np.testing.assert_array_equal(tracks.size, [expected] * len(tracks))
     assert len(tracks) == 3 * N_TIMES
-    assert has_sizes(tracks.size) == np.isfinite(expected).any()
+    assert is_held(tracks.size) == np.isfinite(expected).any()
     for frame in stream_detections(path):
         np.testing.assert_array_equal(frame.size, [expected] * len(frame))
 
@@ -147,7 +147,7 @@ def test_sizes_of_osi_objects_are_what_the_stock_decoder_finds():
                 size = mover.base.dimension
                 expected[message.log_time, mover.id.value] = (size.length, size.width, size.height)
     tracks = read_tracks(path)
-    assert has_sizes(tracks.size)
+    assert is_held(tracks.size)
     for time_ns, name, size in zip(tracks.time_ns.tolist(), tracks.track_id.tolist(), tracks.size, strict=True):
         told = np.array(expected[time_ns, name])
         np.testing.assert_array_equal(size, np.where(told > 0, told, NAN))
@@ -196,7 +196,7 @@ def test_sizes_by_the_paths_of_a_private_schema(tmp_path):
     np.testing.assert_array_equal(tracks.size, [(L, W, NAN)] * len(tracks))
     tracks = read_tracks(path, mapping=FieldMapping.parse(f"{places},height=.tall"))
     np.testing.assert_array_equal(tracks.size, [(NAN, NAN, H)] * len(tracks))
-    assert not has_sizes(read_tracks(path, mapping=FieldMapping.parse(places)).size)
+    assert not is_held(read_tracks(path, mapping=FieldMapping.parse(places)).size)
 
 
 def three(size):
@@ -219,7 +219,7 @@ def test_sizes_read_back_equal(tmp_path, topics, size):
     write_tracks(tracks, tmp_path / "log.mcap")
     back = read_tracks(tmp_path / "log.mcap", topics=topics)
     np.testing.assert_array_equal(back.size, tracks.size)
-    assert has_sizes(back.size) == has_sizes(tracks.size)
+    assert is_held(back.size) == is_held(tracks.size)
 
 
 def test_detected_sizes_read_back_equal(tmp_path):

@@ -33,6 +33,7 @@ OSI = {
 }  # fmt: skip
 F = descriptor_pb2.FieldDescriptorProto
 N, STEP_NS = 20, 100_000_000
+HEADING = 2.5
 
 
 def sensor_data_class():
@@ -96,10 +97,12 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
             put(host.vehicle_attributes.bbcenter_to_rear, rear)
             vehicle = homogeneous(place, angles) @ homogeneous(rear, [0, 0, 0])
             back = np.linalg.inv(vehicle @ homogeneous(mount, mounted))
+            body = Rotation.from_matrix(back[:3, :3]) * Rotation.from_euler("Z", HEADING)
             for i in range(2):
                 seen = message.moving_object.add()
                 seen.header.tracking_id.value = i
                 put(seen.base.position, (back @ [*(cars[i] + velocity[i] * k * 0.1), 1.0])[:3])
+            turn(message.moving_object[0].base.orientation, *body.as_euler("ZYX"))  # the other's is not set
             if k == 4:
                 truth.host_vehicle_id.value = 5
             writer.add_message(channel, k * STEP_NS, message.SerializeToString(), k * STEP_NS)
@@ -107,6 +110,8 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
     log = read_track_logs(tmp_path / "log.mcap", time_source="header")
     assert log.dropped.undecodable == 1
     assert "without the host vehicle" in str(log.dropped)
+    np.testing.assert_allclose(log.tracks.heading[log.tracks.track_id == 0], HEADING, atol=1e-9)
+    assert np.isnan(log.tracks.heading[log.tracks.track_id == 1]).all()
     when = np.delete(np.arange(N), 4)
     for i in range(2):
         track = log.tracks[log.tracks.track_id == i]

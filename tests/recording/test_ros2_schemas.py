@@ -139,6 +139,7 @@ def test_objects_are_those_that_were_written(tmp_path, schema, time_source):
     if schema in TELLS_MOTION:
         np.testing.assert_allclose(tracks.speed, SCENE.speed.ravel(), atol=1e-12)
         np.testing.assert_allclose(np.exp(1j * tracks.direction), np.exp(1j * SCENE.yaw.ravel()), atol=1e-12)
+    np.testing.assert_allclose(np.exp(1j * tracks.heading), np.exp(1j * SCENE.yaw.ravel()), atol=1e-12)
     if "DetectedObjects" not in schema:
         assert tracks.n_tracks == 3
 

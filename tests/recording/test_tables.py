@@ -24,8 +24,8 @@ def table(tmp_path, text, name="table.csv"):
 
 
 def test_columns_are_found_by_name_in_any_order(tmp_path, caplog):
-    header = "speed_mps,lane,y_m,time_s,group,x_m,track_id,heading_rad"
-    text = f"{header}\n5,L1,2,0.1,3,1,a,-0.5\n6,L1,4,0.2,3,2,a,0.25\n"
+    header = "speed_mps,lane,y_m,time_s,course_rad,group,x_m,track_id,heading_rad"
+    text = f"{header}\n5,L1,2,0.1,-0.5,3,1,a,1.5\n6,L1,4,0.2,0.25,3,2,a,\n"
     with caplog.at_level(logging.INFO):
         read = read_csv(table(tmp_path, text))
     tracks = read.tracks
@@ -33,7 +33,8 @@ def test_columns_are_found_by_name_in_any_order(tmp_path, caplog):
     assert tracks.track_id.tolist() == ["a", "a"]
     assert tracks.time_ns.tolist() == [100_000_000, 200_000_000]
     assert tracks.position.tolist() == [[1.0, 2.0], [2.0, 4.0]]
-    assert tracks.direction.tolist() == [-0.5, 0.25]
+    assert tracks.direction.tolist() == [-0.5, 0.25]  # kept as it is, whatever the positions say
+    np.testing.assert_array_equal(tracks.heading, [1.5, np.nan])
     assert tracks.speed.tolist() == [5.0, 6.0]
     assert tracks.group.tolist() == [3, 3]
     assert (read.dropped, read.notes) == ({}, {})
@@ -217,7 +218,10 @@ def test_sumo_vehicles_turn_from_compass_to_direction(tmp_path, monkeypatch):
         assert read.tracks.track_id.tolist() == ["a.0", "a.0", "b"]
         assert read.tracks.time_ns.tolist() == [100_000_000, 200_000_000, 200_000_000]
         assert read.tracks.position.tolist() == [[1.5, -2.5], [1.8, -2.5], [7.0, 8.0]]
-        np.testing.assert_allclose(read.tracks.direction, [0.0, np.pi / 2, -3 * np.pi / 4], atol=1e-12)
+        np.testing.assert_allclose(read.tracks.heading, [0.0, np.pi / 2, -3 * np.pi / 4], atol=1e-12)
+        np.testing.assert_allclose(
+            read.tracks.direction, [0.0, 0.0, -3 * np.pi / 4], atol=1e-12
+        )  # who is alone has yaw
         assert read.tracks.speed.tolist() == [3.0, 3.5, 0.0]
 
 
@@ -294,10 +298,10 @@ def test_real_annotations_are_all_accounted_for(video, scale, n_rows):
     assert np.ptp(read.tracks.position, axis=0).max() < 100.0
 
 
-def test_a_vehicle_of_which_a_heading_is_missing_gets_its_motion_from_positions(tmp_path):
-    rows = [f"{0.1 * k:.1f},{name},{k},0,{heading},{speed}" for k in range(4) for name, heading, speed in (
-        ("told", 1.5, 3), ("part", "" if k == 2 else 1.5, 3), ("none", "", ""))]  # fmt: skip
-    read = read_csv(table(tmp_path, "\n".join([HEADER, *rows])))
+def test_a_vehicle_of_which_a_speed_is_missing_gets_its_motion_from_positions(tmp_path):
+    rows = [f"{0.1 * k:.1f},{name},{k},0,{course},{speed}" for k in range(4) for name, course, speed in (
+        ("told", 1.5, 3), ("part", 1.5, "" if k == 2 else 3), ("none", "", ""))]  # fmt: skip
+    read = read_csv(table(tmp_path, "\n".join([HEADER.replace("heading", "course"), *rows])))
     assert read.dropped == {}
     motion = {name: read.tracks[read.tracks.track_id == name] for name in ("told", "part", "none")}
     assert [len(own) for own in motion.values()] == [4, 4, 4]

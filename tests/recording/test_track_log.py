@@ -58,6 +58,7 @@ def some_tracks(n_vehicles=7, n_instants=30, *, seed=0, named=False):
         position=rng.normal(scale=1e3, size=(n, 2)),
         direction=rng.uniform(-np.pi, np.pi, n),
         speed=rng.gamma(2.0, 5.0, n),
+        heading=np.where(rng.random(n) < 0.5, np.nan, rng.uniform(-np.pi, np.pi, n)),
         group=rng.integers(-3, 3, n_vehicles)[vehicle],
     )
 
@@ -104,7 +105,9 @@ def test_every_message_says_the_same_as_the_rows(tmp_path):
             assert float(told["speed_mps"]) == frame.speed[i] == tracks.speed[row]
             assert int(told["group"]) == frame.group[i] == tracks.group[row]
             yaw = 2 * np.arctan2(cube.pose.orientation.z, cube.pose.orientation.w)
-            assert np.cos(yaw - tracks.direction[row]) == pytest.approx(1.0)
+            drawn_as = tracks.direction[row] if np.isnan(tracks.heading[row]) else tracks.heading[row]
+            assert np.cos(yaw - drawn_as) == pytest.approx(1.0)
+            assert drawn_as == tracks.body_direction[row]
             assert entity.frame_locked
             assert entity.lifetime.nanos == 150_000_000
             row += 1

@@ -99,6 +99,8 @@ def test_objects_of_a_sensor_arrive_in_the_map(tmp_path):
     np.testing.assert_allclose(moving.speed, 10.0)
     np.testing.assert_allclose(moving.direction, np.arctan2(-6, 8), atol=1e-6)
     np.testing.assert_allclose(still.direction, np.pi / 2, atol=1e-6)
+    np.testing.assert_array_equal(still.heading, still.direction)
+    np.testing.assert_allclose(moving.heading, np.arctan2(-6, 8), atol=1e-6)
     streamed = np.concatenate([frame.position for frame in stream_detections(path)])
     np.testing.assert_array_equal(streamed, tracks.position)
     in_base = read_tracks(path, frame="base_link")

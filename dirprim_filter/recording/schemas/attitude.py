@@ -49,6 +49,11 @@ def rotated(orientation: FloatArray, vector: FloatArray) -> FloatArray:
     return np.stack([a + 2 * (y * r - z * q), b + 2 * (z * p - x * r), c + 2 * (x * q - y * p)], axis=-1)
 
 
+def orientation(path: str) -> Mapping[str, Field]:
+    """Labels `q.x` to `q.w` of a quaternion; a definition may lack it."""
+    return {label: Field(path=f"{path}.{label[-1]}", optional=True) for label in ORIENTATION}
+
+
 def heading(orientation: FloatArray) -> FloatArray:
     """(n,) direction of the body's x axis, radians; NaN where the orientation is not set or points up."""
     forward = rotated(orientation, np.broadcast_to([1.0, 0.0, 0.0], (len(orientation), 3)))

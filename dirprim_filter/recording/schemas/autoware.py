@@ -93,6 +93,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         covariance=covariances(shredded, shredded.integers("unsure", default=1) > 0),
         label=label_names(label, LABELS),
         size=_sizes(shredded),
+        heading=standing,
     )
 
 

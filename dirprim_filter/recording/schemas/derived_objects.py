@@ -27,7 +27,8 @@ LABELS = (
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     message = shredded.message_of(".objects[]")
     velocity = numbers(shredded, *VELOCITY)
-    direction, speed = course(velocity, heading(numbers(shredded, *ORIENTATION)))
+    yaw = heading(numbers(shredded, *ORIENTATION))
+    direction, speed = course(velocity, yaw)
     return rows_of(
         message,
         track_id=shredded.names("id"),
@@ -40,6 +41,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         covariance=covariances(shredded),
         label=label_names(shredded.integers("label", default=UNTOLD), LABELS),
         size=solid_sizes(shredded),
+        heading=yaw,
     )
 
 

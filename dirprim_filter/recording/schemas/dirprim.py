@@ -11,12 +11,12 @@ import numpy as np
 from google.protobuf.message import DecodeError, Message
 
 from dirprim_filter.estimates import Estimates
+from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.covariances import matrices
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
-from dirprim_filter.sizes import has_sizes
 from dirprim_filter.tracks import Tracks, as_texts
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -120,13 +120,17 @@ def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: 
         message.covariance_xx.extend(observed.covariance[rows, 0, 0].tolist())
         message.covariance_xy.extend(observed.covariance[rows, 0, 1].tolist())
         message.covariance_yy.extend(observed.covariance[rows, 1, 1].tolist())
-    if has_sizes(observed.size) and not np.isnan(size := observed.size[rows]).all():
+    if is_held(observed.size) and not np.isnan(size := observed.size[rows]).all():
         for name, column in zip(_SIZE, size.T.tolist(), strict=True):
             getattr(message, name).extend(column)
+    if isinstance(observed, Tracks) and is_held(observed.heading):
+        heading = observed.heading[rows]
+        if not np.isnan(heading).all():
+            message.heading.extend(heading.tolist())
     return message
 
 
-_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE)
+_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE, "heading")
 _COLUMNS = ("x", "y", *_OPTIONAL)
 
 
@@ -164,6 +168,7 @@ def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         group=group,
         covariance=matrices(*(columns[label] for label in _COVARIANCE)),
         size=np.stack([columns[label] for label in _SIZE], axis=-1),
+        heading=columns["heading"],
     )[kept]
 
 

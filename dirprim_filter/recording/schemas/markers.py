@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, heading, orientation, xyz
 from dirprim_filter.recording.schemas.extents import extents, sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
@@ -35,6 +35,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         frame_id=shredded.names("frame"),
         place=numbers(shredded, *POSITION),
         size=np.where((kind == MESH)[:, None], np.nan, sizes(shredded)),
+        heading=heading(numbers(shredded, *ORIENTATION)),
     )[is_body]
 
 
@@ -48,6 +49,7 @@ MARKERS = Family(
         "type": Field(path=".markers[].type"),
         "action": Field(path=".markers[].action"),
         **xyz("p", ".markers[].pose.position"),
+        **orientation(".markers[].pose.orientation"),
         **extents(".markers[].scale"),
     },
     objects=_objects,

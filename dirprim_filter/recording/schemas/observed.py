@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
+from dirprim_filter.optional_columns import chosen, joined, unknown
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.shredded import Shredded
-from dirprim_filter.sizes import chosen_sizes, joined_sizes, known_sizes, unknown_sizes
+from dirprim_filter.sizes import known_sizes
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+
+_OPTIONAL = ("size", "heading")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +35,7 @@ class ObservedRows:
         covariance: (n, 2, 2) of the position's error, square metres; NaN where the message does not tell.
         label: (n,) str, what the object is in the words of its schema; empty where the message does not tell.
         size: (n, 3) length, width and height of the body, metres; NaN where the message does not tell.
+        heading: (n,) yaw of the body, radians; NaN where the message does not tell.
     """
 
     message: IntArray
@@ -47,6 +51,7 @@ class ObservedRows:
     covariance: FloatArray
     label: AnyArray
     size: FloatArray
+    heading: FloatArray
 
     def __len__(self) -> int:
         return int(self.message.size)
@@ -55,19 +60,20 @@ class ObservedRows:
         """The rows of a mask or of indices; the same rows where a mask leaves out none."""
         if rows.dtype == np.bool_ and rows.all():
             return self
-        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "size"}
-        return replace(self, **columns, size=chosen_sizes(self.size, rows))
+        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        columns = {n: chosen(column, rows) if n in _OPTIONAL else column[rows] for n, column in columns.items()}
+        return replace(self, **columns)
 
 
 def concatenated(parts: Sequence[ObservedRows]) -> ObservedRows:
     """All rows of all parts, of which there is at least one; `message` stays as it is."""
     if len(parts) == 1:
         return parts[0]
-    names = [f.name for f in fields(ObservedRows) if f.name != "size"]
-    return ObservedRows(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-        size=joined_sizes([part.size for part in parts]),
-    )
+    columns: dict[str, Any] = {}
+    for f in fields(ObservedRows):
+        join = joined if f.name in _OPTIONAL else np.concatenate
+        columns[f.name] = join([getattr(part, f.name) for part in parts])
+    return ObservedRows(**columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,6 +110,7 @@ def rows_of(
     covariance: FloatArray | None = None,
     label: AnyArray | None = None,
     size: FloatArray | None = None,
+    heading: FloatArray | None = None,
 ) -> ObservedRows:
     """Rows of which all but the place may be unknown.
 
@@ -120,8 +127,9 @@ def rows_of(
         covariance: (n, 2, 2) square metres.
         label: (n,) str.
         size: (n, 3) metres; what is not positive is unknown: a field that nobody set reads as 0.
+        heading: (n,) radians; what is not finite is unknown.
     """
-    unknown = np.full(message.size, np.nan)
+    none = np.full(message.size, np.nan)
     return ObservedRows(
         message=message,
         track_id=track_id,
@@ -129,13 +137,14 @@ def rows_of(
         frame_id=frame_id,
         position=np.ascontiguousarray(place[:, :2]),
         height=np.where(np.isfinite(place[:, 2]), place[:, 2], 0.0),
-        direction=unknown if direction is None else direction,
-        speed=unknown if speed is None else speed,
+        direction=none if direction is None else direction,
+        speed=none if speed is None else speed,
         climb=np.zeros(message.size) if climb is None else np.where(np.isfinite(climb), climb, 0.0),
         group=np.zeros(message.size, np.int64) if group is None else group,
         covariance=np.full((message.size, 2, 2), np.nan) if covariance is None else covariance,
         label=np.full(message.size, "") if label is None else label,
-        size=unknown_sizes(message.size) if size is None else known_sizes(size),
+        size=unknown(message.size, 3) if size is None else known_sizes(size),
+        heading=unknown(message.size) if heading is None else np.where(np.isfinite(heading), heading, np.nan),
     )
 
 

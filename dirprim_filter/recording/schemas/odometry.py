@@ -32,7 +32,8 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
     orientation = numbers(shredded, *ORIENTATION)
     velocity = rotated(orientation, numbers(shredded, *VELOCITY))
     velocity[~shredded.marks("moves")] = np.nan
-    direction, speed = course(velocity, heading(orientation))
+    yaw = heading(orientation)
+    direction, speed = course(velocity, yaw)
     return rows_of(
         shredded.message_of(""),
         track_id=np.where(body == "", topics, body),
@@ -43,6 +44,7 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         speed=speed,
         climb=velocity[:, 2],
         covariance=covariances(shredded),
+        heading=yaw,
     )
 
 

@@ -44,9 +44,8 @@ def _family(schema: str, truth: str) -> Family:
     def objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         message = shredded.message_of(movers)
         velocity = numbers(shredded, *VELOCITY)
-        standing = np.where(
-            shredded.marks("turned"), shredded.numbers("yaw"), np.arctan2(velocity[:, 1], velocity[:, 0])
-        )
+        yaw = np.where(shredded.marks("turned"), shredded.numbers("yaw"), np.nan)
+        standing = np.where(np.isnan(yaw), np.arctan2(velocity[:, 1], velocity[:, 0]), yaw)
         velocity[~shredded.marks("moves")] = np.nan
         direction, speed = course(velocity, standing)
         return rows_of(
@@ -59,6 +58,7 @@ def _family(schema: str, truth: str) -> Family:
             speed=speed,
             label=_labels(shredded),
             size=sizes(shredded),
+            heading=yaw,
         )[shredded.marks("placed")]
 
     return Family(

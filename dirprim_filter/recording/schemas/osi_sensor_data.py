@@ -2,7 +2,8 @@
 
 Positions are in the axes of the virtual sensor. Its mounting position is told in the axes of the host vehicle, whose
 origin is the rear axle; where that is in the world is told by the copy of the sensor view. Velocities are relative to
-the moving sensor, so they are left out: direction and speed come from the positions in the world.
+the moving sensor, so they are left out: direction and speed come from the positions in the world. The orientation of an
+object is in the sensor's axes, as its position is.
 
 Source: ASAM OSI 3.7, osi_sensordata.proto (`mounting_position`), osi_common.proto (`Orientation3d`: turned about z by
 yaw, then about the new y by pitch, then about the new x by roll).
@@ -61,9 +62,12 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     shredded.fail(lost, f"{_TRUTH} without the host vehicle, so it is unknown where the sensor is")
     placed = shredded.marks("placed") & (hosts[message] >= 0)
     message = message[placed]
-    in_vehicle = rotated(_angles(shredded, "mounted")[message], numbers(shredded, *POSITION)[placed])
+    mounted, turned = _angles(shredded, "mounted")[message], _angles(shredded, "turned")[hosts[message]]
+    in_vehicle = rotated(mounted, numbers(shredded, *POSITION)[placed])
     in_vehicle += _vector(shredded, "mount")[message] + _vector(shredded, "rear")[hosts[message]]
-    place = rotated(_angles(shredded, "turned")[hosts[message]], in_vehicle) + _vector(shredded, "at")[hosts[message]]
+    place = rotated(turned, in_vehicle) + _vector(shredded, "at")[hosts[message]]
+    ahead = rotated(_angles(shredded, "body")[placed], np.broadcast_to([1.0, 0.0, 0.0], place.shape))
+    ahead = rotated(turned, rotated(mounted, ahead))
     measured, sent = shredded.times("measured"), shredded.times("stamp")
     return rows_of(
         message,
@@ -72,6 +76,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         frame_id=np.full(message.size, ""),
         place=place,
         size=sizes(shredded)[placed],
+        heading=np.where(shredded.marks("faces")[placed], np.arctan2(ahead[:, 1], ahead[:, 0]), np.nan),
     )
 
 
@@ -82,7 +87,9 @@ SENSOR_DATA = Family(
         "measured": Field(path=".last_measurement_time", kind="time", optional=True),
         "id": Field(path=".moving_object[].header.tracking_id.value", kind="name"),
         "placed": Field(path=".moving_object[].base.position", kind="mark"),
+        "faces": Field(path=".moving_object[].base.orientation", kind="mark"),
         **xyz("p", ".moving_object[].base.position"),
+        **_turn("body", ".moving_object[].base.orientation"),
         **extents(".moving_object[].base.dimension", DIMENSION),
         **xyz("mount", ".mounting_position.position"),
         **_turn("mounted", ".mounting_position.orientation"),

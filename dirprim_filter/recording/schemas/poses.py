@@ -1,4 +1,4 @@
-"""Poses without a velocity: Foxglove's and ROS 2's, one or several to a message.
+"""Poses without a velocity: Foxglove's and ROS 2's, one or several to a message; the orientation is the body's.
 
 A topic of single poses is one vehicle, named after the topic. Several poses in a message have no names but their
 places in it, so such a topic holds vehicles only where those places are kept from message to message.
@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, heading, orientation, xyz
 from dirprim_filter.recording.schemas.covariances import covariance, covariances
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
@@ -42,9 +42,11 @@ def _single(
             frame_id=shredded.names("frame"),
             place=numbers(shredded, *POSITION),
             covariance=covariances(shredded) if errors else None,
+            heading=heading(numbers(shredded, *ORIENTATION)),
         )
 
-    return Family(schemas=schemas, fields={**header, **errors, **xyz("p", f"{path}.position")}, objects=objects)
+    wanted = {**header, **errors, **xyz("p", f"{path}.position"), **orientation(f"{path}.orientation")}
+    return Family(schemas=schemas, fields=wanted, objects=objects)
 
 
 def _several(*schemas: str, header: Mapping[str, Field]) -> Family:
@@ -56,9 +58,11 @@ def _several(*schemas: str, header: Mapping[str, Field]) -> Family:
             stamp_ns=shredded.times("stamp")[message],
             frame_id=shredded.names("frame")[message],
             place=numbers(shredded, *POSITION),
+            heading=heading(numbers(shredded, *ORIENTATION)),
         )
 
-    return Family(schemas=schemas, fields={**header, **xyz("p", ".poses[].position")}, objects=objects)
+    wanted = {**header, **xyz("p", ".poses[].position"), **orientation(".poses[].orientation")}
+    return Family(schemas=schemas, fields=wanted, objects=objects)
 
 
 def place_in_message(message: IntArray) -> IntArray:

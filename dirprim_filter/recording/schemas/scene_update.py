@@ -3,8 +3,9 @@
 One entity is one object; its first cube is the object's body, or its first upright cylinder, or its first model;
 other primitives (lines of a lane map, arrows, texts) are no objects, so entities without a body are passed over.
 Velocity is not part of the schema: it is taken from the entity's metadata `direction_rad` and `speed_mps` where these
-are, and `group` and `category`, what the object is, likewise. The size is the body's, a model's unknown; where metadata
-tell the speed the size stands there too, as `length_m`, `width_m` and `height_m`, and that of the cube is but drawn.
+are, and `group` and `category`, what the object is, likewise. The size is the body's, a model's unknown, and the
+heading that of a cube; where metadata tell the speed both stand there too, as `length_m`, `width_m`, `height_m` and
+`heading_rad`, and those of the cube are but drawn.
 
 Source: https://docs.foxglove.dev/docs/sdk/schemas/scene-update and https://github.com/foxglove/nuscenes2mcap.
 """
@@ -16,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, heading, orientation, xyz
 from dirprim_filter.recording.schemas.extents import SIZE, extents
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
@@ -30,6 +31,8 @@ _PLACES = (POSITION, ("r.x", "r.y", "r.z"), ("m.x", "m.y", "m.z"))
 _ROUND = ("round.x", "round.y", "round.z")
 SIZE_NOTES = ("length_m", "width_m", "height_m")
 """In the metadata: of what was observed, where the cube may be of a middling size."""
+HEADING_NOTE = "heading_rad"
+"""In the metadata: of what was observed, where the cube may be turned into the course."""
 
 
 def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
@@ -49,6 +52,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         group=notes.groups(),
         label=notes.texts("category"),
         size=_sizes(shredded, notes),
+        heading=_headings(shredded, notes),
     )[is_body]
 
 
@@ -69,6 +73,13 @@ def _sizes(shredded: Shredded, notes: _Notes) -> FloatArray:
     if told.any():
         drawn[told] = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)[told]
     return drawn
+
+
+def _headings(shredded: Shredded, notes: _Notes) -> FloatArray:
+    """(n,) radians; of who is no cube unknown."""
+    drawn = np.where(shredded.marks("cube"), heading(numbers(shredded, *ORIENTATION)), np.nan)
+    told = notes.has("speed_mps")
+    return np.where(told, notes.numbers(HEADING_NOTE), drawn) if told.any() else drawn
 
 
 class _Notes:
@@ -135,6 +146,7 @@ SCENE_UPDATE = Family(
         "cylinder": Field(path=f"{_ENTITIES}.cylinders[0]", kind="mark", optional=True),
         "model": Field(path=f"{_ENTITIES}.models[0]", kind="mark", optional=True),
         **xyz("p", f"{_ENTITIES}.cubes[0].pose.position"),
+        **orientation(f"{_ENTITIES}.cubes[0].pose.orientation"),
         **_elsewhere("r", "cylinders[0].pose.position"),
         **_elsewhere("m", "models[0].pose.position"),
         **extents(f"{_ENTITIES}.cubes[0].size"),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.schemas.attitude import POSITION, xyz
+from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, heading, orientation, xyz
 from dirprim_filter.recording.schemas.extents import extents, sizes
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.labels import most_probable
@@ -34,6 +34,7 @@ def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         place=numbers(shredded, *POSITION),
         label=label,
         size=sizes(shredded),
+        heading=heading(numbers(shredded, *ORIENTATION)),
     )
 
 
@@ -46,6 +47,7 @@ DETECTIONS_3D = Family(
         "label": Field(path=".detections[].results[].hypothesis.class_id", kind="name", optional=True),
         "score": Field(path=".detections[].results[].hypothesis.score", optional=True),
         **xyz("p", ".detections[].bbox.center.position"),
+        **orientation(".detections[].bbox.center.orientation"),
         **extents(".detections[].bbox.size"),
     },
     objects=_objects,

@@ -1,8 +1,9 @@
 """Tracks from comma-separated text, columns by name.
 
-`time_s, track_id, x_m, y_m` and, if there, `heading_rad, speed_mps, group, length_m, width_m, height_m`; other columns
-are ignored. A name says its unit: x east and y north in metres, the heading (taken as the course over ground) in
-radians counter-clockwise from east, the size of the body in metres; an empty cell of a size is one that is unknown.
+`time_s, track_id, x_m, y_m` and, if there, `heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m`;
+other columns are ignored. A name says its unit: x east and y north in metres, the heading (yaw of the body) and the
+course over ground in radians counter-clockwise from east, the size of the body in metres; an empty cell of a size or an
+angle is one that is unknown.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ logger = logging.getLogger(__name__)
 
 REQUIRED = ("time_s", "track_id", "x_m", "y_m")
 SIZE = ("length_m", "width_m", "height_m")
-OPTIONAL = ("heading_rad", "speed_mps", "group", *SIZE)
+OPTIONAL = ("heading_rad", "course_rad", "speed_mps", "group", *SIZE)
+ANGLES = {"course_rad": "direction", "heading_rad": "heading"}
 
 REMEDY: Mapping[str, str] = {
     "time_ms": "divide by 1e3", "time_us": "divide by 1e6", "time_ns": "divide by 1e9",
@@ -29,6 +31,7 @@ REMEDY: Mapping[str, str] = {
     "x_cm": "divide by 100", "y_cm": "divide by 100", "x_km": "multiply by 1000", "y_km": "multiply by 1000",
     "x_px": "multiply by the metres per pixel", "y_px": "multiply by the metres per pixel",
     "heading_deg": "multiply by pi/180, and make it counter-clockwise from east",
+    "course_deg": "multiply by pi/180, and make it counter-clockwise from east",
     "speed_kmh": "divide by 3.6", "speed_kph": "divide by 3.6", "speed_mph": "multiply by 0.44704",
     "speed_fps": "multiply by 0.3048", "speed_kn": "multiply by 0.514444",
     "length_ft": "multiply by 0.3048", "width_ft": "multiply by 0.3048", "height_ft": "multiply by 0.3048",
@@ -42,8 +45,8 @@ def read_csv(path: str | Path) -> Table:
     """The tracks of a csv file.
 
     Rows without a time or a place, with an infinite number, with a negative speed, and second rows of a vehicle at one
-    time are dropped and counted. Where `heading_rad` or `speed_mps` is missing in a row of a vehicle, both are
-    differenced from its positions.
+    time are dropped and counted. `course_rad` is kept where a vehicle has it and `speed_mps` in all rows; else the
+    course is derived from the positions. So is the speed where it is missing in a row of a vehicle.
 
     Raises:
         TableError: a column is missing or in another unit, or a cell is no number.
@@ -62,17 +65,17 @@ def read_csv(path: str | Path) -> Table:
     if not parts:
         raise TableError(text.path, line + 1, "rows after the header", "none", "check how the table was made")
     rows = TableRows.concatenate(parts)
-    if rows.direction is not None and (np.abs(rows.direction) > TURN).any():
-        logger.warning("%s: heading_rad reaches %g; is it in degrees?", path, np.nanmax(np.abs(rows.direction)))
+    for name, of in ANGLES.items():
+        angle = getattr(rows, of)
+        if angle is not None and (np.abs(angle) > TURN).any():
+            logger.warning("%s: %s reaches %g; is it in degrees?", path, name, np.nanmax(np.abs(angle)))
     return table_of(rows, ids.names)
 
 
 def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
     time_ns, time_known = block.nanoseconds(place["time_s"], "time_s")
     floats = {
-        name: block.floats(place[name], name)
-        for name in ("x_m", "y_m", "heading_rad", "speed_mps", *SIZE)
-        if name in place
+        name: block.floats(place[name], name) for name in ("x_m", "y_m", *ANGLES, "speed_mps", *SIZE) if name in place
     }
     size = np.column_stack([floats.get(name, np.full(len(time_ns), np.nan)) for name in SIZE])
     return TableRows(
@@ -80,10 +83,11 @@ def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
         time_ns=time_ns,
         time_known=time_known,
         position=np.column_stack([floats["x_m"], floats["y_m"]]),
-        direction=floats.get("heading_rad"),
+        direction=floats.get("course_rad"),
         speed=floats.get("speed_mps"),
         group=block.whole_numbers(place["group"], "group") if "group" in place else None,
         size=size if any(name in place for name in SIZE) else None,
+        heading=floats.get("heading_rad"),
     )
 
 

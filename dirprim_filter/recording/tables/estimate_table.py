@@ -90,7 +90,7 @@ def _columns(estimates: Estimates) -> dict[str, AnyArray]:
     covariance = estimates.covariance
     return {
         "time_ns": estimates.time_ns, "track_id": as_texts(estimates.track_id), "x_m": estimates.position[:, 0],
-        "y_m": estimates.position[:, 1], "heading_rad": estimates.direction, "speed_mps": estimates.speed,
+        "y_m": estimates.position[:, 1], "course_rad": estimates.direction, "speed_mps": estimates.speed,
         "covariance_xx_m2": covariance[:, 0, 0], "covariance_xy_m2": covariance[:, 0, 1],
         "covariance_yy_m2": covariance[:, 1, 1], "direction_resultant": estimates.direction_resultant,
         "speed_std_mps": estimates.speed_std, "existence": estimates.existence, "unseen_s": estimates.unseen_s,

@@ -2,8 +2,8 @@
 
 Source: https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html. x, y are metres of SUMO's network (not lon,
 lat: SUMO must run without --fcd-output.geo) and belong to the middle of the vehicle's front bumper; they are
-kept as they are, since the file does not tell how long the vehicle is. angle is compass degrees, clockwise
-from north.
+kept as they are, since the file does not tell how long the vehicle is. angle is the body's, in compass degrees,
+clockwise from north; the course is that of the positions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tessellation.arrays import FloatArray
 READ_BYTES = 1 << 20
 
 
-def direction_of_compass(angle_deg: FloatArray) -> FloatArray:
+def angle_of_compass(angle_deg: FloatArray) -> FloatArray:
     """Radians counter-clockwise from east, of degrees clockwise from north. (...) -> (...)."""
     return np.asarray(np.pi / 2 - np.radians(angle_deg))
 
@@ -73,8 +73,8 @@ class _FcdExport:
         if not self._parts:
             raise self._error("vehicles in time steps", "none", "run SUMO with --fcd-output")
         parts = self._parts
-        if any(part.direction is None for part in parts):
-            parts = [replace(part, direction=None, speed=None) for part in parts]
+        if any(part.heading is None for part in parts):
+            parts = [replace(part, heading=None, speed=None) for part in parts]
         dropped = {"persons and containers": self._n_others} if self._n_others else {}
         return table_of(TableRows.concatenate(parts), self._ids.names, dropped=dropped)
 
@@ -109,7 +109,7 @@ class _FcdExport:
                 time_ns=np.array(self._times, np.int64),
                 time_known=np.ones(len(self._times), np.bool_),
                 position=np.column_stack([self._floats("x"), self._floats("y")]),
-                direction=direction_of_compass(self._floats("angle")) if moving else None,
+                heading=angle_of_compass(self._floats("angle")) if moving else None,
                 speed=self._floats("speed") if moving else None,
             )
         )

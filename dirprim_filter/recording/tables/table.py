@@ -38,10 +38,11 @@ class TableRows:
         time_ns: (n,) int64; whatever number where `time_known` is False.
         time_known: (n,) where the row tells a time.
         position: (n, 2) metres, x east, y north; not finite where unknown.
-        direction: (n,) radians counter-clockwise from east; None where the table has none.
+        direction: (n,) course over ground, radians counter-clockwise from east; None where the table has none.
         speed: (n,) m/s; None where the table has none.
         group: (n,) int64; None where the table has none.
         size: (n, 3) length, width and height, metres; what is not positive is unknown; None where the table has none.
+        heading: (n,) yaw of the body, radians counter-clockwise from east; None where the table has none.
     """
 
     vehicle: IntArray
@@ -52,6 +53,7 @@ class TableRows:
     speed: FloatArray | None = None
     group: IntArray | None = None
     size: FloatArray | None = None
+    heading: FloatArray | None = None
 
     @classmethod
     def concatenate(cls, parts: Sequence[TableRows]) -> TableRows:
@@ -68,8 +70,8 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
 
     Dropped are rows whose time or position is missing or beyond `FARTHEST_M`, with an infinite number, with a negative
     speed, and of two rows of a vehicle at one time the second. A vehicle id that stands in two groups means two
-    vehicles: all ids become `group/id`. Where direction or speed is missing in a row of a vehicle, both are differenced
-    from all its positions; a row that stands alone in time is then dropped as well.
+    vehicles: all ids become `group/id`. Where the course is missing in a row of a vehicle it is derived from all its
+    positions, and so is the speed; a row that stands alone in time, and has no heading, is then dropped as well.
 
     Args:
         rows: the rows as read.
@@ -82,7 +84,8 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
     nowhere = np.full(len(finite), np.nan)
     direction = nowhere if rows.direction is None else rows.direction
     speed = nowhere if rows.speed is None else rows.speed
-    finite &= ~np.isinf(direction) & ~np.isinf(speed)
+    heading = nowhere if rows.heading is None else rows.heading
+    finite &= ~np.isinf(direction) & ~np.isinf(speed) & ~np.isinf(heading)
     good = finite & ~(speed < 0)
     _count(counts, "negative speed", int((finite & ~good).sum()))
     _count(counts, "a number that is missing, not finite or too large", int((~finite).sum()))
@@ -98,19 +101,20 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
     track_id = as_track_ids(np.array(names, dtype=np.str_))[vehicle[kept]]
     times, position, groups = rows.time_ns[kept], rows.position[kept], group[kept]
     size = np.empty((0, 3)) if rows.size is None else known_sizes(rows.size[kept])
-    told = np.isfinite(direction[kept]) & np.isfinite(speed[kept])
+    direction, speed, heading = direction[kept], speed[kept], heading[kept]
+    told = np.isfinite(direction) & np.isfinite(speed)
     is_told = np.ones(len(names), np.bool_)
     is_told[vehicle[kept][~told]] = False
     whole = is_told[vehicle[kept]]
     if told.any():
         _count(
             notes,
-            "rows of vehicles whose heading or speed is told of a part; differenced from positions",
+            "rows of vehicles whose course or speed is known of a part; derived from positions",
             int((told & ~whole).sum()),
         )
     given = Tracks(
         track_id=track_id[whole], time_ns=times[whole], position=position[whole], group=groups[whole],
-        direction=direction[kept][whole], speed=speed[kept][whole], size=size[whole] if len(size) else size,
+        direction=direction[whole], speed=speed[whole], size=size[whole] if len(size) else size, heading=heading[whole],
     )  # fmt: skip
     derived = Tracks.from_positions(
         track_id=track_id[~whole],
@@ -118,6 +122,8 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
         position=position[~whole],
         group=groups[~whole],
         size=size[~whole] if len(size) else size,
+        heading=heading[~whole],
+        speed=speed[~whole],
     )
     _count(counts, "alone in time, so that no velocity can be derived", int((~whole).sum()) - len(derived))
     tracks = Tracks.concatenate([part for part in (given, derived) if len(part)] or [given])

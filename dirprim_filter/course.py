@@ -1,0 +1,201 @@
+"""Course over ground and speed, from where vehicles were: central differences, over a window as long as noise asks for.
+
+A body's yaw is no course: on bends they differ by the slip angle, .1 to .25 rad in simulators and for detectors' boxes.
+White noise of standard deviation sigma in each coordinate puts a course, differenced over a span T at a speed v, wrong
+by sqrt(2) sigma / (v T) radians. Third differences kill all motion of constant acceleration, so what is left of them is
+that noise.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dirprim_filter.distributions.angles import wrap
+from dirprim_filter.optional_columns import unknown
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+logger = logging.getLogger(__name__)
+
+HALF_WINDOWS_S = (0.25, 0.5, 1.0)
+"""Positions are differenced over one of these times to either side: the shortest is two rows of 10 Hz data."""
+MAX_COURSE_ERROR = 0.03
+"""Radians, at the median speed of what moves: a fifth of what yaw and course differ by on a bend."""
+MAX_GAP_S = 2.0
+"""Across a longer gap nothing is differenced: the vehicle may have turned and come back."""
+STANDING_M = 0.3
+"""Who moves less over the window stands: what he moves may be but the rocking of a body, or rounding."""
+STANDING_NOISE = 4.0
+"""Nor is a move believed below so many standard deviations of its noise."""
+NOISE_SPAN_S = 1.0
+"""Of rows further apart third differences tell of braking and turning, not of noise; it then counts as none."""
+NOISE_SAMPLES = 100_000
+"""Of so many places at most the noise is measured: that is to a third of a percent."""
+STANDARD_DEVIATION_OF_MEDIAN = 0.6744897501960817
+"""The median of the absolute value of a standard normal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """What positions say of motion, row by row.
+
+    Attributes:
+        direction: (n,) course over ground, radians; the body's heading where positions do not tell the course.
+        speed: (n,) m/s; NaN where a row has no neighbour in time.
+        half_window_s: to either side of a row positions were differenced over this time.
+        noise: standard deviation of each coordinate's white noise, metres.
+        median_speed: of what moves, m/s; NaN where nothing does.
+        keeps_heading: the positions are so noisy that headings tell the course better.
+    """
+
+    direction: FloatArray
+    speed: FloatArray
+    half_window_s: float
+    noise: float
+    median_speed: float
+    keeps_heading: bool
+
+
+def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, heading: FloatArray | None = None) -> Motion:
+    """The motion of vehicles by their positions, each vehicle by itself.
+
+    Where a vehicle stands its course is that of its row nearest in time that moves, with no gap of more than
+    `MAX_GAP_S` between; where there is none it is the heading, and of a body of unknown heading what little it moves.
+
+    Args:
+        vehicle: (n,) the number of each row's vehicle.
+        time_ns: (n,) nanoseconds; each vehicle has one row at a time.
+        position: (n, 2) metres.
+        heading: (n,) yaw of the body, radians; NaN where unknown. Left out: nowhere known.
+    """
+    ways = _Ways.of(vehicle, time_ns, position)
+    yaw = (unknown(len(time_ns)) if heading is None else heading)[ways.order]
+    widest = ways.differences(HALF_WINDOWS_S[-1])
+    noise = ways.noise(np.hypot(*widest[0].T) > STANDING_M)
+    speed = _median_speed(*widest, noise)
+    needed_s = math.sqrt(2.0) * noise / (MAX_COURSE_ERROR * speed) if speed > 0 else 0.0
+    half_window_s = next((half for half in HALF_WINDOWS_S if 2 * half >= needed_s), HALF_WINDOWS_S[-1])
+    too_noisy = needed_s > 2 * HALF_WINDOWS_S[-1]
+    moved, span_s = ways.differences(half_window_s)
+    direction = ways.course(moved, _standing_below(noise), yaw)
+    if too_noisy:
+        direction = np.where(np.isnan(yaw), direction, yaw)
+    along = np.full(span_s.shape, np.nan)
+    np.divide(np.hypot(*moved.T), span_s, out=along, where=span_s > 0)
+    return Motion(
+        direction=wrap(ways.unordered(direction)), speed=ways.unordered(along), half_window_s=half_window_s,
+        noise=noise, median_speed=speed, keeps_heading=bool(too_noisy and np.isfinite(yaw).any()),
+    )  # fmt: skip
+
+
+def _standing_below(noise: float) -> float:
+    return max(STANDING_M, STANDING_NOISE * math.sqrt(2.0) * noise)
+
+
+def _median_speed(moved: FloatArray, span_s: FloatArray, noise: float) -> float:
+    """Of the rows that move, m/s; NaN where none does."""
+    metres = np.hypot(*moved.T)
+    moves = metres > _standing_below(noise)
+    return float(np.median(metres[moves] / span_s[moves])) if moves.any() else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class _Ways:
+    """Rows in order of vehicle and time, in pieces without a gap."""
+
+    order: IntArray  # (n,) place of each row among those given
+    time_ns: IntArray  # (n,)
+    position: FloatArray  # (n, 2)
+    first: IntArray  # (n,) first row of each row's piece
+    last: IntArray  # (n,) last row of it
+    axis: IntArray  # (n,) ns: pieces end to end, further apart than any window, so that one search serves all
+
+    @classmethod
+    def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray) -> _Ways:
+        n = time_ns.size
+        order = np.lexsort((time_ns, vehicle))
+        time = time_ns[order]
+        breaks = (np.diff(vehicle[order]) != 0) | (np.diff(time) > int(MAX_GAP_S * 1e9))
+        starts = np.flatnonzero(np.concatenate([[True], breaks])) if n else np.empty(0, np.int64)
+        counts = np.diff(np.append(starts, n))
+        ends = starts + counts - 1
+        length = time[ends] - time[starts] + 2 * _ns(HALF_WINDOWS_S[-1]) + 1
+        offset = np.cumsum(length) - length - time[starts]
+        return cls(
+            order, time, position[order], np.repeat(starts, counts), np.repeat(ends, counts),
+            time + np.repeat(offset, counts),
+        )  # fmt: skip
+
+    def unordered(self, column: FloatArray) -> FloatArray:
+        """A column in the order in which the rows were given."""
+        given = np.empty_like(column)
+        given[self.order] = column
+        return given
+
+    def differences(self, half_window_s: float) -> tuple[FloatArray, FloatArray]:
+        """(n, 2) metres from the row so much before to the row so much after, and (n,) the seconds between them.
+
+        A window reaches at least to the next row; at the ends of a piece it is one-sided. A row that stands alone has
+        0 of both.
+        """
+        row = np.arange(self.axis.size)
+        before = np.searchsorted(self.axis, self.axis - _ns(half_window_s), side="left")
+        after = np.searchsorted(self.axis, self.axis + _ns(half_window_s), side="right") - 1
+        before = np.where(before == row, np.maximum(row - 1, self.first), before)
+        after = np.where(after == row, np.minimum(row + 1, self.last), after)
+        span_s = (self.time_ns[after] - self.time_ns[before]) * 1e-9
+        return self.position[after] - self.position[before], np.asarray(span_s, np.float64)
+
+    def noise(self, moves: BoolArray) -> float:
+        """Standard deviation of the white noise of each coordinate of moving vehicles, metres.
+
+        Of four neighbours within `NOISE_SPAN_S`, at whatever times, sum_j x_j / prod_k (t_j - t_k) is 0 of every
+        parabola. Divided by the root of the sum of its squared factors it has the noise's own spread, robustly the
+        median of its size.
+        """
+        is_near = self.axis[3:] - self.axis[:-3] <= _ns(NOISE_SPAN_S)  # so of one piece
+        fourth = np.flatnonzero(is_near & moves[1 : moves.size - 2])
+        if not fourth.size:
+            return 0.0
+        rows = fourth[:: 1 + fourth.size // NOISE_SAMPLES, None] + np.arange(4)
+        time_s = (self.time_ns[rows] - self.time_ns[rows[:, :1]]) * 1e-9
+        apart = time_s[:, :, None] - time_s[:, None, :] + np.eye(4)
+        factor = 1.0 / apart.prod(axis=2)
+        factor /= np.linalg.norm(factor, axis=1, keepdims=True)
+        off = np.einsum("nj,njd->nd", factor, self.position[rows] - self.position[rows[:, :1]])
+        return float(np.median(np.abs(off)) / STANDARD_DEVIATION_OF_MEDIAN)
+
+    def course(self, moved: FloatArray, least: float, yaw: FloatArray) -> FloatArray:
+        """(n,) direction of each row's move (n, 2); of less than `least` metres, that of the nearest row that moves."""
+        course = np.arctan2(moved[:, 1], moved[:, 0])
+        moves = np.hypot(*moved.T) >= least
+        n = moves.size
+        row = np.arange(n)
+        past = np.maximum.accumulate(np.where(moves, row, -1))
+        next_one = np.minimum.accumulate(np.where(moves, row, n)[::-1])[::-1]
+        has_past, has_next = past >= self.first, next_one <= self.last
+        far = np.iinfo(np.int64).max
+        since = np.where(has_past, self.time_ns - self.time_ns[np.where(has_past, past, row)], far)
+        until = np.where(has_next, self.time_ns[np.where(has_next, next_one, row)] - self.time_ns, far)
+        nearest = np.where(since <= until, past, next_one)
+        own = np.where(np.isnan(yaw), course, yaw)
+        return np.where(has_past | has_next, course[np.clip(nearest, 0, max(n - 1, 0))], own)
+
+
+def _ns(seconds: float) -> int:
+    return int(seconds * 1e9)
+
+
+def log_motion(motion: Motion, n: int) -> None:
+    """One line on how the courses of n rows were derived."""
+    told = "directions of %d rows derived from positions over +-%g s: noise %.3f m, median speed %.1f m/s"
+    if motion.keeps_heading:
+        logger.warning(
+            f"{told}; too noisy for a course, so the body's heading is kept",
+            n, motion.half_window_s, motion.noise, motion.median_speed,
+        )  # fmt: skip
+    else:
+        logger.info(told, n, motion.half_window_s, motion.noise, motion.median_speed)

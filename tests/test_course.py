@@ -1,0 +1,176 @@
+"""The course over ground is that of the positions, over a window as long as their noise asks for."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dirprim_filter.course import (
+    HALF_WINDOWS_S,
+    MAX_COURSE_ERROR,
+    MAX_GAP_S,
+    NOISE_SPAN_S,
+    STANDING_M,
+    STANDING_NOISE,
+    motion_of,
+)
+from dirprim_filter.distributions.angles import difference, wrap
+from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.tracks import Tracks
+from oracles import central_differences, nearest_moving, noise_of_neighbours
+
+RADIUS_M, SLIP = 20.0, 0.15
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "town03"
+
+
+def circling(*, speed, noise=0.0, n_vehicles=40, n=100, seed=3):
+    """Vehicles on a circle at 10 Hz, whose bodies point `SLIP` inwards: vehicle, time, position, yaw, true course."""
+    rng = np.random.default_rng(seed)
+    vehicle, step = (part.ravel() for part in np.indices((n_vehicles, n)))
+    angle = vehicle + speed * 0.1 * step / RADIUS_M
+    position = RADIUS_M * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    course = wrap(angle + np.pi / 2)
+    return vehicle, step * 10**8, position + rng.normal(0.0, noise, position.shape), wrap(course + SLIP), course
+
+
+def is_inner(time_ns, half_window_s):
+    """Where a window reaches to both sides: at the ends it is one-sided, and the course that of its middle."""
+    return (time_ns >= half_window_s * 1e9) & (time_ns <= time_ns.max() - half_window_s * 1e9)
+
+
+def test_on_a_circle_the_course_is_the_tangent_and_not_the_yaw():
+    vehicle, time_ns, position, yaw, course = circling(speed=8.0)
+    found = motion_of(vehicle, time_ns, position, yaw)
+    off = np.abs(difference(found.direction, course))
+    assert found.half_window_s == HALF_WINDOWS_S[0]
+    assert off[is_inner(time_ns, 0.25)].max() < 0.01
+    assert off.max() < 8.0 / RADIUS_M * 0.125 + 0.01  # a window to one side is late by half of it
+    np.testing.assert_allclose(np.abs(difference(yaw, course)), SLIP)  # the negative control
+    np.testing.assert_allclose(found.speed[is_inner(time_ns, 0.25)], 8.0, rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("noise", "speed", "half_window_s", "keeps"),
+    [(0.0, 4.0, 0.25, False), (0.05, 8.0, 0.25, False), (0.05, 4.0, 0.5, False), (0.1, 4.0, 1.0, False),
+     (0.5, 8.0, 1.0, True)],
+)  # fmt: skip
+def test_the_window_grows_with_the_noise_until_the_heading_is_better(noise, speed, half_window_s, keeps, caplog):
+    vehicle, time_ns, position, yaw, course = circling(speed=speed, noise=noise)
+    found = motion_of(vehicle, time_ns, position, yaw)
+    assert (found.half_window_s, found.keeps_heading) == (half_window_s, keeps)
+    assert found.noise == pytest.approx(noise, rel=0.05, abs=0.003)  # turning has a third difference too: 2 mm
+    assert found.median_speed == pytest.approx(speed, rel=0.03)
+    with caplog.at_level(logging.INFO):
+        Tracks.from_positions(track_id=vehicle, time_ns=time_ns, position=position, heading=yaw)
+    assert ("the body's heading is kept" in caplog.text) == keeps
+    assert f"over +-{half_window_s:g} s" in caplog.text
+    if keeps:
+        np.testing.assert_array_equal(found.direction, yaw)
+        derived = motion_of(vehicle, time_ns, position)  # of an unknown yaw the longest window is what there is
+        assert not derived.keeps_heading
+        assert np.std(difference(derived.direction, course)[is_inner(time_ns, 1.0)]) < 0.1
+    else:
+        off = difference(found.direction, course)[is_inner(time_ns, half_window_s)]
+        assert np.std(off) < MAX_COURSE_ERROR * 1.1
+        assert abs(off.mean()) < 0.005
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_motion_is_that_of_the_slow_oracle_on_irregular_tracks_with_gaps(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 60))
+    vehicle = rng.integers(0, 4, n)
+    steps = [1_000_000, 20_000_000, 100_000_000, 250_000_000, 400_000_000, 1_000_000_000, 2_000_000_000, 2_000_000_001]
+    time_ns = 1_700_000_000_000_000_000 + rng.choice(steps, n).cumsum()
+    stands = rng.random() < 0.5
+    pace = rng.choice([0.0, 0.02, 5.0], n) if stands else rng.choice([3.0, 9.0], n)
+    turn = rng.normal(0, 0.3, n).cumsum()
+    position = (pace[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)).cumsum(axis=0)
+    yaw = np.where(rng.random(n) < 0.3, np.nan, rng.uniform(-3, 3, n))
+    order = rng.permutation(n)
+    of, when, where, yaw = vehicle[order], time_ns[order], position[order], yaw[order]
+    found = motion_of(of, when, where, yaw)
+
+    widest, _ = central_differences(of, when, where, half_window_s=HALF_WINDOWS_S[-1], max_gap_s=MAX_GAP_S)
+    noise = noise_of_neighbours(of, when, where, np.hypot(*widest.T) > STANDING_M, max_span_s=NOISE_SPAN_S)
+    np.testing.assert_allclose(found.noise, noise, rtol=1e-6, atol=1e-9)
+    moved, span_s = central_differences(of, when, where, half_window_s=found.half_window_s, max_gap_s=MAX_GAP_S)
+    metres = np.hypot(*moved.T)
+    np.testing.assert_allclose(found.speed, np.where(span_s > 0, metres / np.where(span_s > 0, span_s, 1), np.nan))
+    if found.keeps_heading:
+        return
+    moves = metres >= max(STANDING_M, STANDING_NOISE * np.sqrt(2) * noise)
+    nearest = nearest_moving(of, when, moves, max_gap_s=MAX_GAP_S)
+    course = np.arctan2(moved[:, 1], moved[:, 0])
+    own = np.where(np.isnan(yaw), course, yaw)
+    np.testing.assert_allclose(found.direction, wrap(np.where(nearest >= 0, course[nearest], own)), atol=1e-9)
+
+
+def test_who_stands_has_the_course_of_the_nearest_row_that_moves_but_not_across_a_gap():
+    time_s = np.array([0, 1, 2, 3, 4, 5, 6, 20, 21, 22], float)  # east, a stand of 4 s, north; and after a gap a stand
+    position = np.array([[0, 0], [5, 0], [10, 0], [10, 0], [10, 0], [10, 0], [10, 5], [10, 9], [10, 9], [10, 9]], float)
+    yaw = np.full(10, 2.0)
+    one = np.zeros(10, np.int64)
+    found = motion_of(one, (time_s * 1e9).astype(np.int64), position, yaw)
+    north = np.pi / 2
+    np.testing.assert_allclose(found.direction, [0, 0, 0, 0, north, north, north, 2, 2, 2])
+    assert found.speed[4] == 0.0
+    without = motion_of(one, (time_s * 1e9).astype(np.int64), position)
+    np.testing.assert_allclose(without.direction[7:], 0.0)  # of a body of which nothing is known
+
+
+def test_another_vehicle_changes_no_course_and_a_group_is_another_vehicle():
+    vehicle, time_ns, position, yaw, _ = circling(speed=8.0, n_vehicles=2, n=30)
+    alone = [motion_of(vehicle[vehicle == k], time_ns[vehicle == k], position[vehicle == k], yaw[vehicle == k])
+             for k in (0, 1)]  # fmt: skip
+    shuffled = np.random.default_rng(0).permutation(vehicle.size)
+    both = Tracks.from_positions(
+        track_id=np.full(vehicle.size, 7), group=vehicle[shuffled], time_ns=time_ns[shuffled],
+        position=position[shuffled], heading=yaw[shuffled],
+    )  # fmt: skip
+    for k in (0, 1):
+        np.testing.assert_array_equal(both.direction[both.group == k], alone[k].direction)
+        np.testing.assert_array_equal(both.heading[both.group == k], yaw[vehicle == k])
+
+
+def test_speeds_stay_as_told_where_a_vehicle_has_them_throughout():
+    vehicle, time_ns, position, yaw, _ = circling(speed=8.0, n_vehicles=2)
+    told = np.where((vehicle == 1) & (time_ns == 10**9), np.nan, 3.0)
+    tracks = Tracks.from_positions(track_id=vehicle, time_ns=time_ns, position=position, heading=yaw, speed=told)
+    assert set(tracks.speed[tracks.track_id == 0]) == {3.0}
+    np.testing.assert_allclose(tracks.speed[tracks.track_id == 1], 8.0, rtol=2e-3)
+
+
+def test_a_row_alone_in_time_is_kept_where_its_heading_and_speed_are_known():
+    tracks = Tracks.from_positions(
+        track_id=["a", "b", "c"], time_ns=[0, 0, 0], position=np.zeros((3, 2)), heading=[1.0, 2.0, np.nan],
+        speed=[4.0, np.nan, 4.0],
+    )  # fmt: skip
+    assert tracks.track_id.tolist() == ["a"]
+    assert (tracks.direction.tolist(), tracks.heading.tolist(), tracks.speed.tolist()) == ([1.0], [1.0], [4.0])
+
+
+def test_nothing_has_no_course():
+    found = motion_of(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)))
+    assert found.direction.shape == found.speed.shape == (0,)
+
+
+@pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
+@pytest.mark.parametrize(("scene", "median", "high"), [("roundabout", 0.038, 0.157), ("intersection", 0.005, 0.105)])
+def test_on_the_bends_of_town03_yaw_and_course_differ_as_was_measured(scene, median, high):
+    tracks = read_csv(DATA / f"{scene}.csv").tracks
+    driving = tracks.speed > 1.0
+    off = np.abs(difference(tracks.heading, tracks.direction))[driving]
+    assert np.quantile(off, [0.5, 0.9]) == pytest.approx([median, high], abs=0.005)
+    following = tracks.vehicle
+    order = np.lexsort((tracks.time_ns, following))
+    step = np.diff(tracks.position[order], axis=0)
+    near = (np.diff(following[order]) == 0) & (np.hypot(*step.T) > 0.3)
+    toward = np.arctan2(step[:, 1], step[:, 0])[near]
+    of_course, of_yaw = (np.quantile(np.abs(difference(toward, angle[order][:-1][near])), 0.9)
+                         for angle in (tracks.direction, tracks.heading))  # fmt: skip
+    assert of_course < 0.5 * of_yaw
