@@ -48,7 +48,12 @@ def motion_by_hand(cell, *, transitions=(), strength=NOTHING, course_rate=2.0, t
         placed[name][:] = column
     placed |= {"cell": np.array(cell), "mode": np.zeros(n, np.int64)}
     free = place_free_manoeuvres(
-        share=np.array([1.0]), push=np.array([1.0]), turning=np.array([turning]), standing=0.1, start_rate=0.1
+        share=np.array([1.0]),
+        push=np.array([1.0]),
+        turning=np.array([turning]),
+        curvature=np.zeros(1),
+        standing=0.1,
+        start_rate=0.1,
     )
     pairs = sorted(transitions)
     first = np.searchsorted([before for before, _, _ in pairs], np.arange(n + len(free["cell"]) + 1))

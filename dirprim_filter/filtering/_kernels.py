@@ -20,6 +20,9 @@ from dirprim_filter.primitives._motion import MotionTable
 from tessellation.arrays import FloatArray, IntArray
 
 KERNEL_SHARE = 0.5
+FEW = 0.1
+"""Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, copies are spread
+in position too."""
 """Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
 
 
@@ -165,8 +168,10 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
         cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
         wider = bandwidth * spread_of(direction, survivors, True)
         faster = bandwidth * spread_of(speed, survivors, False)
-        east = bandwidth * spread_of(position[:, 0], survivors, False)
-        north = bandwidth * spread_of(position[:, 1], survivors, False)
+        east = north = 0.0
+        if effective < FEW * n:
+            east = bandwidth * spread_of(position[:, 0], survivors, False)
+            north = bandwidth * spread_of(position[:, 1], survivors, False)
         free = 0
         for a in range(n):
             for _ in range(survivors[a] - 1):

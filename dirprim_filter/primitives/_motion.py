@@ -192,10 +192,10 @@ def move(
             here = locate(table.locator, x, y)
             redrawn = redraw == 0
             redraw = random.draw_gap(redraws, state) if redrawn else redraw - 1
-            if redrawn or (keeps == 1.0 and random.uniform(state) < changes):
-                manoeuvre[p] = take_up(
-                    table, here, x, y, direction[p], later, True, table.place_free_share, weight, state
-                )
+            changed = keeps == 1.0 and random.uniform(state) < changes  # to another place-free manoeuvre
+            if redrawn or changed:
+                least = table.place_free_share if redrawn else 1.0
+                manoeuvre[p] = take_up(table, here, x, y, direction[p], later, True, least, weight, state)
             elif here != cell[p] or stood != (later < STANDING_BELOW):
                 before = manoeuvre[p]
                 manoeuvre[p] = go_over(table, before, here, x, y, direction[p], later, weight, state)

@@ -72,13 +72,14 @@ def _rows(primitives: PrimitiveMap, knobs: MotionKnobs) -> FloatArray:
     by_course = 1.0 / (motion.course_spread + COURSE_FLOOR)
     by_pace = 1.0 / (motion.log_pace_spread + PACE_FLOOR)
     by_path = 1.0 / (motion.path_spread + PATH_FLOOR)
+    spread = np.where(is_free, 0.0, knobs.direction_spread)
     return np.column_stack([
         primitives.centers[motion.cell], extent[motion.cell], motion.course, motion.bend, motion.acceleration,
         np.hypot(agility * motion.push, np.where(is_free, 0.0, knobs.push)),
-        np.hypot(agility * motion.course_spread, np.where(is_free, 0.0, knobs.direction_spread)), is_free,
-        motion.stretch, agility * motion.start_rate, motion.log_pace, motion.gain, motion.path, np.cos(motion.path_direction), np.sin(motion.path_direction), by_course, by_pace,
-        by_path, np.log(by_course * by_pace * by_path), motion.visits, motion.seconds, motion.turn_ahead, motion.mode,
-        motion.curvature,
+        np.hypot(agility * motion.course_spread, spread), is_free, motion.stretch, agility * motion.start_rate,
+        motion.log_pace, motion.gain, motion.path, np.cos(motion.path_direction), np.sin(motion.path_direction),
+        by_course, by_pace, by_path, np.log(by_course * by_pace * by_path), motion.visits, motion.seconds,
+        motion.turn_ahead, motion.mode, motion.curvature,
     ])  # fmt: skip
 
 
