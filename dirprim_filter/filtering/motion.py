@@ -10,12 +10,12 @@ from dirprim_filter.primitives.motion_table import motion_table as table_of
 
 
 def tracking_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
-    """The motion of a map for a filter: a share of the particles is always of no place."""
+    """The motion of a map for a filter: of particles that draw a manoeuvre anew a share is of no place."""
     return table_of(primitive_map, _knobs(config))
 
 
 def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
-    """The same for forecasts, where nothing shows which particles are right: none is renewed on the way."""
+    """The same for forecasts, where nothing shows which particles are right: none is redrawn on the way."""
     of_map = _knobs(config)._replace(place_free_share=0.0, redraw_rate=0.0, direction_spread=0.0, push=0.0, agility=1.0)
     return table_of(primitive_map, of_map)
 

@@ -1,7 +1,7 @@
 """What a step of the particle filter costs, and what bounds it; what a forecast costs.
 
 Defends: vehicles move by manoeuvres, two normal draws and the look-up of a cell to a step, and go over to another where
-they enter a cell; deviations relax linearly, so that no exponential and no gamma is drawn on the way.
+they enter a cell; how much of a deviation a step keeps is worked out once for all particles, and no gamma is drawn.
 
     python tests/benchmarks/filter_step.py
 

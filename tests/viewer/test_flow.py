@@ -42,7 +42,7 @@ def test_an_outline_runs_from_tail_to_tip_and_is_as_wide_as_told(scene_map: Prim
     np.testing.assert_allclose(np.hypot(*(outlines[:, 0] - outlines[:, 6]).T), [1.0, 0.25])
 
 
-def test_a_map_that_remembers_nothing_has_no_arrows(tmp_path: Path, scene_map: PrimitiveMap) -> None:
+def test_a_map_without_transitions_has_no_arrows(tmp_path: Path, scene_map: PrimitiveMap) -> None:
     with open_stream(save=tmp_path / "map.rrd") as sink:
         sink.log_map(scene_map)
     assert all(values.size == 0 for _, values in rows_of(tmp_path / "map.rrd", "/map/flow", "Arrows3D:origins"))
