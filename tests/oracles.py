@@ -161,7 +161,7 @@ def moved_without_noise(motion, z, center, extent, place, direction, speed, push
     way = h * (speed + later) / 2 * (1 + motion.stretch[z])
     heading = np.array([np.cos(direction), np.sin(direction)])
     turn = (motion.bend[z] @ heading + motion.curvature[z]) * way
-    if motion.cell[z] >= 0:
+    if motion.cell[z] >= 0 and motion.start_rate[z] == 0:
         off = np.angle(np.exp(1j * (direction - motion.course[z] - motion.bend[z] @ offset)))
         turn -= (1 - np.exp(-motion.course_rate * h)) * off
     left = np.array([-heading[1], heading[0]])

@@ -181,6 +181,8 @@ def move(
             keeps = row[KEEPS]  # 1 for a place-free manoeuvre, which has no course to come back to
             turn -= (1.0 - keeps) * (1.0 - course_kept) * off
             turn += row[TURNING] * (turned_by + keeps * (root - turned_by)) * min(v, 1.0) * normal[p]
+            if row[STARTS] > 0.0:
+                turn = 0.0  # who stands keeps its direction
             push[p] = push[p] * push_kept + pushed_by * normal[n + p]
             half = 0.5 * turn
             x += way * (c - half * (s + 0.5 * half * c)) + drift * even[p]
@@ -216,9 +218,10 @@ def keep_deviation(
     table: MotionTable, before: int, after: int, place: FloatArray, direction: FloatArray, p: int
 ) -> None:
     """Turn a particle with the course of its manoeuvre: what it keeps is how it deviates."""
-    if table.row[before, KEEPS] == 0.0 and table.row[after, KEEPS] == 0.0:
-        turned = direction[p] + course_at(table.row[after], place[0], place[1])
-        turned -= course_at(table.row[before], place[0], place[1])
+    one, other = table.row[before], table.row[after]
+    if one[KEEPS] + other[KEEPS] + one[STARTS] + other[STARTS] == 0.0:
+        turned = direction[p] + course_at(other, place[0], place[1])
+        turned -= course_at(one, place[0], place[1])
         direction[p] = turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
 
 

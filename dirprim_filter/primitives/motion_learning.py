@@ -49,7 +49,7 @@ N_SAMPLES = 32
 FEWEST_GROUPS = 4
 PLACE_FREE_LEVELS = 3
 STRAIGHT_SHARE = 0.15
-"""Of the place-free manoeuvres those that go straight on have at least so much: in a log of a roundabout nobody does."""
+"""Of the place-free manoeuvres those straight on have at least so much: in the log of a roundabout nobody does."""
 LEAST_PUSH, LEAST_TURNING = 0.3, 0.03
 """m/s^2, and radians in the square root of a second, of a level that one vehicle showed."""
 TURNS_FROM = 0.15
@@ -63,6 +63,8 @@ PACE_RIDGE = np.array([0.3, 3.0, 3.0])
 PATH_RIDGE = np.array([1e-6, 0.1, 1.0])
 ACCELERATION_RIDGE = np.array([0.3, 0.3, 0.3, 6.0])
 STRETCH_RIDGE = np.array([0.5])
+ANY_COURSE = 2.0
+"""Radians, spread of the course of those that stand: of no meaning."""
 SPREAD_VISITS = 3.0
 """With which a manoeuvre's spreads lean on those of all."""
 LEAST_REVERSION, MOST_REVERSION = 0.02, 1.0
@@ -173,7 +175,7 @@ def motion_of(
     placed = {
         "cell": cell, "mode": mode, "visits": n, "seconds": sums.seconds,
         "course": direction + course[:, 0], "bend": primitives.bend[cell, mode] + course[:, 1:],
-        "course_spread": spread * _spread(sums.course.mean_square(course), n),
+        "course_spread": np.where(stands, ANY_COURSE, spread * _spread(sums.course.mean_square(course), n)),
         "log_pace": np.log(mean_speed + CREEP) + pace[:, 0], "gain": _of_pace(primitives, cell, mode) + pace[:, 1:],
         "log_pace_spread": _spread(sums.log_pace.mean_square(pace), n),
         "path": path, "path_spread": _spread(sums.path.mean_square(path), n), "path_direction": direction,
@@ -225,15 +227,16 @@ def _place_free(visits: Visits) -> dict[str, FloatArray]:
     n = np.bincount(level, minlength=PLACE_FREE_LEVELS + 2)
 
     def total(column: FloatArray) -> FloatArray:
-        return np.bincount(level, column, minlength=n.size)
+        return np.asarray(np.bincount(level, column, minlength=n.size), np.float64)
 
     curvature = np.where(np.arange(n.size) < PLACE_FREE_LEVELS, 0.0, total(turned) / np.maximum(total(way), 1.0))
     straight_on = np.where(np.arange(n.size) < PLACE_FREE_LEVELS, 1.0 / PLACE_FREE_LEVELS, 0.0)
+    share = (1.0 - STRAIGHT_SHARE) * n / max(n.sum(), 1) + STRAIGHT_SHARE * straight_on
     strayed = turned - curvature[level] * way
     standing = visits.seconds[visits.stands].sum()
     left, seconds = float(visits.follows()[visits.stands].sum()), visits.seconds.sum()
     return place_free_manoeuvres(
-        share=((1.0 - STRAIGHT_SHARE) * n / max(n.sum(), 1) + STRAIGHT_SHARE * straight_on) * (1.0 - standing / seconds),
+        share=share * (1.0 - standing / seconds),
         push=np.sqrt((total(gained**2) + LEAST_PUSH**2) / (n + 1.0)),
         turning=np.sqrt((total(strayed**2) + LEAST_TURNING**2) / (n + 1.0)),
         curvature=curvature, standing=float(standing / seconds), start_rate=(left + 0.1) / (standing + 1.0),
