@@ -97,7 +97,7 @@ class FilterConfig:
     redraw_rate: float = 1.0
     direction_spread: float = 0.03
     push: float = 0.5
-    place_free_agility: float = 2.0
+    place_free_agility: float = 3.0
     reach_m: float = 3.5
     step_s: float = 0.1
     drift: float = 0.005

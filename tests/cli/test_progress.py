@@ -94,7 +94,7 @@ def test_the_long_commands_tell_of_their_steps(tmp_path, ring, capsys):
         f"learn {tmp_path}/ring.mcap -o {tmp_path}/map.mcap --tessellation grid --cell-size 8": r"go on \(4 of 4\)",
         f"recover {tmp_path}/t.mcap -o {tmp_path}/whole.mcap": r"(\d+) of \1 chunks",
         f"replay {tmp_path}/ring.mcap --rate inf --save {tmp_path}/r.rrd": r"(\d+\.\d) of \1 s of the log",
-        f"evaluate forecast {tmp_path}/ring.mcap --folds 2 --horizon 1 --samples 20": r"4 of 4 fits",
+        f"evaluate forecast {tmp_path}/ring.mcap --folds 2 --horizon 1 --samples 20": r"8 of 8 fits",
     }
     for command, told in commands.items():
         with redirect_stderr(Terminal()) as shown:

@@ -102,7 +102,7 @@ def test_redraws_come_at_their_rate_however_time_is_cut_and_however_many_particl
     """A particle set on the place-free manoeuvre by hand comes back to its place when it is redrawn."""
     n, rate, t = 20_000, 0.4, 2.0
     for n_calls, step_s in ((1, 0.1), (20, 0.1), (8, 0.25)):
-        config = FilterConfig(place_free_share=1e-9, redraw_rate=rate, step_s=step_s)
+        config = FilterConfig(place_free_share=1e-9, redraw_rate=rate, step_s=step_s, place_free_agility=1.0)
         stays = n_that_stay(n // n_particles, n_particles, t=t, n_calls=n_calls, config=config)
         assert stats.binomtest(stays, n, np.exp(-rate * t)).pvalue > FALSE_ALARM
         assert stats.binomtest(stays, n, np.exp(-1.1 * rate * t)).pvalue < FALSE_ALARM
