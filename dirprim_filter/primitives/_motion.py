@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._elementary import cos, exp, log, sin
+from dirprim_filter.distributions._elementary import EXACT, cos, exp, log, sin
 from dirprim_filter.distributions._random import UIntArray
 from tessellation._kernels import Locator, locate
 from tessellation.arrays import FloatArray, IntArray
@@ -52,7 +52,7 @@ class MotionTable(NamedTuple):
     step_s: float
 
 
-@njit(cache=True)
+@njit(**EXACT)
 def log_fit(row: FloatArray, x: float, y: float, direction: float, speed: float) -> float:
     """How well course, pace and path fit a manoeuvre: log of the density, less a constant that all share."""
     extent = row[EXTENT]
@@ -142,7 +142,7 @@ def go_over(
     return take_up(table, cell, x, y, direction, speed, False, 0.0, weight, state)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **EXACT)
 def move(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
     manoeuvre: IntArray, push: FloatArray, dt_s: float, state: UIntArray,
