@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from tessellation.arrays import BoolArray, FloatArray, IntArray, as_floats
+from tessellation.arrays import FloatArray, IntArray, as_floats
 
 CREEP = 0.3
 """m/s, added to speeds before their logarithm is taken, so that slow vehicles are alike."""
@@ -215,8 +215,3 @@ def place_free_manoeuvres(
         "start_rate": np.append(np.zeros(n - 1), start_rate), "turn_ahead": none,
         "curvature": np.append(curvature, 0.0),
     }  # fmt: skip
-
-
-def standing_of(motion: Motion) -> BoolArray:
-    """(z,) which manoeuvres are of vehicles that stand."""
-    return np.asarray(motion.start_rate > 0.0)

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dirprim_filter.primitives._motion import STANDING_BELOW
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import Tessellation
 from tessellation.arrays import BoolArray, FloatArray, IntArray
@@ -18,8 +19,6 @@ from tessellation.arrays import BoolArray, FloatArray, IntArray
 STEP_S = 0.1
 LONGEST_GAP_S = 1.5
 """Between two rows further apart a vehicle's way is not known."""
-STANDING_BELOW = 0.3
-"""m/s."""
 SHORTEST_STAND_S = 0.5
 AHEAD_M = ((8.0, 2.0), (16.0, 3.0), (30.0, 5.0))
 """How far ahead visits are compared by place, and how far apart places are then alike, metres."""

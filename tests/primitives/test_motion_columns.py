@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives.motion import FLOATS, Motion, standing_of
+from dirprim_filter.primitives.motion import FLOATS, Motion
 from moving import motion_by_hand, squares
 
 
@@ -22,7 +22,7 @@ def test_without_places_only_the_place_free_manoeuvres_are_left():
     for name in FLOATS:
         np.testing.assert_array_equal(getattr(free, name), getattr(motion, name)[3:])
     assert free.count.size == free.following.size == 0
-    assert standing_of(motion).tolist() == [False, False, False, False, True]
+    assert (motion.start_rate > 0).tolist() == [False, False, False, False, True]
 
 
 def column(motion, name, value, *, at=0):
@@ -74,7 +74,7 @@ def test_primitives_alone_say_a_manoeuvre_of_each_mode_of_a_cell_and_none_of_the
     np.testing.assert_allclose(motion.course[:3], [0.5, -1.0, -1.0])
     np.testing.assert_allclose(motion.course_spread[:3], 0.2)
     np.testing.assert_allclose(motion.bend[:3], 0.03)
-    assert standing_of(motion).tolist() == [False, True, True, False, True]  # 0.1 m/s is standing
+    assert (motion.start_rate > 0).tolist() == [False, True, True, False, True]  # 0.1 m/s is standing
     np.testing.assert_allclose(motion.visits[:3] / motion.visits[0] * 0.7, [0.7, 0.2, 0.9])
     # The speed settles on 8 m/s at the centre, and where it has gained a tenth.
     for place, expected in (([0.0, 0.0], 8.0), ([5.0, 0.0], 8.0 * 1.1)):
