@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import rerun as rr
 
+from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer import marks, shapes
+from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
 from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
 from dirprim_filter.viewer.timeline import time_column

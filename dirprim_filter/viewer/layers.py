@@ -16,11 +16,11 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Wedge
 
 from dirprim_filter.config import LearningConfig
+from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.colors import direction_color, probability_color, speed_color
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import shapes
-from dirprim_filter.viewer.colors import direction_color, probability_color, speed_color
 from tessellation import Tessellation
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 

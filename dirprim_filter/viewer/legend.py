@@ -8,8 +8,8 @@ from typing import Self
 import numpy as np
 import rerun as rr
 
+from dirprim_filter.drawing.colors import speed_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer.colors import speed_color
 from dirprim_filter.viewer.focus import CROWD, DRAWN_IN_FULL
 from tessellation.arrays import FloatArray
 

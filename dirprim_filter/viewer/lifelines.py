@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.viewer.colors import track_color
 
 N_LANES = 16
 UNSEEN_S = 0.5

@@ -14,11 +14,8 @@ import numpy.typing as npt
 import rerun as rr
 
 from dirprim_filter.distributions.highest_density import Region
-from dirprim_filter.estimates import Estimates, Particles
-from dirprim_filter.forecasting import REGION_SHARES
-from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import shapes
-from dirprim_filter.viewer.colors import (
+from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.colors import (
     ByteArray,
     direction_color,
     mode_color,
@@ -27,6 +24,9 @@ from dirprim_filter.viewer.colors import (
     track_color,
     with_alpha,
 )
+from dirprim_filter.estimates import Estimates, Particles
+from dirprim_filter.forecasting import REGION_SHARES
+from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.focus import CROWD
 from dirprim_filter.viewer.lifelines import UNSEEN_S
 from tessellation import Tessellation

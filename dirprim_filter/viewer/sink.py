@@ -18,11 +18,12 @@ import rerun as rr
 
 from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
+from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import marks, shapes
+from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
 from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
 from dirprim_filter.viewer.curves import Tally, Truth, metrics

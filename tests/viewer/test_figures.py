@@ -10,10 +10,10 @@ import pytest
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.image import imread
 
+from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.figures import demo_figure, map_figure, save_figure
 
 FUTURES = np.cumsum(np.full((6, 5, 2), 2.0), axis=1) + 20.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from rrd_files import rows_of
 
+from dirprim_filter.drawing import shapes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.stream import open_stream
 from situations import with_ways
 

@@ -7,10 +7,10 @@ import pytest
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 
 from dirprim_filter.distributions import VonMisesMixture
+from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.colors import direction_color, probability_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import shapes
-from dirprim_filter.viewer.colors import direction_color, probability_color
 from dirprim_filter.viewer.figures import cell_figure, rose_figure, transition_figure
 from situations import with_ways
 from tessellation import GridTessellation

@@ -12,10 +12,10 @@ from matplotlib.projections.polar import PolarAxes
 
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.distributions.product import multiply_mixtures
+from dirprim_filter.drawing.colors import direction_color
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.colors import direction_color
 from dirprim_filter.viewer.figures import direction_figure, product_figure, rejection_figure, speed_figure
 from dirprim_filter.viewer.figures.place import Circle, Place
 from dirprim_filter.viewer.figures.product import kernel_concentration

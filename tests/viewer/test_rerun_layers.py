@@ -10,6 +10,7 @@ import rerun as rr
 from rrd_files import rows_of
 
 from dirprim_filter.detections import Detections
+from dirprim_filter.drawing import colors
 from dirprim_filter.estimates import EstimateList, Innovations, TrackedFrame
 from dirprim_filter.evaluation.tracking import score
 from dirprim_filter.forecasting import Forecasts
@@ -17,7 +18,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.writer import EstimateLog
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import colors, marks
+from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.focus import CROWD, DRAWN_IN_FULL, STILL_CROWD, Focus
 from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.sink import RerunSink

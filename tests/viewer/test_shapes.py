@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
+from dirprim_filter.drawing import shapes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer import shapes
 from tessellation import GridTessellation
 
 COVARIANCE = np.array([[4.0, 1.5], [1.5, 1.0]])

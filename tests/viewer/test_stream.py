@@ -14,12 +14,13 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from rrd_files import rows_of
 
+from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import program as viewer_room
-from dirprim_filter.viewer import shapes, sink
+from dirprim_filter.viewer import sink
 from dirprim_filter.viewer.stream import open_stream
 from dirprim_filter.viewer.timeline import TIMELINE
 

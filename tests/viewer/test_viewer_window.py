@@ -15,11 +15,11 @@ from matplotlib.image import imread
 from rerun.experimental import ViewerClient
 
 from dirprim_filter.detections import Detections
+from dirprim_filter.drawing.colors import speed_color, track_color
 from dirprim_filter.estimates import Innovations, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.colors import speed_color, track_color
 from dirprim_filter.viewer.curves import PLOTS
 from dirprim_filter.viewer.program import viewer_program
 from dirprim_filter.viewer.side_by_side import show_side_by_side

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.figures.map import BUSY_SHARE, Forecasts
 from dirprim_filter.viewer.figures.page import DOTS_PER_INCH, add_axes, dress_map, mark_close_up
 from dirprim_filter.viewer.layers import (

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import shapes
 from dirprim_filter.viewer.figures.page import (
     DOTS_PER_INCH,
     LARGE,

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import TWO_PI
+from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.colors import direction_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import shapes
-from dirprim_filter.viewer.colors import direction_color
 from dirprim_filter.viewer.figures.page import SMALL, dress_map
 from dirprim_filter.viewer.layers import FOCUS_COLOR, STANDING_SPEED, draw_map, draw_tracks
 from tessellation import OUTSIDE

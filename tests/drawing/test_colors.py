@@ -3,7 +3,7 @@
 import matplotlib as mpl
 import numpy as np
 
-from dirprim_filter.viewer.colors import OKABE_ITO, direction_color, speed_color, track_color, with_alpha
+from dirprim_filter.drawing.colors import OKABE_ITO, direction_color, speed_color, track_color, with_alpha
 
 DEUTERANOPIA = np.array(
     [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
