@@ -23,6 +23,7 @@ def simulate(
     output: Output,
     duration: Annotated[float, typer.Option(help="Seconds of traffic.")] = 300.0,
     rate: Annotated[float, typer.Option(help="Rows a second; 10 divided by a whole number.")] = 10.0,
+    demand: Annotated[float, typer.Option(help="Vehicles an hour, times the scene's own; from 2 on they queue.")] = 1.0,
     detections: Annotated[bool, typer.Option(help="Also write what a sensor would report.")] = True,
     noise: Annotated[float, typer.Option(help="Sensor: standard deviation in each axis, metres.")] = 0.5,
     miss_rate: Annotated[float, typer.Option(help="Sensor: share of vehicles missed in a frame.")] = 0.05,
@@ -41,13 +42,13 @@ def simulate(
     from dirprim_filter.simulation.sensor import detect
     from dirprim_filter.simulation.traffic import simulate as run_traffic
 
-    tracks = run_traffic(scene.value, duration_s=duration, seed=seed, rate_hz=rate)
+    tracks = run_traffic(scene.value, duration_s=duration, seed=seed, rate_hz=rate, demand=demand)
     reported = None
     if detections:
         rng = np.random.default_rng(seed)
         reported = detect(tracks, noise_m=noise, miss_rate=miss_rate, false_per_frame=false_per_frame, rng=rng)
     said = provenance(
-        "simulate", inputs=[], scene=scene.value, duration_s=duration, rate_hz=rate, seed=seed,
+        "simulate", inputs=[], scene=scene.value, duration_s=duration, rate_hz=rate, seed=seed, demand=demand,
         noise_m=noise, miss_rate=miss_rate, false_per_frame=false_per_frame,
     )  # fmt: skip
     write_tracks(tracks, output, detections=reported, metadata=said, force=force)

@@ -56,7 +56,7 @@ class SimulationError(RuntimeError):
     """SUMO is not installed, or it failed; the message is one line."""
 
 
-def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0) -> Tracks:
+def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0, demand: float = 1.0) -> Tracks:
     """Drive a scene's traffic, and observe each vehicle's centre, direction and speed at a fixed rate.
 
     SUMO gives the middle of the front bumper and the body's yaw; the position is moved back by half a length.
@@ -70,19 +70,20 @@ def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0)
         seed: decides all that is random: arrivals, drivers, their lapses. The same seed and the same version
             of SUMO give the same tracks.
         rate_hz: rows per second for each vehicle; 10 divided by a whole number.
+        demand: how many vehicles arrive, in units of the scene's own; from about 2 on queues fill the roads.
 
     Returns:
         Tracks with the vehicles numbered from 0 in the order in which they appear.
 
     Raises:
-        ValueError: a scene, duration, seed or rate that does not exist.
+        ValueError: a scene, duration, seed, rate or demand that does not exist.
         SimulationError: SUMO is not installed, or it failed.
     """
-    period_ms = _check(scene, duration_s, seed, rate_hz)
+    period_ms = _check(scene, duration_s, seed, rate_hz, demand)
     netconvert, sumo = _program("netconvert"), _program("sumo")
     with tempfile.TemporaryDirectory(prefix="dirprim-sumo-") as name:
         folder = Path(name)
-        description = SCENES[scene]()
+        description = SCENES[scene]().with_demand(demand)
         write_plain_xml(description, folder)
         _run(netconvert, _network_arguments(description), folder)
         _run(sumo, _traffic_arguments(duration_s, seed, period_ms), folder)
@@ -90,7 +91,7 @@ def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0)
         return _read_tracks(folder / "fcd.xml")
 
 
-def _check(scene: str, duration_s: float, seed: int, rate_hz: float) -> int:
+def _check(scene: str, duration_s: float, seed: int, rate_hz: float, demand: float) -> int:
     """The observation period in milliseconds.
 
     Raises:
@@ -105,6 +106,8 @@ def _check(scene: str, duration_s: float, seed: int, rate_hz: float) -> int:
     steps = 1000 / STEP_MS / rate_hz if rate_hz > 0 else 0.0
     if not (steps >= 1 and math.isclose(steps, round(steps))):
         raise ValueError(f"rate_hz: expected 10 divided by a whole number (10, 5, 2.5, 2, 1, ...), got {rate_hz}")
+    if not (math.isfinite(demand) and demand > 0):
+        raise ValueError(f"demand: expected a positive factor, got {demand}")
     return round(steps) * STEP_MS
 
 

@@ -147,6 +147,28 @@ def test_a_lower_rate_is_a_subset_of_the_rows(observed: dict[str, Tracks]) -> No
 
 
 @needs_sumo
+def test_demand_makes_traffic_that_queues(observed: dict[str, Tracks]) -> None:
+    usual, dense = observed["intersection"], simulate("intersection", duration_s=20.0, seed=5, demand=2.2)
+    at_once = [np.unique(tracks.time_ns, return_counts=True)[1] for tracks in (usual, dense)]
+    assert at_once[0].max() < 30 <= at_once[1].max() <= 80
+    x = dense.position[:, 0]
+    queue = (dense.speed < 0.3) & (np.abs(x) > 15) & (dense.time_ns == dense.time_ns.max())
+    assert queue.sum() > 8
+
+
+@needs_sumo
+def test_vehicles_on_the_highway_overtake(observed: dict[str, Tracks]) -> None:
+    tracks = observed["highway"][observed["highway"].position[:, 1] > 0]  # drives west
+    n_overtaken = 0
+    for at in range(0, 50_000_000_000, 5_000_000_000):
+        now, later = tracks[tracks.time_ns == at], tracks[tracks.time_ns == at + 5_000_000_000]
+        _, before, after = np.intersect1d(now.track_id, later.track_id, return_indices=True)
+        x_now, x_later = now.position[before, 0], later.position[after, 0]
+        n_overtaken += int(((x_now[:, None] > x_now + 1.0) & (x_later[:, None] < x_later - 1.0)).sum())
+    assert n_overtaken > 0
+
+
+@needs_sumo
 def test_failure_of_sumo_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(traffic.SETTINGS, "--step-length", "-1")
     with pytest.raises(SimulationError, match=r"^sumo failed with status \d+: .+") as caught:
@@ -171,6 +193,8 @@ def test_without_sumo_the_error_names_the_way_out(monkeypatch: pytest.MonkeyPatc
         ({"rate_hz": 20.0}, "rate_hz"),
         ({"rate_hz": 0.0}, "rate_hz"),
         ({"rate_hz": float("nan")}, "rate_hz"),
+        ({"demand": 0.0}, "demand"),
+        ({"demand": float("inf")}, "demand"),
     ],
 )
 def test_arguments_out_of_range_are_named(wrong: dict[str, object], told: str) -> None:
