@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli.options import Force, Seed
+from dirprim_filter.cli.options import WRITTEN, Force, Seed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,7 +40,9 @@ def recordings_folder() -> Path:
 
 
 def demo(
-    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for what the demo writes.")] = Path("demo"),
+    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for what the demo writes."), WRITTEN] = Path(
+        "demo"
+    ),
     scene: Annotated[Scene, typer.Option(help="Which recordings.")] = Scene.ROUNDABOUT,
     seed: Seed = 0,
     force: Force = False,

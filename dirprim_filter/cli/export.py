@@ -45,4 +45,4 @@ def export(
         frames = None if log is None else np.unique(log.tracks.time_ns)
         write_estimates(believed, output, frame_ns=frames, force=force)
     typer.echo(f"{output}: {np.unique(believed.track_id).size} tracks, {len(believed)} rows")
-    return losses.DONE if log is None else losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
+    return losses.DONE if log is None else losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
-from dirprim_filter.cli.options import Config, Force, Map, NoIds, Noise, Particles, Seed
+from dirprim_filter.cli.options import WRITTEN, Config, Force, Map, NoIds, Noise, Particles, Seed, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
 
@@ -34,7 +34,9 @@ def forecast(
     every: Annotated[float, typer.Option(help="Seconds of the log between forecasts.")] = 1.0,
     samples: Annotated[int, typer.Option(min=1, help="Number of futures of each vehicle.")] = 100,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="A picture: .png, .pdf or .svg; of a log, an MCAP.")
+        Path | None,
+        typer.Option("--output", "-o", help="A picture: .png, .pdf or .svg; of a log, an MCAP.", callback=named_file),
+        WRITTEN,
     ] = None,
     config: Config = None,
     particles: Particles = None,
@@ -133,7 +135,7 @@ def _of_log(
         n_frames = replay(seen, worlds, [estimates, forecaster])
         reading.require_frames(n_frames, log, stream.dropped)
     typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}", err=as_json)
-    return losses.exit_code(stream.damage, stream.dropped.total)
+    return losses.exit_code(stream.damage, stream.dropped.lost)
 
 
 class _Lines:

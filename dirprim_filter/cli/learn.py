@@ -72,4 +72,4 @@ def learn(
         f"{output}: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area.mean()) ** 0.5:.3g} m, "
         f"{n_modes:.1f} modes each, from {log.tracks.n_tracks} tracks, {len(log.tracks)} rows"
     )
-    return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
+    return losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)

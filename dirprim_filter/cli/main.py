@@ -26,6 +26,7 @@ from dirprim_filter.cli import (
     track,
     view,
 )
+from dirprim_filter.cli.outputs import checked
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -63,7 +64,7 @@ for command in (
     info.info, convert.convert, simulate.simulate, learn.learn, track.track, forecast.forecast, plot.plot, view.view,
     recover.recover, replay.replay, score.score, export.export, demo.demo,
 ):  # fmt: skip
-    app.command()(command)
+    app.command()(checked(command))
 app.add_typer(evaluate.evaluate)
 
 

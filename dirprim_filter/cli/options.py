@@ -9,6 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+WRITTEN = "written"
+"""Marks the options that name what a command writes; `outputs.checked` asks for them before the work."""
+
 
 class Cells(StrEnum):
     """How the plane is divided."""
@@ -33,8 +36,8 @@ class ParticleColor(StrEnum):
     WEIGHT = "weight"
 
 
-def named_file(path: Path) -> Path:
-    """An output that can get its name when it is whole, which standard output cannot.
+def named_file(path: Path | None) -> Path | None:
+    """An output that can get its name when it is whole, which standard output cannot; None stays None.
 
     Raises:
         BadParameter: it is "-".
@@ -85,9 +88,9 @@ def _log(text: str) -> Path:
 Log = Annotated[Path, typer.Argument(help="An MCAP log; - for standard input, or a URL.", parser=_log)]
 Logs = Annotated[list[Path], typer.Argument(help="MCAP logs; - for standard input, or URLs.", parser=_log)]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
-Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file)]
+Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
-Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg.")]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg."), WRITTEN]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
 Tessellation = Annotated[
     Cells, typer.Option(help="joint: cells learned with the primitives; voronoi: by positions alone; grid: squares.")
@@ -112,7 +115,7 @@ Noise = Annotated[float | None, typer.Option("--noise", help="Standard deviation
 NoIds = Annotated[
     bool, typer.Option("--no-ids", help="Ignore the log's ids; detections without one need no such word.")
 ]
-Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer.")]
+Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a rerun viewer and stream to it.")]
 Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]
 Bind = Annotated[

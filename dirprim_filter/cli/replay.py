@@ -37,4 +37,4 @@ def replay(
             viewer.write(frame)
             n_frames += 1
     typer.echo(f"{log}: {n_frames} frames of {', '.join(sorted(playback.topics))}")
-    return losses.exit_code(playback.damage, playback.dropped.total)
+    return losses.exit_code(playback.damage, playback.dropped.lost)

@@ -10,7 +10,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.figures import figure_lines, number, row
-from dirprim_filter.cli.options import Force
+from dirprim_filter.cli.options import Force, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import as_json as json_text
 from dirprim_filter.cli.results import check_plot
@@ -48,7 +48,7 @@ def score(
     ] = False,
     penalty: Annotated[float, typer.Option(help="T-GOSPA's price of a switch, metres.")] = 2.0,
     reading: Reading = Reading(),
-    plot: Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg.")] = None,
+    plot: Plot = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="All figures and what they follow from, for machines.")
     ] = False,
@@ -90,7 +90,7 @@ def score(
 
         save_figure(score_chart(table), plot, force=force)
     typer.echo(json_text(score_object(table, estimates, truth, reading)) if as_json else score_text(table, truth.name))
-    return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
+    return losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)
 
 
 def _names(paths: list[Path]) -> dict[str, Path]:

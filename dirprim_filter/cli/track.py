@@ -154,4 +154,4 @@ def track(
         typer.echo(f"{worlds.recoveries} times a belief did not explain what was measured: begun anew", err=True)
     groups = f", {worlds.n_groups} groups, each by itself" if worlds.n_groups > 1 else ""
     typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}{groups}")
-    return losses.exit_code(stream.damage, stream.dropped.total)
+    return losses.exit_code(stream.damage, stream.dropped.lost)

@@ -51,6 +51,8 @@ class PartialFile:
                 break
             except FileExistsError:
                 self.partial = self._beside(f".{number}")
+            except OSError as error:  # of the name that the caller knows
+                raise OSError(error.errno, error.strerror, str(self.path)) from error
         return self._file
 
     def __exit__(

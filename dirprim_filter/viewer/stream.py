@@ -52,6 +52,7 @@ def open_stream(
         ValueError: nowhere to stream to, or a stride below 1.
         FileExistsError: `save` exists and `force` is not given.
         ConnectionError: no viewer answers at `connect`, or none could be started.
+        OSError: `save` cannot be written.
     """
     if save is None and not spawn and connect is None and serve is None:
         raise ValueError(
@@ -79,8 +80,7 @@ def open_stream(
             require_listener(connect, "start one with `rerun`")
             sinks.append(rr.GrpcSink(connect))
         if save is not None:
-            save.parent.mkdir(parents=True, exist_ok=True)
-            file = (save.with_name(f"{save.stem}.part.rrd"), save)
+            file = (_begun(save), save)
             sinks.append(rr.FileSink(file[0]))
         stream.set_sinks(*sinks)
         if_failed.pop_all()
@@ -95,3 +95,14 @@ def _identity(save: Path | None, *, live: bool) -> uuid.UUID:
     if live or save is None:
         return uuid.uuid4()
     return uuid.uuid5(uuid.NAMESPACE_URL, save.resolve().as_uri())
+
+
+def _begun(save: Path) -> Path:
+    """The temporary name of an .rrd, known to be writable: rerun's own error is no `OSError`."""
+    part = save.with_name(f"{save.stem}.part.rrd")
+    try:
+        save.parent.mkdir(parents=True, exist_ok=True)
+        part.open("wb").close()
+    except OSError as error:  # of the name that the caller knows
+        raise OSError(error.errno, error.strerror, str(save)) from error
+    return part

@@ -50,6 +50,7 @@ def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
     Raises:
         FileExistsError: the file exists and `force` is not given.
         ValueError: the suffix is none of `FORMATS`.
+        OSError: the file cannot be written.
     """
     check_figure_path(path, force=force)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,6 +60,8 @@ def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
         with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
             figure.savefig(part, metadata=undated)
         part.replace(path)
+    except OSError as error:  # of the name that the caller knows
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         part.unlink(missing_ok=True)
 

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli.evaluate.report import Json, Report
 from dirprim_filter.cli.options import Config, Force, Logs, Plot, WholeVehicles, former
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import as_json as json_text
-from dirprim_filter.cli.results import check_plot, read_experiment, result_object
+from dirprim_filter.cli.results import check_plot, read_experiment
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
     from dirprim_filter.recording.track_log import TrackLog
+    from dirprim_filter.viewer.figures import Figure
 
 FIGURES = {
     "energy": "energy, m", "energy_se": "its std error", "ade": "ADE, m", "fde": "FDE, m",
@@ -44,7 +44,7 @@ def forecast(
     reading: Reading = Reading(),
     plot: Plot = None,
     by_group: Annotated[bool, former("--by-group", "--split group")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")] = False,
+    as_json: Json = False,
     force: Force = False,
 ) -> int:
     """Forecast held-out vehicles with the prior and what it must beat: fewer or no cells, remembered tracks, velocity.
@@ -72,19 +72,17 @@ def forecast(
             progress=told,
             rng=drawn,
         )
-    if plot is not None:
-        from dirprim_filter.viewer.charts import forecast_chart
-        from dirprim_filter.viewer.figures import save_figure
 
-        save_figure(forecast_chart(table), plot, force=force)
-    if as_json:
-        found = result_object(
-            "evaluate forecast", inputs=logs, experiment=experiment, reading=reading, table=asdict(table)
-        )
-        typer.echo(json_text(found))
-    else:
-        typer.echo(forecast_text(table))
-    return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
+    def figure() -> Figure:
+        from dirprim_filter.viewer.charts import forecast_chart
+
+        return forecast_chart(table)
+
+    report = Report(
+        command="evaluate forecast", inputs=logs, reading=reading, experiment=experiment, table=asdict(table),
+        text=lambda: forecast_text(table), figure=figure,
+    )  # fmt: skip
+    return report.deliver(log, plot=plot, as_json=as_json, force=force)
 
 
 def _experiment(told: Mapping[str, Any], log: TrackLog) -> dict[str, Any]:

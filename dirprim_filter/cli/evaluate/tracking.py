@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli.evaluate.report import Json, Report
 from dirprim_filter.cli.figures import figure_lines, number
-from dirprim_filter.cli.options import Config, Force, Logs, Plot, former
+from dirprim_filter.cli.options import WRITTEN, Config, Force, Logs, Plot, former, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import CONFIG_KEY, check_plot, read_experiment, result_object
-from dirprim_filter.cli.results import as_json as json_text
+from dirprim_filter.cli.results import CONFIG_KEY, check_plot, read_experiment
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.evaluation.experiment import TrackingTable
+    from dirprim_filter.viewer.figures import Figure
 
 
 @reads_logs
@@ -44,13 +44,17 @@ def tracking(
     ] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="How many times all is drawn anew.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the first method's run, MCAP.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Write the first method's run, MCAP.", callback=named_file),
+        WRITTEN,
+    ] = None,
     plot: Plot = None,
     misses: Annotated[float | None, former("--misses", "--miss-rate")] = None,
     clutter: Annotated[float | None, former("--clutter", "--false-per-frame")] = None,
-    chart: Annotated[Path | None, former("--chart", "--plot")] = None,
+    chart: Annotated[Path | None, former("--chart", "--plot"), WRITTEN] = None,
     reading: Reading = Reading(),
-    as_json: Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")] = False,
+    as_json: Json = False,
     force: Force = False,
 ) -> int:
     """Track known traffic through noise, gaps, misses and false detections, with the prior and without.
@@ -91,19 +95,17 @@ def tracking(
             log.tracks, experiment, sensor=detect, primitive_map=load_map(map_file) if map_file else None, sinks=sinks,
             progress=told_steps,
         )  # fmt: skip
-    if plot is not None:
-        from dirprim_filter.viewer.charts import tracking_chart
-        from dirprim_filter.viewer.figures import save_figure
 
-        save_figure(tracking_chart(table), plot, force=force)
-    if as_json:
-        found = result_object(
-            "evaluate tracking", inputs=inputs, experiment=asdict(experiment), reading=reading, table=asdict(table)
-        )
-        typer.echo(json_text(found))
-    else:
-        typer.echo(tracking_text(table))
-    return losses.exit_code([damage for _, damage in log.damage], log.dropped.total)
+    def figure() -> Figure:
+        from dirprim_filter.viewer.charts import tracking_chart
+
+        return tracking_chart(table)
+
+    report = Report(
+        command="evaluate tracking", inputs=inputs, reading=reading, experiment=asdict(experiment),
+        table=asdict(table), text=lambda: tracking_text(table), figure=figure,
+    )  # fmt: skip
+    return report.deliver(log, plot=plot, as_json=as_json, force=force)
 
 
 def tracking_text(table: TrackingTable) -> str:

@@ -1,0 +1,19 @@
+"""`dirprim evaluate`: how good maps of primitives are on held-out vehicles of a log; a file for each experiment."""
+
+from __future__ import annotations
+
+import typer
+
+from dirprim_filter.cli.evaluate import cues, density, forecast, tracking
+from dirprim_filter.cli.outputs import checked
+
+evaluate = typer.Typer(
+    name="evaluate",
+    help=(
+        "Compare methods on held-out vehicles: the paper's tables for a log of your own. "
+        "Example: dirprim evaluate density recordings/roundabout_learn.mcap"
+    ),
+    no_args_is_help=True,
+)
+for experiment in (tracking.tracking, forecast.forecast, density.density, cues.cues):
+    evaluate.command()(checked(experiment))

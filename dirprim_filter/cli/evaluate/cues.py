@@ -1,0 +1,95 @@
+"""`dirprim evaluate cues`: what the prior adds to an observation, and a turn signal to the prior (Table II, Eq. 4)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dirprim_filter.cli.evaluate.report import Folds, Json, MinSpeed, Report, table_line
+from dirprim_filter.cli.options import Cells, Force, Logs, Plot, Seed, Tessellation, WholeVehicles
+from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import check_plot
+
+if TYPE_CHECKING:
+    from dirprim_filter.evaluation.cues import CueTable, SignalExample
+    from dirprim_filter.viewer.figures import Figure
+
+
+@reads_logs
+def cues(
+    logs: Logs,
+    split: Annotated[
+        WholeVehicles | None, typer.Option(help="Hold out so; left out, by group if there are several.")
+    ] = None,
+    folds: Folds = 5,
+    tessellation: Tessellation = Cells.JOINT,
+    min_speed: MinSpeed = 0.5,
+    seed: Seed = 0,
+    reading: Reading = Reading(),
+    plot: Plot = None,
+    as_json: Json = False,
+    force: Force = False,
+) -> int:
+    """What the prior adds to an observation, and a turn signal to the prior (the paper's Table II and Eq. 4).
+
+    Example: dirprim evaluate cues recordings/roundabout_learn.mcap
+    """
+    import numpy as np
+
+    from dirprim_filter.cli.progress import step_progress
+    from dirprim_filter.evaluation.cues import evaluate_cues, turn_signal_example
+    from dirprim_filter.primitives import learn_primitives
+
+    check_plot(plot, force=force)
+    log = reading.tracks(logs)
+    deal, learn, draw = np.random.default_rng(seed).spawn(3)
+    with step_progress("evaluating", "folds") as told:
+        table = evaluate_cues(
+            log.tracks, split_by=None if split is None else split.value, n_folds=folds, tessellation=tessellation.value,
+            min_speed=min_speed, progress=told, rng=deal,
+        )  # fmt: skip
+    learned = learn_primitives(log.tracks, tessellation=tessellation.value, rng=learn)
+    example = turn_signal_example(learned, rng=draw)
+
+    def figure() -> Figure:
+        from dirprim_filter.viewer.figures import cue_table_figure
+
+        return cue_table_figure(table)
+
+    experiment = {
+        "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation.value, "min_speed": min_speed,
+        "seed": seed,
+    }  # fmt: skip
+    signal = asdict(example) | {"position": example.position.tolist()}
+    report = Report(
+        command="evaluate cues", inputs=logs, reading=reading, experiment=experiment,
+        table={"table": asdict(table), "turn_signal": signal}, text=lambda: cues_text(table, example), figure=figure,
+    )  # fmt: skip
+    return report.deliver(log, plot=plot, as_json=as_json, force=force)
+
+
+def cues_text(table: CueTable, example: SignalExample) -> str:
+    """Table II and the turn-signal example as text."""
+    import numpy as np
+
+    heads = ["prior", "observation", "posterior", "gain per vehicle", "of log, nat"]
+    lines = [
+        f"{table.n_steps} steps from cell to cell, {table.n_vehicles} vehicles, "
+        f"held out by {table.split_by}, {table.n_folds} folds",
+        "",
+        table_line("sum of densities", heads, width=18),
+    ]
+    for name, score in (("cell before", table.cell_before), ("own course", table.own_course)):
+        sums = [f"{value:.3f}" for value in (table.prior, score.observation, score.posterior)]
+        gain = f"{score.gain:+.1%}"
+        lines.append(table_line(name, [*sums, gain, f"{score.log_gain:+.3f}"], width=18))
+    before, after, heading = np.rad2deg([example.rmse_before, example.rmse_after, example.heading])
+    x, y = example.position
+    lines += [
+        "",
+        f"turn signal to the right at ({x:.1f}, {y:.1f}) m, heading {heading:.0f} deg: RMSE of {example.n_samples} "
+        f"directions from the turn {before:.1f} deg, with the signal {after:.1f} deg",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,95 @@
+"""`dirprim evaluate density`: the density that each method gives to held-out rows (the paper's Table I)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dirprim_filter.cli.evaluate.report import Folds, Json, MinSpeed, Report, table_line
+from dirprim_filter.cli.options import Force, Logs, Plot, Seed
+from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import check_plot
+
+if TYPE_CHECKING:
+    from dirprim_filter.evaluation.density import DensityScore, DensityTable
+    from dirprim_filter.viewer.figures import Figure
+
+
+class SplitBy(StrEnum):
+    """What is held out together."""
+
+    VEHICLE = "vehicle"
+    GROUP = "group"
+    RANDOM = "random"
+
+
+@reads_logs
+def density(
+    logs: Logs,
+    split: Annotated[
+        SplitBy | None,
+        typer.Option(help="Hold out so; left out, by group if there are several, else by vehicle. random: 10 % each."),
+    ] = None,
+    folds: Folds = 5,
+    every: Annotated[float | None, typer.Option(help="Seconds between a vehicle's rows; left out, all rows.")] = None,
+    min_speed: MinSpeed = 0.5,
+    seed: Seed = 0,
+    reading: Reading = Reading(),
+    plot: Plot = None,
+    as_json: Json = False,
+    force: Force = False,
+) -> int:
+    """The density that each method gives to held-out directions and speeds (the paper's Table I).
+
+    Example: dirprim evaluate density recordings/roundabout_learn.mcap --split vehicle --folds 5
+    """
+    import numpy as np
+
+    from dirprim_filter.cli.progress import step_progress
+    from dirprim_filter.evaluation.density import evaluate_density
+
+    check_plot(plot, force=force)
+    log = reading.tracks(logs)
+    with step_progress("evaluating", "fits") as told:
+        table = evaluate_density(
+            log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
+            interval_s=every, progress=told, rng=np.random.default_rng(seed),
+        )  # fmt: skip
+
+    def figure() -> Figure:
+        from dirprim_filter.viewer.figures import density_table_figure
+
+        return density_table_figure(table)
+
+    experiment = {
+        "split_by": table.split_by, "n_folds": folds, "interval_s": every, "min_speed": min_speed, "seed": seed
+    }  # fmt: skip
+    report = Report(
+        command="evaluate density", inputs=logs, reading=reading, experiment=experiment, table=asdict(table),
+        text=lambda: density_text(table), figure=figure,
+    )  # fmt: skip
+    return report.deliver(log, plot=plot, as_json=as_json, force=force)
+
+
+def density_text(table: DensityTable) -> str:
+    """Table I as text, a block for each quantity."""
+    blocks: dict[str, list[DensityScore | None]] = {
+        "direction, per rad": [row.direction for row in table.methods],
+        "speed, per m/s": [row.speed for row in table.methods],
+        "direction and speed": [row.joint for row in table.methods],
+    }
+    lines = [
+        f"{table.n_held_out} rows held out of {table.n_rows}, {table.n_vehicles} vehicles, "
+        f"by {table.split_by}, {table.n_folds} folds"
+    ]
+    for title, scores in blocks.items():
+        lines += ["", table_line(title, ["density", "std of rows", "of folds", "log density", "of folds"], width=13)]
+        for row, score in zip(table.methods, scores, strict=True):
+            if score is not None:
+                figures = (score.mean, score.std, score.fold_std, score.mean_log, score.fold_log_std)
+                lines.append(table_line(row.name, [f"{figure:.3f}" for figure in figures], width=13))
+    told = [f"{row.name}: {row.setting}: the best for these rows" for row in table.methods if row.setting]
+    return "\n".join([*lines, "", *told])

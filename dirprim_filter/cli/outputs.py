@@ -1,0 +1,77 @@
+"""What a command writes: never in the place of what it reads, and nowhere that it cannot write.
+
+Both are asked before the work, for every command: `checked` knows from the options which of its files are which.
+"""
+
+from __future__ import annotations
+
+import errno
+import inspect
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from dirprim_filter.cli.options import WRITTEN
+
+Result = TypeVar("Result")
+
+
+def checked(command: Callable[..., Result]) -> Callable[..., Result]:
+    """The command, which first asks whether its outputs can be written; options that are no outputs are inputs."""
+    hints = get_type_hints(command, include_extras=True)
+    outputs = {name for name, hint in hints.items() if WRITTEN in getattr(hint, "__metadata__", ())}
+
+    @wraps(command)
+    def check(*positional: Any, **given: Any) -> Result:
+        told = inspect.signature(command).bind(*positional, **given).arguments
+        written = [value for name, value in told.items() if name in outputs and isinstance(value, Path)]
+        read = [path for name, value in told.items() if name not in outputs for path in _paths(value)]
+        check_outputs(written, read)
+        return command(*positional, **given)
+
+    return check
+
+
+def check_outputs(written: Sequence[Path], read: Iterable[Path]) -> None:
+    """Whether every output can be written without harm to an input or to another output.
+
+    Raises:
+        ValueError: an output is an input, or two outputs are one file.
+        OSError: a folder cannot be written.
+    """
+    read = list(read)
+    for i, output in enumerate(written):
+        if any(_is_same(output, path) for path in read):
+            raise ValueError(f"{output}: is an input of this command; choose another name for the output")
+        if any(_is_same(output, other) for other in written[:i]):
+            raise ValueError(f"{output}: expected another file for each output, got it twice")
+        _require_writable(output)
+
+
+def _paths(value: Any) -> Iterator[Path]:
+    if isinstance(value, Path):
+        yield value
+    elif isinstance(value, list | tuple):
+        for one in value:
+            yield from _paths(one)
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    """Whether two names are of one file, through links of either kind; or will be, where neither is there yet."""
+    try:
+        return one.samefile(other)
+    except OSError:
+        return one.absolute() == other.absolute()
+
+
+def _require_writable(output: Path) -> None:
+    """Some outputs make their folder: then the nearest that is there must let them."""
+    folder = output.absolute().parent
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, f"expected a folder, {folder} is a file", str(output))
+    if not os.access(folder, os.W_OK | os.X_OK, effective_ids=os.access in os.supports_effective_ids):
+        raise PermissionError(errno.EACCES, f"the folder {folder} cannot be written; choose another", str(output))
