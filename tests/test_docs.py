@@ -11,6 +11,7 @@ import pytest
 
 from dirprim_filter import read_tracks, write_tracks
 from dirprim_filter.cli.main import run
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.reader import stream_detections
 
@@ -21,8 +22,8 @@ SECONDS = {"roundabout_learn.mcap": 120.0, "roundabout_track.mcap": 20.0}
 """Of each recording, so much is enough to follow a page."""
 SHORTER = {
     "n_seeds = 2 ": "n_seeds = 1 ",
-    "n_particles = 300": "n_particles = 50",
-    "--particles 300": "--particles 50",
+    "n_particles = 1000": "n_particles = 50",
+    "--seeds 1 --method": "--seeds 1 --particles 50 --method",
     "--every 2": "--every 10",
 }
 """Of a block, what is replaced: the same path, sooner done."""
@@ -126,3 +127,11 @@ def test_the_reference_is_as_the_docstrings_are():
     assert page == maker.PAGE.read_text(), "run `python docs/make_api.py`"
     assert "### `learn_primitives(" in page
     assert "- `track_id`: (n,) int64 or str" in page
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_no_page_recommends_fewer_particles_than_are_calibrated(page):
+    """Those of the default are; `results.md` tells what was measured."""
+    told = re.findall(r"(?:--particles |n_particles ?= ?)(\d+)", page.read_text())
+    if page.name != "results.md":
+        assert all(int(n) >= FilterConfig().n_particles for n in told)

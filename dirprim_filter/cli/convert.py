@@ -29,35 +29,49 @@ def convert(
     form: Annotated[Format, typer.Option("--format", help="What the source is.")] = Format.CSV,
     metres_per_pixel: Annotated[float | None, typer.Option(help="sdd: scale of the video.")] = None,
     frames_per_second: Annotated[float, typer.Option(help="sdd: rate of the video.")] = 30.0,
+    columns: Annotated[
+        str | None, typer.Option(help="csv: what the table calls columns, as x_m=Easting,y_m=Northing,...")
+    ] = None,
     force: Force = False,
 ) -> int:
     """Write a table of tracks as an MCAP log.
 
     csv has columns by name: time_s, track_id, x_m, y_m; optional heading_rad (of the body),
-    course_rad (over ground), speed_mps, group, length_m, width_m, height_m.
+    course_rad (over ground), speed_mps, group, length_m, width_m, height_m, and label (or category, or class).
+    Between cells are commas, semicolons or tabs; a .csv.gz is read as well.
 
     Example: dirprim convert tracks.csv -o tracks.mcap
+
+    Example: dirprim convert survey.csv.gz -o tracks.mcap --columns x_m=Easting,y_m=Northing,track_id=Id
     """
     from dirprim_filter.cli.progress import step_progress, working
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
 
     with working(f"reading {source.name}"):
-        table = _read(source, form, metres_per_pixel, frames_per_second)
-    said = provenance("convert", inputs=[source], format=form.value, metres_per_pixel=metres_per_pixel)
+        table = _read(source, form, metres_per_pixel, frames_per_second, columns)
+    said = provenance("convert", inputs=[source], format=form.value, metres_per_pixel=metres_per_pixel, columns=columns)
     with step_progress(f"writing {output.name}", "instants") as told:
-        write_tracks(table.tracks, output, metadata=said, force=force, progress=told)
+        write_tracks(table.tracks, output, labels=table.labels, metadata=said, force=force, progress=told)
+    if table.unused:
+        typer.echo(f"{source}: columns not used: {', '.join(table.unused)}; --columns NAME=COLUMN uses one", err=True)
     for note, count in table.notes.items():
-        typer.echo(f"{source}: {count} rows: {note}", err=True)
-    typer.echo(f"{output}: {table.tracks.n_tracks} tracks, {len(table.tracks)} rows")
-    return losses.tell_dropped(source, table.dropped)
+        typer.echo(f"{source}: {losses.counted(count, 'row')}: {note}", err=True)
+    tracks, rows = losses.counted(table.tracks.n_tracks, "track"), losses.counted(len(table.tracks), "row")
+    typer.echo(f"{output}: {tracks}, {rows}")
+    return losses.tell_dropped(source, table)
 
 
-def _read(source: Path, form: Format, metres_per_pixel: float | None, frames_per_second: float) -> Table:
+def _read(
+    source: Path, form: Format, metres_per_pixel: float | None, frames_per_second: float, columns: str | None
+) -> Table:
     from dirprim_filter.recording.tables import read_csv, read_sdd, read_sumo_fcd
+    from dirprim_filter.recording.tables.csv_table import parse_columns
 
     if form is Format.CSV:
-        return read_csv(source)
+        return read_csv(source, columns=parse_columns(columns) if columns else None)
+    if columns:
+        raise typer.BadParameter(f"has no meaning for --format {form.value}; it is for csv", param_hint="--columns")
     if form is Format.SUMO_FCD:
         return read_sumo_fcd(source)
     if metres_per_pixel is None:

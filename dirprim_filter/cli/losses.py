@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,17 +11,23 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from dirprim_filter.recording.damage import Damage
+    from dirprim_filter.recording.tables import Table
 
 DONE, INPUT_LOST = 0, 3
 
 
-def exit_code(damage: Sequence[Damage], n_dropped: int = 0) -> int:
+def exit_code(damage: Sequence[Damage], n_lost: int = 0) -> int:
     """3 where a part of the input could not be read or used; the library's log has said what."""
-    return INPUT_LOST if damage or n_dropped else DONE
+    return INPUT_LOST if damage or n_lost else DONE
 
 
-def tell_dropped(source: Path, dropped: Mapping[str, int]) -> int:
-    """One line on stderr for each reason why rows were dropped; -> the exit code."""
-    for reason, count in dropped.items():
-        typer.echo(f"{source}: dropped {count} rows: {reason}", err=True)
-    return INPUT_LOST if any(dropped.values()) else DONE
+def tell_dropped(source: Path, table: Table) -> int:
+    """One line on stderr for each reason why rows of a table were dropped; -> the exit code."""
+    for reason, count in table.dropped.items():
+        typer.echo(f"{source}: dropped {counted(count, 'row')}: {reason}", err=True)
+    return INPUT_LOST if table.n_lost else DONE
+
+
+def counted(n: int, what: str) -> str:
+    """A number and what it counts, in the plural unless it is one."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"

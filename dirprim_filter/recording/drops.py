@@ -71,6 +71,11 @@ class Drops:
         """Messages and rows left out."""
         return sum(getattr(self, name) for name in _WORDS)
 
+    @property
+    def lost(self) -> int:
+        """Those left out for a fault of theirs; a row alone in time has none, it only tells of no motion."""
+        return self.total - self.alone
+
     def __str__(self) -> str:
         told = [f"{getattr(self, name)} {text}" for name, text in _WORDS.items() if getattr(self, name)]
         why = "; ".join(f"{n} x {reason}" for reason, n in self.reasons.most_common(3))

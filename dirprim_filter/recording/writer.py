@@ -48,6 +48,7 @@ def write_tracks(
     path: str | Path,
     *,
     detections: Detections | None = None,
+    labels: Mapping[int | str, str] | None = None,
     metadata: Mapping[str, str] | None = None,
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -61,6 +62,7 @@ def write_tracks(
         tracks: what to write.
         path: the MCAP file.
         detections: what a sensor reported, for `/detections` and `/detections/scene`.
+        labels: what each vehicle is, such as "car", by its id; of the others it is unknown.
         metadata: goes into the `dirprim` metadata record: configuration, seed, where the data came from.
         force: overwrite an existing file.
         progress: told how many of how many instants are written.
@@ -80,7 +82,7 @@ def write_tracks(
             if not begun:
                 log.write(TRANSFORM_TOPIC, scene.frame_transform(time_ns), time_ns)
                 begun = True
-            message = encode_observations(source, rows, time_ns)
+            message = encode_observations(source, rows, time_ns, labels=labels)
             if isinstance(source, Tracks):
                 log.write(OBJECTS_TOPIC, message, time_ns)
                 drawn = scene.tracks_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)

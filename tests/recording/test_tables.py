@@ -1,7 +1,7 @@
 """Tables to tracks: what is good is kept exactly, what is bad is counted or told in one line."""
 
 import csv
-import logging
+import gzip
 from decimal import Decimal
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import pytest
 
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables import delimited, read_csv, read_sdd, read_sumo_fcd, sumo_fcd
+from dirprim_filter.recording.tables.csv_table import parse_columns
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 real_data = pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
@@ -23,13 +24,12 @@ def table(tmp_path, text, name="table.csv"):
     return path
 
 
-def test_columns_are_found_by_name_in_any_order(tmp_path, caplog):
+def test_columns_are_found_by_name_in_any_order(tmp_path):
     header = "speed_mps,lane,y_m,time_s,course_rad,group,x_m,track_id,heading_rad"
     text = f"{header}\n5,L1,2,0.1,-0.5,3,1,a,1.5\n6,L1,4,0.2,0.25,3,2,a,\n"
-    with caplog.at_level(logging.INFO):
-        read = read_csv(table(tmp_path, text))
+    read = read_csv(table(tmp_path, text))
     tracks = read.tracks
-    assert "columns ignored: lane" in caplog.text
+    assert read.unused == ["lane"]
     assert tracks.track_id.tolist() == ["a", "a"]
     assert tracks.time_ns.tolist() == [100_000_000, 200_000_000]
     assert tracks.position.tolist() == [[1.0, 2.0], [2.0, 4.0]]
@@ -104,7 +104,8 @@ def test_motion_is_differenced_where_the_table_has_none(tmp_path):
     ("text", "told"),
     [
         ("", "expected columns time_s, track_id, x_m, y_m"),
-        ("time_s;track_id;x_m;y_m\n", "separated by commas"),
+        ("time_s;track_id;x_m;y_m\n", "rows after the header"),
+        ("time_s|track_id|x_m|y_m\n", "separated by commas"),
         ("time_s,track_id,x_m\n0,1,2\n", r"line 1: expected columns.*missing: y_m"),
         (f"{HEADER}\n", "rows after the header"),
         ("time_ms,track_id,x_m,y_m\n", r"column time_s, got time_ms; divide by 1e3, and name it time_s"),
@@ -312,3 +313,68 @@ def test_a_vehicle_of_which_a_speed_is_missing_gets_its_motion_from_positions(tm
         np.testing.assert_allclose(motion[name].speed, 10.0)
     (told,) = read.notes.values()
     assert told == 3
+
+
+PLAIN = f"{HEADER},label\n0,a,1.5,-2,0.25,3,car\n0.5,a,2.5,-2,0.25,3,car\n0,b,7,8,,,truck\n0.5,b,8,8,,,\n"
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda text: text.replace(",", ";"),
+        lambda text: text.replace(",", ";").replace(".", ","),
+        lambda text: text.replace(",", "\t"),
+        lambda text: "\n" + text.replace("label", "class").replace(",", ", "),
+    ],
+    ids=["semicolons", "semicolons and decimal commas", "tabs", "spaces and a class"],
+)
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_table_reads_the_same_whatever_stands_between_its_cells(tmp_path, form, compressed):
+    wanted = read_csv(table(tmp_path, PLAIN))
+    path = table(tmp_path, form(PLAIN), "other.csv")
+    if compressed:
+        path = tmp_path / "other.csv.gz"
+        path.write_bytes(gzip.compress(form(PLAIN).encode()))
+    read = read_csv(path)
+    assert read == wanted
+    assert read.labels == {"a": "car", "b": "truck"}
+
+
+def test_a_cut_gzip_file_is_told(tmp_path):
+    whole = gzip.compress((f"{HEADER}\n" + "".join(f"{i},a,{i},{i * i},0,1\n" for i in range(500))).encode())
+    (tmp_path / "cut.csv.gz").write_bytes(whole[:-40])
+    with pytest.raises(TableError, match=r"cut\.csv\.gz.*expected a whole gzip file"):
+        read_csv(tmp_path / "cut.csv.gz")
+
+
+def test_a_vehicle_has_the_label_of_most_of_its_rows_and_the_others_are_counted(tmp_path):
+    rows = [f"{i},a,{i},0,0,1,{label}" for i, label in enumerate(["car", "van", "van", "", "bus"])]
+    read = read_csv(table(tmp_path, "\n".join([f"{HEADER},category", *rows])))
+    assert read.labels == {"a": "van"}
+    assert list(read.notes.values()) == [2]
+
+
+def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_path):
+    text = "Id,Easting,Northing,t,x_m,Lane\na,1,2,0,99,5\na,2,2,1,99,5\n"
+    columns = {"track_id": "Id", "x_m": "Easting", "y_m": "Northing", "time_s": "t"}
+    read = read_csv(table(tmp_path, text), columns=columns)
+    assert read.tracks.position.tolist() == [[1.0, 2.0], [2.0, 2.0]]
+    assert read.unused == ["(x_m)", "Lane"]
+    with pytest.raises(TableError, match="expected column East, got Id, Easting"):
+        read_csv(table(tmp_path, text), columns=columns | {"x_m": "East"})
+    with pytest.raises(TableError, match=r"--columns time_s=NAME"):
+        read_csv(table(tmp_path, text), columns={"track_id": "Id", "x_m": "Easting", "y_m": "Northing"})
+
+
+@pytest.mark.parametrize("text", ["x=Easting", "x_m", "x_m=", "x_m=a,x_m=b", ""])
+def test_a_mapping_that_is_none_is_told(text):
+    with pytest.raises(ValueError, match=r"columns: expected NAME=COLUMN, each of time_s, .*, got "):
+        parse_columns(text)
+
+
+def test_only_a_row_with_a_fault_is_a_loss(tmp_path):
+    rows = ["0,a,0,0", "1,a,1,0", "90,b,5,5"]
+    alone = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows])))
+    assert (sum(alone.dropped.values()), alone.n_lost) == (1, 0)
+    wrong = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows, "2,a,nan,0"])))
+    assert (sum(wrong.dropped.values()), wrong.n_lost) == (2, 1)

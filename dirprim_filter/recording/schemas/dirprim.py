@@ -21,6 +21,8 @@ from dirprim_filter.tracks import Tracks, as_texts
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from google.protobuf.timestamp_pb2 import Timestamp
 
     from dirprim_filter.detections import Detections
@@ -100,8 +102,17 @@ def _covariance_of(message: Message, n: int) -> FloatArray:
     return matrices(*(floats_of(message, name, n) for name in _COVARIANCE))
 
 
-def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: int) -> dirprim_pb2.Observations:
-    """The rows of one instant as a message; detections tell no group, and of their motion what was measured."""
+def encode_observations(
+    observed: Tracks | Detections, rows: IntArray, time_ns: int, *, labels: Mapping[int | str, str] | None = None
+) -> dirprim_pb2.Observations:
+    """The rows of one instant as a message; detections tell no group, and of their motion what was measured.
+
+    Args:
+        observed: rows of any instants.
+        rows: (k,) those of this one.
+        time_ns: its time.
+        labels: what vehicles are, by their ids.
+    """
     position = observed.position[rows]
     message = dirprim_pb2.Observations(
         frame_id=MAP_FRAME,
@@ -127,6 +138,8 @@ def encode_observations(observed: Tracks | Detections, rows: IntArray, time_ns: 
         heading = observed.heading[rows]
         if not np.isnan(heading).all():
             message.heading.extend(heading.tolist())
+    if labels:
+        message.label.extend(labels.get(name, "") for name in observed.track_id[rows].tolist())
     return message
 
 
@@ -142,10 +155,11 @@ def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
     kept = np.ones(message.size, np.bool_)
     columns: dict[str, FloatArray] = {}
     group = np.zeros(message.size, np.int64)
-    for label in _COLUMNS:
+    kinds = np.full(message.size, "")
+    for label in (*_COLUMNS, "label"):
         of = shredded.message_of(f".{label}[]")
         has = np.bincount(of, minlength=shredded.n_messages)
-        is_told = has > 0 if label in _OPTIONAL else np.ones(has.size, np.bool_)
+        is_told = has > 0 if label in (*_OPTIONAL, "label") else np.ones(has.size, np.bool_)
         unlike = np.flatnonzero(is_told & (has != n))
         for i in unlike.tolist():
             shredded.fail(np.array([i]), f"{_OBSERVATIONS}.{label}: expected {n[i]} numbers, got {has[i]}")
@@ -154,6 +168,10 @@ def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         taken = np.isin(of, np.flatnonzero(has == n))
         if label == "group":
             group[fits] = shredded.integers(label)[taken]
+        elif label == "label":
+            told = shredded.names(label)[taken]
+            kinds = np.full(message.size, "", dtype=told.dtype)
+            kinds[fits] = told
         else:
             columns[label] = np.full(message.size, np.nan)
             columns[label][fits] = shredded.numbers(label)[taken]
@@ -169,6 +187,7 @@ def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
         covariance=matrices(*(columns[label] for label in _COVARIANCE)),
         size=np.stack([columns[label] for label in _SIZE], axis=-1),
         heading=columns["heading"],
+        label=kinds,
     )[kept]
 
 
@@ -180,6 +199,7 @@ OBSERVATIONS = Family(
         "frame": Field(path=".frame_id", kind="name"),
         "id": Field(path=".track_id[]", kind="name"),
         **{label: Field(path=f".{label}[]", optional=label in _OPTIONAL) for label in _COLUMNS},
+        "label": Field(path=".label[]", kind="name", optional=True),
     },
     objects=_observed,
 )

@@ -1,15 +1,16 @@
-"""Tracks from comma-separated text, columns by name.
+"""Tracks from text separated by commas, semicolons or tabs, columns by name; gzip is read as well.
 
-`time_s, track_id, x_m, y_m` and, if there, `heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m`;
-other columns are ignored. A name says its unit: x east and y north in metres, the heading (yaw of the body) and the
-course over ground in radians counter-clockwise from east, the size of the body in metres; an empty cell of a size or an
-angle is one that is unknown.
+`time_s, track_id, x_m, y_m` and, if there, `heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m` and
+`label` (or `category` or `class`); other columns are not used. A name says its unit: x east and y north in metres, the
+heading (yaw of the body) and the course over ground in radians counter-clockwise from east, the size of the body in
+metres; an empty cell of a size, an angle or a label is one that is unknown.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,9 @@ logger = logging.getLogger(__name__)
 REQUIRED = ("time_s", "track_id", "x_m", "y_m")
 SIZE = ("length_m", "width_m", "height_m")
 OPTIONAL = ("heading_rad", "course_rad", "speed_mps", "group", *SIZE)
+LABEL = "label"
+LABELS = (LABEL, "category", "class")
+"""The first of these that a table has says what its vehicles are."""
 ANGLES = {"course_rad": "direction", "heading_rad": "heading"}
 
 REMEDY: Mapping[str, str] = {
@@ -41,27 +45,30 @@ REMEDY: Mapping[str, str] = {
 TURN = 2 * np.pi
 
 
-def read_csv(path: str | Path) -> Table:
+def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None) -> Table:
     """The tracks of a csv file.
 
     Rows without a time or a place, with an infinite number, with a negative speed, and second rows of a vehicle at one
     time are dropped and counted. `course_rad` is kept where a vehicle has it and `speed_mps` in all rows; else the
     course is derived from the positions. So is the speed where it is missing in a row of a vehicle.
 
+    Args:
+        path: the file.
+        columns: how the table calls a column, by our name for it; left out, as we do. Its unit is ours all the same.
+
     Raises:
+        ValueError: `columns` has a name that is none of ours.
         TableError: a column is missing or in another unit, or a cell is no number.
         OSError: the file cannot be read.
     """
-    text = DelimitedText(path, delimiter=",")
+    text = DelimitedText(path, delimiter=None)
     line, header = next(text.rows(), (1, []))
-    columns = [name.strip() for name in header]
-    check_header(text.path, line, columns)
-    place = {name: columns.index(name) for name in (*REQUIRED, *OPTIONAL) if name in columns}
-    ignored = [name for name in columns if name not in place]
-    if ignored:
-        logger.info("%s: columns ignored: %s", path, ", ".join(ignored))
+    names = _renamed(text.path, line, [name.strip() for name in header], columns or {})
+    check_header(text.path, line, names)
+    place = {name: names.index(name) for name in (*REQUIRED, *OPTIONAL, LABEL) if name in names}
+    unused = [name for i, name in enumerate(names) if i not in place.values()]
     ids = NameTable()
-    parts = [_rows_of(block, place, ids) for block in text.blocks(skip=1, n_cells=len(columns))]
+    parts = [_rows_of(block, place, ids) for block in text.blocks(skip=1, n_cells=len(names))]
     if not parts:
         raise TableError(text.path, line + 1, "rows after the header", "none", "check how the table was made")
     rows = TableRows.concatenate(parts)
@@ -69,7 +76,36 @@ def read_csv(path: str | Path) -> Table:
         angle = getattr(rows, of)
         if angle is not None and (np.abs(angle) > TURN).any():
             logger.warning("%s: %s reaches %g; is it in degrees?", path, name, np.nanmax(np.abs(angle)))
-    return table_of(rows, ids.names)
+    return replace(table_of(rows, ids.names), unused=unused)
+
+
+def parse_columns(text: str) -> dict[str, str]:
+    """Of `x_m=Easting,y_m=Northing` how a table calls columns, by our names.
+
+    Raises:
+        ValueError: a part is not NAME=COLUMN, or its name is none of ours or there twice.
+    """
+    known = (*REQUIRED, *OPTIONAL, LABEL)
+    columns: dict[str, str] = {}
+    for part in text.split(","):
+        name, _, column = (word.strip() for word in part.partition("="))
+        if name not in known or not column or name in columns:
+            raise ValueError(f"columns: expected NAME=COLUMN, each of {', '.join(known)} once, got {part!r}")
+        columns[name] = column
+    return columns
+
+
+def _renamed(path: Path, line: int, header: list[str], columns: Mapping[str, str]) -> list[str]:
+    """The names of a header as we call them; one of our names whose column is elsewhere is no longer ours."""
+    missing = [column for column in columns.values() if column not in header]
+    if missing:
+        raise TableError(path, line, f"column {missing[0]}", ", ".join(header) or "none", "name one that is there")
+    ours = {column: name for name, column in columns.items()}
+    names = [ours.get(name, f"({name})" if name in columns else name) for name in header]
+    if LABEL not in names:
+        other = next((name for name in LABELS if name in names), None)
+        names = [LABEL if name == other else name for name in names]
+    return names
 
 
 def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
@@ -88,6 +124,7 @@ def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
         group=block.whole_numbers(place["group"], "group") if "group" in place else None,
         size=size if any(name in place for name in SIZE) else None,
         heading=floats.get("heading_rad"),
+        label=np.char.strip(np.array(block.texts(place[LABEL]), np.str_)) if LABEL in place else None,
     )
 
 
@@ -97,11 +134,11 @@ def check_header(path: Path, line: int, columns: list[str]) -> None:
     Raises:
         TableError: otherwise.
     """
-    known = (*REQUIRED, *OPTIONAL)
+    known = (*REQUIRED, *OPTIONAL, LABEL)
     twice = [name for name in known if columns.count(name) > 1]
     if twice:
         raise TableError(path, line, f"one column {twice[0]}", f"{columns.count(twice[0])}", "remove the others")
-    for name in known:
+    for name in known[:-1]:
         stem = name.partition("_")[0]
         other = [c for c in columns if (c == stem and name not in SIZE) or (c in REMEDY and c.startswith(f"{stem}_"))]
         if name not in columns and other:
@@ -111,5 +148,6 @@ def check_header(path: Path, line: int, columns: list[str]) -> None:
     if missing:
         raise TableError(
             path, line, f"columns {', '.join(REQUIRED)}, separated by commas", ", ".join(columns) or "none",
-            f"name the columns so; missing: {', '.join(missing)}",
+            f"name the columns so, or say by --columns {missing[0]}=NAME how the table calls them; missing: "
+            f"{', '.join(missing)}",
         )  # fmt: skip

@@ -6,11 +6,13 @@ Source: RFC 4180 for quoting. A wrong cell is reported with its line.
 from __future__ import annotations
 
 import csv
+import gzip
+import zlib
 from collections.abc import Iterator, Sequence
 from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 import numpy as np
 
@@ -25,18 +27,41 @@ EXACT_SECONDS = 1e6
 MAX_SECONDS = 9e9
 """Nanoseconds of a later time do not fit into int64."""
 
+GZIP = b"\x1f\x8b"
+"""How a compressed file begins, whatever its name."""
+DELIMITERS = ",;\t"
+"""Between cells; where it is a semicolon, numbers may have a decimal comma."""
+
 
 class DelimitedText:
-    """The cells of a text file.
+    """The cells of a text file, which may be compressed by gzip.
 
     Args:
         path: the file, UTF-8.
-        delimiter: the character between cells.
+        delimiter: the character between cells; None for that of `DELIMITERS` that its first line has most of.
+
+    Raises:
+        OSError: the file cannot be read.
     """
 
-    def __init__(self, path: str | Path, *, delimiter: str) -> None:
+    def __init__(self, path: str | Path, *, delimiter: str | None) -> None:
         self.path = Path(path)
-        self._delimiter = delimiter
+        with self.path.open("rb") as file:
+            self._is_compressed = file.read(len(GZIP)) == GZIP
+        self._delimiter = delimiter or self._found_delimiter()
+
+    def _open(self) -> TextIO:
+        if self._is_compressed:
+            return gzip.open(self.path, "rt", encoding="utf-8-sig", newline="")
+        return self.path.open(encoding="utf-8-sig", newline="")
+
+    def _found_delimiter(self) -> str:
+        try:
+            with self._open() as file:
+                header = next((line for line in file if line.strip()), "")
+        except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile):
+            return DELIMITERS[0]  # `rows` says what is wrong
+        return max(DELIMITERS, key=header.count)
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """The number of the last line and the cells of each row that is not blank.
@@ -44,7 +69,7 @@ class DelimitedText:
         Raises:
             TableError: the file is no text, or its quotes do not fit.
         """
-        with self.path.open(encoding="utf-8-sig", newline="") as file:
+        with self._open() as file:
             reader = csv.reader(file, delimiter=self._delimiter, skipinitialspace=True, strict=True)
             try:
                 for row in reader:
@@ -53,6 +78,10 @@ class DelimitedText:
             except UnicodeDecodeError as error:
                 raise TableError(
                     self.path, reader.line_num + 1, "UTF-8 text", str(error.reason), "save the table as UTF-8"
+                ) from error
+            except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+                raise TableError(
+                    self.path, reader.line_num + 1, "a whole gzip file", str(error), "compress the table anew"
                 ) from error
             except csv.Error as error:
                 raise TableError(
@@ -67,7 +96,10 @@ class DelimitedText:
         """
         rows = islice(self.rows(), skip, None)
         while part := list(islice(rows, BLOCK_ROWS)):
-            block = Block(self.path, [line for line, _ in part], [cells for _, cells in part])
+            block = Block(
+                self.path, [line for line, _ in part], [cells for _, cells in part],
+                decimal_comma=self._delimiter == ";",
+            )  # fmt: skip
             if set(map(len, block.cells)) != {n_cells}:
                 row = next(i for i, cells in enumerate(block.cells) if len(cells) != n_cells)
                 block.fail(row, f"{n_cells} cells", f"{len(block.cells[row])}", "mend or remove the line")
@@ -75,12 +107,22 @@ class DelimitedText:
 
 
 class Block:
-    """Some rows of a text table, all of one length."""
+    """Some rows of a text table, all of one length.
 
-    def __init__(self, path: Path, line: Sequence[int], cells: Sequence[list[str]]) -> None:
+    Args:
+        path: the table.
+        line: (n) of each row.
+        cells: (n) of each row.
+        decimal_comma: a comma in a number stands before its decimals.
+    """
+
+    def __init__(
+        self, path: Path, line: Sequence[int], cells: Sequence[list[str]], *, decimal_comma: bool = False
+    ) -> None:
         self.path = path
         self.line = line
         self.cells = cells
+        self._decimal_comma = decimal_comma
 
     def fail(self, row: int, expected: str, got: str, remedy: str) -> NoReturn:
         """Raise the error of a row.
@@ -94,13 +136,18 @@ class Block:
         """(n) the cells of a column."""
         return [cells[column] for cells in self.cells]
 
+    def _decimals(self, column: int) -> list[str]:
+        """(n) the cells of a column of numbers, with a decimal point."""
+        texts = self.texts(column)
+        return [text.replace(",", ".") for text in texts] if self._decimal_comma else texts
+
     def floats(self, column: int, name: str) -> FloatArray:
         """(n,) the numbers of a column; NaN where a cell is empty.
 
         Raises:
             TableError: a cell is no number.
         """
-        texts = self.texts(column)
+        texts = self._decimals(column)
         try:
             return np.fromiter(map(float, texts), np.float64, len(texts))
         except ValueError:
@@ -139,7 +186,7 @@ class Block:
             remedy = "divide by 1e3, 1e6 or 1e9 if it counts ms, us or ns"
             self.fail(row, f"seconds as {name}", f"{seconds[row]:g}", remedy)
         time_ns = np.rint(np.where(known, seconds, 0.0) * 1e9).astype(np.int64)
-        texts = self.texts(column)
+        texts = self._decimals(column)
         for row in np.flatnonzero(size >= EXACT_SECONDS).tolist():
             time_ns[row] = exact_nanoseconds(texts[row])
         return time_ns, known

@@ -78,4 +78,7 @@ def _rows_of(
     time_ns = np.rint(np.where(known, frame, 0.0) * (1e9 / frames_per_second)).astype(np.int64)
     position = np.column_stack([x_min + x_max, -(y_min + y_max)]) * (0.5 * metres_per_pixel)
     vehicle = ids.numbers(block.texts(TRACK_ID))
-    return TableRows(vehicle=vehicle[kept], time_ns=time_ns[kept], time_known=known[kept], position=position[kept])
+    label = np.array(block.texts(LABEL), np.str_)
+    return TableRows(
+        vehicle=vehicle[kept], time_ns=time_ns[kept], time_known=known[kept], position=position[kept], label=label[kept]
+    )

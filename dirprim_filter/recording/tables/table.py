@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -11,7 +12,9 @@ import numpy as np
 from dirprim_filter.recording.geodesy import FARTHEST_M
 from dirprim_filter.sizes import known_sizes
 from dirprim_filter.tracks import Tracks, as_track_ids, repeated_rows
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+
+ALONE = "alone in time, so that no velocity can be derived"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,11 +25,20 @@ class Table:
         tracks: the rows that are good.
         dropped: how many rows were left out, by reason.
         notes: what was put right without a loss, and how often.
+        labels: what each vehicle is, by its id; of those that the table gives a label.
+        unused: the columns of which nothing was read.
     """
 
     tracks: Tracks
     dropped: Mapping[str, int] = field(default_factory=dict)
     notes: Mapping[str, int] = field(default_factory=dict)
+    labels: Mapping[int | str, str] = field(default_factory=dict)
+    unused: Sequence[str] = ()
+
+    @property
+    def n_lost(self) -> int:
+        """Rows that were left out for a fault; a row alone in time has none, it only tells of no motion."""
+        return sum(n for reason, n in self.dropped.items() if reason != ALONE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +55,7 @@ class TableRows:
         group: (n,) int64; None where the table has none.
         size: (n, 3) length, width and height, metres; what is not positive is unknown; None where the table has none.
         heading: (n,) yaw of the body, radians counter-clockwise from east; None where the table has none.
+        label: (n,) str, what the vehicle is, empty where unknown; None where the table has none.
     """
 
     vehicle: IntArray
@@ -54,6 +67,7 @@ class TableRows:
     group: IntArray | None = None
     size: FloatArray | None = None
     heading: FloatArray | None = None
+    label: AnyArray | None = None
 
     @classmethod
     def concatenate(cls, parts: Sequence[TableRows]) -> TableRows:
@@ -125,9 +139,21 @@ def table_of(rows: TableRows, names: Sequence[str], *, dropped: Mapping[str, int
         heading=heading[~whole],
         speed=speed[~whole],
     )
-    _count(counts, "alone in time, so that no velocity can be derived", int((~whole).sum()) - len(derived))
+    _count(counts, ALONE, int((~whole).sum()) - len(derived))
     tracks = Tracks.concatenate([part for part in (given, derived) if len(part)] or [given])
-    return Table(tracks=tracks, dropped=counts, notes=notes)
+    labels = {} if rows.label is None else _labels(track_id, rows.label[kept], notes)
+    return Table(tracks=tracks, dropped=counts, notes=notes, labels=labels)
+
+
+def _labels(track_id: AnyArray, label: AnyArray, notes: dict[str, int]) -> dict[int | str, str]:
+    """Of each vehicle that has labels the most frequent one, of equally frequent the first by name."""
+    pairs = Counter(pair for pair in zip(track_id.tolist(), label.tolist(), strict=True) if pair[1])
+    labels: dict[int | str, str] = {}
+    for vehicle, name in sorted(pairs, key=lambda pair: (-pairs[pair], pair[1])):
+        labels.setdefault(vehicle, name)
+    other = sum(n for (vehicle, name), n in pairs.items() if labels[vehicle] != name)
+    _count(notes, "rows with another label than most of their vehicle's; it has that of most", other)
+    return labels
 
 
 def _vehicles(rows: TableRows, names: Sequence[str], notes: dict[str, int]) -> tuple[Sequence[str], IntArray, IntArray]:

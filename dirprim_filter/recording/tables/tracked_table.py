@@ -41,7 +41,7 @@ def read_tracked_rows(path: str | Path, *, truth: Tracks, one_of_many: bool = Fa
         ValueError: a track has two rows at one time.
         OSError: the file cannot be read.
     """
-    form = Path(path).suffix.lower()
+    form = Path(Path(path).name.removesuffix(".gz")).suffix.lower()
     if form == ".csv":
         columns = _of_csv(Path(path))
     elif form == ".parquet":
@@ -84,7 +84,7 @@ def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> In
 
 
 def _of_csv(path: Path) -> dict[str, AnyArray]:
-    text = DelimitedText(path, delimiter=",")
+    text = DelimitedText(path, delimiter=None)
     line, header = next(text.rows(), (1, []))
     names = [name.strip() for name in header]
     check_header(path, line, names)

@@ -1,0 +1,56 @@
+"""`dirprim convert`: tables as people have them become logs; what is not used is named, what is lost ends with 3."""
+
+import gzip
+
+import pytest
+
+from dirprim_filter import read_tracks
+from dirprim_filter.cli.main import run
+
+DONE, USAGE, INPUT_LOST = 0, 2, 3
+
+
+def convert(*arguments):
+    return run(["convert", *map(str, arguments)])
+
+
+@pytest.fixture
+def survey(tmp_path):
+    """A semicolon table of other names, compressed."""
+    rows = [
+        f"{name};{k};{east},5;{k};{what};7" for name, east, what in (("a", 3, "car"), ("b", 9, "bus")) for k in (0, 1)
+    ]
+    path = tmp_path / "survey.csv.gz"
+    path.write_bytes(gzip.compress("\n".join(["Id;t;Easting;Northing;class;Lane", *rows]).encode()))
+    return path
+
+
+def test_a_survey_becomes_a_log_with_labels(survey, tmp_path, capsys):
+    log = tmp_path / "log.mcap"
+    names = "track_id=Id,time_s=t,x_m=Easting,y_m=Northing"
+    assert convert(survey, "-o", log, "--columns", names) == DONE
+    said = capsys.readouterr()
+    assert said.out == f"{log}: 2 tracks, 4 rows\n"
+    assert said.err == f"{survey}: columns not used: Lane; --columns NAME=COLUMN uses one\n"
+    assert read_tracks(log).position.tolist() == [[3.5, 0.0], [9.5, 0.0], [3.5, 1.0], [9.5, 1.0]]
+    assert set(read_tracks(log, labels="car").track_id) == {"a"}
+    assert run(["info", str(log)]) == DONE
+    assert "labels in /objects: bus 2, car 2" in capsys.readouterr().out
+
+
+def test_a_mapping_is_for_csv(survey, tmp_path, capsys):
+    options = ("--format", "sumo-fcd", "--columns", "x_m=x")
+    assert convert(survey, "-o", tmp_path / "log.mcap", *options) == USAGE
+    assert "it is for csv" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_row_alone_in_time_is_told_and_is_no_loss(tmp_path, capsys):
+    table, log = tmp_path / "t.csv", tmp_path / "log.mcap"
+    table.write_text("time_s,track_id,x_m,y_m\n0,a,0,0\n1,a,1,0\n90,b,5,5\n")
+    assert convert(table, "-o", log) == DONE
+    said = capsys.readouterr()
+    assert said.out == f"{log}: 1 track, 2 rows\n"
+    assert f"\n{table}: dropped 1 row: alone in time, so that no velocity can be derived\n" in said.err
+    with table.open("a") as more:
+        more.write("91,a,nan,0\n")
+    assert convert(table, "-o", log, "--force") == INPUT_LOST
