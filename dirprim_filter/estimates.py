@@ -211,10 +211,10 @@ class EstimateSink(Protocol):
 
 
 class EstimateList:
-    """An `EstimateSink` that keeps all estimates in memory."""
+    """An `EstimateSink` that keeps all estimates in memory, after those that it is given."""
 
-    def __init__(self) -> None:
-        self._parts: list[Estimates] = []
+    def __init__(self, *parts: Estimates) -> None:
+        self._parts = list(parts)
 
     def write(self, frame: TrackedFrame) -> None:
         """Keep the frame's estimates."""

@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from dirprim_filter.estimates import EstimateSink
-from dirprim_filter.evaluation.methods import Method, filters
+from dirprim_filter.evaluation.baselines.raw_detections import as_reported
+from dirprim_filter.evaluation.methods import RAW, Method, filters
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scoring import report
 from dirprim_filter.evaluation.splits import honest_split
@@ -105,8 +106,10 @@ def evaluate_tracking(
         progress: told how many of how many steps are done.
 
     Raises:
-        ValueError: too few vehicles to learn from and to track.
+        ValueError: too few vehicles to learn from and to track, or sinks where the first method has no frames.
     """
+    if sinks and experiment.methods[0] == RAW:
+        raise ValueError(f"methods: expected a tracker first, whose run can be written, got {RAW}")
     pooled: dict[Method, list[TrackingReport]] = {method: [] for method in experiment.methods}
     by_group: dict[Method, list[tuple[TrackingReport, ...]]] = {method: [] for method in experiment.methods}
     n_groups = n_vehicles = n_gaps = 0
@@ -124,9 +127,13 @@ def evaluate_tracking(
         seeds = filtering.integers(2**63, size=len(experiment.methods))
         made = filters(experiment.methods, learned, train, experiment.filter, rng=fit)
         told.add()
-        for number, (method, make) in enumerate(made.items()):
+        for number, method in enumerate(experiment.methods):
             listening = sinks if i == 0 and number == 0 else ()
-            tracked = followed(scenes, make, experiment, listening, seed=int(seeds[number]))
+            tracked = (
+                as_reported(scenes, noise_m=experiment.noise_m)
+                if method == RAW
+                else followed(scenes, made[method], experiment, listening, seed=int(seeds[number]))
+            )
             scored = partial(report, with_ids=experiment.with_ids, scales=experiment.scales)
             pooled[method].append(scored(tracked))
             by_group[method].append(tuple(scored([world]) for world in tracked))

@@ -1,4 +1,4 @@
-"""The trackers that an experiment compares: one tracker on five motion models, fitted to the same vehicles."""
+"""What an experiment compares: a tracker on five motion models, fitted to the same vehicles, and no tracker at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ from dirprim_filter.filtering.manoeuvre import acceleration_density, pace_densit
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
-Method = Literal["prior", "place-free", "constant velocity", "constant turn", "interacting models"]
+RAW: Literal["raw detections"] = "raw detections"
+"""No filter: what is reported is what is believed."""
+Method = Literal["prior", "place-free", "constant velocity", "constant turn", "interacting models", "raw detections"]
 METHODS: tuple[Method, ...] = get_args(Method)
 MakeFilter = Callable[[], BayesFilter]
 
@@ -40,7 +42,7 @@ def filters(
     methods: tuple[Method, ...], primitive_map: PrimitiveMap, train: Tracks, config: FilterConfig, *,
     rng: np.random.Generator,
 ) -> dict[Method, MakeFilter]:  # fmt: skip
-    """What makes the filter of each method, fitted once.
+    """What makes the filter of each method that has one, fitted once.
 
     Args:
         methods: which.
@@ -70,7 +72,7 @@ def filters(
         if method in kalman:
             turns = TURNS if method != "constant velocity" else TURNS[:1]
             made[method] = _best(kalman[method], turns, seen, config)
-        else:
+        elif method != RAW:
             of = primitive_map if method == "prior" else primitive_map.without_places()
             made[method] = _particles(of, config)
     return made

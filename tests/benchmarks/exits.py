@@ -12,6 +12,7 @@ of direction can tell. Cross-entropies in nat, means over vehicles.
 from __future__ import annotations
 
 import argparse
+import json
 from typing import NamedTuple
 
 import numpy as np
@@ -119,42 +120,35 @@ def mean_over_vehicles(value, vehicle):
     return (np.bincount(number, value) / np.bincount(number)).mean()
 
 
+def of_seed(tracks, seed):
+    """Mean cross-entropies over the vehicles of a held-out half."""
+    fold = split(tracks, by="vehicle", n_folds=2, rng=np.random.default_rng(seed))[0]
+    learned = learn_primitives(fold.train, rng=np.random.default_rng(seed))
+    centers = exits_of(fold.train)
+    cases = cases_of(fold.test, centers)
+    cases = Cases(*(column[np.abs(cases.turn) > LEAST_TURN] for column in cases))
+    told = {"exits": len(centers), "vehicles": np.unique(cases.vehicle).size, "instants": cases.turn.size}
+    for name, cues in (("signal", signals(cases.turn)), ("wrong", signals(-cases.turn)), ("exact", exact(cases.turn))):
+        surprise = cross_entropies(learned, cases, cues, exits=centers, rng=np.random.default_rng([seed, 1]))
+        told["before"], told[name] = (mean_over_vehicles(column, cases.vehicle) for column in surprise)
+    return told
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", nargs="+")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     tracks = read_tracks(given.logs)
-    print(
-        "seed exits vehicles instants   before   signal  ratio    wrong    exact | right alone: before   signal  ratio"
-    )
-    for seed in range(given.seeds):
-        fold = split(tracks, by="vehicle", n_folds=2, rng=np.random.default_rng(seed))[0]
-        learned = learn_primitives(fold.train, rng=np.random.default_rng(seed))
-        centers = exits_of(fold.train)
-        cases = cases_of(fold.test, centers)
-        cases = Cases(*(column[np.abs(cases.turn) > LEAST_TURN] for column in cases))
-        right = cases.turn < 0
-        of = {}
-        for name, cues in (("", signals(cases.turn)), ("wrong", signals(-cases.turn)), ("exact", exact(cases.turn))):
-            before, after = cross_entropies(
-                learned,
-                cases,
-                cues,
-                exits=centers,
-                rng=np.random.default_rng([seed, 1]),
-            )
-            of[name] = mean_over_vehicles(after, cases.vehicle)
-            if not name:
-                of["before"] = mean_over_vehicles(before, cases.vehicle)
-                of["right"] = [mean_over_vehicles(column[right], cases.vehicle[right]) for column in (before, after)]
-        n_vehicles, (r_before, r_after) = np.unique(cases.vehicle).size, of["right"]
-        print(
-            f"{seed:4}{len(centers):6}{n_vehicles:9}{cases.turn.size:9}{of['before']:9.3f}{of['']:9.3f}"
-            f"{of[''] / of['before']:7.2f}{of['wrong']:9.3f}{of['exact']:9.3f} |"
-            f"{r_before:14.3f}{r_after:9.3f}{r_after / r_before:7.2f}",
-            flush=True,
-        )
+    found = {str(seed): of_seed(tracks, seed) for seed in range(given.seeds)}
+    if given.json:
+        print(json.dumps({"rows": found}, default=float))
+        return
+    print("seed exits vehicles instants   before   signal    wrong    exact")
+    for seed, told in found.items():
+        told_all = "".join(f"{told[name]:9.3f}" for name in ("before", "signal", "wrong", "exact"))
+        print(f"{seed:>4}{told['exits']:6}{told['vehicles']:9}{told['instants']:9}{told_all}")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ direction and speed of held-out vehicles (or groups: `--by group`), rows every 0
 from __future__ import annotations
 
 import argparse
+import json
 import resource
 import sys
 import time
@@ -45,10 +46,15 @@ def in_all_folds(folds, **options):
     return np.concatenate(log_p).mean(), np.std([p.mean() for p in log_p]), np.mean(n_cells), np.mean(taken)
 
 
+FOUND = {}
+"""Every row of the table, for `--json`."""
+
+
 def tell(name, mean, spread, n_cells=None, taken=None):
+    FOUND[name] = {"mean": mean, "deviation": spread, "cells": n_cells, "seconds": taken}
     cells = f"{n_cells:7.0f}" if n_cells is not None else 7 * " "
     seconds = f"{taken:7.1f}" if taken is not None else ""
-    print(f"{name:42}{mean:8.3f} +- {spread:5.3f}{cells}{seconds}", flush=True)
+    print(f"{name:42}{mean:8.3f} +- {spread:5.3f}{cells}{seconds}", flush=True, file=sys.stderr)
 
 
 def best_grid(folds, primitive):
@@ -84,8 +90,10 @@ def table(logs, by, n_folds, *, also_moved, field):
     rows = rows_to_judge(read_tracks(logs), min_speed=0.5, interval_s=0.5)
     by = by or honest_split(rows)
     folds = split(rows, by=by, n_folds=n_folds, rng=np.random.default_rng(0))
-    print(f"{' '.join(Path(log).name for log in logs)}: {len(rows):,} rows, {rows.n_tracks} vehicles, held out by {by}")
-    print(f"{'':42}   mean log density  cells seconds")
+    about = (
+        f"{' '.join(Path(log).name for log in logs)}: {len(rows):,} rows, {rows.n_tracks} vehicles, held out by {by}"
+    )
+    print(f"{about}\n{'':42}   mean log density  cells seconds", file=sys.stderr)
     free = [learn_primitives(f.train, tessellation="grid", n_cells=1, primitive="flat", rng=np.random.default_rng(0))
             for f in folds]  # fmt: skip
     log_p = [
@@ -130,11 +138,14 @@ def main():
     parser.add_argument("--moved", action="store_true")
     parser.add_argument("--no-field", action="store_true")
     parser.add_argument("--speed", action="store_true")
+    parser.add_argument("--json", action="store_true", help="the rows again, on stdout")
     given = parser.parse_args()
     if given.speed:
         speed()
     elif given.logs:
         table(given.logs, given.by, given.folds, also_moved=given.moved, field=not given.no_field)
+        if given.json:
+            print(json.dumps({"rows": FOUND}, default=float))
     else:
         parser.print_help()
 

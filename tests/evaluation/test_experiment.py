@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.experiment import MethodResult, evaluate_tracking, held_out
 from dirprim_filter.evaluation.scenes import gaps, honest_tracking
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
@@ -63,6 +64,24 @@ def test_all_methods_track_the_same_and_tell_of_gaps(table):
             assert method.name == "prior" or found.hidden_rmse > found.seen_rmse
             assert found.gospa**2 == pytest.approx(found.localisation + found.missed + found.false)
             assert 0.3 < found.coverage_50 < found.coverage_90 <= 1.0
+
+
+def test_raw_detections_err_by_the_noise_and_know_nothing_of_gaps_or_of_each_other(traffic, ring_map):
+    experiment = TrackingExperiment(n_seeds=1, gap_s=2.0, methods=("raw detections",))
+    named = evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=ring_map).methods[0].reports[0]
+    n_seen = round(named.reported * len(traffic))
+    assert named.seen_rmse**2 == pytest.approx(2 * 0.5**2, rel=4 / np.sqrt(n_seen))  # variance of chi squared
+    assert named.seen_nees == pytest.approx(2.0, rel=4 / np.sqrt(n_seen))
+    assert named.reported == pytest.approx(1 - 4 * 20 / len(traffic), abs=0.02)
+    assert np.isnan(named.hidden_rmse)
+    unnamed = evaluate_tracking(
+        traffic, replace(experiment, with_ids=False), sensor=detect, primitive_map=ring_map
+    ).methods[0].reports[0]  # fmt: skip
+    assert unnamed.deta == pytest.approx(named.deta, abs=0.02)
+    assert named.assa > 0.5
+    assert unnamed.assa < 0.05
+    with pytest.raises(ValueError, match="expected a tracker first"):
+        evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=ring_map, sinks=(EstimateList(),))
 
 
 def test_the_same_experiment_gives_the_same_figures_and_another_seed_others(table, traffic, ring_map):
