@@ -1,6 +1,6 @@
 """The command `dirprim`: its entry, its errors and its exit codes.
 
-Exit codes: 0 done; 1 error; 2 usage; 3 done, but a part of the input was lost; 130 interrupted.
+Exit codes: 0 done; 1 error; 2 usage; 3 done, but a part of the input was lost; 130 ended by Ctrl-C, 143 by SIGTERM.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dirprim_filter.cli import (
     export,
     forecast,
     info,
+    interruption,
     learn,
     plot,
     recover,
@@ -28,7 +29,7 @@ from dirprim_filter.cli import (
 )
 from dirprim_filter.cli.outputs import checked
 
-DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, USAGE = 0, 1, 2
 
 app = typer.Typer(
     name="dirprim",
@@ -43,7 +44,9 @@ app = typer.Typer(
         "  dirprim plot  map.mcap -o map.png --log LOG        look at it\n"
         "  dirprim track LOG --map map.mcap -o tracks.mcap --save tracks.rrd\n"
         "  dirprim view  tracks.rrd                           play it\n"
-        "A table becomes a log by `dirprim convert`."
+        "A table becomes a log by `dirprim convert`.\n\n"
+        "Exit codes: 0 done; 1 error, in one line; 2 usage; 3 done, but a part of the input was lost; 130 ended by "
+        "Ctrl-C, 143 by SIGTERM."
     ),
     no_args_is_help=True,
     rich_markup_mode=None,  # plain help answers three times as fast
@@ -51,10 +54,19 @@ app = typer.Typer(
 )
 
 
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"dirprim {version('dirprim-filter')}")
+        raise typer.Exit
+
+
 @app.callback()
 def _every_command(
     verbose: bool = typer.Option(False, "--verbose", "-v", help="Say more on stderr; show where errors come from."),
     quiet: bool = typer.Option(False, "--quiet", "-q", help="Only errors on stderr."),
+    version: bool = typer.Option(False, "--version", is_eager=True, callback=_tell_version, help="Tell and exit."),
 ) -> None:
     level = logging.INFO if verbose else logging.ERROR if quiet else logging.WARNING
     logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=sys.stderr, force=True)
@@ -70,6 +82,7 @@ app.add_typer(evaluate.evaluate)
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    interruption.listen()
     sys.exit(run(sys.argv[1:]))
 
 
@@ -77,8 +90,8 @@ def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
     try:
         code = app(arguments, prog_name="dirprim", standalone_mode=False)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    except KeyboardInterrupt as ended:
+        return interruption.exit_code(ended)
     except BrokenPipeError:  # the reader of our output has seen enough
         sys.stderr.close()
         return DONE
@@ -87,7 +100,7 @@ def run(arguments: list[str]) -> int:
             error.show()
             return int(error.exit_code)
         if isinstance(error, typer.Abort):
-            return INTERRUPTED
+            return interruption.INTERRUPTED
         if not _is_the_users(error) or logging.getLogger().isEnabledFor(logging.INFO):
             raise
         sys.stderr.write(f"error: {_one_line(error)}\n")

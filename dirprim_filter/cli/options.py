@@ -116,7 +116,7 @@ NoIds = Annotated[
     bool, typer.Option("--no-ids", help="Ignore the log's ids; detections without one need no such word.")
 ]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
-Spawn = Annotated[bool, typer.Option("--spawn", help="Start a rerun viewer and stream to it.")]
+Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]
 Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]
 Bind = Annotated[
     str, typer.Option("--bind", help="With --serve: the address to answer at; 0.0.0.0 for all who reach this machine.")
@@ -133,4 +133,7 @@ Group = Annotated[
     int | None,
     typer.Option("--group", help="One of the recordings that a log holds, by its number in `dirprim info`; else all."),
 ]
-Connect = Annotated[str | None, typer.Option("--connect", help="Stream to the rerun viewer at this address.")]
+Connect = Annotated[
+    str | None,
+    typer.Option("--connect", help="Stream to a viewer that runs already, as rerun+http://127.0.0.1:9876/proxy."),
+]

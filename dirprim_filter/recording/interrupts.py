@@ -1,4 +1,4 @@
-"""Ctrl-C that waits while a file is between two states."""
+"""Ctrl-C and SIGTERM that wait while a file is between two states."""
 
 from __future__ import annotations
 
@@ -7,24 +7,30 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C inside the body counts behind it; threads other than the main one are never interrupted anyway."""
-    handler = signal.getsignal(signal.SIGINT)
-    if current_thread() is not main_thread() or not callable(handler):
+    """Signals inside the body count behind it; threads other than the main one are never interrupted anyway.
+
+    A SIGTERM that nobody handles ends the process at once: what is there then can be recovered.
+    """
+    handlers = {number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))}
+    if current_thread() is not main_thread() or not handlers:
         yield
         return
-    held = False
+    held: list[int] = []
 
-    def hold(*_: object) -> None:
-        nonlocal held
-        held = True
+    def hold(number: int, _: object) -> None:
+        held.append(number)
 
-    signal.signal(signal.SIGINT, hold)
+    for number in handlers:
+        signal.signal(number, hold)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, handler)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
         if held:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(held[0])

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import quote, urlsplit
 
+from dirprim_filter.viewer import companion
+
 VIEWER_PORT = 9876
 VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
 WEB_PORT = 9090
@@ -20,6 +22,7 @@ STARTING_S = 2.0
 SETTLING_S = 1.0
 """In which a viewer without a screen ends."""
 SERVING_WITHIN_S = 20.0
+WITHOUT_A_SCREEN = "it needs a screen; without one, --save FILE.rrd writes a file and --serve serves the web viewer"
 ANY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - they are what a user may ask for
 
 
@@ -31,12 +34,14 @@ def viewer_program() -> str | None:
 
 
 def show_files(paths: list[Path]) -> None:
-    """Open recordings in the viewer that runs on this machine, or in a new one, and leave it open.
+    """Open recordings in a new viewer, and leave it open.
+
+    What answers at the usual port is left alone: it may be somebody else's, or a server that nobody looks at.
 
     Raises:
         ConnectionError: no viewer could be started.
     """
-    command = [viewer_program() or "rerun", "--bind", THIS_MACHINE, *map(str, paths)]
+    command = [viewer_program() or "rerun", "--bind", THIS_MACHINE, "--new", *map(str, paths)]
     told = ", ".join(map(str, paths))
     try:
         viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
@@ -49,34 +54,38 @@ def show_files(paths: list[Path]) -> None:
     except OSError as error:
         raise ConnectionError(f"{told}: the viewer {command[0]} did not start ({error})") from error
     if failed:
-        raise ConnectionError(f"{told}: the viewer did not start; it needs a screen")
+        raise ConnectionError(f"{told}: the viewer did not start; {WITHOUT_A_SCREEN}")
 
 
-def spawn_viewer() -> None:
-    """Make sure that a viewer runs on this machine at `VIEWER_URL`, and leave it open.
+def spawn_viewer() -> str:
+    """Start a viewer on this machine, and leave it open; -> the address to stream to.
+
+    It is always a new one: what answers at the usual port may be somebody else's, or a server that nobody looks at.
 
     Raises:
         ConnectionError: none could be started.
     """
-    if _answers(THIS_MACHINE, VIEWER_PORT):
-        return
-    way_out = "a viewer needs a screen; without one, save to a file or serve the web viewer"
+    port = _free_port(THIS_MACHINE, VIEWER_PORT)
     try:
         viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
-            [viewer_program() or "rerun", "--bind", THIS_MACHINE, "--port", str(VIEWER_PORT), "--expect-data-soon"],
+            [viewer_program() or "rerun", "--bind", THIS_MACHINE, "--port", str(port), "--expect-data-soon"],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
     except OSError as error:
-        raise ConnectionError(f"the viewer did not start ({error}); {way_out}") from error
+        raise ConnectionError(f"the viewer did not start ({error}); {WITHOUT_A_SCREEN}") from error
     until = time.monotonic() + SERVING_WITHIN_S
-    while viewer.poll() is None and time.monotonic() < until:
-        if _answers(THIS_MACHINE, VIEWER_PORT):
-            time.sleep(SETTLING_S)  # it listens before it knows whether there is a screen
-            if viewer.poll() is None:
-                return
-        time.sleep(0.05)
+    try:
+        while viewer.poll() is None and time.monotonic() < until:
+            if _answers(THIS_MACHINE, port):
+                time.sleep(SETTLING_S)  # it listens before it knows whether there is a screen
+                if viewer.poll() is None:
+                    return f"rerun+http://{THIS_MACHINE}:{port}/proxy"
+            time.sleep(0.05)
+    except BaseException:
+        viewer.terminate()
+        raise
     viewer.terminate()
-    raise ConnectionError(f"the viewer did not start; {way_out}")
+    raise ConnectionError(f"the viewer did not start; {WITHOUT_A_SCREEN}")
 
 
 def _answers(host: str, port: int) -> bool:
@@ -103,7 +112,7 @@ def require_listener(url: str, way_out: str) -> None:
 
 
 class WebServer:
-    """A server of the web viewer and of what is streamed to it; a context manager.
+    """A server of the web viewer and of what is streamed to it; a context manager. It never outlives this process.
 
     Args:
         address: the machine's own address to answer at; 127.0.0.1 is reached from this machine alone.
@@ -124,10 +133,9 @@ class WebServer:
         self.page_url = f"http://{reached}:{web_port}/?url={quote(self.stream_url, safe='')}"
         for port in (data_port, web_port):
             _require_free(address, port)
-        self._process = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
+        self._process = companion.start(
             [viewer_program() or "rerun", "--serve-web", "--bind", address, "--port", str(data_port),
-             "--web-viewer-port", str(web_port)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+             "--web-viewer-port", str(web_port)]
         )  # fmt: skip
         try:
             self._wait_for(reached, (data_port, web_port))
@@ -150,8 +158,7 @@ class WebServer:
 
     def stop(self) -> None:
         """End the server."""
-        self._process.terminate()
-        self._process.wait()
+        companion.stop(self._process)
 
     def _wait_for(self, host: str, ports: tuple[int, ...]) -> None:
         until = time.monotonic() + SERVING_WITHIN_S
@@ -164,12 +171,30 @@ class WebServer:
                 time.sleep(0.05)
 
 
+def _free_port(address: str, wanted: int) -> int:
+    """The wanted port where it is free, else any."""
+    try:
+        return _bound(address, wanted)
+    except OSError:
+        return _bound(address, 0)
+
+
 def _require_free(address: str, port: int) -> None:
     try:
-        with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((address, port))
+        _bound(address, port)
     except OSError as error:
         raise ConnectionError(
             f"{address}:{port}: cannot serve there ({error.strerror or error}); end what serves"
         ) from error
+
+
+def _bound(address: str, port: int) -> int:
+    """The port that an address can be bound to; 0 for any.
+
+    Raises:
+        OSError: it is taken, or no address of this machine.
+    """
+    with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind((address, port))
+        return int(probe.getsockname()[1])

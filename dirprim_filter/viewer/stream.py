@@ -11,12 +11,7 @@ import rerun as rr
 
 from dirprim_filter.viewer.focus import DRAWN_IN_FULL
 from dirprim_filter.viewer.marks import ParticleColor
-from dirprim_filter.viewer.program import (
-    VIEWER_URL,
-    WebServer,
-    require_listener,
-    spawn_viewer,
-)
+from dirprim_filter.viewer.program import WebServer, require_listener, spawn_viewer
 from dirprim_filter.viewer.sink import Outlet, RerunSink
 
 
@@ -40,7 +35,7 @@ def open_stream(
             included: so it names the place. Characters other than ASCII letters, digits, _ and - become spaces.
         save: an .rrd file. It grows under the name `*.part.rrd` and gets its own when it is whole.
         spawn: start a viewer on this machine and leave it open.
-        connect: the address of a running viewer, such as `VIEWER_URL`.
+        connect: the address of a running viewer, such as `program.VIEWER_URL`.
         serve: an address of this machine, such as 127.0.0.1, at which browsers find the stream until it is closed.
         force: overwrite `save`.
         particle_stride: show one particle in so many.
@@ -74,9 +69,8 @@ def open_stream(
             server = if_failed.enter_context(WebServer(serve))
             sinks.append(rr.GrpcSink(server.stream_url))
         if spawn:
-            spawn_viewer()
-            sinks.append(rr.GrpcSink(VIEWER_URL))
-        if connect is not None and not (spawn and connect == VIEWER_URL):
+            sinks.append(rr.GrpcSink(spawn_viewer()))
+        if connect is not None:
             require_listener(connect, "start one with `rerun`")
             sinks.append(rr.GrpcSink(connect))
         if save is not None:

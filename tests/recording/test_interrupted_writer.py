@@ -11,6 +11,7 @@ from test_map_file import some_map
 from test_track_log import some_tracks
 
 from dirprim_filter.recording import map_file, save_map, write_tracks
+from dirprim_filter.recording.interrupts import uninterrupted
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.recovery import recover
 from dirprim_filter.recording.scene import frame_transform
@@ -124,3 +125,17 @@ def test_what_a_process_of_the_same_number_left_is_kept(tmp_path):
     assert sorted(tmp_path.iterdir()) == sorted([path, tmp_path / "b.mcap", *left])
     for one in left:
         assert recover(one, one.with_suffix(".mcap")).saved == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_either_signal_waits_until_the_body_is_done(number):
+    before = signal.signal(number, interrupting)
+    done = False
+    try:
+        with pytest.raises(KeyboardInterrupt), uninterrupted():
+            signal.raise_signal(number)
+            done = True
+        assert signal.getsignal(number) is interrupting
+    finally:
+        signal.signal(number, before)
+    assert done

@@ -1,0 +1,50 @@
+"""How a command is ended early: Ctrl-C and SIGTERM close its outputs alike, and neither is lost.
+
+Where compiled code calls back into Python, as the compiler does at each kernel it loads, Python prints and forgets what
+the callback raises, a `KeyboardInterrupt` too. It is raised again then, until somebody hears it.
+"""
+
+from __future__ import annotations
+
+import _thread
+import signal
+import sys
+from threading import Timer
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+INTERRUPTED, TERMINATED = 130, 143
+"""Exit codes, as shells have them: 128 and the number of the signal."""
+AGAIN_AFTER_S = 0.05
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM came: what Ctrl-C closes is closed."""
+
+
+def listen() -> None:
+    """From here on SIGTERM ends this process as Ctrl-C does, and neither is lost in a callback."""
+    signal.signal(signal.SIGTERM, _terminate)
+    report = sys.unraisablehook
+
+    def repeat(lost: UnraisableHookArgs) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            report(lost)
+            return
+        number = signal.SIGTERM if issubclass(lost.exc_type, Terminated) else signal.SIGINT
+        again = Timer(AGAIN_AFTER_S, _thread.interrupt_main, (number,))
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = repeat
+
+
+def exit_code(ended: KeyboardInterrupt) -> int:
+    """What an interrupted command ends with."""
+    return TERMINATED if isinstance(ended, Terminated) else INTERRUPTED
+
+
+def _terminate(*_: object) -> NoReturn:
+    raise Terminated
