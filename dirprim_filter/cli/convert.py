@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Output
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ def convert(
     if table.unused:
         typer.echo(f"{source}: columns not used: {', '.join(table.unused)}; --columns NAME=COLUMN uses one", err=True)
     for note, count in table.notes.items():
-        typer.echo(f"{source}: {losses.counted(count, 'row')}: {note}", err=True)
-    tracks, rows = losses.counted(table.tracks.n_tracks, "track"), losses.counted(len(table.tracks), "row")
+        typer.echo(f"{source}: {counted(count, 'row')}: {note}", err=True)
+    tracks, rows = counted(table.tracks.n_tracks, "track"), counted(len(table.tracks), "row")
     typer.echo(f"{output}: {tracks}, {rows}")
     return losses.tell_dropped(source, table)
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Output
 from dirprim_filter.cli.reading import Reading, reads_logs
 
@@ -44,5 +45,5 @@ def export(
         believed = read_estimates(estimates)
         frames = None if log is None else np.unique(log.tracks.time_ns)
         write_estimates(believed, output, frame_ns=frames, force=force)
-    typer.echo(f"{output}: {np.unique(believed.track_id).size} tracks, {len(believed)} rows")
+    typer.echo(f"{output}: {counted(np.unique(believed.track_id).size, 'track')}, {counted(len(believed), 'row')}")
     return losses.DONE if log is None else losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)

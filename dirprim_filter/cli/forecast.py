@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import WRITTEN, Config, Force, Map, NoIds, Noise, Particles, Seed, named_file
+from dirprim_filter.cli.place import EITHER_WAY, OPTION, tell_if_outside
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
 
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 @reads_logs
 def forecast(
     map_file: Map,
-    at: Annotated[tuple[float, float] | None, typer.Option(help="Position, metres east and north.")] = None,
+    at: Annotated[tuple[float, float] | None, typer.Option(OPTION, help=f"Position, {EITHER_WAY}.")] = None,
     direction_deg: Annotated[
         float | None, typer.Option(help="Course, degrees counter-clockwise from east; with --at.")
     ] = None,
@@ -84,6 +86,7 @@ def _of_state(
     from dirprim_filter.recording import load_map
 
     learned = load_map(map_file)
+    tell_if_outside(learned, at)
     paths = sample_paths(
         learned, position=at, direction=np.deg2rad(direction_deg), speed=speed, horizon_s=horizon_s, dt_s=dt_s,
         n_samples=n_samples, rng=np.random.default_rng(seed),
@@ -134,7 +137,7 @@ def _of_log(
         seen = with_progress(frames, what=f"forecasting {log.name}", end_ns=stream.end_ns)
         n_frames = replay(seen, worlds, [estimates, forecaster])
         reading.require_frames(n_frames, log, stream.dropped)
-    typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}", err=as_json)
+    typer.echo(f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", err=as_json)
     return losses.exit_code(stream.damage, stream.dropped.lost)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import End, Fields, Logs, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def _faults(
 
 
 def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
-    lines = [f"{path}: {summary.messages} messages{_span(summary)}"]
+    lines = [f"{path}: {counted(summary.messages, 'message')}{_span(summary)}"]
     if not summary.is_checked:
         lines.append(
             "  by the log's index alone; its chunks were not checked, and tracks not counted: --check does both"

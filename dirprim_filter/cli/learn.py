@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Cells, Force, Logs, Output, Seed, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 
@@ -69,7 +70,8 @@ def learn(
     save_map(learned, output, metadata=said, force=force)
     n_modes = float((learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1).mean())
     typer.echo(
-        f"{output}: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area.mean()) ** 0.5:.3g} m, "
-        f"{n_modes:.1f} modes each, from {log.tracks.n_tracks} tracks, {len(log.tracks)} rows"
+        f"{output}: {counted(learned.tessellation.n_cells, 'cell')} of "
+        f"{float(learned.tessellation.area.mean()) ** 0.5:.3g} m, {n_modes:.1f} modes each, "
+        f"from {counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}"
     )
     return losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)

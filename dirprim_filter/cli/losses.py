@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from dirprim_filter.cli.counts import counted
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
@@ -26,8 +28,3 @@ def tell_dropped(source: Path, table: Table) -> int:
     for reason, count in table.dropped.items():
         typer.echo(f"{source}: dropped {counted(count, 'row')}: {reason}", err=True)
     return INPUT_LOST if table.n_lost else DONE
-
-
-def counted(n: int, what: str) -> str:
-    """A number and what it counts, in the plural unless it is one."""
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"

@@ -28,6 +28,7 @@ from dirprim_filter.cli import (
     view,
 )
 from dirprim_filter.cli.outputs import checked
+from dirprim_filter.cli.place import pairs_apart
 
 DONE, FAILED, USAGE = 0, 1, 2
 
@@ -89,7 +90,7 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
     try:
-        code = app(arguments, prog_name="dirprim", standalone_mode=False)
+        code = app(list(pairs_apart(arguments)), prog_name="dirprim", standalone_mode=False)
     except KeyboardInterrupt as ended:
         return interruption.exit_code(ended)
     except BrokenPipeError:  # the reader of our output has seen enough

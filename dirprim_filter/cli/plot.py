@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli.options import Force, Output, Seed
+from dirprim_filter.cli.place import EITHER_WAY, OPTION, tell_if_outside
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives import PrimitiveMap
@@ -69,7 +70,7 @@ def plot(
     ] = None,
     at: Annotated[
         tuple[float, float] | None,
-        typer.Option("--at", help="The place, metres east and north; left out, where vehicles go most different ways."),
+        typer.Option(OPTION, help=f"The place, {EITHER_WAY}; left out, where vehicles go most different ways."),
     ] = None,
     cue: Annotated[Turn | None, typer.Option("--cue", help="The turn signal; left out, right.")] = None,
     heading_deg: Annotated[
@@ -97,6 +98,8 @@ def plot(
 
     check_figure_path(output, force=force)  # before the work, not after it
     learned = load_map(map_file)
+    if at is not None:
+        tell_if_outside(learned, at)
     tracks = None if log is None else read_tracks(log)
     if figure is Picture.MAP:
         drawn = map_figure(learned, tracks=tracks, estimates=None if estimates is None else read_estimates(estimates))

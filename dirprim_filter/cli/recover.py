@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Log, Output, Strict
 
 if TYPE_CHECKING:
@@ -41,8 +42,9 @@ def recover(
 
 def _text(output: Path, recovery: Recovery) -> str:
     lines = [
-        f"{output}: {recovery.saved} messages saved, {recovery.chunks_copied} chunks as they were, "
-        f"{recovery.chunks_rewritten} written anew, {recovery.attachments} attachments, {recovery.metadata} metadata"
+        f"{output}: {counted(recovery.saved, 'message')} saved, {recovery.chunks_copied} chunks as they were, "
+        f"{recovery.chunks_rewritten} written anew, "
+        f"{counted(recovery.attachments, 'attachment')}, {recovery.metadata} metadata"
     ]
     lines += [f"  damage: {damage}" for damage in recovery.damage]
     if not recovery.damage:
@@ -51,5 +53,5 @@ def _text(output: Path, recovery: Recovery) -> str:
         lines.append("  no message was lost")
     else:
         unknown = any(damage.messages is None for damage in recovery.damage)
-        lines.append(f"  lost: {'at least ' if unknown else ''}{recovery.lost} messages")
+        lines.append(f"  lost: {'at least ' if unknown else ''}{counted(recovery.lost, 'message')}")
     return "\n".join(lines)

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Connect, Force, Log, Save, Spawn
 from dirprim_filter.cli.reading import Reading, reads_logs
 
@@ -36,5 +37,5 @@ def replay(
         for frame in with_progress(frames, what=f"playing {log.name}", end_ns=playback.end_ns):
             viewer.write(frame)
             n_frames += 1
-    typer.echo(f"{log}: {n_frames} frames of {', '.join(sorted(playback.topics))}")
+    typer.echo(f"{log}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
     return losses.exit_code(playback.damage, playback.dropped.lost)

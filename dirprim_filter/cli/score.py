@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.figures import figure_lines, number, row
 from dirprim_filter.cli.options import Force, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
@@ -81,7 +82,7 @@ def score(
     for path, found in zip(estimates, table.scores, strict=True):
         if found.left_out:
             typer.echo(
-                f"{path}: {found.left_out} rows are of instants or groups that the truth does not hold: left out",
+                f"{path}: left out {counted(found.left_out, 'row')} of instants or groups that the truth does not hold",
                 err=True,
             )
     if plot is not None:
@@ -128,11 +129,12 @@ def score_object(table: ScoreTable, estimates: list[Path], truth: Path, reading:
 def score_text(table: ScoreTable, truth: str) -> str:
     """A line for each figure, a column for each file."""
     matched = "vehicles by their ids" if table.with_ids else "vehicles by their places"
-    groups = f" in {table.n_groups} groups, each by itself" if table.n_groups > 1 else ""
+    groups = f" in {counted(table.n_groups, 'group')}, each by itself" if table.n_groups > 1 else ""
     names = [found.name for found in table.scores]
     lines = [
-        f"{truth}: {table.n_vehicles} vehicles{groups}, {table.n_rows} rows; errors of {matched}; similarity is 0 from "
-        f"{table.scales.similarity_m:g} m, GOSPA's cut-off is {table.scales.cutoff_m:g} m",
+        f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
+        f"{matched}; similarity is 0 from {table.scales.similarity_m:g} m, "
+        f"GOSPA's cut-off is {table.scales.cutoff_m:g} m",
         "",
         *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
     ]
@@ -140,5 +142,11 @@ def score_text(table: ScoreTable, truth: str) -> str:
     if wholes:
         width = max(16, *map(len, names))
         lines += [row(head, [number(getattr(whole, part)) for whole in wholes], width) for part, head in WHOLE.items()]
-    lines += ["", *(f"{found.name}: {found.n_tracks} tracks, {found.n_rows} rows" for found in table.scores)]
+    lines += [
+        "",
+        *(
+            f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')}"
+            for found in table.scores
+        ),
+    ]
     return "\n".join(lines)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Output, Seed
 
 
@@ -52,4 +53,4 @@ def simulate(
         noise_m=noise, miss_rate=miss_rate, false_per_frame=false_per_frame,
     )  # fmt: skip
     write_tracks(tracks, output, detections=reported, metadata=said, force=force)
-    typer.echo(f"{output}: {tracks.n_tracks} vehicles, {len(tracks)} rows")
+    typer.echo(f"{output}: {counted(tracks.n_tracks, 'vehicle')}, {counted(len(tracks), 'row')}")

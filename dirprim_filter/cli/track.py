@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import (
     Bind,
     ColorBy,
@@ -152,6 +153,6 @@ def track(
             keep_serving(viewer)
     if worlds.recoveries:
         typer.echo(f"{worlds.recoveries} times a belief did not explain what was measured: begun anew", err=True)
-    groups = f", {worlds.n_groups} groups, each by itself" if worlds.n_groups > 1 else ""
-    typer.echo(f"{output}: {n_frames} frames of {', '.join(sorted(stream.topics))}{groups}")
+    groups = f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""
+    typer.echo(f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}{groups}")
     return losses.exit_code(stream.damage, stream.dropped.lost)

@@ -1,15 +1,18 @@
 """The command line: results on stdout, one line for an error, exit codes that tell."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dirprim_filter import Tracks, load_map, read_estimates, read_tracks, write_tracks
+from dirprim_filter import Tracks, cli, load_map, read_estimates, read_tracks, save_map, write_tracks
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.main import run
 from dirprim_filter.evaluation.tracking import score
 from dirprim_filter.recording.scan import scan
@@ -58,6 +61,41 @@ def test_help_of_every_command_has_an_example(capsys):
     for command in commands:
         assert dirprim(command, "--help") == DONE
         assert f"Example: dirprim {command} " in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_version(capsys):
+    assert dirprim("--version") == DONE
+    assert capsys.readouterr().out == f"dirprim {version('dirprim-filter')}\n"
+
+
+def test_nothing_is_counted_in_a_plural_of_one():
+    """No text of the command line puts a bare number before a plural."""
+    assert [counted(n, "cell") for n in (0, 1, 2)] == ["0 cells", "1 cell", "2 cells"]
+    nouns = "tracks|rows|cells|messages|frames|vehicles|groups|gaps|folds|seeds|runs"
+    for path in Path(cli.__file__).parent.rglob("*.py"):
+        if path.name not in {"demo.py", "progress.py"}:  # theirs are always many
+            told = re.findall(rf"\{{(?!N_RUNS|size)[\w.()]+\}} (?:{nouns})\b", path.read_text())
+            assert told == [], path
+
+
+@pytest.mark.parametrize(
+    ("at", "told"),
+    [
+        (["--at", "900", "0"], "(900, 0) is outside of every cell of the map, 8"),
+        (["--at", "-900,0"], "(-900, 0) is outside of every cell of the map, 8"),
+        (["--at=20,-900"], "(20, -900) is outside of every cell of the map, 8"),
+        (["--at", "20", "0"], ""),
+        (["--at", "20,0"], ""),
+    ],
+)
+def test_a_place_is_given_either_way_and_off_the_map_it_says_so(at, told, ring_map, tmp_path, capsys):
+    save_map(ring_map, tmp_path / "map.mcap")
+    state = ("--direction-deg", 90, "--speed", 8, "--samples", 5, "--horizon", 0.5)
+    assert dirprim("forecast", "--map", tmp_path / "map.mcap", *at, *state) == DONE
+    said = capsys.readouterr()
+    assert said.err.startswith(told)
+    assert said.err.count("\n") == bool(told)
+    assert len(said.out.splitlines()) == 2
 
 
 def test_info_names_the_topics_that_carry_tracks(log, few, capsys):

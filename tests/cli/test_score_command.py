@@ -240,4 +240,4 @@ def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):
         assert error.count("\n") == 1
         assert message in error
     assert dirprim("score", half, "--truth", truth) == DONE
-    assert "rows are of instants or groups that the truth does not hold: left out" in capsys.readouterr().err
+    assert "rows of instants or groups that the truth does not hold" in capsys.readouterr().err

@@ -129,12 +129,17 @@ def test_what_a_process_of_the_same_number_left_is_kept(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_either_signal_waits_until_the_body_is_done(number):
-    before = signal.signal(number, interrupting)
-    done = False
-    try:
-        with pytest.raises(KeyboardInterrupt), uninterrupted():
+    done = []
+
+    def body():
+        with uninterrupted():
             signal.raise_signal(number)
-            done = True
+            done.append(True)
+
+    before = signal.signal(number, interrupting)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            body()
         assert signal.getsignal(number) is interrupting
     finally:
         signal.signal(number, before)

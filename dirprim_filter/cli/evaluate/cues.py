@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Folds, Json, MinSpeed, Report, table_line
 from dirprim_filter.cli.options import Cells, Force, Logs, Plot, Seed, Tessellation, WholeVehicles
 from dirprim_filter.cli.reading import Reading, reads_logs
@@ -76,8 +77,8 @@ def cues_text(table: CueTable, example: SignalExample) -> str:
 
     heads = ["prior", "observation", "posterior", "gain per vehicle", "of log, nat"]
     lines = [
-        f"{table.n_steps} steps from cell to cell, {table.n_vehicles} vehicles, "
-        f"held out by {table.split_by}, {table.n_folds} folds",
+        f"{table.n_steps} steps from cell to cell, {counted(table.n_vehicles, 'vehicle')}, "
+        f"held out by {table.split_by}, {counted(table.n_folds, 'fold')}",
         "",
         table_line("sum of densities", heads, width=18),
     ]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Folds, Json, MinSpeed, Report, table_line
 from dirprim_filter.cli.options import Force, Logs, Plot, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
@@ -82,8 +83,8 @@ def density_text(table: DensityTable) -> str:
         "direction and speed": [row.joint for row in table.methods],
     }
     lines = [
-        f"{table.n_held_out} rows held out of {table.n_rows}, {table.n_vehicles} vehicles, "
-        f"by {table.split_by}, {table.n_folds} folds"
+        f"{counted(table.n_held_out, 'row')} held out of {table.n_rows}, {counted(table.n_vehicles, 'vehicle')}, "
+        f"by {table.split_by}, {counted(table.n_folds, 'fold')}"
     ]
     for title, scores in blocks.items():
         lines += ["", table_line(title, ["density", "std of rows", "of folds", "log density", "of folds"], width=13)]

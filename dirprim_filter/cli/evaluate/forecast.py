@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Json, Report
 from dirprim_filter.cli.options import Config, Force, Logs, Plot, WholeVehicles, former
 from dirprim_filter.cli.reading import Reading, reads_logs
@@ -107,8 +108,8 @@ def _experiment(told: Mapping[str, Any], log: TrackLog) -> dict[str, Any]:
 def forecast_text(table: ForecastTable) -> str:
     """The table as text: a block for each method, a line for each horizon."""
     lines = [
-        f"{table.n_vehicles} vehicles held out by {table.split_by}, {table.n_folds} folds, {table.n_seeds} seeds; "
-        f"{table.n_samples} futures each"
+        f"{counted(table.n_vehicles, 'vehicle')} held out by {table.split_by}, {counted(table.n_folds, 'fold')}, "
+        f"{counted(table.n_seeds, 'seed')}; {counted(table.n_samples, 'future')} each"
     ]
     baseline = {score.horizon_s: score.energy for score in table.methods[-1].horizons}
     for row in table.methods:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Json, Report
 from dirprim_filter.cli.figures import figure_lines, number
 from dirprim_filter.cli.options import WRITTEN, Config, Force, Logs, Plot, former, named_file
@@ -114,11 +115,11 @@ def tracking_text(table: TrackingTable) -> str:
     ids = "ids" if experiment.with_ids else "no ids"
     where = f"map learned from others, held out by {table.split_by}" if table.map_learned else "map given"
     has_groups = table.n_groups > experiment.n_seeds
-    groups = f" in {table.n_groups} groups, each by itself," if has_groups else ""
+    groups = f" in {counted(table.n_groups, 'group')}, each by itself," if has_groups else ""
     lines = [
-        f"{table.n_vehicles} vehicles{groups} tracked in {experiment.n_seeds} runs, {table.n_gaps} gaps of "
-        f"{experiment.gap_s:g} s, noise {experiment.noise_m:g} m, {experiment.miss_rate:.0%} missed, "
-        f"{experiment.false_per_frame:g} false per frame, {ids}; {where}",
+        f"{counted(table.n_vehicles, 'vehicle')}{groups} tracked in {counted(experiment.n_seeds, 'run')}, "
+        f"{counted(table.n_gaps, 'gap')} of {experiment.gap_s:g} s, noise {experiment.noise_m:g} m, "
+        f"{experiment.miss_rate:.0%} missed, {experiment.false_per_frame:g} false per frame, {ids}; {where}",
         "",
     ]
     spreads = ["run to run"] * (experiment.n_seeds > 1) + ["group to group"] * has_groups
@@ -144,7 +145,7 @@ def _gap_lines(table: TrackingTable) -> list[str]:
         found = compare_gaps(first, other)
         if found is not None:
             lines.append(
-                f"of {found.n} gaps {first.name} is nearer than {other.name} in {found.nearer:.0%}, its "
+                f"of {counted(found.n, 'gap')} {first.name} is nearer than {other.name} in {found.nearer:.0%}, its "
                 f"RMSE smaller by {found.less_m:.2f} m ({found.low_m:.2f} to {found.high_m:.2f} in 95 % of gaps drawn "
                 "anew)"
             )
