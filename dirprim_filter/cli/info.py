@@ -96,6 +96,8 @@ def _faults(
 
 
 def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
+    from dirprim_filter.recording.other_formats import unread_encodings
+
     lines = [f"{path}: {counted(summary.messages, 'message')}{_span(summary)}"]
     if not summary.is_checked:
         lines.append(
@@ -119,7 +121,8 @@ def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
         lines.append("  " + "  ".join(texts + numbers))
     if summary.is_checked:
         carrying = [t.name for t in summary.topics if t.tracks]
-        none = "  no topic carries tracks; --fields tells where the objects of an unknown schema are"
+        way = unread_encodings(t.encoding for t in summary.topics if t.encoding)
+        none = f"  no topic carries tracks; {way or '--fields says where the objects of an unknown schema are'}"
         lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else none)
     lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
     lines += [f"  groups in {topic}: {_groups(counts)}" for topic, counts in summary.groups.items()]

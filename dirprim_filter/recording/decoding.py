@@ -9,8 +9,8 @@ from operator import attrgetter
 import numpy as np
 
 from dirprim_filter.recording.field_mapping import FieldMapping
-from dirprim_filter.recording.records import Channel, Message, Schema
-from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
+from dirprim_filter.recording.records import ENCODINGS, Channel, Message, Schema
+from dirprim_filter.recording.schemas import FAMILIES, KINDS
 from dirprim_filter.recording.schemas.cdr_plan import cdr_plan, full_name
 from dirprim_filter.recording.schemas.column_plan import Plan
 from dirprim_filter.recording.schemas.fields import SchemaError

@@ -6,9 +6,12 @@ from collections.abc import Iterable, Sequence
 from os import PathLike, fspath
 from typing import Self
 
-from dirprim_filter.recording.records import Message
+from dirprim_filter.recording.other_formats import other_format, unread_encodings
+from dirprim_filter.recording.records import Channel, Message
 
 Path = str | PathLike[str]
+TOPICS_TOLD = 6
+"""Of a log, in one line; `dirprim info` tells all."""
 
 
 class RecordingError(Exception):
@@ -22,23 +25,30 @@ class NoRoomError(RecordingError):
 class NotMcapError(RecordingError):
     """The file is no MCAP log at all."""
 
-    def __init__(self, path: Path, got: str) -> None:
-        super().__init__(f"{fspath(path)}: expected an MCAP log, got {got}; `dirprim convert` makes logs of tables")
+    def __init__(self, path: Path, opening: bytes) -> None:
+        """`opening`: the bytes that the file begins with."""
+        got, way = f"a file that starts with {opening[:8]!r}", "`dirprim convert` makes logs of tables"
+        if not opening:
+            got, way = "an empty file", "look how it was made"
+        elif known := other_format(opening):
+            got, way = known.name, known.way
+        super().__init__(f"{fspath(path)}: expected an MCAP log, got {got}; {way}")
 
 
 class NoTracksError(RecordingError):
     """No topic of the log can serve as asked."""
 
-    def __init__(
-        self, path: Path, *, has: Iterable[tuple[str, str]], wanted: str, damage: Sequence[object] = ()
-    ) -> None:
-        """`has`: (topic, schema name) of all the log holds; `wanted`: what was looked for, in words."""
-        topics = ", ".join(f"{topic} ({schema or 'no schema'})" for topic, schema in has) or "no topics"
+    def __init__(self, path: Path, *, has: Iterable[Channel], wanted: str, damage: Sequence[object] = ()) -> None:
+        """`has`: all channels of the log; `wanted`: what was looked for, in words."""
+        channels = list(has)
+        topics = list(dict.fromkeys(f"{c.topic} ({c.schema.name or 'no schema'})" for c in channels))
+        more = f" and {len(topics) - TOPICS_TOLD} more" if len(topics) > TOPICS_TOLD else ""
         broken = f"; it is damaged: {damage[0]}" if damage else ""
-        super().__init__(
-            f"{fspath(path)}: expected {wanted}; the log has {topics}{broken}; choose a topic or another log, or tell "
-            "by --fields where the objects of an unknown schema are"
+        way = unread_encodings(c.message_encoding for c in channels) or (
+            "choose a topic or another log, or say by --fields where the objects of a schema are that is not known"
         )
+        told = ", ".join(topics[:TOPICS_TOLD]) or "no topics"
+        super().__init__(f"{fspath(path)}: expected {wanted}; the log has {told}{more}{broken}; {way}")
 
 
 class DamagedRecordingError(RecordingError):

@@ -174,8 +174,8 @@ def read_estimates(path: PathOrText, *, topic: str = ESTIMATES_TOPIC) -> Estimat
     parts = []
     with Scan(Path(path), lambda name: name == topic) as log:
         if not any(c.topic == topic and c.schema.name == ESTIMATES_SCHEMA for c in log.channels()):
-            has = dict.fromkeys((c.topic, c.schema.name) for c in log.channels())
-            raise NoTracksError(log.path, has=has, wanted=f"topic {topic!r} of {ESTIMATES_SCHEMA}", damage=log.damage)
+            wanted = f"topic {topic!r} of {ESTIMATES_SCHEMA}"
+            raise NoTracksError(log.path, has=log.channels(), wanted=wanted, damage=log.damage)
         for message in log:
             if message.schema_name == ESTIMATES_SCHEMA:
                 try:

@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 Bytes = bytes | mmap
 
+ENCODINGS = ("protobuf", "cdr", "json")
+"""Of messages, those that can be read as objects."""
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
 ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(9, 16)

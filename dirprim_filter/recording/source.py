@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
+from dirprim_filter.recording.other_formats import READ_BYTES
 from dirprim_filter.recording.records import MAGIC
 
 logger = logging.getLogger(__name__)
@@ -66,12 +67,12 @@ def mapped(path: str | PathLike[str]) -> mmap.mmap:
     file = local_file(path)
     with file.open("rb") as opened:
         if file.stat().st_size == 0:
-            raise NotMcapError(path, "an empty file")
+            raise NotMcapError(path, b"")
         bytes_of = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
-    opening = bytes_of[: len(MAGIC)]
+    opening = bytes_of[:READ_BYTES]
     if not opening.startswith(VERSION_FREE_MAGIC) and bytes_of[-len(MAGIC) :] != MAGIC:
         bytes_of.close()
-        raise NotMcapError(path, f"a file that starts with {opening!r}")
+        raise NotMcapError(path, opening)
     return bytes_of
 
 

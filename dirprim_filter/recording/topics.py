@@ -15,12 +15,11 @@ from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.scan import Scan
-from dirprim_filter.recording.schemas import ENCODINGS, FAMILIES, KINDS
+from dirprim_filter.recording.schemas import KINDS
 from dirprim_filter.recording.writer import DETECTIONS_TOPIC
 
 logger = logging.getLogger(__name__)
 
-_LOOKED_FOR = f"{', '.join(FAMILIES)}, as {', '.join(ENCODINGS)}"
 _KINDS = [{name for family in kind for name in family.schemas} for kind in KINDS]
 OUTPUT_PREFIX = "/dirprim/"
 """Topics that this package writes as results; never taken for input unless named."""
@@ -51,22 +50,21 @@ def choose_topics(
         channels = log.channels()
     decoders = Decoders(mapping)
     schema_of = {c.topic: schema_name(c) for c in channels if decoders.reads(c)}
-    looked_for = f"fields {mapping}" if mapping else _LOOKED_FOR
+    looked_for = f" (fields {mapping})" if mapping else ""
     why = "".join(f"; {reason}" for reason in decoders.unreadable()[:1]) if mapping else ""
     if topics is not None:
         chosen = frozenset(_named(topics, schema_of))
-        wanted = f"topic {topics!r} with objects ({looked_for})"
+        wanted = f"topic {topics!r} with objects{looked_for}"
     else:
         inputs = {t: s for t, s in schema_of.items() if not t.startswith(OUTPUT_PREFIX)}
         kinds = [set(inputs.values())] if mapping else _KINDS
         chosen = _default(path, inputs, decoders, kinds, prefer_detections=prefer_detections)
-        wanted = f"a topic with moving objects ({looked_for})"
+        wanted = f"a topic with moving objects{looked_for}"
     if not chosen:
         damage = _damage(path)
         if strict and damage:
             raise DamagedRecordingError(path, damage)
-        has = dict.fromkeys((c.topic, c.schema.name) for c in channels)
-        raise NoTracksError(path, has=has, wanted=wanted + why, damage=damage)
+        raise NoTracksError(path, has=channels, wanted=wanted + why, damage=damage)
     return chosen
 
 

@@ -37,8 +37,5 @@ FAMILIES: dict[str, Family] = {
 }
 """By schema name, those too that are read only where a topic is named."""
 
-ENCODINGS = ("protobuf", "cdr", "json")
-"""Of messages, that can be read."""
-
 ESTIMATES_SCHEMA = "dirprim.TrackEstimates"
 """The schema of our own estimates: no observations, so no input."""

@@ -17,6 +17,7 @@ from typing import NoReturn, TextIO
 import numpy as np
 
 from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.other_formats import READ_BYTES, other_format
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 BLOCK_ROWS = 2048
@@ -41,13 +42,17 @@ class DelimitedText:
         delimiter: the character between cells; None for that of `DELIMITERS` that its first line has most of.
 
     Raises:
+        TableError: it is a file of another format.
         OSError: the file cannot be read.
     """
 
     def __init__(self, path: str | Path, *, delimiter: str | None) -> None:
         self.path = Path(path)
         with self.path.open("rb") as file:
-            self._is_compressed = file.read(len(GZIP)) == GZIP
+            opening = file.read(READ_BYTES)
+        self._is_compressed = opening.startswith(GZIP)
+        if not self._is_compressed and (known := other_format(opening)):
+            raise TableError(self.path, 1, "a table of text", known.name, known.way)
         self._delimiter = delimiter or self._found_delimiter()
 
     def _open(self) -> TextIO:

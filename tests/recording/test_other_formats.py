@@ -1,0 +1,82 @@
+"""What is not read says what it is and what to do, in one short line."""
+
+import io
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer
+
+from dirprim_filter import read_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording.errors import NotMcapError, NoTracksError, TableError
+from dirprim_filter.recording.tables import read_csv
+
+LONGEST = 600
+FILES = {
+    "bag_0.db3": (b"SQLite format 3\0", "a ROS 2 bag in SQLite; `rosbags-convert"),
+    "old.bag": (b"#ROSBAG V2.0\n", "a ROS 1 bag; `rosbags-convert"),
+    "run.rrd": (b"RRF2\0\0\0\0", "a rerun recording; `dirprim view`"),
+    "av2.feather": (b"ARROW1\0\0", "a Feather table; write it as csv"),
+    "t.parquet": (b"PAR1\x15\x04", "a Parquet table; write it as csv"),
+    "t.csv.gz": (b"\x1f\x8b\x08\x08", "gzip; decompress it; `dirprim convert` reads a .csv.gz as it is"),
+    "t.csv": (b"time_s,track_id\n", "`dirprim convert` makes logs of tables"),
+    "empty.mcap": (b"", "an empty file"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_another_format_says_the_way(tmp_path, name):
+    opening, told = FILES[name]
+    (tmp_path / name).write_bytes(opening + bytes(100) if opening else b"")
+    with pytest.raises(NotMcapError, match="expected an MCAP log, got") as caught:
+        read_tracks(tmp_path / name)
+    assert told in str(caught.value)
+    assert len(str(caught.value).replace(str(tmp_path), "")) < LONGEST
+
+
+@pytest.mark.parametrize("opening", [b"SQLite format 3\0", b"ARROW1\0\0", b"\x89MCAP0\r\n"])
+def test_a_table_of_another_format_says_the_way(tmp_path, opening):
+    (tmp_path / "t.csv").write_bytes(opening + bytes(100))
+    with pytest.raises(TableError, match=r"expected a table of text, got an? [^;]*; .*`"):
+        read_csv(tmp_path / "t.csv")
+
+
+def test_the_program_that_is_advised_came_with_the_package():
+    assert shutil.which("rosbags-convert", path=str(Path(sys.executable).parent))
+
+
+def log(path, encoding, n_topics):
+    file = io.BytesIO()
+    writer = Writer(file)
+    writer.start()
+    schema = writer.register_schema("std_msgs/String", "ros1msg", b"string data")
+    for i in range(n_topics):
+        channel = writer.register_channel(f"/topic_{i}", encoding, schema)
+        writer.add_message(channel, i, b"\0", i)
+    writer.finish()
+    path.write_bytes(file.getvalue())
+    return path
+
+
+def test_a_log_of_ros_1_is_told_by_its_encoding_and_no_fields_are_advised(tmp_path, capsys):
+    bag = log(tmp_path / "ros1.mcap", "ros1", 2)
+    assert run(["info", str(bag)]) == 0
+    said = capsys.readouterr().out
+    for fields in (None, "x=.x,y=.y"):
+        assert run(["learn", str(bag), "-o", str(tmp_path / "m"), *(["--fields", fields] if fields else [])]) == 1
+        said += capsys.readouterr().err
+    assert said.count("messages encoded as ros1 are not read, but protobuf, cdr, json; of the ROS 1 bag `rosbags-") == 3
+    assert "--fields says" not in said
+
+
+def test_a_log_without_tracks_is_one_short_line_that_says_what_it_holds(tmp_path):
+    many = log(tmp_path / "many.mcap", "cdr", 60)
+    with pytest.raises(NoTracksError) as caught:
+        read_tracks(many)
+    told = str(caught.value).replace(str(tmp_path), "")
+    assert len(told) < LONGEST
+    assert "/topic_0 (std_msgs/String)" in told
+    assert "and 54 more" in told
+    assert "--fields" in told
