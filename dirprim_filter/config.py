@@ -117,16 +117,16 @@ class TrackingConfig:
 
     Attributes:
         detection_probability: of a vehicle in sight, in each frame.
-        clutter_density: false detections per square metre in each frame: one in a square of 100 m.
+        clutter_density: false detections per square metre in each frame: one in a square of 100 m. Labelled or not, a
+            first detection is a vehicle's with the odds of `birth_density` to this.
         birth_density: vehicles first seen, likewise: one in a hundred frames.
         occlusion_rate: 1/s, how often a vehicle goes out of sight: behind a lorry or a tree.
         reappearance_rate: 1/s, how fast it comes back: after three seconds.
         departure_rate: 1/s, how often a vehicle leaves for good.
         gate: squared Mahalanobis distance beyond which a detection is nobody's: one in 3,000 of the vehicle's own.
-        max_speed: m/s; two detections further apart than this are not of one new vehicle.
-        confirm_above: existence probability from which on a vehicle without an id is told of.
-        report_above: existence probability below which a vehicle that was told of no longer is.
-        forget_below: existence probability at which a belief ends.
+        confirm_above: probability of existence from which on a track is reported.
+        report_above: probability of existence below which a confirmed track is not reported, until it rises again.
+        forget_below: a track ends below this share of the existence that a first detection gives.
         lost_after: measurements in a row that a belief does not explain, after which it begins anew at the last: one
             may be an outlier.
     """
@@ -138,10 +138,9 @@ class TrackingConfig:
     reappearance_rate: float = 0.33
     departure_rate: float = 0.01
     gate: float = 16.0
-    max_speed: float = 40.0
     confirm_above: float = 0.9
     report_above: float = 0.5
-    forget_below: float = 0.02
+    forget_below: float = 0.05
     lost_after: int = 2
 
     def __post_init__(self) -> None:
@@ -149,10 +148,9 @@ class TrackingConfig:
         for name in ("detection_probability", "confirm_above", "report_above", "forget_below"):
             if getattr(self, name) >= 1:
                 raise ValueError(f"{name}: expected a probability below 1, got {getattr(self, name)}")
-        if not self.forget_below <= self.report_above <= self.confirm_above:
+        if not self.report_above <= self.confirm_above:
             raise ValueError(
-                "forget_below, report_above, confirm_above: expected in ascending order, "
-                f"got {self.forget_below}, {self.report_above} and {self.confirm_above}"
+                f"report_above: expected at most confirm_above, {self.confirm_above}, got {self.report_above}"
             )
 
 

@@ -13,10 +13,13 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.tracks import as_texts, as_times, as_track_ids, check_lengths
 from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
+COASTING_FROM_S = 0.5
+"""A vehicle that was not measured for longer is coasting: one detection that fails to come says little."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimates(ArrayValue):
-    """The filter's belief about vehicles, seen or out of sight, a row for each vehicle and instant.
+    """The filter's belief about confirmed vehicles, seen or coasting, a row for each vehicle and instant.
 
     Attributes:
         track_id: (n,) int64 or str.
@@ -30,7 +33,7 @@ class Estimates(ArrayValue):
         effective_sample_size: (n,) of the particle weights before resampling.
         log_evidence: (n,) natural log of the density of this measurement given those before it; 0 at birth and where
             there is none.
-        existence: (n,) probability that there is such a vehicle. Left out: 1.
+        existence: (n,) probability of existence: that there is such a vehicle. Left out: 1.
         unseen_s: (n,) seconds since it was last measured: 0 where it is now. Left out: 0.
 
     Raises:
@@ -69,6 +72,11 @@ class Estimates(ArrayValue):
 
     def __len__(self) -> int:
         return int(self.time_ns.size)
+
+    @property
+    def is_coasting(self) -> BoolArray:
+        """(n,) predicted by the motion model alone for some time, because nothing was measured."""
+        return np.asarray(self.unseen_s > COASTING_FROM_S)
 
     def __getitem__(self, rows: BoolArray | IntArray) -> Estimates:
         """The chosen rows, by mask or indices."""

@@ -12,7 +12,7 @@ from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.replay import replay
-from situations import one_cell_map, ring_traffic
+from situations import TRUSTING, one_cell_map, ring_traffic
 
 BARE = FilterConfig(drift=1e-6)
 START = {"position": (20.0, 0.0), "direction": np.pi / 2, "speed": 8.0}
@@ -103,7 +103,7 @@ class Kept(list):
 def forecasts(ring_map, detections, **knobs):
     kept = Kept()
     forecaster = Forecaster(ring_map, [kept], rng=np.random.default_rng(5), **{"n_samples": 4} | knobs)
-    tracker = Tracker(ring_map, config=FilterConfig(n_particles=50), rng=np.random.default_rng(5))
+    tracker = Tracker(ring_map, config=FilterConfig(n_particles=50), tracking=TRUSTING, rng=np.random.default_rng(5))
     replay(detections.frames(), tracker, [forecaster])
     return kept
 

@@ -10,6 +10,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.replay import replay
+from situations import TRUSTING
 
 
 class Witness:
@@ -39,7 +40,7 @@ def detections(ring):
 
 def test_sinks_see_every_frame_in_order_and_in_the_order_of_the_sinks(ring_map, detections):
     seen = []
-    tracker = Tracker(ring_map, config=FilterConfig(n_particles=20), rng=np.random.default_rng(0))
+    tracker = Tracker(ring_map, config=FilterConfig(n_particles=20), tracking=TRUSTING, rng=np.random.default_rng(0))
     n_frames = replay(detections.frames(), tracker, [Witness("first", seen), Witness("second", seen)])
     assert n_frames == 10
     assert [name for name, _ in seen] == ["first", "second"] * 10
@@ -98,7 +99,7 @@ def test_time_going_backwards_is_refused_by_every_filter(ring_map, detections, f
 def test_a_repeated_stamp_is_refused_and_the_beliefs_stay_as_they_were(ring_map, detections, filter_of):
     def tracker_of():
         model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=1.0)
-        return Tracker(model, rng=np.random.default_rng(0))
+        return Tracker(model, tracking=TRUSTING, rng=np.random.default_rng(0))
 
     frames = list(detections.frames())
     again, twice = frames[1], Detections.concatenate([frames[2], frames[2]])

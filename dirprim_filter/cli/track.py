@@ -76,11 +76,9 @@ def track(
         bool, typer.Option("--motion", help="The log's directions and speeds were measured: use them too.")
     ] = False,
     no_ids: NoIds = False,
-    detection_probability: Annotated[
-        float | None, typer.Option(help="Without ids: of a vehicle in sight, per frame; 0.9.")
-    ] = None,
+    detection_probability: Annotated[float | None, typer.Option(help="Of a vehicle in sight, per frame; 0.9.")] = None,
     clutter_density: Annotated[
-        float | None, typer.Option(help="Without ids: false detections per m2 and frame; 0.0001.")
+        float | None, typer.Option(help="False detections per m2 and frame; 0.0001. Of a sensor that never errs 1e-9.")
     ] = None,
     seed: Seed = 0,
     reading: Reading = Reading(),

@@ -1,4 +1,4 @@
-"""Which detection is whose? Gates, the best assignment inside them, and pairs of detections that may be new vehicles.
+"""Which detection is whose? Gates, and the best assignment inside them.
 
 Global nearest neighbour: of all ways to give each track at most one detection and each detection to at most one track,
 the one of greatest likelihood. Source: Blackman and Popoli, Design and Analysis of Modern Tracking Systems, 1999.
@@ -6,6 +6,7 @@ the one of greatest likelihood. Source: Blackman and Popoli, Design and Analysis
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from tessellation.arrays import FloatArray, IntArray
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.filtering.existence import OCCLUDED, VISIBLE
+from dirprim_filter.filtering.measurements import measured_covariance
+from dirprim_filter.filtering.protocols import BayesFilter
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 
 class Pairs(NamedTuple):
@@ -22,6 +28,66 @@ class Pairs(NamedTuple):
 
     one: IntArray
     other: IntArray
+
+
+class Hits(NamedTuple):
+    """Slots (v,) of tracks, and the rows (v,) of the frame that are theirs."""
+
+    slot: IntArray
+    row: IntArray
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Hits]) -> Hits:
+        """All hits of all parts, in their order."""
+        return cls(*(np.concatenate(column).astype(np.int64) for column in zip(*parts, strict=True)))
+
+
+class Associator:
+    """Assigns unlabelled detections to the tracks that predicted them.
+
+    Args:
+        bayes_filter: holds the tracks' beliefs.
+        noise: of measurements that tell none.
+        config: gate, detection probability and densities.
+    """
+
+    def __init__(self, bayes_filter: BayesFilter, noise: FilterConfig, config: TrackingConfig) -> None:
+        self._filter = bayes_filter
+        self._noise, self._config = noise, config
+
+    def hits(
+        self, slot: IntArray, existence: FloatArray, is_confirmed: BoolArray, detections: Detections, rows: IntArray
+    ) -> Hits:
+        """Confirmed tracks choose first, tentative ones among what they leave.
+
+        Args:
+            slot: (v,) tracks, moved to the frame's time.
+            existence: (v, 3) of them.
+            is_confirmed: (v,) of them.
+            detections: the frame.
+            rows: (d,) its unlabelled rows.
+        """
+        found = []
+        for chosen in (is_confirmed, ~is_confirmed):
+            hits = self._best(slot[chosen], existence[chosen], detections, rows)
+            found.append(hits)
+            rows = np.setdiff1d(rows, hits.row, assume_unique=True)
+        return Hits.concatenate(found)
+
+    def _best(self, slot: IntArray, existence: FloatArray, detections: Detections, rows: IntArray) -> Hits:
+        if slot.size == 0 or rows.size == 0:
+            return Hits(slot[:0], rows[:0])
+        seen, config = detections[rows], self._config
+        m = self._filter.moments(slot)
+        noise = measured_covariance(seen, self._noise)
+        pairs = gated(m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2), seen.position, noise, gate=config.gate)
+        fit = self._filter.log_likelihood(slot[pairs.one], seen[pairs.other])
+        visible, occluded = existence[pairs.one, VISIBLE], existence[pairs.one, OCCLUDED]
+        in_sight = visible / (visible + occluded)  # if it exists: that is judged later
+        expected = config.detection_probability * in_sight
+        by_chance = np.log(config.clutter_density + config.birth_density)
+        best = best_assignment(pairs, np.log(expected) - np.log1p(-expected) + fit - by_chance)
+        return Hits(slot[best.one], rows[best.other])
 
 
 def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise: FloatArray, *, gate: float) -> Pairs:
@@ -46,17 +112,6 @@ def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise:
     distance = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])
     inside = distance <= gate
     return Pairs(track[inside], detection[inside])
-
-
-def within(one: FloatArray, other: FloatArray, *, reach: FloatArray) -> Pairs:
-    """Points (n, 2) of one side, and those (m, 2) of the other that are within `reach` (n,) metres of them."""
-    if len(one) == 0 or len(other) == 0:
-        return Pairs(np.empty(0, np.int64), np.empty(0, np.int64))
-    near = KDTree(other).query_ball_point(one, reach, return_sorted=True)
-    return Pairs(
-        np.repeat(np.arange(len(one)), [len(found) for found in near]),
-        np.concatenate([np.asarray(found, dtype=np.int64) for found in near]),
-    )
 
 
 def best_assignment(pairs: Pairs, gain: FloatArray) -> Pairs:

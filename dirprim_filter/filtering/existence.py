@@ -1,4 +1,7 @@
-"""Is there such a vehicle, in sight or out of it, or is it gone? A Markov chain of three states for each track.
+"""Is there such a vehicle, in sight or occluded, or none? One Markov chain of three states for every track.
+
+The same for tracks with and without the ids of a sensor: a track begins with one detection, and each frame, a hit or a
+miss, changes the probability that there is a vehicle by Bayes' rule.
 
 Source: Musicki, Evans and Stankovic, Integrated Probabilistic Data Association, 1994: their "Markov chain two".
 """
@@ -11,16 +14,28 @@ from dirprim_filter.config import TrackingConfig
 from tessellation.arrays import FloatArray
 
 VISIBLE, OCCLUDED, GONE = range(3)
+"""The states: there and in sight, there but hidden, not there: left, or a false detection from the beginning."""
 
 
 def at_birth(n: int, config: TrackingConfig) -> FloatArray:
-    """(n, 3) of detections that nobody expected: a new vehicle's, or false."""
+    """(n, 3) after the detection that a track begins with: a new vehicle's, or a false one."""
     exists = config.birth_density / (config.birth_density + config.clutter_density)
     return np.tile(np.array([exists, 0.0, 1.0 - exists]), (n, 1))
 
 
-def later(existence: FloatArray, dt_s: float, config: TrackingConfig) -> FloatArray:
-    """(n, 3) -> (n, 3) after `dt_s` seconds in which nobody looked."""
+def probability(existence: FloatArray, outside: FloatArray) -> FloatArray:
+    """(n, 3) -> (n,) that there is a vehicle, in sight or not.
+
+    Args:
+        existence: by state.
+        outside: (n,) probability that the vehicle is where nobody goes by the map: one that is out of sight there has
+            left. One that is seen there has not.
+    """
+    return np.asarray(existence[:, VISIBLE] + existence[:, OCCLUDED] * (1.0 - outside))
+
+
+def later(existence: FloatArray, dt_s: FloatArray, config: TrackingConfig) -> FloatArray:
+    """(n, 3) -> (n, 3) after `dt_s` (n,) seconds in which nobody looked."""
     out, back = config.occlusion_rate, config.reappearance_rate
     stays = np.exp(-config.departure_rate * dt_s)
     mixes = np.exp(-(out + back) * dt_s)
@@ -31,24 +46,20 @@ def later(existence: FloatArray, dt_s: float, config: TrackingConfig) -> FloatAr
 
 
 def after_hit(existence: FloatArray, log_density: FloatArray, config: TrackingConfig) -> FloatArray:
-    """(n, 3), (n,) -> (n, 3) once a detection was taken for the vehicle's, of this log density under its belief."""
-    gain = np.exp(np.clip(log_density - np.log(config.clutter_density), -50.0, 50.0))
-    visible = existence[:, VISIBLE] * config.detection_probability * gain
-    total = visible + existence[:, GONE] + 1e-300
-    return np.column_stack([visible / total, np.zeros_like(visible), existence[:, GONE] / total])
+    """(n, 3) -> (n, 3) once a detection was assigned, of this log density (n,) under the track's belief.
+
+    It is the vehicle's, or by chance another's or nobody's, and then the vehicle was missed or is not there.
+    """
+    by_chance = np.log(config.clutter_density + config.birth_density)
+    gain = np.exp(np.clip(log_density - by_chance, -50.0, 50.0))
+    p = config.detection_probability
+    return _normalised(existence * np.column_stack([1.0 - p + p * gain, np.ones_like(gain), np.ones_like(gain)]))
 
 
 def after_miss(existence: FloatArray, config: TrackingConfig) -> FloatArray:
     """(n, 3) -> (n, 3) once a frame held no detection of the vehicle."""
-    seen = existence * np.array([1.0 - config.detection_probability, 1.0, 1.0])
-    return np.asarray(seen / seen.sum(axis=1, keepdims=True))
+    return _normalised(existence * np.array([1.0 - config.detection_probability, 1.0, 1.0]))
 
 
-def unseen_for(seconds: FloatArray, config: TrackingConfig) -> FloatArray:
-    """(n,) -> (n,) existence of vehicles that would be seen for certain where they in sight, by how long they were not.
-
-    What of the chain is left when the first frame without the vehicle has ruled the visible state out: it is out of
-    sight or gone, and one that came back would have been seen.
-    """
-    hidden = config.occlusion_rate * np.exp(-config.reappearance_rate * np.asarray(seconds))
-    return np.where(seconds > 0, hidden / (hidden + config.departure_rate), 1.0)
+def _normalised(weight: FloatArray) -> FloatArray:
+    return np.asarray(weight / weight.sum(axis=1, keepdims=True))

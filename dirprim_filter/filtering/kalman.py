@@ -118,6 +118,10 @@ class KalmanBank:
             ]
         )  # fmt: skip
 
+    def probability_outside(self, slot: IntArray) -> FloatArray:
+        """0: these models know no places. (v,)."""
+        return np.zeros(slot.size)
+
     def resample(self, slot: IntArray) -> None:
         """Nothing to resample."""
 

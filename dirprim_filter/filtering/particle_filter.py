@@ -25,6 +25,7 @@ from dirprim_filter.filtering.motion import tracking_table
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
+from tessellation import OUTSIDE
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 PARALLEL_FROM_NS = 400_000.0
@@ -49,6 +50,7 @@ class ParticleFilter:
         self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
         self._table = tracking_table(primitive_map, config)
         self._primitives = primitive_map.compiled()
+        self._has_cells = primitive_map.tessellation.n_cells > 0
         self._noise = _noise(config)
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
@@ -134,6 +136,13 @@ class ParticleFilter:
         result = np.empty((slot.size, 10))
         self._split(_kernels.moments, (self.belief.cloud,), (slot, result), (), each_ns=8.0)
         return result
+
+    def probability_outside(self, slot: IntArray) -> FloatArray:
+        """Weight of the particles beyond the reach of every cell; 0 by a map without cells. (v,) -> (v,)."""
+        if not self._has_cells:
+            return np.zeros(slot.size)
+        cloud = self.belief.cloud
+        return np.asarray((cloud.weight[slot] * (cloud.cell[slot] == OUTSIDE)).sum(axis=1))
 
     def particles(self, slot: IntArray) -> BelievedParticles:
         """The beliefs' samples, one vehicle after the other."""

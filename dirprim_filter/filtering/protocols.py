@@ -57,6 +57,10 @@ class BayesFilter(Protocol):
         """
         ...
 
+    def probability_outside(self, slot: IntArray) -> FloatArray:
+        """(v,) that a vehicle is where by the motion model nobody goes; 0 where the model knows no places."""
+        ...
+
     def resample(self, slot: IntArray) -> None:
         """Renew the samples that have lost their weight."""
         ...

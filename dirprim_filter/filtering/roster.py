@@ -1,4 +1,4 @@
-"""Who is being tracked: each vehicle's slot in the filter, and what is known of it beside the belief."""
+"""Who is being tracked: each track's slot in the filter, and what is known of it beside the belief."""
 
 from __future__ import annotations
 
@@ -7,22 +7,30 @@ from itertools import compress
 
 import numpy as np
 
-from dirprim_filter.filtering.existence import GONE
+from dirprim_filter.config import TrackingConfig
+from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.protocols import BayesFilter
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 FIRST_CAPACITY = 16
+_COLUMNS = (
+    "time_ns", "existence_ns", "measured_ns", "counted_ns", "is_labelled", "is_confirmed", "existence",
+    "outside", "n_unexplained", "log_evidence",
+)  # fmt: skip
 
 
 class Roster:
-    """Slots are given to vehicles as they come and taken back when they go; when all are taken, their number doubles.
+    """Slots are given to tracks as they come and taken back when they go; when all are taken, their number doubles.
 
     Attributes:
         time_ns: (slots,) the time each belief holds for.
+        existence_ns: (slots,) the time its existence holds for.
         measured_ns: (slots,) the time of its last measurement.
-        is_named: (slots,) whether its sensor names it.
-        is_confirmed: (slots,) whether a vehicle without an id has been told of.
+        counted_ns: (slots,) the time of the last frame that counted as a hit or a miss of it.
+        is_labelled: (slots,) whether its sensor gives it an id.
+        is_confirmed: (slots,) whether it has ever been a vehicle beyond doubt.
         existence: (slots, 3) see `existence`.
+        outside: (slots,) probability that it is where nobody goes by the map.
         n_unexplained: (slots,) how many of its last measurements, in a row, it did not explain.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
     """
@@ -33,10 +41,13 @@ class Roster:
         self._free: list[int] = []
         self._members: dict[bool, tuple[list[str], IntArray]] = {}  # until somebody comes or goes
         self.time_ns: IntArray = np.empty(0, np.int64)
+        self.existence_ns: IntArray = np.empty(0, np.int64)
         self.measured_ns: IntArray = np.empty(0, np.int64)
-        self.is_named: BoolArray = np.empty(0, np.bool_)
+        self.counted_ns: IntArray = np.empty(0, np.int64)
+        self.is_labelled: BoolArray = np.empty(0, np.bool_)
         self.is_confirmed: BoolArray = np.empty(0, np.bool_)
         self.existence: FloatArray = np.empty((0, 3))
+        self.outside: FloatArray = np.empty(0)
         self.n_unexplained: IntArray = np.empty(0, np.int64)
         self.log_evidence: FloatArray = np.empty(0)
         self._grow(FIRST_CAPACITY)
@@ -47,23 +58,35 @@ class Roster:
     def __contains__(self, name: str) -> bool:
         return name in self._slot
 
-    def enter(self, names: Sequence[str], *, is_named: bool, time_ns: IntArray) -> IntArray:
-        """(v,) slots for vehicles that have none yet, first measured at `time_ns` (v,)."""
+    def enter(self, names: Sequence[str], *, is_labelled: bool, time_ns: int, config: TrackingConfig) -> IntArray:
+        """(v,) slots for tracks that have none yet and begin with a detection at `time_ns`."""
         if len(names) > len(self._free):
             self._grow(max(self.time_ns.size, len(names)))
         self._members.clear()
         slot = np.array([self._free.pop() for _ in names], dtype=np.int64)
         self._slot.update(zip(names, slot.tolist(), strict=True))
-        self.time_ns[slot] = self.measured_ns[slot] = time_ns
-        self.is_named[slot] = is_named
+        for column in (self.time_ns, self.existence_ns, self.measured_ns, self.counted_ns):
+            column[slot] = time_ns
+        self.is_labelled[slot] = is_labelled
         self.is_confirmed[slot] = False
-        self.existence[slot] = [1.0, 0.0, 0.0]
+        self.existence[slot] = existence.at_birth(slot.size, config)
+        self.outside[slot] = 0.0
         self.n_unexplained[slot] = 0
         self.log_evidence[slot] = 0.0
         return slot
 
+    @property
+    def probability(self) -> FloatArray:
+        """(slots,) that there is such a vehicle."""
+        return existence.probability(self.existence, self.outside)
+
+    def rename(self, old: str, new: str) -> None:
+        """Call a track by another name."""
+        self._members.clear()
+        self._slot[new] = self._slot.pop(old)
+
     def slots_of(self, names: Sequence[str]) -> IntArray:
-        """(v,) the slots of vehicles that have one."""
+        """(v,) the slots of tracks that have one."""
         return np.array([self._slot[name] for name in names], dtype=np.int64)
 
     def names_of(self, slot: IntArray) -> list[str]:
@@ -71,13 +94,13 @@ class Roster:
         names = {place: name for name, place in self._slot.items()}
         return [names[place] for place in slot.tolist()]
 
-    def members(self, *, is_named: bool) -> tuple[list[str], IntArray]:
-        """Names and slots (v,) of those with, or without, a name of their sensor's; in the order they came."""
-        if is_named not in self._members:
+    def members(self, *, is_labelled: bool) -> tuple[list[str], IntArray]:
+        """Names and slots (v,) of those with, or without, an id of their sensor's; in the order they came."""
+        if is_labelled not in self._members:
             slot = np.fromiter(self._slot.values(), np.int64, len(self._slot))
-            chosen = self.is_named[slot] == is_named
-            self._members[is_named] = list(compress(self._slot, chosen.tolist())), slot[chosen]
-        return self._members[is_named]
+            chosen = self.is_labelled[slot] == is_labelled
+            self._members[is_labelled] = list(compress(self._slot, chosen.tolist())), slot[chosen]
+        return self._members[is_labelled]
 
     def spare(self, n: int) -> IntArray:
         """(n,) slots that nobody has: room to think in, until somebody enters."""
@@ -85,12 +108,12 @@ class Roster:
             self._grow(max(self.time_ns.size, n))
         return np.array(self._free[len(self._free) - n :], dtype=np.int64)
 
-    def forget(self, *, before_ns: int, forget_below: float) -> None:
-        """End those not measured since `before_ns`, and of the nameless those that hardly exist."""
-        doubtful = ~self.is_named & (1.0 - self.existence[:, GONE] < forget_below)
-        ended = doubtful | (self.measured_ns < before_ns)
-        for is_named in (True, False):
-            names, slot = self.members(is_named=is_named)
+    def forget(self, *, before_ns: int, config: TrackingConfig) -> None:
+        """End tracks not measured since `before_ns`, and those that hardly exist."""
+        hopeless = config.forget_below * existence.at_birth(1, config)[0, existence.VISIBLE]
+        ended = (self.probability < hopeless) | (self.measured_ns < before_ns)
+        for is_labelled in (True, False):
+            names, slot = self.members(is_labelled=is_labelled)
             gone = list(compress(names, ended[slot].tolist()))
             if gone:
                 self._members.clear()
@@ -98,8 +121,7 @@ class Roster:
 
     def _grow(self, n_more: int) -> None:
         old = self.time_ns.size
-        for name in ("time_ns", "measured_ns", "is_named", "is_confirmed", "existence", "n_unexplained",
-                     "log_evidence"):  # fmt: skip
+        for name in _COLUMNS:
             column = getattr(self, name)
             more = np.zeros((n_more, *column.shape[1:]), column.dtype)
             setattr(self, name, np.concatenate([column, more]))

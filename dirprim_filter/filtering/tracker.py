@@ -1,28 +1,32 @@
-"""Beliefs about many vehicles, frame by frame: those that their sensor names, and those it does not."""
+"""Beliefs about many vehicles, frame by frame: those that their sensor labels, and those it does not."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 
 import numpy as np
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
 from dirprim_filter.estimates import Estimates, Innovations, Samples, TrackedFrame
+from dirprim_filter.filtering import existence
+from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.existence import GONE, unseen_for
 from dirprim_filter.filtering.measurements import measured_covariance
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.roster import Roster
-from dirprim_filter.filtering.strangers import Strangers
+from dirprim_filter.filtering.scans import RevisitTime
 from dirprim_filter.primitives import PrimitiveMap
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from tessellation.arrays import FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 NOBODY: IntArray = np.empty(0, np.int64)
+TENTATIVE = "\0"
+"""What the names of unlabelled tracks begin with until they are confirmed: no sensor's id does."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -31,24 +35,23 @@ class _Frame:
 
     Attributes:
         detections: as they came.
-        named: the ids of its named rows, in their order.
-        named_slot: their slots.
-        slot: of the beliefs to be weighed, the named ones first.
-        row: the rows of `detections` to weigh them by.
-        n_named: how many of them are named.
-        shown: the slots that hold the numbers of the estimates.
-        shown_home: the slots of the vehicles that they are of.
+        hits: tracks that were there before, and the rows of `detections` to weigh them by.
+        kinds: whether it is about labelled tracks (True), unlabelled ones (False), or both, as an empty one is.
+        home: slots of all tracks that may be reported: labelled ones of the frame in its order, labelled ones that it
+            does not hold, and unlabelled ones.
+        held: the slots that hold their beliefs at the frame's time.
+        shown: of these, what there are estimates of.
+        shown_home: likewise of `home`.
         shown_names: their names.
         innovation: (slots, 2) distance and normalised square, where they were asked for.
         lost: the slots of beliefs that were begun anew.
     """
 
     detections: Detections = field(default_factory=Detections.none)
-    named: list[str] = field(default_factory=list)
-    named_slot: IntArray = field(default_factory=NOBODY.copy)
-    slot: IntArray = field(default_factory=NOBODY.copy)
-    row: IntArray = field(default_factory=NOBODY.copy)
-    n_named: int = 0
+    hits: Hits = field(default_factory=lambda: Hits(NOBODY, NOBODY))
+    kinds: tuple[bool, ...] = ()
+    home: IntArray = field(default_factory=NOBODY.copy)
+    held: IntArray = field(default_factory=NOBODY.copy)
     shown: IntArray = field(default_factory=NOBODY.copy)
     shown_home: IntArray = field(default_factory=NOBODY.copy)
     shown_names: list[str] = field(default_factory=list)
@@ -59,9 +62,12 @@ class _Frame:
 class Tracker:
     """Tracks the vehicles of a log, also while they are out of sight.
 
-    A detection with an id goes to the belief of that id. Such a belief moves from its own measurement to its next, cut
-    in whole steps from its own, never by the times of others: a vehicle's estimates are the same whichever other
-    vehicles the log holds. Detections without an id are given to the beliefs that foresaw them best, or begin new ones.
+    A detection with an id belongs to the track of that id, one without to the track that predicted it best; whichever
+    belongs to none begins a track. A track exists with a probability, see `existence`, and is reported once it is
+    confirmed, as long as it is likelier there than not.
+
+    The belief of a labelled track moves from its own measurement to its next, cut in whole steps from its own, never by
+    the times of others: where a vehicle is believed to be does not depend on which other vehicles the log holds.
 
     Args:
         model: the map that says how vehicles move, for a particle filter on it; or any other filter.
@@ -90,16 +96,16 @@ class Tracker:
         self._with_innovations = with_innovations
         self._filter = ParticleFilter(model, self.config) if isinstance(model, PrimitiveMap) else model
         self._roster = Roster(self._filter)
+        self._associator = Associator(self._filter, self.config, self.tracking)
+        self._revisits = {True: RevisitTime(), False: RevisitTime()}
         self._seed = int(rng.integers(2**63))
-        self._strangers = Strangers(
-            self._filter, self._roster, filter_config=self.config, config=self.tracking, seed=self._seed
-        )
+        self._n_begun = self._n_numbered = 0
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._time_ns = NO_TIME
         self._frame = _Frame()
 
     def predict(self, detections: Detections, *, time_ns: int | None = None) -> None:
-        """Move beliefs to the frame's time, find whose its detections are, and begin those that are new.
+        """Move beliefs to the frame's time, find whose its detections are, and begin tracks at those that are nobody's.
 
         Args:
             detections: one instant, each id once; none is no frame, unless `time_ns` says when nothing was seen.
@@ -117,41 +123,55 @@ class Tracker:
         self._frame = frame = _Frame(detections=detections)
         if not is_frame:
             return
-        self._roster.forget(
-            before_ns=time_ns - int(self.config.max_gap_s * 1e9), forget_below=self.tracking.forget_below
-        )
-        is_named = detections.track_id != NO_ID
-        self._predict_named(np.flatnonzero(is_named))
-        found = self._strangers.predict(detections, np.flatnonzero(~is_named), time_ns=time_ns)
-        frame.n_named = frame.slot.size
-        frame.slot, frame.row = np.concatenate([frame.slot, found.slot]), np.concatenate([frame.row, found.row])
+        self._roster.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9), config=self.tracking)
+        is_labelled = detections.track_id != NO_ID
+        frame.kinds = tuple(np.unique(is_labelled).tolist()) or (True, False)
+        found = self._associate(np.flatnonzero(~is_labelled)) if False in frame.kinds else Hits(NOBODY, NOBODY)
+        frame.hits = Hits.concatenate([self._match(np.flatnonzero(is_labelled)), found])
+        rest = np.setdiff1d(np.arange(len(detections)), frame.hits.row)
+        self._begin_tracks(rest[is_labelled[rest]], is_labelled=True)
+        self._begin_tracks(rest[~is_labelled[rest]], is_labelled=False)
+        self._hold(detections.track_id[is_labelled].tolist())
 
     def weigh(self) -> None:
-        """Weigh the moved beliefs by the frame's measurements; begin anew those that have lost their vehicle."""
-        frame, roster = self._frame, self._roster
-        slot, row = frame.slot, frame.row
+        """Weigh the moved beliefs by the frame's measurements; begin anew those that have lost their vehicle.
+
+        Then learn from hits and misses which tracks are of vehicles. A measurement that a belief does not explain is a
+        miss: it came from somewhere else.
+        """
+        frame, roster, config = self._frame, self._roster, self.tracking
+        slot, row = frame.hits
         measured = frame.detections[row]
         if self._with_innovations:
             frame.innovation = self._innovation(slot, measured)
         evidence = self._filter.weigh(slot, measured)
+        missed = np.concatenate([NOBODY, *[self._missed(is_labelled) for is_labelled in frame.kinds]])
         roster.measured_ns[slot] = self._time_ns
-        roster.log_evidence[slot] = np.where(np.isfinite(evidence.log_density), evidence.log_density, 0.0)
-        roster.n_unexplained[slot] = np.where(evidence.is_unexplained, roster.n_unexplained[slot] + 1, 0)
-        is_lost = roster.n_unexplained[slot] >= self.tracking.lost_after
-        is_lost |= ~np.isfinite(evidence.log_density)  # no particle has a weight
+        is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
+        roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
+        unexplained = evidence.is_unexplained | is_weightless
+        roster.n_unexplained[slot] = np.where(unexplained, roster.n_unexplained[slot] + 1, 0)
+        hit, missed = slot[~unexplained], np.concatenate([missed, slot[unexplained]])
+        roster.existence[hit] = existence.after_hit(roster.existence[hit], roster.log_evidence[hit], config)
+        roster.existence[missed] = existence.after_miss(roster.existence[missed], config)
+        for counted in (slot, missed):
+            roster.counted_ns[counted] = self._time_ns
+        self._confirm()
+        is_lost = is_weightless | (roster.n_unexplained[slot] >= config.lost_after)
         if is_lost.any():
             self._recover(slot[is_lost], row[is_lost])
-        strange = slot[frame.n_named :]
-        self._strangers.judge(strange, roster.log_evidence[strange])
 
     def estimate(self) -> Estimates:
-        """What is believed: of the frame's named vehicles in its order, of those out of sight, of the nameless."""
-        self._show()
-        roster, home, shown = self._roster, self._frame.shown_home, self._frame.shown
-        m = self._filter.moments(shown)
+        """What is believed of confirmed tracks: labelled ones of the frame in its order, absent and unlabelled ones."""
+        frame, roster = self._frame, self._roster
+        exists = roster.probability[frame.home]
+        reported = roster.is_confirmed[frame.home] & (exists >= self.tracking.report_above)
+        frame.shown, home = frame.held[reported], frame.home[reported]
+        frame.shown_home, frame.shown_names = home, roster.names_of(home)
+        m = self._filter.moments(frame.shown)
         is_measured = roster.measured_ns[home] == self._time_ns
         return Estimates(
-            track_id=np.array(self._frame.shown_names, dtype=np.str_),
+            track_id=np.array(frame.shown_names, dtype=np.str_),
             time_ns=np.full(home.size, self._time_ns, np.int64),
             position=m[:, :2],
             covariance=m[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
@@ -161,7 +181,7 @@ class Tracker:
             speed_std=m[:, 8],
             effective_sample_size=m[:, 9],
             log_evidence=np.where(is_measured, roster.log_evidence[home], 0.0),
-            existence=1.0 - roster.existence[home, GONE],
+            existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
         )
 
@@ -180,7 +200,7 @@ class Tracker:
     def begun_anew(self) -> tuple[str, ...]:
         """Of the frame's estimates those whose belief did not explain what was measured, and was begun anew."""
         lost = np.isin(self._frame.shown_home, self._frame.lost)
-        return tuple(_chosen(self._frame.shown_names, lost))
+        return tuple(compress(self._frame.shown_names, lost.tolist()))
 
     def frame(self) -> TrackedFrame:
         """All of this of the frame at hand, to be written before the next step."""
@@ -191,20 +211,89 @@ class Tracker:
 
     def resample(self) -> None:
         """Renew the samples of measured beliefs that have lost their weight."""
-        self._filter.resample(self._frame.slot)
+        self._filter.resample(self._frame.hits.slot)
 
-    def _predict_named(self, row: IntArray) -> None:
-        frame, roster, time_ns = self._frame, self._roster, self._time_ns
-        frame.named = frame.detections.track_id[row].tolist()
-        is_new = np.array([name not in roster for name in frame.named], dtype=np.bool_)
-        self._advance_in_whole_steps(roster.members(is_named=True)[1])
-        new = _chosen(frame.named, is_new)
-        self._begin(roster.enter(new, is_named=True, time_ns=np.full(len(new), time_ns)), row[is_new])
-        frame.named_slot = roster.slots_of(frame.named)
-        frame.slot, frame.row = frame.named_slot[~is_new], row[~is_new]
-        self._advance(frame.slot, time_ns - roster.time_ns[frame.slot])
-        roster.time_ns[frame.slot] = time_ns
-        roster.existence[frame.named_slot] = [1.0, 0.0, 0.0]
+    def _associate(self, row: IntArray) -> Hits:
+        """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""
+        roster = self._roster
+        _, slot = roster.members(is_labelled=False)
+        self._advance(slot, self._time_ns - roster.time_ns[slot])
+        roster.time_ns[slot] = self._time_ns
+        self._age(slot, slot)
+        return self._associator.hits(
+            slot, roster.existence[slot], roster.is_confirmed[slot], self._frame.detections, row
+        )
+
+    def _match(self, row: IntArray) -> Hits:
+        """Move the labelled tracks of the frame's labelled rows (d,) to its time."""
+        roster = self._roster
+        ids = self._frame.detections.track_id[row].tolist()
+        self._advance_in_whole_steps(roster.members(is_labelled=True)[1])
+        for name in set(ids).intersection(roster.members(is_labelled=False)[0]):
+            roster.rename(name, self._next_name())  # the sensor's ids come before ours
+        is_known = np.array([name in roster for name in ids], dtype=np.bool_)
+        slot = roster.slots_of(list(compress(ids, is_known.tolist())))
+        self._advance(slot, self._time_ns - roster.time_ns[slot])
+        roster.time_ns[slot] = self._time_ns
+        return Hits(slot, row[is_known])
+
+    def _begin_tracks(self, row: IntArray, *, is_labelled: bool) -> None:
+        """A track for each detection (d,) that is nobody's; an unlabelled one has no name until it is confirmed."""
+        names = self._frame.detections.track_id[row].tolist()
+        if not is_labelled:
+            names = [f"{TENTATIVE}{self._n_begun + i}" for i in range(row.size)]
+            self._n_begun += row.size
+        slot = self._roster.enter(names, is_labelled=is_labelled, time_ns=self._time_ns, config=self.tracking)
+        self._begin(slot, row)
+
+    def _hold(self, ids: Sequence[str]) -> None:
+        """Have all beliefs at the frame's time: those of labelled tracks that it does not hold are moved aside."""
+        roster, frame = self._roster, self._frame
+        seen, (_, labelled) = roster.slots_of(ids), roster.members(is_labelled=True)
+        absent = labelled[~np.isin(labelled, seen)]
+        dt_ns = self._time_ns - roster.time_ns[absent]
+        aside = absent.copy()
+        between = dt_ns > 0
+        if between.any():
+            aside[between] = roster.spare(int(between.sum()))
+            self._filter.copy(absent[between], aside[between])
+            self._advance(aside, dt_ns)
+        home, held = np.concatenate([seen, absent]), np.concatenate([seen, aside])
+        self._age(home, held)
+        unlabelled = roster.members(is_labelled=False)[1] if False in frame.kinds else NOBODY
+        frame.home, frame.held = np.concatenate([home, unlabelled]), np.concatenate([held, unlabelled])
+
+    def _age(self, slot: IntArray, held: IntArray) -> None:
+        """Let existence (v,) come to the frame's time, by where the beliefs in the slots `held` (v,) are then."""
+        roster = self._roster
+        dt_s = _seconds(self._time_ns - roster.existence_ns[slot])
+        roster.existence[slot] = existence.later(roster.existence[slot], dt_s, self.tracking)
+        roster.outside[slot] = self._filter.probability_outside(held)
+        roster.existence_ns[slot] = self._time_ns
+
+    def _missed(self, is_labelled: bool) -> IntArray:
+        """Slots of the tracks of a kind that the frame ought to have shown and did not."""
+        roster, hit = self._roster, self._frame.hits.slot
+        usual = self._revisits[is_labelled]
+        usual.see(self._time_ns - roster.measured_ns[hit[roster.is_labelled[hit] == is_labelled]])
+        _, slot = roster.members(is_labelled=is_labelled)
+        slot = slot[~np.isin(slot, hit)]
+        return slot[usual.is_due(self._time_ns - roster.counted_ns[slot]) & (roster.measured_ns[slot] < self._time_ns)]
+
+    def _confirm(self) -> None:
+        """Note who exists beyond doubt, and number the unlabelled among them."""
+        roster = self._roster
+        roster.is_confirmed |= roster.probability >= self.tracking.confirm_above
+        names, slot = roster.members(is_labelled=False)
+        for name in compress(names, roster.is_confirmed[slot].tolist()):
+            if name.startswith(TENTATIVE):
+                roster.rename(name, self._next_name())
+
+    def _next_name(self) -> str:
+        self._n_numbered += 1
+        while (name := f"track-{self._n_numbered}") in self._roster:
+            self._n_numbered += 1
+        return name
 
     def _advance_in_whole_steps(self, slot: IntArray) -> None:
         """Steps of `step_s` from each belief's own last measurement: as many as fit before the frame's time."""
@@ -242,37 +331,6 @@ class Tracker:
             squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
             told[slot] = np.column_stack([np.hypot(*away.T), squared])
         return told
-
-    def _show(self) -> None:
-        """Choose what there are estimates of, and move those out of sight to the frame's time, aside."""
-        roster = self._roster
-        names, slot = self._unseen()
-        dt_ns = self._time_ns - roster.time_ns[slot]
-        aside = slot.copy()
-        between = dt_ns > 0
-        if between.any():
-            aside[between] = roster.spare(int(between.sum()))
-            self._filter.copy(slot[between], aside[between])
-            self._advance(aside, dt_ns)
-        named, frame = self._frame.named_slot, self._frame
-        strangers, strange = self._strangers.told_of(self._time_ns)
-        frame.shown_names = [*frame.named, *names, *strangers]
-        frame.shown = np.concatenate([named, aside, strange])
-        frame.shown_home = np.concatenate([named, slot, strange])
-
-    def _unseen(self) -> tuple[list[str], IntArray]:
-        """Named vehicles that the frame does not hold and that may still be there."""
-        roster = self._roster
-        names, slot = roster.members(is_named=True)
-        unseen_s = _seconds(self._time_ns - roster.measured_ns[slot])
-        exists = unseen_for(unseen_s, self.tracking)
-        roster.existence[slot, GONE] = 1.0 - exists
-        told = (unseen_s > 0) & (exists >= self.tracking.report_above)
-        return _chosen(names, told), slot[told]
-
-
-def _chosen(names: Sequence[str], chosen: BoolArray) -> list[str]:
-    return [name for name, is_one in zip(names, chosen, strict=True) if is_one]
 
 
 def _seconds(time_ns: IntArray) -> FloatArray:

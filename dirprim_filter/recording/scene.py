@@ -44,6 +44,8 @@ VEHICLE_COLOR = (0.35, 0.6, 0.95, 0.8)
 DETECTION_COLOR = (1.0, 0.85, 0.2, 1.0)
 ESTIMATE_COLOR = (0.2, 0.85, 0.4, 1.0)
 ELLIPSE_COLOR = (0.2, 0.85, 0.4, 0.3)
+COASTING_OPACITY = 0.4
+"""Of a vehicle that is predicted without being measured, against one that is seen."""
 FORECAST_COLOR = (0.8, 0.475, 0.655, 0.4)
 REGION_COLORS = ((0.8, 0.475, 0.655, 0.18), (0.8, 0.475, 0.655, 0.35))
 """Of the wider region and of the narrower one within it: one hue, Okabe and Ito's reddish purple, told by lightness."""
@@ -115,13 +117,14 @@ def detections_scene(detections: Detections, rows: IntArray, time_ns: int, *, li
 class EstimatesScene:
     """For each vehicle an arrow over one second of its motion, the 90 % region of its position, and its id.
 
-    Each update first deletes what earlier ones drew: a vehicle that is no longer tracked vanishes. Vehicles are drawn
-    once and then filled in: a hundred of them, drawn ten times a second, would cost as much as tracking them.
+    A vehicle that coasts is drawn paler. Each update first deletes what earlier ones drew: a vehicle that is no longer
+    tracked vanishes. Vehicles are drawn once and then filled in: a hundred of them, drawn ten times a second, would
+    cost as much as tracking them.
     """
 
     def __init__(self) -> None:
         entities = SceneUpdate.DESCRIPTOR.fields_by_name["entities"].number
-        self._stencils = Stencils(_drawn_estimate, 13, field=entities)
+        self._stencils = Stencils(_drawn_estimate, 16, field=entities)
 
     def encode(self, estimates: Estimates, time_ns: int) -> bytes:
         """The `SceneUpdate` of the estimates of one instant."""
@@ -129,10 +132,12 @@ class EstimatesScene:
         minor, major = np.maximum(ELLIPSE_SCALE * np.sqrt(np.maximum(variance, 0.0)), MIN_AXIS).T
         half_turn, half = 0.5 * np.arctan2(axes[:, 1, 1], axes[:, 0, 1]), 0.5 * estimates.direction
         x, y = estimates.position.T
+        opacity = np.where(estimates.is_coasting, COASTING_OPACITY, 1.0)
         numbers = np.column_stack(
             [
                 estimates.speed, x, y, np.sin(half), np.cos(half),
                 major, minor, x, y, np.sin(half_turn), np.cos(half_turn), x, y,
+                opacity * ESTIMATE_COLOR[3], opacity * ELLIPSE_COLOR[3], opacity * ESTIMATE_COLOR[3],
             ]
         )  # fmt: skip
         shared = SceneEntity()
@@ -144,20 +149,20 @@ class EstimatesScene:
 
 
 def _drawn_estimate(name: str, numbers: Sequence[float]) -> SceneEntity:
-    """A vehicle of `EstimatesScene`: its arrow by length and pose, its region by axes and pose, its label by place."""
-    length, *arrow_pose, major, minor, x, y, sine, cosine, label_x, label_y = numbers
+    """A vehicle of `EstimatesScene`: arrow by length and pose, region by axes and pose, label by place; opacities."""
+    length, *arrow_pose, major, minor, x, y, sine, cosine, label_x, label_y, arrow_a, region_a, label_a = numbers
     entity = SceneEntity(id=name, frame_id=MAP_FRAME)
     set_time(entity.lifetime, 0)
     arrow = entity.arrows.add(shaft_length=length, shaft_diameter=0.3, head_length=0.8, head_diameter=0.8)
     _turn(arrow.pose, *arrow_pose, z=0.5)
-    _paint(arrow.color, ESTIMATE_COLOR)
+    _paint(arrow.color, (*ESTIMATE_COLOR[:3], arrow_a))
     region = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
     _turn(region.pose, x, y, sine, cosine, z=0.05)
     region.size.x, region.size.y, region.size.z = major, minor, 0.05
-    _paint(region.color, ELLIPSE_COLOR)
+    _paint(region.color, (*ELLIPSE_COLOR[:3], region_a))
     label = entity.texts.add(billboard=True, font_size=14.0, scale_invariant=True, text=name)
     _turn(label.pose, label_x, label_y, 0.0, 1.0, z=2.0)
-    _paint(label.color, ESTIMATE_COLOR)
+    _paint(label.color, (*ESTIMATE_COLOR[:3], label_a))
     return entity
 
 

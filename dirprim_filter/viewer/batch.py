@@ -12,7 +12,7 @@ from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
-from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
+from dirprim_filter.viewer.lifelines import Lifelines
 from dirprim_filter.viewer.timeline import time_column
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
@@ -99,7 +99,7 @@ class FrameBatch:
             ("/tracks/motion", marks.motion),
         ):
             yield entity, times, draw(believed, prominence).partition(n_believed)
-        unseen = believed.unseen_s > UNSEEN_S
+        unseen = believed.is_coasting
         named = marks.ids(believed[in_full], depth=self._depth)
         yield "/tracks/ids", times, named.partition(np.bincount(frame[in_full], minlength=len(n_believed)))
         for entity, chosen in (

@@ -15,8 +15,6 @@ from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.estimates import TrackedFrame
 
 N_LANES = 16
-UNSEEN_S = 0.5
-"""A vehicle is out of sight when it was not measured for longer: one report that fails to come says nothing."""
 ANEW_COLOR = (240, 228, 66)
 UNSEEN_COLOR = (80, 86, 100)
 
@@ -39,9 +37,6 @@ class Entry(NamedTuple):
 class Lifelines:
     """Takes frames; what has changed since it was last asked is in `changes`, `entries` and `states`.
 
-    A vehicle enters when it is measured for the second time, and its line then begins at the first: of what a sensor
-    saw but once, most was no vehicle.
-
     Attributes:
         changes: by lane, ascending in time.
         entries: of the diary, ascending in time.
@@ -54,41 +49,36 @@ class Lifelines:
         self.states: dict[int, dict[str, tuple[int, int, int]]] = {}
         self._lane: dict[str, int] = {}
         self._state: dict[str, str] = {}
-        self._first_ns: dict[str, int] = {}
 
     def see(self, frame: TrackedFrame) -> None:
         """Compare a frame with the one before."""
         believed, time_ns = frame.estimates, frame.time_ns
-        unseen = dict(zip(frame.names, believed.unseen_s.tolist(), strict=True))
+        coasting = dict(zip(frame.names, believed.is_coasting.tolist(), strict=True))
         taken = set(self._lane.values())  # a lane that is left now is free from the next frame on
-        for name in [name for name in self._state if name not in unseen]:
+        for name in [name for name in self._state if name not in coasting]:
             self._tell(time_ns, name, "", "INFO", f"{name} ended")
             self._state.pop(name)
             self._lane.pop(name, None)
-        self._first_ns = {name: first_ns for name, first_ns in self._first_ns.items() if name in unseen}
         free = (lane for lane in range(N_LANES) if lane not in taken)
         anew = set(frame.begun_anew)
-        for name, unseen_s in unseen.items():
-            if self._state.get(name) == name and unseen_s <= UNSEEN_S and name not in anew:
+        for name, is_coasting in coasting.items():
+            if self._state.get(name) == name and not is_coasting and name not in anew:
                 continue  # in sight as before, as most are
             if name not in self._state:
-                first_ns = self._first_ns.setdefault(name, time_ns)
-                if unseen_s > 0 or first_ns == time_ns:
-                    continue
                 lane = next(free, None)
                 if lane is not None:
                     self._lane[name] = lane
-                self._tell(first_ns, name, name, "INFO", f"{name} begun")
+                self._tell(time_ns, name, name, "INFO", f"{name} begun")
                 self._state[name] = name
-            for level, state, text in self._news(name, unseen_s, is_anew=name in anew):
+            for level, state, text in self._news(name, is_coasting=is_coasting, is_anew=name in anew):
                 self._tell(time_ns, name, state, level, text)
                 self._state[name] = state
 
-    def _news(self, name: str, unseen_s: float, *, is_anew: bool) -> Iterator[tuple[str, str, str]]:
+    def _news(self, name: str, *, is_coasting: bool, is_anew: bool) -> Iterator[tuple[str, str, str]]:
         state = self._state[name]
         if is_anew:
             yield "WARN", f"{name} anew", f"{name} begun anew: its belief did not explain what was measured"
-        elif unseen_s > UNSEEN_S:
+        elif is_coasting:
             if state != f"{name} unseen":
                 yield "INFO", f"{name} unseen", f"{name} out of sight"
         elif state == f"{name} unseen":

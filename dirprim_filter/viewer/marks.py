@@ -28,7 +28,6 @@ from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.forecasting import REGION_SHARES
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.focus import CROWD
-from dirprim_filter.viewer.lifelines import UNSEEN_S
 from tessellation import Tessellation
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -302,7 +301,7 @@ def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.Comp
 def _shade(believed: Estimates) -> ByteArray:
     """The colours of vehicles; of those out of sight darker."""
     color = track_color(believed.track_id)
-    unseen = believed.unseen_s > UNSEEN_S
+    unseen = believed.is_coasting
     color[unseen, :3] = np.rint(UNSEEN_SHADE * color[unseen, :3])
     return color
 

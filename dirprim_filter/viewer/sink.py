@@ -19,7 +19,7 @@ import rerun as rr
 from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
-from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.estimates import COASTING_FROM_S, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
@@ -29,7 +29,7 @@ from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
 from dirprim_filter.viewer.curves import Tally, Truth, metrics
 from dirprim_filter.viewer.focus import DRAWN_IN_FULL, Focus
 from dirprim_filter.viewer.legend import Legend
-from dirprim_filter.viewer.lifelines import UNSEEN_S, Lifelines
+from dirprim_filter.viewer.lifelines import Lifelines
 from dirprim_filter.viewer.program import WebServer
 from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.scenery import scenery
@@ -267,7 +267,7 @@ class RerunSink:
         for name in before.keys() - self._last_seen.keys():
             if before[name][0] >= oldest_ns:
                 self._last_seen[name] = before[name]
-        is_unsure = (believed.unseen_s > UNSEEN_S) | (believed.direction_resultant < SURE_FROM)
+        is_unsure = believed.is_coasting | (believed.direction_resultant < SURE_FROM)
         self._not_forecast = set(compress(frame.names, (is_unsure | ~in_full).tolist()))
 
     def _forget_forecasts(self, time_ns: int) -> None:
@@ -275,7 +275,7 @@ class RerunSink:
         self._show_pending_forecasts()
         if not self._forecasts:
             return
-        since_ns = time_ns - int(UNSEEN_S * 1e9)
+        since_ns = time_ns - int(COASTING_FROM_S * 1e9)
         here = {name for name, (seen_ns, *_) in self._last_seen.items() if seen_ns >= since_ns} - self._not_forecast
         kept = {name: paths for name, paths in self._forecasts.items() if name in here}
         if len(kept) < len(self._forecasts):

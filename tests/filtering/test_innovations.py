@@ -6,7 +6,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.replay import replay
-from situations import one_cell_map
+from situations import TRUSTING, one_cell_map
 
 
 class Frames(list):
@@ -30,7 +30,9 @@ def tracked(*, noise_m, n_vehicles=40, n_frames=25, jump_at=None, with_innovatio
     primitive_map = one_cell_map(speed=10.0, shape=1e4, concentration=1e4)
     config = FilterConfig(n_particles=600, noise_m=noise_m)
     frames = Frames()
-    tracker = Tracker(primitive_map, config=config, with_innovations=with_innovations, rng=np.random.default_rng(2))
+    tracker = Tracker(
+        primitive_map, config=config, tracking=TRUSTING, with_innovations=with_innovations, rng=np.random.default_rng(2)
+    )
     replay(seen.frames(), tracker, [frames])
     return frames
 

@@ -11,13 +11,13 @@ from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
 from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.tracks import Tracks
 from oracles import kalman_positions
-from situations import ring_traffic
+from situations import TRUSTING, ring_traffic
 
 
 def run(frames, **knobs):
     config = FilterConfig(noise_m=0.7, outlier_probability=1e-13, **knobs)
     kalman = ConstantVelocityKalman(acceleration_density=2.0, config=config)
-    tracker = Tracker(kalman, config=config, rng=np.random.default_rng(0))
+    tracker = Tracker(kalman, config=config, tracking=TRUSTING, rng=np.random.default_rng(0))
     found = []
     for frame in frames:
         tracker.predict(frame)

@@ -10,13 +10,14 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, Worlds
 from dirprim_filter.replay import replay
+from situations import TRUSTING
 
 CONFIG = FilterConfig(n_particles=50)
 
 
 def tracker(ring_map, model="particles"):
     made = ring_map if model == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=CONFIG)
-    return Tracker(made, config=CONFIG, with_innovations=True, rng=np.random.default_rng(0))
+    return Tracker(made, config=CONFIG, tracking=TRUSTING, with_innovations=True, rng=np.random.default_rng(0))
 
 
 def reported(ring, group, *, ids):

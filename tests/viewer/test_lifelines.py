@@ -29,7 +29,7 @@ def frame_of(step: int, unseen_s: dict[str, float], *, anew: tuple[str, ...] = (
     )  # fmt: skip
 
 
-def test_a_life_is_told_from_its_first_measurement_to_its_end() -> None:
+def test_a_life_is_told_from_its_first_estimate_to_its_end() -> None:
     lines = Lifelines()
     for frame in [
         frame_of(0, {"a": 0.0}), frame_of(1, {"a": 0.0}), frame_of(2, {"a": 0.1}), frame_of(3, {"a": 0.6}),
@@ -43,15 +43,6 @@ def test_a_life_is_told_from_its_first_measurement_to_its_end() -> None:
     ]  # fmt: skip
     assert [entry.level for entry in lines.entries].count("WARN") == 1
     assert set(lines.states[0]) == {"a", "a unseen", "a anew"}
-
-
-def test_what_was_measured_but_once_never_enters() -> None:
-    lines = Lifelines()
-    for step in range(3):
-        lines.see(frame_of(step, {"false": 0.1 * step}))
-    lines.see(frame_of(3, {}))
-    assert lines.changes == {}
-    assert lines.entries == []
 
 
 def test_no_two_vehicles_share_a_lane_and_lanes_are_used_again() -> None:

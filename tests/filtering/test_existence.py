@@ -1,0 +1,209 @@
+"""One model of existence for tracks with and without ids: Bayes' rule, and what follows from it in the tracker."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence, scans
+
+
+def test_time_moves_existence_as_a_simulated_chain_does():
+    config = TrackingConfig(occlusion_rate=0.3, reappearance_rate=0.6, departure_rate=0.2)
+    n, dt_s, steps = 200_000, 0.01, 150
+    rng = np.random.default_rng(0)
+    state = np.zeros(n, np.int64)
+    for _ in range(steps):
+        u = rng.random(n)
+        leaves = u < config.departure_rate * dt_s
+        moves = (u >= config.departure_rate * dt_s) & (u < (config.departure_rate + np.where(state, 0.6, 0.3)) * dt_s)
+        state = np.where(state == 2, 2, np.where(leaves, 2, np.where(moves, 1 - state, state)))
+    simulated = np.bincount(state, minlength=3) / n
+    expected = existence.later(np.array([[1.0, 0.0, 0.0]]), np.array([steps * dt_s]), config)[0]
+    tolerance = 4 * np.sqrt(0.25 / n) + 2 * dt_s * 0.3  # of the draw, and of the chain's coarse steps
+    np.testing.assert_allclose(simulated, expected, atol=tolerance)
+    other = existence.later(np.array([[1.0, 0.0, 0.0]]), np.array([1.3 * steps * dt_s]), config)[0]
+    assert np.abs(simulated - other).max() > tolerance
+
+
+def test_existence_does_not_depend_on_how_finely_time_is_cut():
+    config = TrackingConfig()
+    start = np.array([[0.6, 0.3, 0.1], [0.0, 1.0, 0.0]])
+    once, often = existence.later(start, np.full(2, 2.0), config), start
+    for _ in range(40):
+        often = existence.later(often, np.full(2, 0.05), config)
+    np.testing.assert_allclose(once, often, rtol=1e-10)
+    np.testing.assert_allclose(once.sum(axis=1), 1.0)
+
+
+def existence_by_enumeration(steps, config):
+    """(3,) summed over all ways through the states, by steps of (dt_s, density of the hit or None)."""
+    out, back, leave = config.occlusion_rate, config.reappearance_rate, config.departure_rate
+    rates = np.array([[-out - leave, out, leave], [back, -back - leave, leave], [0.0, 0.0, 0.0]])
+    by_chance, p = config.clutter_density + config.birth_density, config.detection_probability
+    moves = [expm(rates * dt_s) for dt_s, _ in steps]
+    total = np.zeros(3)
+    for path in product(range(3), repeat=len(steps) + 1):
+        weight = (config.birth_density / by_chance, 0.0, config.clutter_density / by_chance)[path[0]]
+        for (_, density), move, before, after in zip(steps, moves, path, path[1:], strict=False):
+            weight *= move[before, after]
+            if density is None:
+                weight *= 1.0 - p if after == 0 else 1.0
+            else:  # a detection there is the vehicle's, or there by chance
+                weight *= p * density + (1.0 - p) * by_chance if after == 0 else by_chance
+        total[path[-1]] += weight
+    return total / total.sum()
+
+
+def existence_by_the_filter(steps, config):
+    believed = existence.at_birth(1, config)
+    for dt_s, density in steps:
+        believed = existence.later(believed, np.array([dt_s]), config)
+        if density is None:
+            believed = existence.after_miss(believed, config)
+        else:
+            believed = existence.after_hit(believed, np.log([density]), config)
+    return believed[0]
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        [(0.1, 0.2), (0.1, 0.3)],
+        [(0.1, 0.2), (0.1, None), (0.2, None), (0.1, 0.01), (1.0, None)],
+        [(0.5, None), (0.5, 1e-4), (0.1, 0.5)],
+    ],
+)
+def test_existence_is_the_sum_over_all_ways_through_the_states(steps):
+    config = TrackingConfig(detection_probability=0.8, occlusion_rate=0.3, reappearance_rate=0.6, departure_rate=0.2)
+    expected = existence_by_enumeration(steps, config)
+    np.testing.assert_allclose(existence_by_the_filter(steps, config), expected, rtol=1e-9)
+    other = existence_by_enumeration(steps, TrackingConfig(detection_probability=0.7))
+    assert np.abs(other - expected).max() > 1e-6
+
+
+def test_who_is_out_of_sight_where_nobody_goes_has_left_and_who_is_seen_there_has_not():
+    believed = np.array([[0.1, 0.6, 0.3], [0.9, 0.0, 0.1]])
+    inside, outside = (existence.probability(believed, np.full(2, share)) for share in (0.0, 1.0))
+    np.testing.assert_allclose(inside, [0.7, 0.9])
+    np.testing.assert_allclose(outside, [0.1, 0.9])
+
+
+def on_the_ring(time_s):
+    """Where a vehicle is that drives at 8 m/s."""
+    return 20.0 * np.array([np.cos(0.4 * time_s), np.sin(0.4 * time_s)])
+
+
+def followed(ring_map, frames, *, filter_of="particles", config=None, tracking=None):
+    """What is reported in each frame: of (seconds, {name: place})."""
+    config = config or FilterConfig(n_particles=300)
+    model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
+    tracker = Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(0))
+    found = []
+    for time_s, places in frames:
+        time_ns = round(time_s * 1e9)
+        names = [name if not name.startswith("?") else "" for name in places]
+        seen = Detections(
+            track_id=np.array(names, np.str_), time_ns=np.full(len(names), time_ns),
+            position=np.reshape(list(places.values()), (-1, 2)),
+        )  # fmt: skip
+        tracker.predict(seen, time_ns=time_ns)
+        tracker.weigh()
+        found.append(tracker.estimate())
+        tracker.resample()
+    return found
+
+
+def alone(name, *, n=30, hide=lambda i: False, place=on_the_ring):
+    return [(0.1 * i, {} if hide(i) else {name: place(0.1 * i)}) for i in range(n)]
+
+
+BOTH_KINDS = pytest.mark.parametrize("name", ["a", "?"])
+"""With the sensor's id, and without."""
+BOTH_FILTERS = pytest.mark.parametrize("filter_of", ["particles", "kalman"])
+
+
+@BOTH_KINDS
+@BOTH_FILTERS
+def test_one_detection_confirms_nothing_and_four_a_vehicle(ring_map, name, filter_of):
+    found = followed(ring_map, alone(name, n=20), filter_of=filter_of)
+    first = next(i for i, estimates in enumerate(found) if len(estimates))
+    assert 1 <= first <= 3
+    assert all(len(estimates) == 1 for estimates in found[first:])
+    assert found[first].existence[0] >= TrackingConfig().confirm_above
+    at_once = TrackingConfig(clutter_density=1e-9)  # the control: of a sensor that says it never errs
+    assert len(followed(ring_map, alone(name, n=1), filter_of=filter_of, tracking=at_once)[0]) == 1
+
+
+@BOTH_KINDS
+def test_a_false_detection_is_never_reported(ring_map, name):
+    rng = np.random.default_rng(3)
+    frames = [(0.1 * i, {f"{name}{i}": rng.uniform(-50, 50, 2), "true": on_the_ring(0.1 * i)}) for i in range(60)]
+    reported = Estimates.concatenate(followed(ring_map, frames))
+    assert set(reported.track_id.tolist()) == {"true"}
+    gullible = TrackingConfig(clutter_density=1e-7)  # the control: one in ten detections begins a vehicle
+    gulled = Estimates.concatenate(followed(ring_map, frames, tracking=gullible))
+    assert len(set(gulled.track_id.tolist())) > 20
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_with_and_without_ids_the_same_detections_give_the_same_existence(ring_map, seed):
+    rng = np.random.default_rng(seed)
+    missed, noise = rng.random(60) < 0.2, rng.normal(0, 0.5, (60, 2))
+
+    def of(name, tracking=None):
+        frames = alone(name, n=60, hide=lambda i: missed[i], place=lambda t: on_the_ring(t) + noise[round(10 * t)])
+        found = Estimates.concatenate(followed(ring_map, frames, filter_of="kalman", tracking=tracking))
+        return found.time_ns, found.existence, found.unseen_s
+
+    for labelled, unlabelled in zip(of("a"), of("?"), strict=True):
+        np.testing.assert_allclose(labelled, unlabelled, rtol=1e-9, atol=1e-12)
+    assert np.abs(of("a")[1] - of("a", TrackingConfig(detection_probability=0.8))[1][: of("a")[1].size]).max() > 1e-6
+
+
+@BOTH_KINDS
+def test_a_vehicle_occluded_for_three_seconds_on_the_map_survives_and_keeps_its_name(ring_map, name):
+    found = followed(ring_map, alone(name, n=70, hide=lambda i: 30 <= i < 60))
+    assert all(len(estimates) == 1 for estimates in found[5:])
+    assert len({estimates.track_id[0] for estimates in found[5:]}) == 1
+    assert found[59].unseen_s[0] == pytest.approx(3.0)
+    assert found[59].existence[0] < found[35].existence[0] < found[29].existence[0]
+
+
+@BOTH_KINDS
+def test_who_leaves_the_map_is_gone_half_a_second_after(ring_map, name):
+    """The ring's cells and the reach beside them end at x = 33.5 m; no particle brakes within 1.5 s of the last hit."""
+
+    def tangent(time_s):
+        return np.array([20.0, -20.0]) + time_s * np.array([12.0, 0.0])
+
+    end_s = (33.5 - 20.0) / 12.0
+    frames = alone(name, n=40, hide=lambda i: 0.1 * i > end_s, place=tangent)
+    found = followed(ring_map, frames)
+    last = max(i for i, estimates in enumerate(found) if len(estimates))
+    assert end_s - 0.2 < 0.1 * last < end_s + 0.5
+    stays = followed(ring_map, frames, filter_of="kalman")  # the control: it knows no map
+    assert max(i for i, estimates in enumerate(stays) if len(estimates)) > last + 10
+
+
+def test_who_is_seen_off_the_map_is_reported_there_even_if_missed_now_and_then(ring_map):
+    frames = alone("a", n=60, hide=lambda i: i in (25, 40), place=lambda t: np.array([100.0 + 8.0 * t, 50.0]))
+    assert all(len(estimates) == 1 for estimates in followed(ring_map, frames)[5:])
+
+
+def test_frames_of_others_are_no_misses_where_each_vehicle_reports_at_its_own_times(ring_map, monkeypatch):
+    n = 8
+    frames = [
+        (0.1 * i + 0.1 * v / n, {f"v{v}": on_the_ring(0.1 * i + 0.1 * v / n + 1.9 * v)})
+        for i in range(20)
+        for v in range(n)
+    ]
+    reported = {name for estimates in followed(ring_map, frames)[8 * n :] for name in estimates.track_id.tolist()}
+    assert reported == {f"v{v}" for v in range(n)}
+    assert all(len(estimates) == n for estimates in followed(ring_map, frames)[8 * n :])
+    monkeypatch.setattr(scans, "DUE_FROM", 0.0)  # the control: all frames count
+    assert any(len(estimates) < n for estimates in followed(ring_map, frames)[8 * n :])
