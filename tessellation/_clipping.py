@@ -2,19 +2,26 @@
 
 After Rycroft (2009), "Voro++": once the farthest corner is within half the distance of the next generator, no other can
 cut. Corners are offsets from the generator, so that large coordinates cost no precision.
+
+Arrays are filled number by number, for a slice assigned to a slice costs a second of compiling; and the first
+count of corners is no literal, for which the function that is given it would be compiled once more.
 """
+
+import math
 
 import numpy as np
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation._kernels import Locator
+from tessellation._raster import DEEPEST, LARGEST_SIDE
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 SHORTEST_EDGE = 1e-9
 """Of the box's diagonal: shorter edges are rounding, where four or more cells meet in a point."""
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def cut(corner: FloatArray, label: IntArray, n: int, east: float, north: float, name: int, spare: FloatArray) -> int:
     """Cut a convex polygon to where the origin is nearer than (east, north). -> corners left.
 
@@ -52,7 +59,7 @@ def cut(corner: FloatArray, label: IntArray, n: int, east: float, north: float, 
     return left
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def twice_area(corner: FloatArray, n: int) -> float:
     """Twice the area of a polygon, counter-clockwise positive."""
     total = 0.0
@@ -62,31 +69,29 @@ def twice_area(corner: FloatArray, n: int) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def box_corners(corner: FloatArray, west: float, south: float, east: float, north: float) -> int:
     """Write the corners of a box, counter-clockwise. -> 4."""
     corner[0, 0], corner[1, 0], corner[2, 0], corner[3, 0] = west, east, east, west
     corner[0, 1], corner[1, 1], corner[2, 1], corner[3, 1] = south, south, north, north
-    return 4
+    return int(np.int64(4))  # no literal
 
 
-@njit(cache=True, nogil=True)
-def owned_squares(locator: Locator, refinement: int, n_cells: int) -> IntArray:
-    """The columns and rows of the squares that each cell owns a part of: first and last. -> (n_cells, 4).
+@njit(nogil=True, **COMPILED)
+def owned_squares(locator: Locator, refinement: int, owned: IntArray) -> None:
+    """The columns and rows of the squares that each cell owns a part of: first and last.
 
     Args:
         locator: of a Voronoi tessellation.
         refinement: its pixels along the side of a square.
-        n_cells: number of cells; one that owns nothing has a first column after the last.
+        owned: (n_cells, 4) inside out, to be grown: first column and row, last column and row.
     """
-    owned = np.empty((n_cells, 4), np.int64)
-    owned[:, :2] = 1 << 40
-    owned[:, 2:] = -1
     entry = locator.entry
     n_y, n_x = locator.pixel.shape
-    corner, spare, label = np.empty((64, 2)), np.empty((64, 3)), np.empty(64, np.int64)
-    waiting = np.empty(64, np.int64)
-    place = np.empty((64, 3))
+    room = owned.shape[0] + 8
+    corner, spare, label = np.empty((room, 2)), np.empty((room, 3)), np.empty(room, np.int64)
+    room = DEEPEST * LARGEST_SIDE * LARGEST_SIDE
+    waiting, place = np.empty(room, np.int64), np.empty((room, 3))
     for row in range(n_y):
         for column in range(n_x):
             if locator.pixel[row, column] == -1:
@@ -99,17 +104,13 @@ def owned_squares(locator: Locator, refinement: int, n_cells: int) -> IntArray:
             n_waiting = 1
             while n_waiting > 0:
                 n_waiting -= 1
-                value, (x, y, width) = waiting[n_waiting], place[n_waiting]
+                value = waiting[n_waiting]
+                x, y, width = place[n_waiting, 0], place[n_waiting, 1], place[n_waiting, 2]
                 at = (-2 - value) >> 3
                 n = ((-2 - value) & 7) + 1 if value < 0 else 0
                 if n == 1:
                     side = int(entry[at + 3])
                     if side > 0:
-                        if n_waiting + side * side > waiting.size:
-                            size = 2 * (n_waiting + side * side)
-                            larger, larger_place = np.empty(size, np.int64), np.empty((size, 3))
-                            larger[:n_waiting], larger_place[:n_waiting] = waiting[:n_waiting], place[:n_waiting]
-                            waiting, place = larger, larger_place
                         for i in range(side * side):
                             waiting[n_waiting] = int(entry[at + 4 + i])
                             place[n_waiting, 0] = x + i % side * (width / side)
@@ -124,28 +125,25 @@ def owned_squares(locator: Locator, refinement: int, n_cells: int) -> IntArray:
                     box = owned[cell]
                     if box[0] <= square_x <= box[2] and box[1] <= square_y <= box[3]:
                         continue
-                    left = 4
+                    owns = n == 0
                     if n > 0:
-                        if corner.shape[0] < n + 8:
-                            corner, spare, label = np.empty((n + 8, 2)), np.empty((n + 8, 3)), np.empty(n + 8, np.int64)
                         g_x, g_y = entry[at + 3 * k], entry[at + 3 * k + 1]
                         left = box_corners(corner, x - g_x, y - g_y, x - g_x + width, y - g_y + width)
                         for j in range(n):
                             if j != k:
                                 to_x, to_y = entry[at + 3 * j] - g_x, entry[at + 3 * j + 1] - g_y
-                                left = cut(corner, label, left, to_x, to_y, 0, spare)
-                        if twice_area(corner, left) <= SHORTEST_EDGE * width * width:
-                            left = 0
-                    if left > 2:
+                                left = cut(corner, label, left, to_x, to_y, cell, spare)
+                        owns = left > 2 and twice_area(corner, left) > SHORTEST_EDGE * width * width
+                    if owns:
                         box[0], box[1] = min(box[0], square_x), min(box[1], square_y)
                         box[2], box[3] = max(box[2], square_x), max(box[3], square_y)
-    return owned
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def cut_boxes(
-    generators: FloatArray, cell: IntArray, box: FloatArray, near: IntArray, vertex: FloatArray, label: IntArray
-) -> tuple[IntArray, BoolArray]:
+    generators: FloatArray, cell: IntArray, box: FloatArray, near: IntArray, vertex: FloatArray, label: IntArray,
+    n_vertices: IntArray, done: BoolArray,
+) -> None:  # fmt: skip
     """Polygons of some cells.
 
     Args:
@@ -154,20 +152,16 @@ def cut_boxes(
         box: (c, 4) their boxes, as offsets from the generator: west, south, east, north.
         near: (c, k) generators near each, nearest first; itself and numbers beyond the last are left out.
         vertex: (c, k + 8, 2) to be filled: counter-clockwise, offsets from the generator.
-        label: (c, k + 8) to be filled: the cell beyond the edge that starts at the vertex, -1 at the box.
-
-    Returns:
-        (c,) numbers of vertices; (c,) whether no generator beyond `near` can cut further.
+        label: (c, k + 8) to be filled: the cell beyond the edge that starts at the vertex; it comes with -1, the box.
+        n_vertices: (c,) to be filled.
+        done: (c,) to be filled: whether no generator beyond `near` can cut further.
     """
-    n_vertices = np.zeros(cell.size, np.int64)
-    done = np.zeros(cell.size, np.bool_)
     spare = np.empty((vertex.shape[1], 3))
     for c in range(cell.size):
         g_x, g_y = generators[cell[c], 0], generators[cell[c], 1]
         corner, edge = vertex[c], label[c]
         n = box_corners(corner, box[c, 0], box[c, 1], box[c, 2], box[c, 3])
-        edge[:4] = -1
-        shortest = SHORTEST_EDGE * np.hypot(box[c, 2] - box[c, 0], box[c, 3] - box[c, 1])
+        shortest = SHORTEST_EDGE * math.hypot(box[c, 2] - box[c, 0], box[c, 3] - box[c, 1])
         done[c] = near.shape[1] >= generators.shape[0]
         farthest = 0.0
         for i in range(4):
@@ -187,8 +181,7 @@ def cut_boxes(
         left = 0
         for i in range(n):
             j = i + 1 if i + 1 < n else 0
-            if np.hypot(corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1]) > shortest:
+            if math.hypot(corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1]) > shortest:
                 corner[left, 0], corner[left, 1], edge[left] = corner[i, 0], corner[i, 1], edge[i]
                 left += 1
         n_vertices[c] = left if left > 2 else 0
-    return n_vertices, done

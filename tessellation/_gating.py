@@ -1,12 +1,12 @@
-"""Compiled sorting of shares by cell."""
+"""Members sorted by cell, and dealt anew: without a fold, in halves, or united."""
+
+from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 
-@njit(cache=True, nogil=True)
 def border_distance(generators: FloatArray, distance: FloatArray, cell: IntArray) -> tuple[FloatArray, FloatArray]:
     """How far beyond its border with the first cell each of the others is, and half the distance of the generators.
 
@@ -19,61 +19,32 @@ def border_distance(generators: FloatArray, distance: FloatArray, cell: IntArray
         (n, k) metres, 0 for the first cell; (n, k) metres, infinite for the first cell.
     """
     beyond, half_apart = np.zeros(distance.shape), np.full(distance.shape, np.inf)
-    for i in range(distance.shape[0]):
-        x, y = generators[cell[i, 0], 0], generators[cell[i, 0], 1]
-        for j in range(1, distance.shape[1]):
-            apart = np.hypot(generators[cell[i, j], 0] - x, generators[cell[i, j], 1] - y)
-            half_apart[i, j] = 0.5 * apart
-            beyond[i, j] = (distance[i, j] ** 2 - distance[i, 0] ** 2) / (2.0 * apart) if apart > 0.0 else np.inf
+    home = generators[cell[:, 0]]
+    for j in range(1, distance.shape[1]):
+        east, north = (generators[cell[:, j]] - home).T
+        apart = np.hypot(east, north)
+        half_apart[:, j] = 0.5 * apart
+        difference = distance[:, j] ** 2 - distance[:, 0] ** 2
+        beyond[:, j] = np.divide(difference, 2.0 * apart, out=np.full(apart.shape, np.inf), where=apart > 0.0)
     return beyond, half_apart
 
 
 def sort_by_cell(
-    shares: list[tuple[IntArray, IntArray, FloatArray]], n_cells: int
+    row: IntArray, cell: IntArray, share: FloatArray, n_cells: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Rows, cells and shares (n,), in order of the rows, as the rows and shares of each cell, from start to start."""
-    count = sum((np.bincount(cell, minlength=n_cells) for _, cell, _ in shares), np.zeros(n_cells, np.int64))
-    start = np.concatenate([[0], np.cumsum(count)])
-    row, weight, place = np.empty(start[-1], np.int64), np.empty(start[-1]), start[:-1].copy()
-    for part in shares:
-        _sort_in(*part, place, row, weight)
-    return start, row, weight
+    order = np.argsort(cell, kind="stable")
+    return _starts(np.bincount(cell, minlength=n_cells)), row[order], share[order]
 
 
-@njit(cache=True, nogil=True)
-def _sort_in(
-    row: IntArray, cell: IntArray, share: FloatArray, place: IntArray, kept: IntArray, weight: FloatArray
-) -> None:
-    for a in range(cell.size):
-        kept[place[cell[a]]], weight[place[cell[a]]] = row[a], share[a]
-        place[cell[a]] += 1
-
-
-@njit(cache=True, nogil=True)
 def leave_out(
     start: IntArray, row: IntArray, weight: FloatArray, fold: IntArray, n_folds: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Members of cell c without those of fold f, as cell c * n_folds + f."""
-    n_cells = start.size - 1
-    begin = np.zeros(n_cells * n_folds + 1, np.int64)
-    for c in range(n_cells):
-        for a in range(start[c], start[c + 1]):
-            for f in range(n_folds):
-                begin[c * n_folds + f + 1] += fold[row[a]] != f
-    for v in range(n_cells * n_folds):
-        begin[v + 1] += begin[v]
-    kept, share, place = np.empty(begin[-1], np.int64), np.empty(begin[-1]), begin.copy()
-    for c in range(n_cells):
-        for a in range(start[c], start[c + 1]):
-            for f in range(n_folds):
-                if fold[row[a]] != f:
-                    v = c * n_folds + f
-                    kept[place[v]], share[place[v]] = row[a], weight[a]
-                    place[v] += 1
-    return begin, kept, share
+    begin, member, _ = _dealt(start, fold[row] != np.arange(n_folds)[:, None])
+    return begin, row[member], weight[member]
 
 
-@njit(cache=True, nogil=True)
 def halve(
     start: IntArray,
     row: IntArray,
@@ -87,50 +58,42 @@ def halve(
 
     border: (n_cells, 4) a point of the border and the unit vector across it, from the first half to the second.
     """
-    n_cells = start.size - 1
-    begin = np.zeros(2 * n_cells + 1, np.int64)
-    kept, share = np.empty(2 * row.size, np.int64), np.empty(2 * row.size)
-    n = 0
-    for c in range(n_cells):
-        for half in range(2):
-            for a in range(start[c], start[c + 1]):
-                i = row[a]
-                beyond = (position[i, 0] - border[c, 0]) * border[c, 2] + (position[i, 1] - border[c, 1]) * border[c, 3]
-                beyond = beyond if half == 0 else -beyond
-                w = weight[a]
-                if beyond > 0.0:
-                    w *= np.exp(-0.5 * (beyond / reach[c]) ** 2) if reach[c] > 0.0 else 0.0
-                if w >= least:
-                    kept[n], share[n] = i, w
-                    n += 1
-            begin[2 * c + half + 1] = n
-    return begin, kept[:n], share[:n]
+    cell = np.repeat(np.arange(start.size - 1), np.diff(start))
+    of_first = ((position[row] - border[cell, :2]) * border[cell, 2:]).sum(axis=1)
+    beyond = np.maximum(np.stack([of_first, -of_first]), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gate = np.where(beyond > 0.0, np.exp(-0.5 * (beyond / reach[cell]) ** 2), 1.0)
+    share = weight * gate
+    begin, member, half = _dealt(start, share >= least)
+    return begin, row[member], share[half, member]
 
 
-@njit(cache=True, nogil=True)
 def unite(start: IntArray, row: IntArray, weight: FloatArray, pair: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
     """Members of the union of two cells, pair: (n, 2); of a datum that both have, the greater share."""
-    begin = np.zeros(len(pair) + 1, np.int64)
-    size = 0
-    for p in range(len(pair)):
-        for c in pair[p]:
-            size += start[c + 1] - start[c]
-    kept, share = np.empty(size, np.int64), np.empty(size)
-    n = 0
-    for p in range(len(pair)):
-        a, b = start[pair[p, 0]], start[pair[p, 1]]
-        end_a, end_b = start[pair[p, 0] + 1], start[pair[p, 1] + 1]
-        while a < end_a or b < end_b:
-            if b >= end_b or (a < end_a and row[a] < row[b]):
-                kept[n], share[n] = row[a], weight[a]
-                a += 1
-            elif a >= end_a or row[b] < row[a]:
-                kept[n], share[n] = row[b], weight[b]
-                b += 1
-            else:
-                kept[n], share[n] = row[a], max(weight[a], weight[b])
-                a += 1
-                b += 1
-            n += 1
-        begin[p + 1] = n
-    return begin, kept[:n], share[:n]
+    length = np.diff(start)[pair.ravel()]
+    first = _starts(length)
+    member = np.arange(first[-1]) - np.repeat(first[:-1] - start[pair.ravel()], length)
+    united = np.repeat(np.arange(pair.size) // 2, length)
+    order = np.lexsort((row[member], united))
+    member, united = member[order], united[order]
+    new = np.append(True, (np.diff(united) != 0) | (np.diff(row[member]) != 0))[: member.size]
+    share = np.maximum.reduceat(weight[member], np.flatnonzero(new)) if member.size else weight[:0]
+    return _starts(np.bincount(united[new], minlength=len(pair))), row[member[new]], share
+
+
+def _dealt(start: IntArray, kept: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+    """What each of k parts of each cell keeps, as cells k c, k c + 1, ...: their starts, the members, the parts.
+
+    kept: (k, n_members).
+    """
+    n_parts = len(kept)
+    cell = np.repeat(np.arange(start.size - 1), np.diff(start))
+    part, member = np.nonzero(kept)
+    into = cell[member] * n_parts + part
+    order = np.argsort(into, kind="stable")
+    return _starts(np.bincount(into, minlength=(start.size - 1) * n_parts)), member[order], part[order]
+
+
+def _starts(count: IntArray) -> IntArray:
+    """Where each of those begins that stand one after the other, and where the last ends."""
+    return np.concatenate([[0], np.cumsum(count)])

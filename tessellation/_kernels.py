@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation.arrays import FloatArray, IntArray
 
 PixelArray = npt.NDArray[np.int32]
@@ -32,7 +33,7 @@ class Locator(NamedTuple):
     entry: FloatArray  # (n,)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def nearest_listed(entry: FloatArray, at: int, n: int, x: float, y: float) -> int:
     """The cell of the nearest of n generators listed at entry[at:]; of the first if several are."""
     closest, found = np.inf, -1.0
@@ -45,7 +46,7 @@ def nearest_listed(entry: FloatArray, at: int, n: int, x: float, y: float) -> in
     return int(found)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def nearest(entry: FloatArray, value: int, x: float, y: float) -> int:
     """The cell at (x, y) in a pixel that several share: of the nearest generator, of the first if several are."""
     at = (-2 - value) >> 3
@@ -66,7 +67,7 @@ def nearest(entry: FloatArray, value: int, x: float, y: float) -> int:
     return value
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def locate(locator: Locator, x: float, y: float) -> int:
     """The cell that covers (x, y); -1 where none does. Written so that NaN falls outside."""
     column = (x - locator.origin_x) * locator.pixels_per_metre
@@ -80,7 +81,7 @@ def locate(locator: Locator, x: float, y: float) -> int:
     return nearest(locator.entry, value, x, y)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def locate_all(locator: Locator, position: FloatArray, cell: IntArray) -> float:
     """(n, 2) positions -> (n,) cells, as `locate` finds them one by one.
 

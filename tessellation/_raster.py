@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation._kernels import LONGEST_LIST, PixelArray
 from tessellation.arrays import FloatArray, IntArray
 
@@ -35,17 +36,29 @@ class Frame(NamedTuple):
     rounding: float  # metres, of coordinates
 
 
-@njit(cache=True)
-def grown(array, n):  # type: ignore[no-untyped-def]
+@njit(**COMPILED)
+def grown_whole(array: IntArray, n: int) -> IntArray:
     """The array itself if it holds n elements, else a copy of at least twice its size."""
     if n <= array.size:
         return array
-    larger = np.empty(max(n, 2 * array.size), array.dtype)
-    larger[: array.size] = array
+    larger = np.empty(max(n, 2 * array.size), np.int64)
+    for i in range(array.size):
+        larger[i] = array[i]
     return larger
 
 
-@njit(cache=True)
+@njit(**COMPILED)
+def grown(array: FloatArray, n: int) -> FloatArray:
+    """Likewise."""
+    if n <= array.size:
+        return array
+    larger = np.empty(max(n, 2 * array.size))
+    for i in range(array.size):
+        larger[i] = array[i]
+    return larger
+
+
+@njit(**COMPILED)
 def keep_candidates(
     generators: FloatArray, pool: IntArray, squared: FloatArray, start: int, end: int, x: float, y: float, half: float
 ) -> int:
@@ -85,17 +98,7 @@ def keep_candidates(
     return kept
 
 
-@njit(cache=True)
-def listed(generators: FloatArray, pool: IntArray, start: int, end: int, entry: FloatArray, top: int) -> FloatArray:
-    """`entry` with (x, y, cell) of pool[start:end] from `top` on."""
-    entry = grown(entry, top + 3 * (end - start))
-    for i in range(start, end):
-        at = top + 3 * (i - start)
-        entry[at], entry[at + 1], entry[at + 2] = generators[pool[i], 0], generators[pool[i], 1], pool[i]
-    return entry
-
-
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def fill(
     frame: Frame,
     generators: FloatArray,
@@ -105,7 +108,8 @@ def fill(
     deepest: bool,
     entry: FloatArray,
     top: int,
-) -> tuple[PixelArray, FloatArray, int, IntArray, IntArray]:
+    value: PixelArray,
+) -> tuple[FloatArray, int, IntArray, int, IntArray]:
     """Values for all pixels of a frame.
 
     Args:
@@ -117,28 +121,30 @@ def fill(
         deepest: list all candidates of a pixel, however many.
         entry: lists of candidates so far.
         top: their end.
+        value: (n_y n_x,) of -1, to be filled.
 
     Returns:
-        (n_y n_x,) values; entry; its end; (crowded, 3) pixels that need smaller ones, each with the start and the
-        end of its candidates in the next; those.
+        entry; its end; crowded: pixels that need smaller ones, each with the start and the end of its candidates in
+        the last; how many numbers of that are in use; those candidates.
     """
-    value = np.full(frame.n_x * frame.n_y, -1, np.int32)
-    crowded = np.empty((16, 3), np.int64)
+    crowded = np.empty(48, np.int64)
     n_crowded = 0
     waiting = np.empty(1024, np.int64)
     n_waiting = 0
     pool = np.empty(4 * candidate.size + 1024, np.int64)
-    pool[: candidate.size] = candidate
+    for i in range(candidate.size):
+        pool[i] = candidate[i]
     squared = np.empty(pool.size)
     whole = 1
     while whole < max(frame.n_x, frame.n_y):
         whole *= 2
     stack = np.empty((4 * 64, 5), np.int64)
-    stack[0] = 0, 0, whole, 0, candidate.size
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3], stack[0, 4] = 0, 0, whole, 0, candidate.size
     n_stack = 1
     while n_stack > 0:
         n_stack -= 1
-        west, south, side, start, end = stack[n_stack]
+        west, south, side = stack[n_stack, 0], stack[n_stack, 1], stack[n_stack, 2]
+        start, end = stack[n_stack, 3], stack[n_stack, 4]
         east, north = min(west + side, frame.n_x), min(south + side, frame.n_y)
         if west >= east or south >= north:
             continue
@@ -146,7 +152,7 @@ def fill(
         e, n = (east - 1) // refinement + 1, (north - 1) // refinement + 1
         if covered[n, e] - covered[n, w] - covered[s, e] + covered[s, w] == 0:
             continue
-        pool, squared = grown(pool, 2 * end - start), grown(squared, 2 * end - start)
+        pool, squared = grown_whole(pool, 2 * end - start), grown(squared, 2 * end - start)
         half = 0.5 * side / frame.pixels_per_metre
         top_kept = keep_candidates(
             generators,
@@ -169,26 +175,27 @@ def fill(
         elif side > 1:
             middle = side // 2
             for quarter in range(4):
-                stack[n_stack] = west + quarter % 2 * middle, south + quarter // 2 * middle, middle, start, end
+                stack[n_stack, 0], stack[n_stack, 1] = west + quarter % 2 * middle, south + quarter // 2 * middle
+                stack[n_stack, 2], stack[n_stack, 3], stack[n_stack, 4] = middle, start, end
                 n_stack += 1
-        elif end - start <= LONGEST_LIST:
-            entry = listed(generators, pool, start, end, entry, top)
-            value[south * frame.n_x + west] = -2 - (8 * top + end - start - 1)
-            top += 3 * (end - start)
-        elif deepest:
-            entry = grown(entry, top + 4)
-            entry[top : top + 4] = float(end - start), 0.0, 0.0, 0.0
-            entry = listed(generators, pool, start, end, entry, top + 4)
-            value[south * frame.n_x + west] = -2 - 8 * top
-            top += 4 + 3 * (end - start)
+        elif deepest or end - start <= LONGEST_LIST:
+            long = end - start > LONGEST_LIST
+            at = top + 4 * long
+            value[south * frame.n_x + west] = -2 - (8 * top + (0 if long else end - start - 1))
+            entry = grown(entry, at + 3 * (end - start))
+            if long:
+                entry[top], entry[top + 1], entry[top + 2], entry[top + 3] = end - start, 0.0, 0.0, 0.0
+            for i in range(start, end):
+                entry[at], entry[at + 1], entry[at + 2] = generators[pool[i], 0], generators[pool[i], 1], pool[i]
+                at += 3
+            top = at
         else:
-            if n_crowded == crowded.shape[0]:
-                larger = np.empty((2 * n_crowded, 3), np.int64)
-                larger[:n_crowded] = crowded
-                crowded = larger
-            waiting = grown(waiting, n_waiting + end - start)
-            waiting[n_waiting : n_waiting + end - start] = pool[start:end]
-            crowded[n_crowded] = south * frame.n_x + west, n_waiting, n_waiting + end - start
-            n_crowded += 1
-            n_waiting += end - start
-    return value, entry, top, crowded[:n_crowded], waiting
+            crowded = grown_whole(crowded, n_crowded + 3)
+            crowded[n_crowded], crowded[n_crowded + 1] = south * frame.n_x + west, n_waiting
+            waiting = grown_whole(waiting, n_waiting + end - start)
+            for i in range(start, end):
+                waiting[n_waiting] = pool[i]
+                n_waiting += 1
+            crowded[n_crowded + 2] = n_waiting
+            n_crowded += 3
+    return entry, top, crowded, n_crowded, waiting

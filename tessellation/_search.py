@@ -219,7 +219,7 @@ class Search(Generic[Data_contra, Cells]):
                 generators = generators + scoring.step
                 datum, rival = np.nonzero(scoring.responsibility >= LEAST_SHARE)
                 share = datum, scoring.cell[datum, rival], scoring.responsibility[datum, rival]
-                members = Members(*sort_by_cell([share], len(generators)), generators)
+                members = Members(*sort_by_cell(*share, len(generators)), generators)
         return self._helpful(state, generators) or state
 
     def _scoring(self, generators: FloatArray, width: float, fits: Cells, *, held_out: bool) -> Scoring:

@@ -8,28 +8,30 @@ so a seed is drawn, and changes those it is nearest to, without a visit to the o
 import numpy as np
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation.arrays import FloatArray, IntArray
 
 LEAF = 16
 
 
-@njit(cache=True)
-def boxes(position: FloatArray, n_leaves: int) -> FloatArray:
+def boxes(position: FloatArray) -> FloatArray:
     """(2 n_leaves, 4) west, south, east, north of every node; an empty one is inside out."""
+    n_leaves = 1
+    while n_leaves * LEAF < len(position):
+        n_leaves *= 2
     box = np.empty((2 * n_leaves, 4))
     box[:, :2], box[:, 2:] = np.inf, -np.inf
-    for i in range(position.shape[0]):
-        node = box[n_leaves + i // LEAF]
-        node[0], node[1] = min(node[0], position[i, 0]), min(node[1], position[i, 1])
-        node[2], node[3] = max(node[2], position[i, 0]), max(node[3], position[i, 1])
-    for i in range(n_leaves - 1, 0, -1):
-        left, right = box[2 * i], box[2 * i + 1]
-        box[i, 0], box[i, 1] = min(left[0], right[0]), min(left[1], right[1])
-        box[i, 2], box[i, 3] = max(left[2], right[2]), max(left[3], right[3])
+    first = np.arange(0, len(position), LEAF)
+    leaf = slice(n_leaves, n_leaves + first.size)
+    box[leaf, :2], box[leaf, 2:] = np.minimum.reduceat(position, first), np.maximum.reduceat(position, first)
+    while n_leaves > 1:
+        child = box[n_leaves : 2 * n_leaves]
+        n_leaves //= 2
+        box[n_leaves : 2 * n_leaves, :2] = np.minimum(child[::2, :2], child[1::2, :2])
+        box[n_leaves : 2 * n_leaves, 2:] = np.maximum(child[::2, 2:], child[1::2, 2:])
     return box
 
 
-@njit(cache=True, nogil=True)
 def seeds(position: FloatArray, weight: FloatArray, uniform: FloatArray) -> IntArray:
     """k-means++: positions, each drawn by weight times squared distance to those before. -> at most (k,) row numbers.
 
@@ -38,22 +40,41 @@ def seeds(position: FloatArray, weight: FloatArray, uniform: FloatArray) -> IntA
         weight: (n,) positive.
         uniform: (k,) random numbers in [0, 1).
     """
-    n = position.shape[0]
-    n_leaves = 1
-    while n_leaves * LEAF < n:
-        n_leaves *= 2
-    box = boxes(position, n_leaves)
-    squared = np.full(n, np.inf)  # to the nearest seed
-    mass, largest = np.zeros(2 * n_leaves), np.full(2 * n_leaves, np.inf)
-    for i in range(n):
-        mass[n_leaves + i // LEAF] += weight[i]
+    box = boxes(position)
+    n_leaves = len(box) // 2
+    mass = np.zeros(2 * n_leaves)
+    mass[n_leaves:] = np.bincount(np.arange(len(position)) // LEAF, weight, minlength=n_leaves)
     for i in range(n_leaves - 1, 0, -1):
         mass[i] = mass[2 * i] + mass[2 * i + 1]
-    chosen = np.empty(uniform.size, np.int64)
-    changed, stack = np.empty(n_leaves, np.int64), np.empty(128, np.int64)
+    chosen, changed = np.empty(uniform.size, np.int64), np.empty(n_leaves, np.int64)
+    infinite = np.full(len(position) + 2 * n_leaves, np.inf)
+    squared, largest = infinite[: len(position)], infinite[len(position) :]
+    return chosen[: _draw(position, weight, uniform, box, mass, squared, largest, chosen, changed)]
+
+
+@njit(nogil=True, error_model="numpy", **COMPILED)
+def _draw(
+    position: FloatArray, weight: FloatArray, uniform: FloatArray, box: FloatArray, mass: FloatArray,
+    squared: FloatArray, largest: FloatArray, chosen: IntArray, changed: IntArray,
+) -> int:  # fmt: skip
+    """Fill `chosen` (k,) with `seeds`. -> how many there are; fewer than k where all others are of one place with them.
+
+    Args:
+        position: (n, 2) metres.
+        weight: (n,) of each.
+        uniform: (k,) random numbers.
+        box: (2 n_leaves, 4) of the nodes.
+        mass: (2 n_leaves,) weight in each node.
+        squared: (n,) infinite: distance of each position to the nearest seed, and
+        largest: (2 n_leaves,) infinite: its most in each node.
+        chosen: (k,) to be filled.
+        changed: (n_leaves,) to work in.
+    """
+    n, n_leaves = weight.size, changed.size
+    stack = np.empty(128, np.int64)
     for k in range(uniform.size):
         if not mass[1] > 0.0:
-            return chosen[:k]
+            return k
         left = uniform[k] * mass[1]
         node = 1
         while node < n_leaves:
@@ -101,28 +122,16 @@ def seeds(position: FloatArray, weight: FloatArray, uniform: FloatArray) -> IntA
                     changed[n_parents] = node
                     n_parents += 1
             n_changed = n_parents
-    return chosen
+    return uniform.size
 
 
-@njit(cache=True, nogil=True)
-def means(
-    position: FloatArray, weight: FloatArray, cell: IntArray, generators: FloatArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """One step of Lloyd's: the cells' means, their weights, and the weighted squared distance to the generators.
+def means(position: FloatArray, weight: FloatArray, cell: IntArray, generators: FloatArray) -> tuple[FloatArray, float]:
+    """One step of Lloyd's: the cells' means, and the weighted squared distance to the generators.
 
     A cell of no position keeps its generator.
     """
-    moved, mass = np.zeros_like(generators), np.zeros(generators.shape[0])
-    spread = 0.0
-    for i in range(position.shape[0]):
-        c = cell[i]
-        east, north = position[i, 0] - generators[c, 0], position[i, 1] - generators[c, 1]
-        moved[c, 0] += weight[i] * east
-        moved[c, 1] += weight[i] * north
-        mass[c] += weight[i]
-        spread += weight[i] * (east * east + north * north)
-    for c in range(generators.shape[0]):
-        share = 1.0 / mass[c] if mass[c] > 0.0 else 0.0
-        moved[c, 0] = generators[c, 0] + share * moved[c, 0]
-        moved[c, 1] = generators[c, 1] + share * moved[c, 1]
-    return moved, mass, spread
+    offset = position - generators[cell]
+    n_cells = len(generators)
+    mass = np.bincount(cell, weight, minlength=n_cells)
+    moved = np.stack([np.bincount(cell, weight * along, minlength=n_cells) for along in offset.T], axis=1)
+    return generators + moved / np.where(mass > 0.0, mass, 1.0)[:, None], float(weight @ (offset**2).sum(axis=1))

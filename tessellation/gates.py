@@ -41,16 +41,17 @@ def members_of(position: FloatArray, generators: FloatArray, *, softness: float)
     if softness == 0:
         home = nearest_generators(position, generators, k=1)[1][:, 0]
         return residents(home, generators), home
-    shares = []
+    shares: list[tuple[IntArray, IntArray, FloatArray]] = []
     nearest = np.empty(len(position), np.int64)
-    for first in range(0, len(position), BLOCK):
+    for first in range(0, max(len(position), 1), BLOCK):
         distance, cell = nearest_generators(position[first : first + BLOCK], generators, k=N_NEAREST)
         beyond, half_apart = border_distance(generators, distance, cell)
         share = np.exp(-0.5 * (beyond / (softness * half_apart)) ** 2)
         row, column = np.nonzero(share >= LEAST_SHARE)
         nearest[first : first + BLOCK] = cell[:, 0]
         shares.append((row + first, cell[row, column], share[row, column]))
-    return Members(*sort_by_cell(shares, len(generators)), generators), nearest
+    row, cell, share = (np.concatenate(columns) for columns in zip(*shares, strict=True))
+    return Members(*sort_by_cell(row, cell, share, len(generators)), generators), nearest
 
 
 def residents(cell: IntArray, center: FloatArray) -> Members:
@@ -61,7 +62,7 @@ def residents(cell: IntArray, center: FloatArray) -> Members:
         center: (n_cells, 2) metres.
     """
     row = np.flatnonzero(cell >= 0)
-    by_cell = sort_by_cell([(row, cell[row], np.ones(row.size))], len(center))
+    by_cell = sort_by_cell(row, cell[row], np.ones(row.size), len(center))
     return Members(*by_cell, np.array(center, dtype=np.float64))
 
 

@@ -53,7 +53,7 @@ def lloyd_generators(
     before = np.inf
     for _ in range(MAX_STEPS):
         cell = cells_of(voronoi_locator(generators, region), position)
-        moved, _, spread = means(position, weight, cell, generators)
+        moved, spread = means(position, weight, cell, generators)
         if spread >= before * (1.0 - LEAST_GAIN):
             break
         generators, before = moved, spread

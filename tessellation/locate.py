@@ -66,28 +66,32 @@ def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
     covered[1:, 1:] = covers.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
     everyone = np.arange(len(generators))
     entry = np.zeros(max(1024, 12 * len(generators)))
-    value, entry, top, crowded, waiting = fill(frame, generators, everyone, covered, refinement, False, entry, 4)
     # Address 0 names no list, so the first four numbers are spare: `locate_all` may touch them.
-    entry, top = _divided(frame, generators, value, crowded, waiting, entry=entry, top=top, depth=1)
+    value, entry, top = _filled(frame, generators, everyone, covered, refinement, entry=entry, top=4, depth=1)
     if top > LARGEST_ENTRY:
         raise ValueError(f"generators: {len(generators)} of them need {top} candidates, more than {LARGEST_ENTRY}")
     pixel = value.reshape(frame.n_y, frame.n_x)
     return Locator(frame.x, frame.y, per_metre, pixel, entry[:top].copy())
 
 
-def _divided(
+def _filled(
     frame: Frame,
     generators: FloatArray,
-    value: PixelArray,
-    crowded: IntArray,
-    waiting: IntArray,
+    candidate: IntArray,
+    covered: PixelArray,
+    refinement: int,
     *,
     entry: FloatArray,
     top: int,
     depth: int,
-) -> tuple[FloatArray, int]:
-    """Give smaller pixels to every crowded pixel of a frame, and to those of theirs that still are."""
-    for place, start, end in crowded:
+) -> tuple[PixelArray, FloatArray, int]:
+    """The values of a frame's pixels, where a crowded one has a frame of smaller pixels; then `entry`, its end."""
+    value = np.full(frame.n_y * frame.n_x, -1, np.int32)
+    deepest = depth > DEEPEST
+    entry, top, crowded, n, waiting = fill(
+        frame, generators, candidate, covered, refinement, deepest, entry, top, value
+    )
+    for place, start, end in crowded[:n].reshape(-1, 3):
         side = 2
         while side < LARGEST_SIDE and side * side < 2 * (end - start):
             side *= 2
@@ -99,14 +103,13 @@ def _divided(
         if top > entry.size:
             entry = np.concatenate([entry, np.zeros(max(top - entry.size, entry.size))])
         whole = np.array([[0, 0], [0, 1]], np.int32)
-        inner, entry, top, still, theirs = fill(
-            smaller, generators, waiting[start:end], whole, side, depth == DEEPEST, entry, top
+        inner, entry, top = _filled(
+            smaller, generators, waiting[start:end], whole, side, entry=entry, top=top, depth=depth + 1
         )
-        entry, top = _divided(smaller, generators, inner, still, theirs, entry=entry, top=top, depth=depth + 1)
         entry[here : here + 4] = x, y, smaller.pixels_per_metre, side
         entry[here + 4 : here + 4 + side * side] = inner
         value[place] = -2 - 8 * here
-    return entry, top
+    return value, entry, top
 
 
 def cells_of(locator: Locator, position: FloatArray) -> IntArray:

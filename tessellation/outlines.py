@@ -36,7 +36,8 @@ def outlines(generators: FloatArray, region: Locator, locator: Locator) -> Outli
     """
     n_cells = len(generators)
     refinement = locator.pixel.shape[1] // region.pixel.shape[1]
-    owned = owned_squares(locator, refinement, n_cells)
+    owned = np.repeat(np.array([[1 << 40, 1 << 40, -1, -1]]), n_cells, axis=0)
+    owned_squares(locator, refinement, owned)
     owns = np.flatnonzero(owned[:, 0] <= owned[:, 2])
     corner = (owned + np.array([0, 0, 1, 1])) / region.pixels_per_metre
     box = (np.array([region.origin_x, region.origin_y]) - generators)[:, [0, 1, 0, 1]] + corner
@@ -48,8 +49,9 @@ def outlines(generators: FloatArray, region: Locator, locator: Locator) -> Outli
         undone = []
         for batch in np.array_split(owns, -(-owns.size * (n_near + 8) * 2 // BATCH_NUMBERS)):
             near = np.asarray(tree.query(generators[batch], k=np.arange(1, n_near + 1))[1], np.int64)
-            vertex, label = np.empty((batch.size, n_near + 8, 2)), np.empty((batch.size, n_near + 8), np.int64)
-            n, done = cut_boxes(generators, batch, box[batch], near, vertex, label)
+            vertex, label = np.empty((batch.size, n_near + 8, 2)), np.full((batch.size, n_near + 8), -1)
+            n, done = np.empty(batch.size, np.int64), np.empty(batch.size, np.bool_)
+            cut_boxes(generators, batch, box[batch], near, vertex, label, n, done)
             used = np.arange(n_near + 8) < np.where(done, n, 0)[:, None]
             parts.append((batch[done], n[done], vertex[used], label[used]))
             undone.append(batch[~done])

@@ -1,0 +1,6 @@
+"""How kernels are compiled: once per installation, and without what nobody calls."""
+
+from typing import Any
+
+COMPILED: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True}
+"""Options of numba's `njit`. The wrapper for C callbacks would take a tenth of the time that compiling takes."""
