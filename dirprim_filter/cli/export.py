@@ -21,6 +21,9 @@ def export(
         Path | None,
         typer.Option(help="For .txt: number frames by the instants of this log; left out, those of the estimates."),
     ] = None,
+    smoothed: Annotated[
+        bool, typer.Option("--smoothed", help="What `track --smooth` or `--lag` wrote beside.")
+    ] = False,
     reading: Reading = Reading(),
     force: Force = False,
 ) -> int:
@@ -42,7 +45,7 @@ def export(
         raise typer.BadParameter(f"has no meaning for {form}; it is for .txt", param_hint="--frames-of")
     log = None if frames_of is None else reading.tracks([frames_of])
     with working(f"writing {output.name}"):
-        believed = read_estimates(estimates)
+        believed = read_estimates(estimates, smoothed=smoothed)
         frames = None if log is None else np.unique(log.tracks.time_ns)
         write_estimates(believed, output, frame_ns=frames, force=force)
     typer.echo(f"{output}: {counted(np.unique(believed.track_id).size, 'track')}, {counted(len(believed), 'row')}")

@@ -24,6 +24,8 @@ WHOLE = {
     "switch": "  switches, m2",
 }  # fmt: skip
 """The parts of T-GOSPA, of which `distance` is the metric."""
+SMOOTHED = " smoothed"
+"""Ends the name of what a smoother wrote."""
 JSON_FORMAT, JSON_VERSION = "dirprim score", 1
 
 
@@ -38,6 +40,9 @@ def score(
         ),
     ],
     truth: Annotated[Path, typer.Option("--truth", help="A log of where vehicles were.", exists=True, dir_okay=False)],
+    smoothed: Annotated[
+        bool, typer.Option("--smoothed", help="Beside the estimates of a log those that --smooth or --lag wrote.")
+    ] = False,
     with_ids: Annotated[
         bool,
         typer.Option("--ids/--no-ids", help="Is an estimate of the vehicle whose id it bears, or of the nearest?"),
@@ -65,6 +70,7 @@ def score(
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracking_report import Scales
+    from dirprim_filter.recording.tables.estimate_table import FORMATS
     from dirprim_filter.recording.tables.tracked_table import read_tracked_rows
 
     check_plot(plot, force=force)
@@ -73,14 +79,18 @@ def score(
     scales = Scales(cutoff_m=cutoff, similarity_m=similarity)
     with step_progress("scoring", "files") as told:
         rows = {
-            name: read_tracked_rows(path, truth=log.tracks, one_of_many=one_of_many)
+            name + SMOOTHED * is_smoothed: read_tracked_rows(
+                path, truth=log.tracks, one_of_many=one_of_many, smoothed=is_smoothed
+            )
             for name, path in _names(estimates).items()
+            for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]
         }
         table = score_rows(
             rows, log.tracks, with_ids=with_ids, scales=scales, penalty_m=penalty if t_gospa else None, progress=told
         )
-    for path, found in zip(estimates, table.scores, strict=True):
+    for found in table.scores:
         if found.left_out:
+            path = _names(estimates)[found.name.removesuffix(SMOOTHED)]
             typer.echo(
                 f"{path}: left out {counted(found.left_out, 'row')} of instants or groups that the truth does not hold",
                 err=True,
@@ -116,8 +126,9 @@ def score_object(table: ScoreTable, estimates: list[Path], truth: Path, reading:
     files = {name: {"path": str(path), "sha256": checksum(path)} for name, path in _names(estimates).items()}
     told = asdict(table)
     told["scores"] = [
-        found | files[found["name"]] | {"t_gospa": found["t_gospa"] and found["t_gospa"]._asdict()}
+        found | files[found["name"].removesuffix(SMOOTHED)] | {"t_gospa": t_gospa and t_gospa._asdict()}
         for found in told["scores"]
+        for t_gospa in [found["t_gospa"]]
     ]
     return {
         "format": JSON_FORMAT, "format_version": JSON_VERSION, "version": version("dirprim-filter"),

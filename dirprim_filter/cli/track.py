@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -35,7 +36,10 @@ from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 
 if TYPE_CHECKING:
+    from dirprim_filter.config import FilterConfig
     from dirprim_filter.estimates import EstimateSink
+    from dirprim_filter.filtering import Worlds
+    from dirprim_filter.filtering.smoothing import Smoother
     from dirprim_filter.forecasting import ForecastSink
 
 PARTICLES_WRITTEN = 100
@@ -69,6 +73,12 @@ def track(
         typer.Option(
             min=0, help="Vehicles of a crowd in rerun with particles, ellipse, name and forecast; the rest are small."
         ),
+    ] = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Write also, of each instant, what is known given the whole log.")
+    ] = False,
+    lag: Annotated[
+        float | None, typer.Option(min=0.0, help="The same given so many seconds more, for streams: late by as much.")
     ] = None,
     forecast: Annotated[float, typer.Option(help="Each second forecast so many seconds ahead; 0 for none.")] = 0.0,
     place_free: Annotated[bool, typer.Option("--place-free", help="Ignore the places: the ablation.")] = False,
@@ -111,14 +121,18 @@ def track(
     stream = reading.detections(log, motion=motion)
     watched = save is not None or spawn or connect is not None or serve
     model = learned.without_places() if place_free else learned
-    worlds = Worlds(
-        lambda _: Tracker(
-            model, config=knobs, tracking=association, with_innovations=watched, rng=np.random.default_rng(seed)
-        )
-    )
+    smoother = _smoother(knobs, smooth=smooth, lag_s=lag)
+
+    def tracker_of(group: int) -> Tracker:
+        make = Tracker if smoother is None else partial(smoother.tracker, group)
+        rng = np.random.default_rng(seed)
+        return make(model, config=knobs, tracking=association, with_innovations=watched, rng=rng)
+
+    worlds = Worlds(tracker_of)
     said = provenance(
         "track", inputs=[log, map_file], config=knobs, seed=seed, place_free=place_free, no_ids=no_ids,
-        motion=motion, tracking=json.dumps(asdict(association), sort_keys=True), **reading.said(),
+        motion=motion, smooth=smooth, lag_s=lag,
+        tracking=json.dumps(asdict(association), sort_keys=True), **reading.said(),
     )  # fmt: skip
     said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
     with ExitStack() as open_files:
@@ -140,17 +154,37 @@ def track(
             viewer.log_run(said, {})
             sinks.append(viewer)
             forecasts.append(viewer)
+        if smoother is not None:
+            smoother.tell += [estimates.write_smoothed, *([] if viewer is None else [viewer.write_smoothed])]
+            sinks.append(smoother)
         if forecast > 0:
             rng = np.random.default_rng([seed, 1])
             sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=knobs, rng=rng))
         frames = (seen.without_ids() for seen in stream) if no_ids else stream
-        n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
+        with smoother or nullcontext():
+            n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.dropped)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs begun anew": str(worlds.recoveries)})
             keep_serving(viewer)
+    _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}")
+    return losses.exit_code(stream.damage, stream.dropped.lost)
+
+
+def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoother | None:
+    """What the options ask for.
+
+    Raises:
+        BadParameter: both.
+    """
+    from dirprim_filter.filtering.smoothing import Smoother
+
+    if smooth and lag_s is not None:
+        raise typer.BadParameter("--smooth waits for the whole log: give one of both", param_hint="--lag")
+    return Smoother(max_gap_s=knobs.max_gap_s, lag_s=lag_s) if smooth or lag_s is not None else None
+
+
+def _say(worlds: Worlds, what: str) -> None:
     if worlds.recoveries:
         typer.echo(f"{worlds.recoveries} times a belief did not explain what was measured: begun anew", err=True)
-    groups = f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""
-    typer.echo(f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}{groups}")
-    return losses.exit_code(stream.damage, stream.dropped.lost)
+    typer.echo(what + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""))

@@ -153,6 +153,7 @@ def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: in
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import stream_detections
     from dirprim_filter.recording.scan import scan
+    from dirprim_filter.recording.writer import SMOOTHED_TOPIC
 
     for path in given.maps:
         viewer.log_map(load_map(path))
@@ -166,6 +167,10 @@ def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: in
         return
     with scan(given.runs[0]) as log:
         said = {key: value for _, entries in log.metadata for key, value in entries.items()}
+        is_smoothed = any(channel.topic == SMOOTHED_TOPIC for channel in log.channels())
     for frame in Playback(given.runs[0], seen=detections):
         viewer.write(frame)
+    if is_smoothed:
+        for frame in Playback(given.runs[0], seen=detections, smoothed=True):
+            viewer.write_smoothed(frame)
     viewer.log_run(said, {})

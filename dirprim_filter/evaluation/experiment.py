@@ -9,17 +9,22 @@ from functools import partial
 import numpy as np
 
 from dirprim_filter.estimates import EstimateSink
+from dirprim_filter.evaluation.baselines.constant_velocity_smoother import best_in_hindsight
 from dirprim_filter.evaluation.baselines.raw_detections import as_reported
-from dirprim_filter.evaluation.methods import RAW, Method, filters
+from dirprim_filter.evaluation.methods import RAW, SMOOTHED, filters
 from dirprim_filter.evaluation.scenes import Scene, followed
-from dirprim_filter.evaluation.scoring import report
+from dirprim_filter.evaluation.scoring import TrackedWorld, report
 from dirprim_filter.evaluation.splits import honest_split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.evaluation.tracking_experiment import Sensor, TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
+from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import FloatArray
+
+BEST = "best CV smoother"
+"""Of constant velocity, with the noise that is best in hindsight."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,12 +32,12 @@ class MethodResult:
     """What one method reached.
 
     Attributes:
-        name: of the method.
+        name: of the method, and whether it is its smoother's.
         reports: one for each seed, pooled over the groups that were tracked.
         by_group: for each seed one for each group that was tracked, in order of the groups.
     """
 
-    name: Method
+    name: str
     reports: tuple[TrackingReport, ...]
     by_group: tuple[tuple[TrackingReport, ...], ...] = ()
 
@@ -110,8 +115,14 @@ def evaluate_tracking(
     """
     if sinks and experiment.methods[0] == RAW:
         raise ValueError(f"methods: expected a tracker first, whose run can be written, got {RAW}")
-    pooled: dict[Method, list[TrackingReport]] = {method: [] for method in experiment.methods}
-    by_group: dict[Method, list[tuple[TrackingReport, ...]]] = {method: [] for method in experiment.methods}
+    pooled: dict[str, list[TrackingReport]] = {}
+    by_group: dict[str, list[tuple[TrackingReport, ...]]] = {}
+    scored = partial(report, with_ids=experiment.with_ids, scales=experiment.scales)
+
+    def add(name: str, tracked: list[TrackedWorld]) -> None:
+        pooled.setdefault(name, []).append(scored(tracked))
+        by_group.setdefault(name, []).append(tuple(scored([world]) for world in tracked))
+
     n_groups = n_vehicles = n_gaps = 0
     told = StepCount(experiment.n_seeds * (2 + len(experiment.methods)), progress)
     for i in range(experiment.n_seeds):
@@ -129,15 +140,18 @@ def evaluate_tracking(
         told.add()
         for number, method in enumerate(experiment.methods):
             listening = sinks if i == 0 and number == 0 else ()
-            tracked = (
-                as_reported(scenes, noise_m=experiment.noise_m)
-                if method == RAW
-                else followed(scenes, made[method], experiment, listening, seed=int(seeds[number]))
-            )
-            scored = partial(report, with_ids=experiment.with_ids, scales=experiment.scales)
-            pooled[method].append(scored(tracked))
-            by_group[method].append(tuple(scored([world]) for world in tracked))
+            if method == RAW:
+                add(method, as_reported(scenes, noise_m=experiment.noise_m))
+                told.add()
+                continue
+            smooth = experiment.smooth and method in SMOOTHED
+            tracked = followed(scenes, made[method], experiment, listening, smooth=smooth, seed=int(seeds[number]))
+            add(method, tracked.filtered)
+            if smooth:
+                add(f"{method} smoothed", tracked.smoothed)
             told.add()
+        if experiment.smooth:
+            add(BEST, best_in_hindsight(scenes, experiment, acceleration_density=acceleration_density(train)))
     return TrackingTable(
         experiment=experiment, map_learned=primitive_map is None,
         split_by="" if primitive_map else honest_split(tracks), n_groups=n_groups, n_vehicles=n_vehicles, n_gaps=n_gaps,

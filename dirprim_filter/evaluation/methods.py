@@ -28,6 +28,8 @@ RAW: Literal["raw detections"] = "raw detections"
 """No filter: what is reported is what is believed."""
 Method = Literal["prior", "place-free", "constant velocity", "constant turn", "interacting models", "raw detections"]
 METHODS: tuple[Method, ...] = get_args(Method)
+SMOOTHED: tuple[Method, ...] = ("prior", "place-free", "constant velocity")
+"""Those that have a smoother."""
 MakeFilter = Callable[[], BayesFilter]
 
 SCALES = (0.1, 0.3, 1.0, 3.0)

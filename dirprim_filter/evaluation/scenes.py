@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from dirprim_filter.evaluation.methods import MakeFilter
 from dirprim_filter.evaluation.scoring import TrackedWorld, Truth
 from dirprim_filter.evaluation.tracking_experiment import Sensor, TrackingExperiment
 from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import BoolArray, IntArray
 
@@ -100,31 +103,49 @@ def _report_of(
     return seen if experiment.with_ids else seen.without_ids()
 
 
+class Followed(NamedTuple):
+    """The groups as a method tracked them, and as its smoother did, where one was asked for."""
+
+    filtered: list[TrackedWorld]
+    smoothed: list[TrackedWorld]
+
+
 def followed(
-    scenes: Sequence[Scene], make: MakeFilter, experiment: TrackingExperiment, sinks: tuple[EstimateSink, ...], *,
-    seed: int,
-) -> list[TrackedWorld]:  # fmt: skip
+    scenes: Sequence[Scene], make: MakeFilter, experiment: TrackingExperiment, sinks: tuple[EstimateSink, ...] = (), *,
+    smooth: bool = False, seed: int,
+) -> Followed:  # fmt: skip
     """Each group tracked by a tracker of its own, at every instant of its truth: those with nothing seen included."""
     of_group = {scene.group: scene for scene in scenes}
     tracked = {scene.group: TrackedWorld(truth=scene.truth, estimates=EstimateList()) for scene in scenes}
+    later = {scene.group: TrackedWorld(truth=scene.truth, estimates=EstimateList()) for scene in scenes if smooth}
+    smoothers = {
+        group: Smoother(max_gap_s=experiment.filter.max_gap_s, tell=[world.estimates.write])
+        for group, world in later.items()
+    }
 
     def tracker_of(group: int) -> Tracker:
+        of_a_group = partial(smoothers[group].tracker, 0) if smooth else Tracker
         rng = np.random.default_rng(_seed_of(seed, group))
-        return Tracker(make(), config=experiment.filter, tracking=of_group[group].tracking, rng=rng)
+        return of_a_group(make(), config=experiment.filter, tracking=of_group[group].tracking, rng=rng)
 
     worlds = Worlds(tracker_of)
     frames = {int(frame.time_ns[0]): frame for frame in Detections.concatenate([s.seen for s in scenes]).frames()}
     times = np.concatenate([scene.truth.tracks.time_ns for scene in scenes])
     groups = np.concatenate([scene.truth.tracks.group for scene in scenes])
-    for time_ns, present in _instants(times, groups):
-        worlds.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns, groups=present)
-        worlds.weigh()
-        for group, frame in worlds.frames().items():
-            tracked[group].estimates.write(frame)
-        for sink in sinks:
-            sink.write(worlds.frame())
-        worlds.resample()
-    return list(tracked.values())
+    with ExitStack() as until_the_end:
+        for smoother in smoothers.values():
+            until_the_end.enter_context(smoother)
+        for time_ns, present in _instants(times, groups):
+            worlds.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns, groups=present)
+            worlds.weigh()
+            for group, frame in worlds.frames().items():
+                tracked[group].estimates.write(frame)
+                if smooth:
+                    smoothers[group].write(frame)
+            for sink in sinks:
+                sink.write(worlds.frame())
+            worlds.resample()
+    return Followed(list(tracked.values()), list(later.values()))
 
 
 def _instants(time_ns: IntArray, group: IntArray) -> Iterator[tuple[int, list[int]]]:

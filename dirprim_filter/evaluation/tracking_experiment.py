@@ -32,6 +32,7 @@ class TrackingExperiment:
         cutoff_m: metres, farther than which an estimate is not of a vehicle, in GOSPA.
         similarity_m: metres, from which an estimate and a vehicle are not similar at all, in HOTA, IDF1 and CLEAR MOT.
         methods: which are compared.
+        smooth: beside each method that has a smoother what that says, and the best smoother of constant velocity.
         filter: knobs of the filters; its noise is the sensor's, and its beliefs outlast a gap.
         tracking: knobs of association; left out, what is true of the sensor.
     """
@@ -47,6 +48,7 @@ class TrackingExperiment:
     cutoff_m: float = 5.0
     similarity_m: float = 5.0
     methods: tuple[Method, ...] = METHODS
+    smooth: bool = False
     filter: FilterConfig = field(default_factory=FilterConfig)
     tracking: TrackingConfig | None = None
 

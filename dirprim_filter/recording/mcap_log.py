@@ -75,7 +75,7 @@ class McapLog:
         self._n_messages: dict[int, int] = {}
         self._max_chunk_ns = max_chunk_ns
         self._chunk_start_ns: int | None = None
-        self._last_ns = 0
+        self._newest_ns = 0
 
     def __enter__(self) -> Self:
         with ExitStack() as opened:
@@ -122,10 +122,12 @@ class McapLog:
         if self._max_chunk_ns is not None:
             if self._chunk_start_ns is None:
                 self._chunk_start_ns = time_ns
-            elif time_ns - self._chunk_start_ns + (time_ns - self._last_ns) >= self._max_chunk_ns:
+            elif time_ns > self._newest_ns and (  # what comes late, as of a smoother, joins the chunk at hand
+                time_ns - self._chunk_start_ns + (time_ns - self._newest_ns) >= self._max_chunk_ns
+            ):
                 self._writer.close_chunk()
                 self._chunk_start_ns = time_ns
-            self._last_ns = time_ns
+            self._newest_ns = max(self._newest_ns, time_ns)
         sequence = self._n_messages[channel]
         self._n_messages[channel] = sequence + 1
         self._writer.add(channel, sequence, time_ns, time_ns, data)

@@ -21,7 +21,7 @@ from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.writer import ESTIMATES_TOPIC
+from dirprim_filter.recording.writer import ESTIMATES_TOPIC, SMOOTHED_TOPIC
 from tessellation.arrays import FloatArray
 
 SECOND_NS = 1_000_000_000
@@ -39,6 +39,7 @@ class Playback:
     Args:
         path: the log.
         seen: what was reported when the estimates were made; of times without estimates there is no frame.
+        smoothed: of the estimates those that a smoother wrote, on `/dirprim/smoothed`.
         topics: of the objects, as for `read_tracks`; named, the log's estimates are passed over.
         reading: as for `read_tracks`; of estimates only the wanted times and `strict` matter.
 
@@ -58,6 +59,7 @@ class Playback:
         path: str | PathLike[str],
         *,
         seen: Detections | None = None,
+        smoothed: bool = False,
         topics: str | None = None,
         **reading: Unpack[Reading],
     ) -> None:
@@ -69,10 +71,11 @@ class Playback:
         with Scan(path, end_ns=reading.get("end_ns")) as log:
             self.end_ns = log.end_ns
             named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
-        self._is_estimated = ESTIMATES_TOPIC in named and topics in (None, ESTIMATES_TOPIC)
+        topic = SMOOTHED_TOPIC if smoothed else ESTIMATES_TOPIC
+        self._is_estimated = topic in named and topics in (None, topic)
         self._seen = {int(frame.time_ns[0]): frame for frame in seen.frames()} if seen is not None else {}
         if self._is_estimated:
-            self.topics = frozenset({ESTIMATES_TOPIC})
+            self.topics = frozenset({topic})
         else:
             self._stream = stream_detections(path, topics=topics, **reading)
             self.topics = self._stream.topics

@@ -25,7 +25,7 @@ from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.topics import choose_topics
 from dirprim_filter.recording.track_log import Columns, TrackLog
-from dirprim_filter.recording.writer import ESTIMATES_TOPIC
+from dirprim_filter.recording.writer import ESTIMATES_TOPIC, SMOOTHED_TOPIC
 from dirprim_filter.tracks import Tracks
 
 __all__ = [
@@ -159,18 +159,20 @@ def _scan(path: Path, topics: frozenset[str], reading: Reading) -> Scan:
     return Scan(path, topics.__contains__, start_ns=reading.get("start_ns"), end_ns=reading.get("end_ns"))
 
 
-def read_estimates(path: PathOrText, *, topic: str = ESTIMATES_TOPIC) -> Estimates:
+def read_estimates(path: PathOrText, *, smoothed: bool = False, topic: str | None = None) -> Estimates:
     """All estimates of a log that `dirprim track` wrote, in order of time.
 
     Args:
         path: the log.
-        topic: a topic of `dirprim.TrackEstimates`.
+        smoothed: those that `--smooth` or `--lag` wrote beside the filter's.
+        topic: a topic of `dirprim.TrackEstimates`; left out, the filter's or the smoother's.
 
     Raises:
         NotMcapError: the file is no MCAP log.
         NoTracksError: the log has no such topic.
         DecodeError: a message is not what its schema says.
     """
+    topic = topic or (SMOOTHED_TOPIC if smoothed else ESTIMATES_TOPIC)
     parts = []
     with Scan(Path(path), lambda name: name == topic) as log:
         if not any(c.topic == topic and c.schema.name == ESTIMATES_SCHEMA for c in log.channels()):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,8 @@ MAX_PETAL_HALF_WIDTH = np.pi / 4
 VEHICLE_COLOR = (0.35, 0.6, 0.95, 0.8)
 DETECTION_COLOR = (1.0, 0.85, 0.2, 1.0)
 ESTIMATE_COLOR = (0.2, 0.85, 0.4, 1.0)
-ELLIPSE_COLOR = (0.2, 0.85, 0.4, 0.3)
+SMOOTHED_COLOR = (0.34, 0.71, 0.91, 1.0)
+ELLIPSE_OPACITY = 0.3
 COASTING_OPACITY = 0.4
 """Of a vehicle that is predicted without being measured, against one that is seen."""
 FORECAST_COLOR = (0.8, 0.475, 0.655, 0.4)
@@ -122,9 +124,10 @@ class EstimatesScene:
     cost as much as tracking them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, color: tuple[float, float, float, float] = ESTIMATE_COLOR) -> None:
         entities = SceneUpdate.DESCRIPTOR.fields_by_name["entities"].number
-        self._stencils = Stencils(_drawn_estimate, 16, field=entities)
+        self._stencils = Stencils(partial(_drawn_estimate, color=color), 16, field=entities)
+        self._opacity = np.array([1.0, ELLIPSE_OPACITY, 1.0]) * color[3]
 
     def encode(self, estimates: Estimates, time_ns: int) -> bytes:
         """The `SceneUpdate` of the estimates of one instant."""
@@ -137,7 +140,7 @@ class EstimatesScene:
             [
                 estimates.speed, x, y, np.sin(half), np.cos(half),
                 major, minor, x, y, np.sin(half_turn), np.cos(half_turn), x, y,
-                opacity * ESTIMATE_COLOR[3], opacity * ELLIPSE_COLOR[3], opacity * ESTIMATE_COLOR[3],
+                opacity[:, None] * self._opacity,
             ]
         )  # fmt: skip
         shared = SceneEntity()
@@ -148,21 +151,21 @@ class EstimatesScene:
         return _fresh_update(time_ns).SerializeToString() + entities
 
 
-def _drawn_estimate(name: str, numbers: Sequence[float]) -> SceneEntity:
+def _drawn_estimate(name: str, numbers: Sequence[float], *, color: tuple[float, float, float, float]) -> SceneEntity:
     """A vehicle of `EstimatesScene`: arrow by length and pose, region by axes and pose, label by place; opacities."""
     length, *arrow_pose, major, minor, x, y, sine, cosine, label_x, label_y, arrow_a, region_a, label_a = numbers
     entity = SceneEntity(id=name, frame_id=MAP_FRAME)
     set_time(entity.lifetime, 0)
     arrow = entity.arrows.add(shaft_length=length, shaft_diameter=0.3, head_length=0.8, head_diameter=0.8)
     _turn(arrow.pose, *arrow_pose, z=0.5)
-    _paint(arrow.color, (*ESTIMATE_COLOR[:3], arrow_a))
+    _paint(arrow.color, (*color[:3], arrow_a))
     region = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
     _turn(region.pose, x, y, sine, cosine, z=0.05)
     region.size.x, region.size.y, region.size.z = major, minor, 0.05
-    _paint(region.color, (*ELLIPSE_COLOR[:3], region_a))
+    _paint(region.color, (*color[:3], region_a))
     label = entity.texts.add(billboard=True, font_size=14.0, scale_invariant=True, text=name)
     _turn(label.pose, label_x, label_y, 0.0, 1.0, z=2.0)
-    _paint(label.color, (*ESTIMATE_COLOR[:3], label_a))
+    _paint(label.color, (*color[:3], label_a))
     return entity
 
 

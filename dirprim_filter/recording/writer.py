@@ -29,6 +29,8 @@ DETECTIONS_SCENE_TOPIC = "/detections/scene"
 TRANSFORM_TOPIC = "/tf"
 ESTIMATES_TOPIC = "/dirprim/tracks"
 ESTIMATES_SCENE_TOPIC = "/dirprim/tracks/scene"
+SMOOTHED_TOPIC = "/dirprim/smoothed"
+SMOOTHED_SCENE_TOPIC = "/dirprim/smoothed/scene"
 PARTICLES_TOPIC = "/dirprim/particles"
 FORECAST_TOPIC = "/dirprim/forecast"
 MAP_SCENE_TOPIC = "/dirprim/map/scene"
@@ -113,8 +115,9 @@ def _lifetime_ns(time_ns: IntArray) -> int:
 class EstimateLog:
     """An `EstimateSink` that writes what a tracker believes as an MCAP log; a context manager.
 
-    `/dirprim/tracks` holds `dirprim.TrackEstimates`, a message for each frame; `/dirprim/tracks/scene`,
-    `/dirprim/particles`, `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
+    `/dirprim/tracks` holds `dirprim.TrackEstimates`, a message for each frame, and `/dirprim/smoothed` those that a
+    smoother gives later; `/dirprim/tracks/scene`, `/dirprim/smoothed/scene`, `/dirprim/particles`, `/dirprim/map/scene`
+    and `/dirprim/forecast` are for the eye.
 
     Messages are encoded, compressed and written in order by a thread of its own, while the tracker goes on: what fails
     there is raised by the next call, or when the log is closed. Ctrl-C closes the log so that it reads; another
@@ -141,7 +144,7 @@ class EstimateLog:
             keep_when_interrupted=True,
         )  # fmt: skip
         self._particle_stride = particle_stride
-        self._scene = scene.EstimatesScene()
+        self._scene, self._smoothed_scene = scene.EstimatesScene(), scene.EstimatesScene(scene.SMOOTHED_COLOR)
         self._map: PrimitiveMap | None = None
         self._begun = False
         self._background = Background("dirprim-log")
@@ -170,6 +173,15 @@ class EstimateLog:
         particles = frame.particles.thinned(self._particle_stride)
         self._background.do(lambda: self._append(frame.estimates, particles, frame.time_ns))
 
+    def write_smoothed(self, frame: TrackedFrame) -> None:
+        """Append what a smoother says of one instant: frames in order of time, each later than the filter's.
+
+        Raises:
+            ValueError: as `write`.
+            OSError: as `write`.
+        """
+        self._background.do(lambda: self._append_smoothed(frame.estimates, frame.time_ns))
+
     def write_map_scene(self, primitive_map: PrimitiveMap) -> None:
         """Draw the map's cells and roses: at the time of the next message, as a map has none of its own."""
         self._background.settle()
@@ -190,6 +202,11 @@ class EstimateLog:
         drawn = self._scene.encode(estimates, time_ns)
         self._log.write_encoded(ESTIMATES_SCENE_TOPIC, SceneUpdate, drawn, time_ns)
         self._log.write(PARTICLES_TOPIC, scene.particle_cloud(particles, time_ns), time_ns)
+
+    def _append_smoothed(self, estimates: Estimates, time_ns: int) -> None:
+        self._log.write(SMOOTHED_TOPIC, encode_estimates(estimates, time_ns), time_ns)
+        drawn = self._smoothed_scene.encode(estimates, time_ns)
+        self._log.write_encoded(SMOOTHED_SCENE_TOPIC, SceneUpdate, drawn, time_ns)
 
     def _append_forecast(self, forecasts: Forecasts) -> None:
         self._begin(forecasts.time_ns)

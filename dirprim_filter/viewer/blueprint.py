@@ -18,10 +18,10 @@ from tessellation.arrays import FloatArray
 TRAIL_S = 5.0
 BACKGROUND = (16, 19, 26)
 LAYERS = (
-    "/map/**", "/detections/**", "/truth/**", "/tracks/**", "/forecasts/**", "/focus/ring",
+    "/map/**", "/detections/**", "/truth/**", "/tracks/**", "/smoothed/**", "/forecasts/**", "/focus/ring",
 )  # fmt: skip
 """Entities of the map view: each can be switched off by its path."""
-TRAILS = ("/tracks/trails", "/truth/trails")
+TRAILS = ("/tracks/trails", "/smoothed/trails", "/truth/trails")
 FLOW = "/map/flow"
 """Shown of a map alone; under tracked vehicles, whose arrows it would mingle with, it waits to be switched on."""
 EYE_HEIGHT = 1.02

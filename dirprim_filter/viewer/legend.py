@@ -33,7 +33,8 @@ colour is their mean speed, from violet (0 m/s) to yellow ({fastest:g} m/s and m
 **White dots**: detections. **White outlines**: true vehicles, where known.
 
 **Large dots, arrows, ellipses**: estimates, where they will be in one second, and the region that holds the vehicle
-with 90 % probability. Dark: out of sight. **Lines behind**: the last five seconds.
+with 90 % probability. Dark: out of sight. **Lines behind**: the last five seconds; bold and with
+ellipses of their own, with `--smooth`: what is known once the rest of the log is.
 
 **Fans, thin lines**: where it may be next, with 90 and 50 % probability, and some sampled futures.
 

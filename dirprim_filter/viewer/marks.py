@@ -92,6 +92,7 @@ STYLES: Mapping[str, rr.AsComponents] = {
     "/tracks/particles": rr.Points3D.from_fields(radii=_points(1.0)),
     "/tracks/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.75)),
     "/tracks/unseen": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5), fill_mode="majorwireframe"),
+    "/smoothed/covariance": rr.Ellipsoids3D.from_fields(line_radii=_points(0.5)),
     "/tracks/ids": rr.Points3D.from_fields(radii=_points(0.0), show_labels=True),
 }
 """By entity."""
@@ -229,12 +230,14 @@ def covariance(believed: Estimates) -> rr.ComponentColumnList:
     )
 
 
-def trails(track_id: AnyArray, step: FloatArray, prominence: FloatArray) -> rr.ComponentColumnList:
+def trails(
+    track_id: AnyArray, step: FloatArray, prominence: FloatArray, *, width: float = 1.0
+) -> rr.ComponentColumnList:
     """The step of each vehicle from where it was last seen to where it is. (n, 2, 2) metres."""
     color = track_color(track_id)
     color[:, :3] = np.rint(prominence[:, None] * color[:, :3])
     strips = _raised(step, HEIGHT["trails"])
-    return rr.LineStrips3D.columns(strips=strips, colors=color, radii=_points(TRAIL_RADIUS * prominence))
+    return rr.LineStrips3D.columns(strips=strips, colors=color, radii=_points(width * TRAIL_RADIUS * prominence))
 
 
 def true_trails(step: FloatArray) -> rr.ComponentColumnList:

@@ -33,6 +33,7 @@ from dirprim_filter.viewer.lifelines import Lifelines
 from dirprim_filter.viewer.program import WebServer
 from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.scenery import scenery
+from dirprim_filter.viewer.smoothed import SmoothedWays
 from dirprim_filter.viewer.timeline import time_column
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
@@ -120,6 +121,7 @@ class RerunSink:
         self._truth: Truth | None = None
         self._batch = self._new_batch()
         self._focus, self._lines, self._tally = Focus(focus, most_in_full=most_in_full), Lifelines(), Tally()
+        self._smoothed = SmoothedWays()
         self._last_seen: dict[str, tuple[int, float, float]] = {}
         self._not_forecast: set[str] = set()
         self._forecasts: dict[str, marks.Forecast] = {}
@@ -139,6 +141,7 @@ class RerunSink:
         """Send what is left."""
         self._send_batch()
         self._background.settle()
+        self._send_smoothed()
         self._show_pending_forecasts()
         if not self._laid_out:
             self._begin(tracked=False)
@@ -234,6 +237,12 @@ class RerunSink:
         if self.outlet.live or len(self._batch) >= BATCH_FRAMES:
             self._send_batch()
 
+    def write_smoothed(self, frame: TrackedFrame) -> None:
+        """Show what a smoother says of one instant; frames in order of time, each later than the filter's."""
+        self._smoothed.add(frame)
+        if self.outlet.live or len(self._smoothed) >= BATCH_FRAMES:
+            self._send_smoothed()
+
     def write_forecast(self, forecasts: Forecasts) -> None:
         """Sampled futures and their fans; a vehicle's stay until it goes or forecasts of another time come.
 
@@ -317,6 +326,11 @@ class RerunSink:
             send()
         else:
             self._background.do(send)
+
+    def _send_smoothed(self) -> None:
+        self._background.settle()
+        for entity, times, columns in self._smoothed.columns():
+            self.stream.send_columns(entity, [times], columns)
 
     def _static(self, path: str, *what: rr.AsComponents) -> None:
         self.stream.log(path, *what, static=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dirprim_filter import Tracks, read_estimates, read_tracks, write_tracks
+from dirprim_filter import Tracks, read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
@@ -241,3 +241,22 @@ def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):
         assert message in error
     assert dirprim("score", half, "--truth", truth) == DONE
     assert "rows of instants or groups that the truth does not hold" in capsys.readouterr().err
+
+
+def test_what_was_smoothed_is_scored_and_exported_beside(truth, ring_map, tmp_path, capsys):
+    ring_map_file = tmp_path / "map.mcap"
+    save_map(ring_map, ring_map_file)
+    out = tmp_path / "smoothed.mcap"
+    assert dirprim("track", truth, "--map", ring_map_file, "-o", out, "--particles", 100, "--smooth") == DONE
+    again = ("track", truth, "--map", ring_map_file, "-o", tmp_path / "again.mcap", "--particles", 100)
+    assert dirprim(*again, "--smooth", "--lag", 1) == USAGE
+    assert dirprim(*again, "--lag", 1, "--save", tmp_path / "again.rrd") == DONE
+    capsys.readouterr()
+    assert dirprim("score", out, "--truth", truth, "--ids", "--smoothed", "--json") == DONE
+    filtered, smoothed = json.loads(capsys.readouterr().out)["scores"]
+    assert (filtered["name"], smoothed["name"]) == ("smoothed.mcap", "smoothed.mcap smoothed")
+    assert filtered["sha256"] == smoothed["sha256"]
+    assert smoothed["report"]["rmse"] < filtered["report"]["rmse"]
+    assert dirprim("export", out, "--smoothed", "-o", tmp_path / "smoothed.csv") == DONE
+    rows = read_tracked_rows(tmp_path / "smoothed.csv", truth=read_tracks(truth))
+    np.testing.assert_array_equal(rows.position, read_estimates(out, smoothed=True).position)

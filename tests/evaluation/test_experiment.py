@@ -228,3 +228,19 @@ def test_a_seed_without_gaps_tells_nothing_of_gaps():
     assert result.mean("hidden_rmse") == 3.0
     assert result.std("hidden_rmse") == pytest.approx(np.sqrt(2.0))
     assert np.isnan(MethodResult(name="prior", reports=reports[1:2]).mean("hidden_rmse"))
+
+
+def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):
+    told = QUICK | {"n_seeds": 1, "methods": ("prior", "constant velocity", "constant turn"), "smooth": True}
+    table = evaluate_tracking(traffic, TrackingExperiment(**told), sensor=detect, primitive_map=ring_map)
+    of = {result.name: result for result in table.methods}
+    assert list(of) == [
+        "prior", "prior smoothed", "constant velocity", "constant velocity smoothed", "constant turn",
+        "best CV smoother",
+    ]  # fmt: skip
+    for name in ("prior", "constant velocity"):
+        for figure in ("seen_rmse", "hidden_rmse"):
+            assert of[f"{name} smoothed"].mean(figure) < of[name].mean(figure)
+    plain = replace(TrackingExperiment(**told), smooth=False, methods=("prior",))
+    again = evaluate_tracking(traffic, plain, sensor=detect, primitive_map=ring_map)
+    assert again.methods[0].mean("rmse") == of["prior"].mean("rmse")  # to be smoothed changes no filter

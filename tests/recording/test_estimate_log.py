@@ -20,7 +20,8 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording import save_map, scene
+from dirprim_filter.recording import read_estimates, save_map, scene
+from dirprim_filter.recording.errors import NoTracksError
 from dirprim_filter.recording.schemas.dirprim import decode_estimates, encode_estimates
 from dirprim_filter.recording.writer import EstimateLog, write_tracks
 from dirprim_filter.tracks import Tracks
@@ -304,3 +305,27 @@ class Moving:
     def thinned(self, stride, *, rows=None):
         assert not self.is_gone
         return self.samples.thinned(stride, rows=rows)
+
+
+def test_smoothed_estimates_stand_beside_the_filters_and_come_back_bit_for_bit(tmp_path):
+    path = tmp_path / "out.mcap"
+    frames = [a_frame(i * STEP) for i in range(40)]
+    later = [a_frame(i * STEP, n=2) for i in range(40)]
+    with EstimateLog(path, metadata={}) as log:
+        for i, frame in enumerate(frames):
+            log.write(frame)
+            if i >= 30:
+                log.write_smoothed(later[i - 30])  # three seconds late
+        for frame in later[10:]:
+            log.write_smoothed(frame)
+    for found, wanted in ((read_estimates(path), frames), (read_estimates(path, smoothed=True), later)):
+        for name in COLUMNS:
+            np.testing.assert_array_equal(
+                getattr(found, name), np.concatenate([getattr(frame.estimates, name) for frame in wanted]), name
+            )
+    assert [m.log_time for m in messages(path, "/dirprim/smoothed/scene")] == [i * STEP for i in range(40)]
+
+
+def test_a_log_that_was_not_smoothed_says_so(estimate_log):
+    with pytest.raises(NoTracksError, match="/dirprim/smoothed"):
+        read_estimates(estimate_log, smoothed=True)

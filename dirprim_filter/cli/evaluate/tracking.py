@@ -38,6 +38,10 @@ def tracking(
     with_ids: Annotated[bool | None, typer.Option("--ids/--no-ids", help="Does the sensor name vehicles?")] = None,
     learn: Annotated[float | None, typer.Option(help="Share of the vehicles, or groups, to learn from.")] = None,
     method: Annotated[list[str] | None, typer.Option(help="Compare only this one; may be given again.")] = None,
+    smooth: Annotated[
+        bool | None,
+        typer.Option("--smooth/--no-smooth", help="Beside the filters their smoothers, which know the whole log."),
+    ] = None,
     particles: Annotated[int | None, typer.Option(min=1, help="Samples for each vehicle.")] = None,
     cutoff: Annotated[float | None, typer.Option(help="GOSPA's cut-off, metres.")] = None,
     similarity: Annotated[
@@ -71,7 +75,7 @@ def tracking(
     from dirprim_filter.simulation.sensor import detect
 
     given: dict[str, Any] = {
-        "noise_m": noise, "gap_s": gap, "with_ids": with_ids, "learn": learn,
+        "noise_m": noise, "gap_s": gap, "with_ids": with_ids, "learn": learn, "smooth": smooth,
         "miss_rate": misses if miss_rate is None else miss_rate,
         "false_per_frame": clutter if false_per_frame is None else false_per_frame,
         "methods": method or None, "cutoff_m": cutoff, "similarity_m": similarity, "n_seeds": seeds, "seed": seed,

@@ -24,7 +24,9 @@ NOWHERE = -1.0
 """A coordinate that MOTChallenge leaves out."""
 
 
-def read_tracked_rows(path: str | Path, *, truth: Tracks, one_of_many: bool = False) -> TrackedRows:
+def read_tracked_rows(
+    path: str | Path, *, truth: Tracks, one_of_many: bool = False, smoothed: bool = False
+) -> TrackedRows:
     """What a tracker says, in the groups of a truth.
 
     A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A `.csv` or
@@ -35,6 +37,7 @@ def read_tracked_rows(path: str | Path, *, truth: Tracks, one_of_many: bool = Fa
         path: a .csv, .parquet or .txt, else an MCAP log that `dirprim track` wrote.
         truth: what it is to be compared with.
         one_of_many: the truth is one of its log's groups: ids that name another group are not of it.
+        smoothed: of an MCAP log what a smoother wrote beside the filter.
 
     Raises:
         RecordingError: the file is none of these, or does not say which group its rows are of.
@@ -49,7 +52,7 @@ def read_tracked_rows(path: str | Path, *, truth: Tracks, one_of_many: bool = Fa
     elif form == ".txt":
         columns = _of_mot(Path(path), truth)
     else:
-        rows = TrackedRows.of(read_estimates(path))
+        rows = TrackedRows.of(read_estimates(path, smoothed=smoothed))
         columns = {"track_id": rows.track_id, "time_ns": rows.time_ns, "position": rows.position,
                    "covariance": rows.covariance, "unseen_s": rows.unseen_s}  # fmt: skip
     if "group" not in columns:

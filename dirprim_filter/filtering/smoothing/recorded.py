@@ -1,0 +1,247 @@
+"""Filters that keep, of each belief, how its states followed from one another: what a smoother needs.
+
+Between two measurements particles are not resampled, so each is a path of its own, and the particles' joint moments at
+two times tell how the earlier follows from the later. Across a gap they are taken with the weights that the later
+measurement gave, as far as enough particles are left: of a belief with several arms that counts which the vehicle took.
+
+Source: Raanes, On the ensemble Rauch-Tung-Striebel smoother, 2016; Beaumont, Zhang and Balding, Approximate Bayesian
+Computation in Population Genetics, 2002, for the regression among the samples that come near.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Samples
+from dirprim_filter.filtering.kalman import ConstantVelocityKalman
+from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.protocols import BayesFilter, Evidence
+from dirprim_filter.filtering.smoothing import _kernels
+from dirprim_filter.filtering.smoothing._kernels import N_COLUMNS, N_STATES
+from dirprim_filter.filtering.smoothing.chain import LINK, LOWER, Belief, Chain
+from tessellation.arrays import AnyArray, FloatArray, IntArray
+
+LEAST_EFFECTIVE = 0.4
+"""Share of the particles that links across a gap are learned from at least; in one step, in which none forks, all."""
+
+
+class RecordedFilter(ABC):
+    """A `BayesFilter` that does what another does, and keeps a `Chain` of each belief.
+
+    Attributes:
+        chain: of each slot in which a belief was begun.
+        chains: all that were begun, whether they ended or not; whoever has used one drops it.
+    """
+
+    def __init__(self, inner: BayesFilter) -> None:
+        self._inner = inner
+        self.chain: dict[int, Chain] = {}
+        self.chains: list[Chain] = []
+        self._time_ns: dict[int, int] = {}
+
+    def reserve(self, n_slots: int) -> None:
+        """Make room for so many slots."""
+        self._inner.reserve(n_slots)
+
+    def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
+        """Start beliefs, and a chain of each: the one that the slot had ends."""
+        self._inner.begin(slot, key, measured)
+        for s, time_ns in zip(slot.tolist(), measured.time_ns.tolist(), strict=True):
+            if s in self.chain:
+                self.chain[s].until_ns = time_ns
+            self._time_ns[s] = time_ns
+            self.chain[s] = Chain(self._belief(s))
+            self.chains.append(self.chain[s])
+            self._start(s)
+
+    def copy(self, source: IntArray, target: IntArray) -> None:
+        """Make the beliefs of `target` those of `source`; a copy has no chain."""
+        self._inner.copy(source, target)
+        for s in target.tolist():
+            self.chain.pop(s, None)
+
+    def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
+        """Move beliefs on."""
+        known = np.array([s in self.chain for s in slot.tolist()], np.bool_)
+        self._predict(slot, dt_s, known)
+        for s, dt in zip(slot[known].tolist(), dt_s[known].tolist(), strict=True):
+            self._time_ns[s] += round(dt * 1e9)
+
+    def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
+        """As the filter says."""
+        return self._inner.log_likelihood(slot, measured)
+
+    def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
+        """Correct beliefs, and link them to what they were at their last measurement and since."""
+        return self._weigh(slot, measured)
+
+    def moments(self, slot: IntArray) -> FloatArray:
+        """As the filter says."""
+        return self._inner.moments(slot)
+
+    def probability_outside(self, slot: IntArray) -> FloatArray:
+        """As the filter says."""
+        return self._inner.probability_outside(slot)
+
+    def resample(self, slot: IntArray) -> None:
+        """As the filter does."""
+        self._inner.resample(slot)
+
+    def particles(self, slot: IntArray) -> Samples:
+        """As the filter says."""
+        return self._inner.particles(slot)
+
+    @abstractmethod
+    def _belief(self, slot: int) -> Belief:
+        """What is believed now."""
+
+    @abstractmethod
+    def _start(self, slot: int) -> None:
+        """Forget what stood in the slot."""
+
+    @abstractmethod
+    def _predict(self, slot: IntArray, dt_s: FloatArray, known: AnyArray) -> None:
+        """Move beliefs on, and keep how those of the `known` were."""
+
+    @abstractmethod
+    def _weigh(self, slot: IntArray, measured: Detections) -> Evidence:
+        """Correct beliefs and add the links."""
+
+
+class RecordedParticles(RecordedFilter):
+    """Of a particle filter; between measurements its particles are kept at each step.
+
+    Args:
+        inner: whose particles are looked at.
+    """
+
+    def __init__(self, inner: ParticleFilter) -> None:
+        super().__init__(inner)
+        self._of = inner
+        self._past: dict[int, list[tuple[int, FloatArray]]] = {}
+
+    def _columns(self, slot: IntArray) -> FloatArray:
+        cloud = self._of.belief.cloud
+        out = np.empty((slot.size, N_COLUMNS, cloud.speed.shape[1]))
+        _kernels.columns_of(cloud, slot, out)
+        return out
+
+    def _belief(self, slot: int) -> Belief:
+        return self._moments(slot, self._columns(np.array([slot]))[0], self._of.belief.cloud.weight[slot])
+
+    def _moments(self, slot: int, columns: FloatArray, weight: FloatArray) -> Belief:
+        mean, covariance = np.empty(N_COLUMNS), np.empty((N_STATES, N_STATES))
+        _kernels.moments(weight, columns, mean, covariance)
+        return Belief(self._time_ns[slot], mean[:N_STATES], covariance, mean[N_STATES:])
+
+    def _start(self, slot: int) -> None:
+        self._past[slot] = []
+
+    def _predict(self, slot: IntArray, dt_s: FloatArray, known: AnyArray) -> None:
+        for s, columns in zip(slot[known].tolist(), self._columns(slot[known]), strict=True):
+            self._past[s].append((self._time_ns[s], columns))
+        self._inner.predict(slot, dt_s)
+
+    def _weigh(self, slot: IntArray, measured: Detections) -> Evidence:
+        cloud = self._of.belief.cloud
+        before = cloud.weight[slot]
+        evidence = self._inner.weigh(slot, measured)
+        now = self._columns(slot)
+        weight = np.empty(cloud.speed.shape[1])
+        for i, s in enumerate(slot.tolist()):
+            after = cloud.weight[s]
+            past = self._past[s]
+            if len(past) > 1:
+                _kernels.tempered(before[i], after, LEAST_EFFECTIVE * weight.size, weight)
+            else:
+                weight[:] = before[i]
+            links = np.empty(len(past), LINK)
+            mean, later = np.empty(N_COLUMNS), np.empty(N_STATES)
+            gain, spread = np.empty((N_STATES, N_STATES)), np.empty((N_STATES, N_STATES))
+            for j, (time_ns, then) in enumerate(past):
+                _kernels.link(weight, then, now[i], mean, later, gain, spread)
+                links[j] = (
+                    time_ns,
+                    mean[:N_STATES],
+                    later,
+                    gain,
+                    spread[LOWER],
+                    mean[N_STATES:],
+                    len(past) - j,
+                    j == 0,
+                )
+            self.chain[s].extend(links, self._moments(s, now[i], after))
+            self._past[s] = []
+        return evidence
+
+
+class RecordedKalman(RecordedFilter):
+    """Of the constant-velocity Kalman filter: then the sweep is Rauch, Tung and Striebel's own.
+
+    Args:
+        inner: whose Gaussians are looked at.
+    """
+
+    def __init__(self, inner: ConstantVelocityKalman) -> None:
+        super().__init__(inner)
+        self._of = inner
+        self._links: dict[int, list[Any]] = {}
+
+    def _gaussian(self, slot: IntArray) -> tuple[FloatArray, FloatArray]:
+        return self._of.mean[slot, 0, :N_STATES].copy(), self._of.covariance[slot, 0, :N_STATES, :N_STATES].copy()
+
+    def _belief(self, slot: int) -> Belief:
+        mean, covariance = self._gaussian(np.array([slot]))
+        return Belief(self._time_ns[slot], mean[0], covariance[0], _course(mean)[0])
+
+    def _start(self, slot: int) -> None:
+        self._links[slot] = []
+
+    def _predict(self, slot: IntArray, dt_s: FloatArray, known: AnyArray) -> None:
+        of, dt = slot[known], dt_s[known]
+        mean, p = self._gaussian(of)
+        self._inner.predict(slot, dt_s)
+        later, p_later = self._gaussian(of)
+        moved = np.tile(np.eye(N_STATES), (of.size, 1, 1))
+        moved[:, 0, 2] = moved[:, 1, 3] = dt
+        c = p @ moved.transpose(0, 2, 1)
+        gain = np.linalg.solve(p_later, c.transpose(0, 2, 1)).transpose(0, 2, 1)
+        links = np.empty(of.size, LINK)
+        links["time_ns"] = [self._time_ns[s] for s in of.tolist()]
+        links["mean"], links["later"], links["gain"] = mean, later, gain
+        links["spread"] = (p - gain @ p_later @ gain.transpose(0, 2, 1))[:, *LOWER]
+        links["course"], links["ahead"] = _course(mean), 1
+        links["is_measured"] = [not self._links[s] for s in of.tolist()]
+        for s, one in zip(of.tolist(), links, strict=True):
+            self._links[s].append(one)
+
+    def _weigh(self, slot: IntArray, measured: Detections) -> Evidence:
+        evidence = self._inner.weigh(slot, measured)
+        for s in slot.tolist():
+            self.chain[s].extend(np.array(self._links[s], LINK), self._belief(s))
+            self._links[s] = []
+        return evidence
+
+
+def recorded(bayes_filter: BayesFilter) -> RecordedFilter:
+    """The filter as one that keeps chains.
+
+    Raises:
+        ValueError: a filter that has no smoother.
+    """
+    if isinstance(bayes_filter, ParticleFilter):
+        return RecordedParticles(bayes_filter)
+    if isinstance(bayes_filter, ConstantVelocityKalman):
+        return RecordedKalman(bayes_filter)
+    kind = type(bayes_filter).__name__
+    raise ValueError(f"filter: expected a particle filter or constant velocity, which can be smoothed, got {kind}")
+
+
+def _course(mean: FloatArray) -> FloatArray:
+    """(n, 4) -> (n, 2) unit vectors along the velocities; east of one that stands."""
+    direction = np.arctan2(mean[:, 3], mean[:, 2])
+    return np.column_stack([np.cos(direction), np.sin(direction)])

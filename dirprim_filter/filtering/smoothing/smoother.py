@@ -1,0 +1,216 @@
+"""Estimates that know what came later: each frame again, when the measurements after it are in.
+
+A measurement tells less and less of what was long before it. So a sweep over a few seconds is as good as one over the
+whole log, and memory does not grow with its length.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
+from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.protocols import BayesFilter
+from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
+from dirprim_filter.filtering.smoothing.recorded import RecordedFilter, recorded
+from dirprim_filter.filtering.tracker import Tracker
+from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.tracks import world_names
+from tessellation.arrays import AnyArray, FloatArray, IntArray
+
+WHOLE_S = 30.0
+"""Measurements so long after an instant tell nothing of it; the longest gap is added."""
+STANDING_SPEED = 0.1
+"""m/s: below some of it a velocity tells no direction, and that of the filter counts."""
+
+
+class RecordedTracker(Tracker):
+    """A tracker whose filter keeps chains, named as its estimates are.
+
+    Args:
+        group: of the log.
+        model: as of a `Tracker`; of the filters those that have a smoother.
+        config: likewise.
+        tracking: likewise.
+        with_innovations: likewise.
+        rng: likewise.
+
+    Attributes:
+        frames_ns: times of the frames that are not smoothed yet, ascending.
+    """
+
+    def __init__(
+        self, group: int, model: PrimitiveMap | BayesFilter, *, config: FilterConfig | None = None,
+        tracking: TrackingConfig | None = None, with_innovations: bool = False, rng: np.random.Generator,
+    ) -> None:  # fmt: skip
+        config = config or FilterConfig()
+        self._group = group
+        self._recorded: RecordedFilter = recorded(
+            ParticleFilter(model, config) if isinstance(model, PrimitiveMap) else model
+        )
+        super().__init__(self._recorded, config=config, tracking=tracking, with_innovations=with_innovations, rng=rng)
+        self.frames_ns: list[int] = []
+
+    def frame(self) -> TrackedFrame:
+        """As of a `Tracker`; the chains of its vehicles learn their names."""
+        frame = super().frame()
+        self.frames_ns.append(frame.time_ns)
+        names = world_names(frame.estimates.track_id, np.full(len(frame.estimates), self._group))
+        home = self._frame.shown_home.tolist()
+        for slot, name, exists in zip(home, names.tolist(), frame.estimates.existence.tolist(), strict=True):
+            chain = self._recorded.chain[slot]
+            chain.name = str(name)
+            chain.existence = max(chain.existence, exists)
+        return frame
+
+    def chains(self) -> list[Chain]:
+        """All that may have something to tell, in the order in which they began."""
+        return self._recorded.chains
+
+    def keep(self, chains: list[Chain]) -> None:
+        """Forget all chains but these."""
+        self._recorded.chains = chains
+
+
+class Smoother:
+    """An `EstimateSink` that passes each frame on again, smoothed, when what followed it is known; a context manager.
+
+    When the context ends nothing more will be known, and what is left is passed on.
+
+    A vehicle is told of from its first measurement to its last; one that a sensor does not name only if the filter told
+    of it, then from its first measurement too.
+
+    Args:
+        max_gap_s: seconds without a measurement after which a belief ends.
+        lag_s: seconds by which frames are late, at least 0. Left out: as long as anything can be learned.
+        tell: take the smoothed frames, in order of time.
+
+    Attributes:
+        tell: as given; more may be added before the first frame.
+
+    Raises:
+        ValueError: a negative lag.
+    """
+
+    def __init__(
+        self, *, max_gap_s: float, lag_s: float | None = None, tell: Sequence[Callable[[TrackedFrame], None]] = ()
+    ) -> None:
+        if lag_s is not None and not 0 <= lag_s < np.inf:
+            raise ValueError(f"lag_s: expected a finite number of seconds, at least 0, got {lag_s}")
+        self.tell = list(tell)
+        self._gap_ns = int(max_gap_s * 1e9)
+        whole_ns = int((WHOLE_S + max_gap_s) * 1e9)
+        self._lag_ns, self._every_ns = (whole_ns, whole_ns) if lag_s is None else (int(lag_s * 1e9), 0)
+        self._frames: deque[TrackedFrame] = deque()
+        self._trackers: list[RecordedTracker] = []
+
+    def tracker(self, group: int, model: PrimitiveMap | BayesFilter, *, config: FilterConfig, tracking: TrackingConfig,
+                with_innovations: bool = False, rng: np.random.Generator) -> Tracker:  # fmt: skip
+        """A tracker of a group, to be followed by this smoother; as `RecordedTracker`."""
+        made = RecordedTracker(
+            group, model, config=config, tracking=tracking, with_innovations=with_innovations, rng=rng
+        )
+        self._trackers.append(made)
+        return made
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Take a frame of the filter, and pass on what by now can be smoothed."""
+        self._frames.append(TrackedFrame(
+            time_ns=frame.time_ns, detections=frame.detections, estimates=frame.estimates, particles=Particles.none(),
+            begun_anew=frame.begun_anew,
+        ))  # fmt: skip
+        settled_ns = frame.time_ns - self._lag_ns
+        if settled_ns >= self._frames[0].time_ns + self._every_ns:
+            self._pass_on(settled_ns, now_ns=frame.time_ns)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._frames and (kind is None or issubclass(kind, KeyboardInterrupt)):
+            last_ns = self._frames[-1].time_ns
+            self._pass_on(last_ns, now_ns=last_ns + self._gap_ns + 1)
+
+    def _pass_on(self, settled_ns: int, *, now_ns: int) -> None:
+        told, open_names = [], set()
+        for tracker in self._trackers:
+            frames_ns = np.array(tracker.frames_ns, np.int64)
+            tracker.frames_ns = [t for t in tracker.frames_ns if t > settled_ns]
+            kept = []
+            for chain in tracker.chains():
+                is_over = chain.until_ns is not None or now_ns - chain.last.time_ns > self._gap_ns
+                if chain.name:
+                    rows = _told(chain, frames_ns[frames_ns <= settled_ns])
+                    if rows is not None:
+                        told.append(rows)
+                    if not is_over:
+                        open_names.add(chain.name)
+                chain.forget(before_ns=settled_ns)
+                if not (is_over and chain.last.time_ns <= settled_ns):
+                    kept.append(chain)
+            tracker.keep(kept)
+        smoothed = Estimates.concatenate(told)
+        order = np.argsort(smoothed.time_ns, kind="stable")
+        smoothed = smoothed[order]
+        for frame in self._settled(settled_ns):
+            first, end = np.searchsorted(smoothed.time_ns, [frame.time_ns, frame.time_ns + 1])
+            rows = smoothed[np.arange(first, end)]
+            late = _unsettled(frame, rows.track_id, open_names)
+            estimates = Estimates.concatenate([rows, frame.estimates[late]]) if late.size else rows
+            for tell in self.tell:
+                tell(TrackedFrame(
+                    time_ns=frame.time_ns, detections=frame.detections, estimates=estimates,
+                    particles=frame.particles, begun_anew=frame.begun_anew,
+                ))  # fmt: skip
+
+    def _settled(self, settled_ns: int) -> Iterator[TrackedFrame]:
+        while self._frames and self._frames[0].time_ns <= settled_ns:
+            yield self._frames.popleft()
+
+
+def _told(chain: Chain, frames_ns: IntArray) -> Estimates | None:
+    """The chain's estimates at these times, as far as it reaches; None where it does not."""
+    last_ns = chain.last.time_ns if chain.until_ns is None else min(chain.last.time_ns, chain.until_ns - 1)
+    times = frames_ns[(frames_ns >= chain.first_ns) & (frames_ns <= last_ns)]
+    return _estimates(chain, chain.smoothed().at(times)) if times.size else None
+
+
+def _unsettled(frame: TrackedFrame, track_id: AnyArray, open_names: set[str]) -> IntArray:
+    """Rows of the filter's estimates of vehicles that have not been measured since, and may be again."""
+    has = set(track_id.astype(np.str_).tolist())
+    return np.array([i for i, name in enumerate(frame.names) if name in open_names and name not in has], np.int64)
+
+
+def _estimates(chain: Chain, of: Smoothed) -> Estimates:
+    velocity, spread = of.mean[:, 2:], of.covariance[:, 2:, 2:]
+    facing = velocity + STANDING_SPEED * of.course
+    length = np.hypot(*facing.T) + 1e-12
+    along = facing / length[:, None]
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    n = of.time_ns.size
+    return Estimates(
+        track_id=np.full(n, chain.name),
+        time_ns=of.time_ns,
+        position=of.mean[:, :2],
+        covariance=of.covariance[:, :2, :2],
+        direction=np.arctan2(facing[:, 1], facing[:, 0]),
+        direction_resultant=np.exp(-0.5 * _variance(across, spread) / length**2),
+        speed=np.hypot(*velocity.T),
+        speed_std=np.sqrt(_variance(along, spread)),
+        effective_sample_size=np.ones(n),
+        log_evidence=np.zeros(n),
+        existence=np.full(n, chain.existence),
+        unseen_s=np.asarray((of.time_ns - of.measured_ns) * 1e-9, np.float64),
+    )
+
+
+def _variance(axis: FloatArray, covariance: FloatArray) -> FloatArray:
+    return np.asarray(np.maximum(np.einsum("ni,nij,nj->n", axis, covariance, axis), 0.0))

@@ -1,0 +1,240 @@
+"""The smoother against filterpy's, against exact regression, and by laws that hold whatever the filter."""
+
+import numpy as np
+import pytest
+from filterpy.common import Q_continuous_white_noise
+from filterpy.kalman import KalmanFilter
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateList
+from dirprim_filter.filtering import ConstantTurnUKF, ConstantVelocityKalman, Worlds
+from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
+from dirprim_filter.filtering.smoothing import Smoother, _kernels
+from dirprim_filter.filtering.smoothing.chain import LINK
+from dirprim_filter.filtering.smoothing.recorded import recorded
+from situations import one_cell_map, ring_traffic
+
+NOISE_M, DENSITY = 0.7, 2.0
+CONFIG = FilterConfig(noise_m=NOISE_M, outlier_probability=1e-13, n_particles=200)
+
+
+def measured(tracks, *, seed=3, hidden=()):
+    rows = ~np.isin(np.arange(len(tracks)), hidden)
+    noise = np.random.default_rng(seed).normal(0, NOISE_M, tracks.position.shape)
+    return Detections(
+        track_id=tracks.track_id[rows], time_ns=tracks.time_ns[rows], position=(tracks.position + noise)[rows]
+    )
+
+
+def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, group=0):
+    """What the filter and what the smoother says of detections."""
+    found, later = EstimateList(), EstimateList()
+    smoother = Smoother(max_gap_s=CONFIG.max_gap_s, lag_s=lag_s, tell=[later.write])
+    model = model or ConstantVelocityKalman(acceleration_density=DENSITY, config=CONFIG)
+    tracker = smoother.tracker(group, model, config=CONFIG, tracking=TrackingConfig(), rng=np.random.default_rng(0))
+    frames = {int(frame.time_ns[0]): frame if with_ids else frame.without_ids() for frame in seen.frames()}
+    with smoother:
+        for time_ns in sorted({*frames, *(times or ())}):
+            tracker.predict(frames.get(time_ns, Detections.none()), time_ns=time_ns)
+            tracker.weigh()
+            frame = tracker.frame()
+            found.write(frame)
+            smoother.write(frame)
+            tracker.resample()
+    return found.all(), later.all()
+
+
+def same(a, b):
+    for name in ("time_ns", "position", "covariance", "direction", "speed", "speed_std", "unseen_s"):
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-6, atol=1e-6, err_msg=name)
+    assert a.track_id.tolist() == b.track_id.tolist()
+
+
+def filterpy_smoother(seen, is_seen, dt_s):
+    """Means and covariances by filterpy's own `rts_smoother`, over all instants."""
+    f, q, first = np.eye(4), np.kron(Q_continuous_white_noise(2, dt_s, DENSITY), np.eye(2)), np.eye(4)
+    f[0, 2] = f[1, 3] = dt_s
+    kalman = KalmanFilter(dim_x=4, dim_z=2)
+    kalman.F, kalman.Q, kalman.H, kalman.R = f, q, np.eye(2, 4), NOISE_M**2 * np.eye(2)
+    kalman.x, kalman.P = np.append(seen[0], [0.0, 0.0]), np.diag([NOISE_M**2] * 2 + [FIRST_SPEED_STD**2] * 2) @ first
+    means, covariances = [kalman.x], [kalman.P]
+    for z, is_one in zip(seen[1:], is_seen[1:], strict=True):
+        kalman.predict()
+        kalman.update(z if is_one else None)
+        means.append(kalman.x.copy())
+        covariances.append(kalman.P.copy())
+    return kalman.rts_smoother(np.array(means), np.array(covariances))[:2]
+
+
+def test_of_constant_velocity_it_is_the_smoother_of_rauch_tung_and_striebel_also_across_a_gap():
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=60)
+    hidden = np.flatnonzero((tracks.track_id == 1) & (tracks.time_ns > 2e9) & (tracks.time_ns < 4e9))
+    seen = measured(tracks, hidden=hidden)
+    found, later = smoothed(seen)
+    for name in range(2):
+        rows = tracks.track_id == name
+        is_seen = ~np.isin(np.flatnonzero(rows), hidden)
+        z = np.full((60, 2), np.nan)
+        z[is_seen] = seen.position[seen.track_id == str(name)]
+        mean, covariance = filterpy_smoother(z, is_seen, 0.1)
+        own = later[later.track_id == name]
+        assert len(own) == 60
+        np.testing.assert_allclose(own.position, mean[:, :2], atol=2e-5)
+        np.testing.assert_allclose(own.covariance, covariance[:, :2, :2], atol=2e-5)
+        np.testing.assert_allclose(own.speed, np.hypot(*mean[:, 2:].T), atol=2e-5)
+        np.testing.assert_array_equal(own.unseen_s > 0.05, ~is_seen)
+    assert np.abs(found.position[found.track_id == 1] - later.position[later.track_id == 1]).max() > 0.5
+
+
+def test_a_long_lag_is_the_whole_log_a_short_one_is_not_and_none_is_the_filter():
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=150)
+    seen = measured(tracks)
+    found, whole = smoothed(seen)
+    same(smoothed(seen, lag_s=8.0)[1], whole)
+    assert np.abs(smoothed(seen, lag_s=0.3)[1].position - whole.position).max() > 0.05
+    none = smoothed(seen, lag_s=0.0)[1]
+    np.testing.assert_allclose(none.position, found.position, atol=1e-9)
+    np.testing.assert_allclose(none.covariance, found.covariance, atol=1e-9)
+
+
+def test_logs_longer_than_what_is_kept_are_smoothed_as_if_all_were(monkeypatch):
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=400)
+    whole = smoothed(measured(tracks))[1]
+    monkeypatch.setattr("dirprim_filter.filtering.smoothing.smoother.WHOLE_S", 8.0)
+    same(smoothed(measured(tracks))[1], whole)
+
+
+def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=50)
+    frames = []
+    smoother = Smoother(max_gap_s=5.0, lag_s=1.0, tell=[frames.append])
+    worlds = Worlds(
+        lambda group: smoother.tracker(
+            group, ConstantVelocityKalman(acceleration_density=DENSITY, config=CONFIG), config=CONFIG,
+            tracking=TrackingConfig(), rng=np.random.default_rng(0),
+        )
+    )  # fmt: skip
+    seen = measured(tracks)
+    late = []
+    with smoother:
+        for frame in seen.frames():
+            worlds.predict(frame)
+            worlds.weigh()
+            smoother.write(worlds.frame())
+            late.append(len(frames))
+            worlds.resample()
+    assert late[8:14] == [0, 0, 1, 2, 3, 4]  # a second late, no more
+    assert [frame.time_ns for frame in frames] == np.unique(seen.time_ns).tolist()
+    for frame in frames:
+        assert len(frame.detections) == len(frame.estimates) == 2
+        assert (frame.detections.time_ns == frame.time_ns).all()
+
+
+def test_a_track_without_an_id_begins_at_its_first_detection_and_ends_at_its_last():
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=40)
+    times = [i * 100_000_000 for i in range(60)]
+    found, later = smoothed(measured(tracks), with_ids=False, times=times)
+    assert found.time_ns.min() > 0
+    assert found.time_ns.max() > tracks.time_ns.max()
+    assert later.time_ns.tolist() == tracks.time_ns.tolist()
+    assert (later.existence >= found.existence.max()).all()
+
+
+def test_a_vehicle_is_smoothed_the_same_whichever_others_there_are():
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=3, n_rows=30)
+    model = one_cell_map(concentration=5.0, shape=10.0)
+    both = smoothed(measured(tracks), model=model)[1]
+    rows = np.flatnonzero(tracks.track_id != 1)
+    alone = smoothed(measured(tracks, hidden=rows), model=model)[1]
+    same(both[both.track_id == 1], alone)
+
+
+def test_vehicles_of_other_groups_have_theirs_in_front():
+    tracks = ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=10)
+    assert set(smoothed(measured(tracks), group=3)[1].track_id.tolist()) == {"3/0"}
+
+
+def test_where_a_belief_began_anew_nothing_is_carried_across():
+    def at(time_s, x):
+        return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
+
+    first, second = ([at(t0 + 0.1 * i, x0 + i) for i in range(20)] for t0, x0 in ((0.0, 0.0), (10.0, 500.0)))
+    _, both = smoothed(Detections.concatenate([*first, *second]))
+    same(both[both.time_ns < 9e9], smoothed(Detections.concatenate(first))[1])
+    same(both[both.time_ns > 9e9], smoothed(Detections.concatenate(second))[1])
+    assert (np.diff(both.time_ns) > 0).all()
+
+
+def linear_pair(rng, n):
+    """Particles and what they became: x' = A x + noise; the gain and spread that follow."""
+    a, q = np.eye(4) + 0.3 * rng.normal(size=(4, 4)), np.diag([0.1, 0.2, 0.3, 0.4])
+    root = rng.normal(size=(4, 4))
+    p = root @ root.T
+    then = rng.multivariate_normal(np.zeros(4), p, n)
+    now = then @ a.T + rng.multivariate_normal(np.zeros(4), q, n)
+    later = a @ p @ a.T + q
+    gain = p @ a.T @ np.linalg.inv(later)
+    return then, now, gain, p - gain @ later @ gain.T
+
+
+def linked(weight, then, now):
+    def columns(state):
+        return np.ascontiguousarray(np.vstack([state.T, np.ones(len(state)), np.zeros(len(state))]))
+
+    mean, later, gain, spread = np.empty(6), np.empty(4), np.empty((4, 4)), np.empty((4, 4))
+    _kernels.link(weight, columns(then), columns(now), mean, later, gain, spread)
+    return mean[:4], later, gain, spread
+
+
+def test_links_of_linear_gaussian_particles_are_exact_also_among_those_that_came_near():
+    then, now, gain, spread = linear_pair(np.random.default_rng(0), 100_000)
+    for near in (np.ones(len(now)), np.exp(-0.5 * ((now[:, :2] - [1.0, -0.5]) ** 2).sum(axis=1))):
+        weight = near / near.sum()
+        few = 10.0 / np.sqrt(1.0 / (weight**2).sum())
+        _, _, found, left = linked(weight, then, now)
+        np.testing.assert_allclose(found, gain, atol=few)
+        np.testing.assert_allclose(left, spread, atol=few)
+
+
+def test_at_a_fork_the_way_back_is_on_the_arm_that_was_taken():
+    rng = np.random.default_rng(0)
+    n = 2000
+    arm = rng.choice([-1.0, 1.0], n)
+    along = rng.normal(10.0, 1.0, n)
+    now = np.column_stack([along, arm * along, np.full(n, 10.0), 10.0 * arm]) + 0.1 * rng.normal(size=(n, 4))
+    then = np.column_stack([0.5 * along, arm * (0.5 * along) ** 3 / 25.0, np.full(n, 10.0), np.zeros(n)])
+    place = np.array([10.0, 10.0, 10.0, 10.0])
+    truth = np.array([5.0, 5.0])
+    near, weight = np.exp(-0.5 * ((now[:, :2] - place[:2]) ** 2).sum(axis=1) / 0.3**2), np.empty(n)
+    _kernels.tempered(np.full(n, 1.0 / n), near / near.sum(), 100.0, weight)
+    of_all, of_near = (
+        mean + gain @ (place - later)
+        for mean, later, gain, _ in (linked(w, then, now) for w in (np.full(n, 1.0 / n), weight))
+    )
+    assert np.linalg.norm(of_near[:2] - truth) < 0.1
+    assert np.linalg.norm(of_all[:2] - truth) > 0.1  # one Gaussian for both arms
+    assert 1.0 / (weight**2).sum() >= 100.0
+
+
+def test_tempered_weights_are_those_of_the_measurement_where_these_leave_enough():
+    before = np.full(1000, 1e-3)
+    after = np.random.default_rng(0).gamma(2.0, size=1000)
+    after /= after.sum()
+    weight = np.empty(1000)
+    _kernels.tempered(before, after, 100.0, weight)
+    np.testing.assert_array_equal(weight, after)
+    _kernels.tempered(before, after, 950.0, weight)
+    assert 950.0 <= 1.0 / (weight**2).sum() < 960.0
+    assert weight.sum() == pytest.approx(1.0)
+
+
+def test_a_link_takes_no_more_than_200_bytes():
+    assert LINK.itemsize <= 200
+
+
+def test_a_filter_that_has_no_smoother_is_refused_and_so_is_a_negative_lag():
+    with pytest.raises(ValueError, match="which can be smoothed, got ConstantTurnUKF"):
+        recorded(ConstantTurnUKF(acceleration_density=1.0, turn_density=0.1))
+    with pytest.raises(ValueError, match="lag_s"):
+        Smoother(max_gap_s=5.0, lag_s=-1.0)
