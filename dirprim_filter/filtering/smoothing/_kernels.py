@@ -69,20 +69,21 @@ def tempered(before: FloatArray, after: FloatArray, least: float, weight: FloatA
 @njit(cache=True, nogil=True)
 def moments(weight: FloatArray, column: FloatArray, mean: FloatArray, covariance: FloatArray) -> None:
     """Fills (6,) and (4, 4) from (6, P) columns."""
-    for a in range(N_COLUMNS):
-        mean[a] = np.dot(weight, column[a])
+    mean[:] = np.dot(column, weight)
+    off = np.empty((N_STATES, weight.size))
+    covariance[:] = np.dot(weighted(weight, column, mean, off), off.T)
+
+
+@njit(cache=True, nogil=True)
+def weighted(weight: FloatArray, column: FloatArray, mean: FloatArray, off: FloatArray) -> FloatArray:
+    """Fills (4, P) deviations of the states from their mean; -> (4, P) the same by weight."""
+    by_weight = np.empty_like(off)
     for a in range(N_STATES):
-        for b in range(a + 1):
-            covariance[a, b] = covariance[b, a] = cross(weight, column[a], mean[a], column[b], mean[b])
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def cross(weight: FloatArray, one: FloatArray, its_mean: float, other: FloatArray, others_mean: float) -> float:
-    """Weighted covariance of two columns."""
-    total = 0.0
-    for p in range(weight.size):
-        total += weight[p] * (one[p] - its_mean) * (other[p] - others_mean)
-    return total
+        for p in range(weight.size):
+            off[a, p] = column[a, p] - mean[a]
+        for p in range(weight.size):
+            by_weight[a, p] = weight[p] * off[a, p]
+    return by_weight
 
 
 @njit(cache=True, nogil=True)
@@ -94,15 +95,33 @@ def link(
 
     gain = C (P' + least)^-1 and spread = P - gain C^T - C gain^T + gain P' gain^T, C = cov(then, now).
     """
-    of_now, p_now, p_then, c = np.empty(N_COLUMNS), np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 4))
-    moments(weight, now, of_now, p_now)
-    moments(weight, then, mean, p_then)
-    for a in range(N_STATES):
-        for b in range(N_STATES):
-            c[a, b] = cross(weight, then[a], mean[a], now[b], of_now[b])
+    of_now, off = np.dot(now, weight), np.empty((2 * N_STATES, weight.size))
+    mean[:] = np.dot(then, weight)
+    by_weight = np.empty_like(off)
+    by_weight[:N_STATES] = weighted(weight, then, mean, off[:N_STATES])
+    by_weight[N_STATES:] = weighted(weight, now, of_now, off[N_STATES:])
+    both = np.dot(by_weight, off.T)
+    p_then, c, p_now = both[:N_STATES, :N_STATES], both[:N_STATES, N_STATES:], both[N_STATES:, N_STATES:]
     later[:] = of_now[:N_STATES]
     solved(c, p_now, gain)
     around(p_then, p_now, c, gain, spread)
+
+
+@njit(cache=True, nogil=True)
+def link_each(
+    weight: FloatArray, then: FloatArray, now: FloatArray, mean: FloatArray, later: FloatArray, gain: FloatArray,
+    spread: FloatArray,
+) -> None:  # fmt: skip
+    """`link` of several vehicles: of each argument one for each, in its first axis."""
+    for i in range(weight.shape[0]):
+        link(weight[i], then[i], now[i], mean[i], later[i], gain[i], spread[i])
+
+
+@njit(cache=True, nogil=True)
+def moments_each(weight: FloatArray, column: FloatArray, mean: FloatArray, covariance: FloatArray) -> None:
+    """`moments` of several vehicles, likewise."""
+    for i in range(weight.shape[0]):
+        moments(weight[i], column[i], mean[i], covariance[i])
 
 
 @njit(cache=True, nogil=True)
@@ -111,14 +130,20 @@ def solved(c: FloatArray, p_later: FloatArray, gain: FloatArray) -> None:
     regular = p_later.copy()
     for a in range(N_STATES):
         regular[a, a] += LEAST_VARIANCE[a]
-    gain[:] = np.linalg.solve(regular, np.ascontiguousarray(c.T)).T
+    gain[:] = np.linalg.solve(regular, c.T.copy()).T
 
 
 @njit(cache=True, nogil=True)
 def around(p: FloatArray, p_later: FloatArray, c: FloatArray, gain: FloatArray, spread: FloatArray) -> None:
     """Fills P - G C^T - C G^T + G P' G^T: a covariance whatever the gain."""
-    half = gain @ c.T
-    spread[:] = p - half - half.T + gain @ p_later @ gain.T
+    for a in range(N_STATES):
+        for b in range(N_STATES):
+            total = p[a, b]
+            for k in range(N_STATES):
+                total -= gain[a, k] * c[b, k] + c[a, k] * gain[b, k]
+                for m in range(N_STATES):
+                    total += gain[a, k] * p_later[k, m] * gain[b, m]
+            spread[a, b] = total
 
 
 @njit(cache=True, nogil=True)
@@ -137,7 +162,18 @@ def sweep_back(
         state: (n + 1, 4) of which the last is given; the others are filled.
         covariance: (n + 1, 4, 4), likewise.
     """
+    half = np.empty((N_STATES, N_STATES))
     for i in range(ahead.size - 1, -1, -1):
         j = i + ahead[i]
-        state[i] = mean[i] + gain[i] @ (state[j] - later[i])
-        covariance[i] = spread[i] + gain[i] @ covariance[j] @ gain[i].T
+        for a in range(N_STATES):
+            state[i, a] = mean[i, a]
+            for k in range(N_STATES):
+                state[i, a] += gain[i, a, k] * (state[j, k] - later[i, k])
+                half[a, k] = 0.0
+                for m in range(N_STATES):
+                    half[a, k] += gain[i, a, m] * covariance[j, m, k]
+        for a in range(N_STATES):
+            for b in range(N_STATES):
+                covariance[i, a, b] = spread[i, a, b]
+                for k in range(N_STATES):
+                    covariance[i, a, b] += half[a, k] * gain[i, b, k]

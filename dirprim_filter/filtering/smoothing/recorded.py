@@ -11,6 +11,7 @@ Computation in Population Genetics, 2002, for the regression among the samples t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -131,12 +132,14 @@ class RecordedParticles(RecordedFilter):
         return out
 
     def _belief(self, slot: int) -> Belief:
-        return self._moments(slot, self._columns(np.array([slot]))[0], self._of.belief.cloud.weight[slot])
+        one = np.array([slot])
+        return next(self._beliefs(one, self._columns(one), self._of.belief.cloud.weight[one]))
 
-    def _moments(self, slot: int, columns: FloatArray, weight: FloatArray) -> Belief:
-        mean, covariance = np.empty(N_COLUMNS), np.empty((N_STATES, N_STATES))
-        _kernels.moments(weight, columns, mean, covariance)
-        return Belief(self._time_ns[slot], mean[:N_STATES], covariance, mean[N_STATES:])
+    def _beliefs(self, slot: IntArray, columns: FloatArray, weight: FloatArray) -> Iterator[Belief]:
+        mean, covariance = np.empty((slot.size, N_COLUMNS)), np.empty((slot.size, N_STATES, N_STATES))
+        _kernels.moments_each(weight, columns, mean, covariance)
+        for s, m, p in zip(slot.tolist(), mean, covariance, strict=True):
+            yield Belief(self._time_ns[s], m[:N_STATES], p, m[N_STATES:])
 
     def _start(self, slot: int) -> None:
         self._past[slot] = []
@@ -150,31 +153,30 @@ class RecordedParticles(RecordedFilter):
         cloud = self._of.belief.cloud
         before = cloud.weight[slot]
         evidence = self._inner.weigh(slot, measured)
-        now = self._columns(slot)
-        weight = np.empty(cloud.speed.shape[1])
-        for i, s in enumerate(slot.tolist()):
-            after = cloud.weight[s]
-            past = self._past[s]
-            if len(past) > 1:
-                _kernels.tempered(before[i], after, LEAST_EFFECTIVE * weight.size, weight)
-            else:
-                weight[:] = before[i]
-            links = np.empty(len(past), LINK)
-            mean, later = np.empty(N_COLUMNS), np.empty(N_STATES)
-            gain, spread = np.empty((N_STATES, N_STATES)), np.empty((N_STATES, N_STATES))
-            for j, (time_ns, then) in enumerate(past):
-                _kernels.link(weight, then, now[i], mean, later, gain, spread)
-                links[j] = (
-                    time_ns,
-                    mean[:N_STATES],
-                    later,
-                    gain,
-                    spread[LOWER],
-                    mean[N_STATES:],
-                    len(past) - j,
-                    j == 0,
-                )
-            self.chain[s].extend(links, self._moments(s, now[i], after))
+        after, now = cloud.weight[slot], self._columns(slot)
+        n_steps = np.array([len(self._past[s]) for s in slot.tolist()], np.int64)
+        vehicle = np.repeat(np.arange(slot.size), n_steps)
+        weight = before[vehicle]
+        for i in np.flatnonzero(n_steps > 1).tolist():
+            one = np.empty(before.shape[1])
+            _kernels.tempered(before[i], after[i], LEAST_EFFECTIVE * one.size, one)
+            weight[vehicle == i] = one
+        steps = [step for s in slot.tolist() for step in self._past[s]]
+        links = np.empty(len(steps), LINK)
+        if steps:
+            mean, later = np.empty((len(steps), N_COLUMNS)), np.empty((len(steps), N_STATES))
+            gain, spread = np.empty((2, len(steps), N_STATES, N_STATES))
+            then = np.stack([columns for _, columns in steps])
+            _kernels.link_each(weight, then, now[vehicle], mean, later, gain, spread)
+            links["time_ns"] = [time_ns for time_ns, _ in steps]
+            links["mean"], links["later"], links["gain"] = mean[:, :N_STATES], later, gain
+            links["spread"], links["course"] = spread[:, *LOWER], mean[:, N_STATES:]
+            end = np.cumsum(n_steps)
+            links["ahead"] = end[vehicle] - np.arange(len(steps))
+            links["is_measured"] = links["ahead"] == n_steps[vehicle]
+        parts = np.split(links, np.cumsum(n_steps)[:-1]) if slot.size else []
+        for s, own, last in zip(slot.tolist(), parts, self._beliefs(slot, now, after), strict=True):
+            self.chain[s].extend(own, last)
             self._past[s] = []
         return evidence
 

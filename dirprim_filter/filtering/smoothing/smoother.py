@@ -140,7 +140,8 @@ class Smoother:
             self._pass_on(last_ns, now_ns=last_ns + self._gap_ns + 1)
 
     def _pass_on(self, settled_ns: int, *, now_ns: int) -> None:
-        told, open_names = [], set()
+        told: list[tuple[Chain, Smoothed]] = []
+        open_names = set()
         for tracker in self._trackers:
             frames_ns = np.array(tracker.frames_ns, np.int64)
             tracker.frames_ns = [t for t in tracker.frames_ns if t > settled_ns]
@@ -148,18 +149,17 @@ class Smoother:
             for chain in tracker.chains():
                 is_over = chain.until_ns is not None or now_ns - chain.last.time_ns > self._gap_ns
                 if chain.name:
-                    rows = _told(chain, frames_ns[frames_ns <= settled_ns])
-                    if rows is not None:
-                        told.append(rows)
+                    times = _reached(chain, frames_ns[: np.searchsorted(frames_ns, settled_ns, side="right")])
+                    if times.size:
+                        told.append((chain, chain.smoothed().at(times)))
                     if not is_over:
                         open_names.add(chain.name)
                 chain.forget(before_ns=settled_ns)
                 if not (is_over and chain.last.time_ns <= settled_ns):
                     kept.append(chain)
             tracker.keep(kept)
-        smoothed = Estimates.concatenate(told)
-        order = np.argsort(smoothed.time_ns, kind="stable")
-        smoothed = smoothed[order]
+        smoothed = _estimates(told)
+        smoothed = smoothed[np.argsort(smoothed.time_ns, kind="stable")]
         for frame in self._settled(settled_ns):
             first, end = np.searchsorted(smoothed.time_ns, [frame.time_ns, frame.time_ns + 1])
             rows = smoothed[np.arange(first, end)]
@@ -176,11 +176,11 @@ class Smoother:
             yield self._frames.popleft()
 
 
-def _told(chain: Chain, frames_ns: IntArray) -> Estimates | None:
-    """The chain's estimates at these times, as far as it reaches; None where it does not."""
+def _reached(chain: Chain, frames_ns: IntArray) -> IntArray:
+    """Those of the times that the chain reaches."""
     last_ns = chain.last.time_ns if chain.until_ns is None else min(chain.last.time_ns, chain.until_ns - 1)
-    times = frames_ns[(frames_ns >= chain.first_ns) & (frames_ns <= last_ns)]
-    return _estimates(chain, chain.smoothed().at(times)) if times.size else None
+    first, end = np.searchsorted(frames_ns, [chain.first_ns, last_ns + 1])
+    return frames_ns[first:end]
 
 
 def _unsettled(frame: TrackedFrame, track_id: AnyArray, open_names: set[str]) -> IntArray:
@@ -189,7 +189,12 @@ def _unsettled(frame: TrackedFrame, track_id: AnyArray, open_names: set[str]) ->
     return np.array([i for i, name in enumerate(frame.names) if name in open_names and name not in has], np.int64)
 
 
-def _estimates(chain: Chain, of: Smoothed) -> Estimates:
+def _estimates(told: list[tuple[Chain, Smoothed]]) -> Estimates:
+    """All beliefs of all chains, as estimates."""
+    if not told:
+        return Estimates.concatenate([])
+    of = Smoothed(*(np.concatenate(columns) for columns in zip(*(beliefs for _, beliefs in told), strict=True)))
+    n_each = [beliefs.time_ns.size for _, beliefs in told]
     velocity, spread = of.mean[:, 2:], of.covariance[:, 2:, 2:]
     facing = velocity + STANDING_SPEED * of.course
     length = np.hypot(*facing.T) + 1e-12
@@ -197,7 +202,7 @@ def _estimates(chain: Chain, of: Smoothed) -> Estimates:
     across = np.column_stack([-along[:, 1], along[:, 0]])
     n = of.time_ns.size
     return Estimates(
-        track_id=np.full(n, chain.name),
+        track_id=np.repeat([chain.name for chain, _ in told], n_each),
         time_ns=of.time_ns,
         position=of.mean[:, :2],
         covariance=of.covariance[:, :2, :2],
@@ -207,7 +212,7 @@ def _estimates(chain: Chain, of: Smoothed) -> Estimates:
         speed_std=np.sqrt(_variance(along, spread)),
         effective_sample_size=np.ones(n),
         log_evidence=np.zeros(n),
-        existence=np.full(n, chain.existence),
+        existence=np.repeat([chain.existence for chain, _ in told], n_each),
         unseen_s=np.asarray((of.time_ns - of.measured_ns) * 1e-9, np.float64),
     )
 
