@@ -12,6 +12,7 @@ import argparse
 import json
 import platform
 import re
+import resource
 import shlex
 import subprocess
 import sys
@@ -86,7 +87,7 @@ def measure(table: Table, run: Run, folder: Path, data: Path, *, minutes: float)
         if not (folder / name).exists():
             call(LOGS[name].command.format(data=data.resolve(), log=name), folder, minutes=minutes)
     commit = git("describe", "--always", "--dirty", "--exclude", "*")
-    began = time.perf_counter()
+    began, used = time.perf_counter(), processor_seconds()
     output = call(command, folder, minutes=minutes)
     entries = (run.entries or table.entries)(output)
     return {
@@ -94,6 +95,7 @@ def measure(table: Table, run: Run, folder: Path, data: Path, *, minutes: float)
         "commit": commit,
         "date": datetime.now(UTC).date().isoformat(),
         "seconds": round(time.perf_counter() - began),
+        "processor_seconds": round(processor_seconds() - used),
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "code": code_of(table),
         "changed": "",
@@ -101,6 +103,12 @@ def measure(table: Table, run: Run, folder: Path, data: Path, *, minutes: float)
             name: [rounded(column.read(entry)) for column in table.columns] for name, entry in entries.items()
         },
     }  # fmt: skip
+
+
+def processor_seconds() -> float:
+    """Of the commands so far: what they take on a machine that does nothing else, but for what runs side by side."""
+    taken = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return taken.ru_utime + taken.ru_stime
 
 
 def rounded(figure: Any) -> Any:
@@ -213,6 +221,7 @@ def _provenance(records: dict[str, Record]) -> Iterator[str]:
     for run, record in records.items():
         since = f"; **older than its code**, which {record['changed']} changed" if record["changed"] else ""
         taken = f", {record['seconds']:,} s" if record["seconds"] else ""  # unknown of figures from before this script
+        taken += f" ({record['processor_seconds']:,} s of the processor)" if record.get("processor_seconds") else ""
         yield f"- {run}: `{record['command']}`, {record['date']}, commit {record['commit']}{taken}{since}"
 
 
@@ -270,9 +279,9 @@ def main() -> int:
     given = parser.parse_args()
     if given.list:
         for name, table in TABLES.items():
-            taken = sum(record["seconds"] for record in stored(name).values())
-            runs = ", ".join(run.name for run in table.runs)
-            say(f"{name}: last {taken / 60:.0f} min, at most {table.minutes * len(table.runs):g}: {runs}")
+            taken = sum(record.get("processor_seconds", 0) for record in stored(name).values())
+            say(f"{name}: took {taken / 60:.0f} min of the processor, may take {table.minutes * len(table.runs):g} min")
+            say("".join(f"    {name}/{run.name}\n" for run in table.runs).rstrip())
         return 0
     well = given.page or run_tables(given.tables, given.data, patience=given.patience)
     for name, table in TABLES.items():
