@@ -76,7 +76,8 @@ def call(command: str, folder: Path, *, minutes: float) -> str:
     except subprocess.TimeoutExpired:
         raise RuntimeError(f"stopped after {minutes:g} minutes: {command}") from None
     if done.returncode not in {0, 3}:  # 3: done, with rows that could not be read
-        raise RuntimeError(f"{command}: {done.stderr.strip().splitlines()[-1:]}")
+        said = done.stderr.strip().splitlines()[-1:] or ["nothing said"]
+        raise RuntimeError(f"ended with {done.returncode}, {said[0]}: {command}")
     return done.stdout
 
 

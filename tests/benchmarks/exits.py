@@ -41,11 +41,23 @@ class Cases(NamedTuple):
 
 
 def exits_of(tracks):
-    """Centres of the places where tracks end."""
-    _, last = np.unique(tracks.vehicle[::-1], return_index=True)  # rows are in order of time
-    ends = tracks.position[len(tracks) - 1 - last]
+    """Centres of the places where tracks end, but those that more pass through: there tracks are only cut."""
+    _, first = np.unique(tracks.vehicle, return_index=True)  # rows are in order of time
+    _, last = np.unique(tracks.vehicle[::-1], return_index=True)
+    starts, ends = tracks.position[first], tracks.position[len(tracks) - 1 - last]
     label = DBSCAN(eps=EXIT_M, min_samples=FEWEST).fit_predict(ends)
-    return np.array([ends[label == k].mean(axis=0) for k in range(label.max() + 1)])
+    centers = np.array([ends[label == k].mean(axis=0) for k in range(label.max() + 1)])
+
+    def near(position, center):
+        return np.hypot(*(position - center).T) < NEAR_M
+
+    def is_exit(center):
+        passes = np.zeros(len(ends), np.bool_)
+        passes[tracks.vehicle[near(tracks.position, center)]] = True
+        ends_here = near(ends, center)
+        return (passes & ~ends_here & ~near(starts, center)).sum() < ends_here.sum()
+
+    return centers[[is_exit(center) for center in centers]]
 
 
 def cases_of(tracks, centers):
