@@ -49,7 +49,7 @@ def honest_tracking(tracks: Tracks, experiment: TrackingExperiment) -> TrackingC
     occlusion = 1.0 / 20.0 if experiment.gap_s > 0 else 1e-3
     return TrackingConfig(
         detection_probability=min(1.0 - experiment.miss_rate, 0.99),
-        clutter_density=max(experiment.false_per_frame, 0.01) / area,
+        clutter_density=max(experiment.false_per_frame, 1e-6) / area,
         birth_density=max(tracks.n_tracks / instants, 1e-3) / area,
         occlusion_rate=occlusion,
         reappearance_rate=1.0 / max(experiment.gap_s, 1.0),

@@ -128,6 +128,17 @@ def test_broken_estimates_are_refused():
         decode_estimates(message.SerializeToString())
 
 
+def test_a_vehicle_that_coasts_is_drawn_paler():
+    estimates = replace(a_frame(0).estimates, unseen_s=np.array([0.0, 0.4, 0.6, 4.0]))
+    update = SceneUpdate.FromString(scene.EstimatesScene().encode(estimates, 0))
+    paler = [entity.arrows[0].color.a < 1.0 for entity in update.entities]
+    assert paler == estimates.is_coasting.tolist() == [False, False, True, True]
+    for entity in update.entities:
+        alpha = entity.arrows[0].color.a
+        assert entity.cylinders[0].color.a == pytest.approx(alpha * scene.ELLIPSE_COLOR[3])
+        assert entity.texts[0].color.a == alpha
+
+
 def test_the_scene_draws_the_estimates(estimate_log):
     message = messages(estimate_log, "/dirprim/tracks/scene")[3]
     update, sent = SceneUpdate.FromString(message.data), a_frame(message.log_time).estimates
