@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-EXACT: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+from tessellation._compiling import COMPILED
+
+EXACT: dict[str, Any] = COMPILED | {"error_model": "numpy", "fastmath": {"contract"}}
 """Additions stay in order: rounding by a large constant depends on it. Division by zero gives infinity."""
 SUMMING: dict[str, Any] = EXACT | {"fastmath": {"contract", "reassoc", "nsz"}}
 """For loops that sum: the compiler may add in any order, always the same one. What they call stays exact."""

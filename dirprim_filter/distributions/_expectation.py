@@ -9,6 +9,7 @@ from numba import njit
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import exp, squared_sine
+from tessellation._compiling import COMPILED
 from tessellation.arrays import FloatArray
 
 AT_ONCE = 256  # rows whose numbers, for a dozen modes, stay in the cache
@@ -31,7 +32,7 @@ class Mixture(NamedTuple):
     concentration: FloatArray
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def start(angles: Angles, key: np.uint64, mixture: Mixture) -> None:
     """Means on rows far from each other, drawn by the square of their chord (Arthur and Vassilvitskii 2007)."""
     state = np.empty(4, np.uint64)
@@ -53,7 +54,7 @@ def start(angles: Angles, key: np.uint64, mixture: Mixture) -> None:
             chance[i] = min(chance[i], angles.weight[i] * max(chord, 0.0))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def expectation_maximisation(
     angles: Angles,
     max_concentration: float,
@@ -83,7 +84,7 @@ def expectation_maximisation(
     return trace.size, False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def expectation(angles: Angles, mixture: Mixture, sums: FloatArray) -> float:
     """Fill `sums` (k, 3) with each mode's responsibility, cosine and sine; returns the log likelihood."""
     k, n = mixture.weight.size, angles.direction.size
@@ -116,7 +117,7 @@ def expectation(angles: Angles, mixture: Mixture, sums: FloatArray) -> float:
     return log_likelihood
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"}, **COMPILED)
 def _log_densities(
     direction: FloatArray, mean: float, width: float, constant: float, log_p: FloatArray, top: FloatArray
 ) -> None:
@@ -125,14 +126,14 @@ def _log_densities(
         top[i] = max(top[i], log_p[i])
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"}, **COMPILED)
 def _densities(log_p: FloatArray, top: FloatArray, norm: FloatArray, size: int) -> None:
     for i in range(size):
         log_p[i] = exp(log_p[i] - top[i])
         norm[i] += log_p[i]
 
 
-@njit(cache=True, fastmath={"contract", "reassoc"})
+@njit(fastmath={"contract", "reassoc"}, **COMPILED)
 def _responsibilities(
     p: FloatArray, share: FloatArray, cosine: FloatArray, sine: FloatArray
 ) -> tuple[float, float, float]:
@@ -146,7 +147,7 @@ def _responsibilities(
     return responsibility, c, s
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def maximisation(
     sums: FloatArray, total: float, max_concentration: float, prior_strength: float, mixture: Mixture
 ) -> None:

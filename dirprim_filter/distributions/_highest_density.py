@@ -4,93 +4,15 @@ Forecasts come for every vehicle each second of the log: in numpy their regions 
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation.arrays import FloatArray, IntArray
 
 
-class Knobs(NamedTuple):
-    """What `highest_density` says of them, by its names there."""
-
-    n_squares: int
-    finest_m: float
-    narrowest: float
-    widest: float
-    reach: float
-    neighbour: int
-    neighbours_among: int
-    company: float
-    spared: float
-    eased: float
-    faintest: float
-
-
-@njit(cache=True, nogil=True)
-def regions(
-    path: FloatArray, probability: FloatArray, knobs: Knobs
-) -> tuple[FloatArray, IntArray, IntArray, IntArray]:  # fmt: skip
-    """The regions of one vehicle, one after the other.
-
-    Args:
-        path: (n_samples, n_steps, 2) metres.
-        probability: (k,) of each region.
-        knobs: as `highest_density` has them.
-
-    Returns:
-        (n, 2) vertices, metres; (m, 3) triangles, of the vertices of their own region; (k,) how many vertices each
-        has, and (k,) how many triangles.
-    """
-    n_samples, n_steps, _ = path.shape
-    west, south, east, north = path[0, 0, 0], path[0, 0, 1], path[0, 0, 0], path[0, 0, 1]
-    for a in range(n_samples):
-        for s in range(n_steps):
-            west, east = min(west, path[a, s, 0]), max(east, path[a, s, 0])
-            south, north = min(south, path[a, s, 1]), max(north, path[a, s, 1])
-    side = max(max(east - west, north - south) / knobs.n_squares, knobs.finest_m)
-    margin = math.ceil(knobs.reach * knobs.narrowest) * side
-    west, south = west - margin, south - margin
-    columns = math.ceil((east + margin - west) / side) + 1
-    rows = math.ceil((north + margin - south) / side) + 1
-    place = np.empty((n_samples, n_steps, 2))
-    for a in range(n_samples):
-        for s in range(n_steps):
-            place[a, s, 0] = (path[a, s, 1] - south) / side
-            place[a, s, 1] = (path[a, s, 0] - west) / side
-    stride = max(n_samples // knobs.neighbours_among, 1)
-    kernel = np.empty(n_steps)
-    neighbour_distances(path, stride, min(knobs.neighbour, (n_samples - 1) // stride), kernel)
-    for s in range(n_steps):
-        kernel[s] = min(max(kernel[s] / side, knobs.narrowest), knobs.widest)
-    k, size = probability.size, 3 * rows * columns
-    height = np.zeros((k, rows, columns))
-    highest_densities(place, kernel, knobs.reach, probability, knobs.company, knobs.spared, knobs.eased, height)
-    for i in range(k):
-        for r in range(rows):
-            for c in range(columns):
-                height[i, r, c] = math.log(max(height[i, r, c], knobs.faintest))
-    vertex, triangle = np.empty((k * size, 2)), np.empty((k * size, 3), np.int64)
-    n_vertices, n_triangles = np.zeros(k, np.int64), np.zeros(k, np.int64)
-    v = t = 0
-    for i in range(k):
-        is_tall = rows > columns  # cut across the longer axis: edges are finer along it
-        of_axes = np.ascontiguousarray(height[i].T) if is_tall else height[i]
-        n_vertices[i], n_triangles[i] = triangles_above(of_axes, vertex[v:], triangle[t:])
-        for a in range(v, v + n_vertices[i]):
-            x, y = vertex[a, 0], vertex[a, 1]
-            if is_tall:
-                x, y = y, x
-            vertex[a, 0], vertex[a, 1] = west + side * x, south + side * y
-        if is_tall:  # mirrored: the other way round is counter-clockwise then
-            for b in range(t, t + n_triangles[i]):
-                triangle[b, 0], triangle[b, 2] = triangle[b, 2], triangle[b, 0]
-        v, t = v + n_vertices[i], t + n_triangles[i]
-    return vertex[:v].copy(), triangle[:t].copy(), n_vertices, n_triangles
-
-
-@njit(cache=True)
+@njit(**COMPILED)
 def neighbour_distances(path: FloatArray, stride: int, nth: int, out: FloatArray) -> None:
     """The median distance of samples to their nth nearest, at each step; the first is the sample itself.
 
@@ -104,7 +26,8 @@ def neighbour_distances(path: FloatArray, stride: int, nth: int, out: FloatArray
     nearest, of_sample = np.empty(nth + 1), np.empty(n)
     for k in range(path.shape[1]):
         for i in range(n):
-            nearest[:] = np.inf
+            for place in range(nth + 1):
+                nearest[place] = np.inf
             for j in range(n):
                 dx = path[i * stride, k, 0] - path[j * stride, k, 0]
                 dy = path[i * stride, k, 1] - path[j * stride, k, 1]
@@ -114,10 +37,11 @@ def neighbour_distances(path: FloatArray, stride: int, nth: int, out: FloatArray
                     place -= 1
                 nearest[place] = min(nearest[place], squared)
             of_sample[i] = math.sqrt(nearest[nth])
-        out[k] = np.median(of_sample)
+        _sort(of_sample)
+        out[k] = 0.5 * (of_sample[(n - 1) // 2] + of_sample[n // 2])
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def highest_densities(
     place: FloatArray, kernel: FloatArray, reach: float, probability: FloatArray, company: float, spared: float,
     eased: float, height: FloatArray,
@@ -139,8 +63,10 @@ def highest_densities(
     n_samples, n_steps, _ = place.shape
     rows, columns = height.shape[1:]
     density, at_sample = np.zeros((rows, columns)), np.empty(n_samples)
-    widest = 2 * int(reach * kernel.max() + 0.5) + 1
-    of_row, of_column = np.empty(widest), np.empty(widest)
+    widest = 0.0
+    for s in range(n_steps):
+        widest = max(widest, kernel[s])
+    of_row, of_column = np.empty(2 * int(reach * widest + 0.5) + 1), np.empty(2 * int(reach * widest + 0.5) + 1)
     for s in range(n_steps):
         radius = int(reach * kernel[s] + 0.5)
         first_row, first_column, last_row, last_column = rows, columns, 0, 0
@@ -161,9 +87,11 @@ def highest_densities(
             at_sample[a] = (1.0 - up) * ((1.0 - right) * density[r, c] + right * density[r, c + 1]) + up * (
                 (1.0 - right) * density[r + 1, c] + right * density[r + 1, c + 1]
             )
-        at_sample.sort()
+        _sort(at_sample)
         least = company / (2.0 * math.pi * kernel[s] ** 2)
-        enough = n_samples - np.searchsorted(at_sample, least)
+        enough = 0
+        for a in range(n_samples):
+            enough += at_sample[a] >= least
         for k in range(probability.size):
             level = at_sample[int((1.0 - probability[k]) * n_samples)]
             if enough >= (probability[k] - spared) * n_samples:
@@ -171,10 +99,26 @@ def highest_densities(
             for i in range(first_row, last_row):
                 for j in range(first_column, last_column):
                     height[k, i, j] = max(height[k, i, j], density[i, j] / (eased * level))
-        density[first_row:last_row, first_column:last_column] = 0.0
+        for i in range(first_row, last_row):
+            for j in range(first_column, last_column):
+                density[i, j] = 0.0
 
 
-@njit(cache=True)
+@njit(**COMPILED)
+def _sort(value: FloatArray) -> None:
+    """Sort in place, after Shell (1959): numpy's own takes four seconds to compile."""
+    gap = value.size // 2
+    while gap > 0:
+        for i in range(gap, value.size):
+            moved, j = value[i], i
+            while j >= gap and value[j - gap] > moved:
+                value[j] = value[j - gap]
+                j -= gap
+            value[j] = moved
+        gap //= 2
+
+
+@njit(**COMPILED)
 def _bell(middle: float, deviation: float, out: FloatArray) -> None:
     """Fill a normal density at 0, 1, 2, ...; each is the one before times a factor that itself shrinks by another."""
     curvature = 1.0 / deviation**2
@@ -187,7 +131,7 @@ def _bell(middle: float, deviation: float, out: FloatArray) -> None:
         factor *= shrinks
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def triangles_above(height: FloatArray, vertex: FloatArray, triangle: IntArray) -> tuple[int, int]:
     """The area where a function on a grid is at least 0, slab by slab between neighbouring columns.
 
@@ -207,7 +151,8 @@ def triangles_above(height: FloatArray, vertex: FloatArray, triangle: IntArray) 
     most = rows // 2 + 1
     # Each interval of this column and the next: its ends, their vertices, and its highest node.
     end, vertex_of, peak = np.empty((2, most, 2)), np.empty((2, most, 2), np.int64), np.empty((2, most), np.int64)
-    n_vertices = n_triangles = n_left = 0
+    west, east = np.empty(2, np.int64), np.empty(2, np.int64)  # vertices of a quadrilateral
+    n_vertices = n_triangles = n_left = int(np.int64(0))  # a literal would compile what it is given to once more
     for c in range(columns):
         left, right = (c + 1) % 2, c % 2
         n_right = _intervals(height, c, end[right], peak[right])
@@ -222,22 +167,24 @@ def triangles_above(height: FloatArray, vertex: FloatArray, triangle: IntArray) 
                 if end[left, i, 0] > end[right, j, 1] or end[right, j, 0] > end[left, i, 1]:
                     continue
                 meets = True
-                sw = _share(end[right], vertex_of[left, i], end[left, i], j, 0, n_right, c - 1, vertex, n_vertices)
-                n_vertices += sw == n_vertices
-                se = _share(end[left], vertex_of[right, j], end[right, j], i, 0, n_left, c, vertex, n_vertices)
-                n_vertices += se == n_vertices
-                ne = _share(end[left], vertex_of[right, j], end[right, j], i, 1, n_left, c, vertex, n_vertices)
-                n_vertices += ne == n_vertices
-                nw = _share(end[right], vertex_of[left, i], end[left, i], j, 1, n_right, c - 1, vertex, n_vertices)
-                n_vertices += nw == n_vertices
-                triangle[n_triangles] = np.array([sw, se, ne])
-                triangle[n_triangles + 1] = np.array([sw, ne, nw])
+                for s in range(2):  # south, north
+                    west[s] = _share(
+                        end[right], vertex_of[left, i], end[left, i], j, s, n_right, c - 1, vertex, n_vertices
+                    )
+                    n_vertices += west[s] == n_vertices
+                    own = vertex_of[right, j]
+                    east[s] = _share(end[left], own, end[right, j], i, s, n_left, c, vertex, n_vertices)
+                    n_vertices += east[s] == n_vertices
+                t = n_triangles
+                triangle[t, 0], triangle[t, 1], triangle[t, 2] = west[0], east[0], east[1]
+                triangle[t + 1, 0], triangle[t + 1, 1], triangle[t + 1, 2] = west[0], east[1], west[1]
                 n_triangles += 2
             if not meets:
                 p = peak[left, i]
                 vertex[n_vertices, 0] = c - 1 + height[p, c - 1] / (height[p, c - 1] - height[p, c])
                 vertex[n_vertices, 1] = p
-                triangle[n_triangles] = np.array([vertex_of[left, i, 0], n_vertices, vertex_of[left, i, 1]])
+                triangle[n_triangles, 0], triangle[n_triangles, 1] = vertex_of[left, i, 0], n_vertices
+                triangle[n_triangles, 2] = vertex_of[left, i, 1]
                 n_vertices += 1
                 n_triangles += 1
         for j in range(n_right if c > 0 else 0):
@@ -248,14 +195,15 @@ def triangles_above(height: FloatArray, vertex: FloatArray, triangle: IntArray) 
                 p = peak[right, j]
                 vertex[n_vertices, 0] = c - height[p, c] / (height[p, c] - height[p, c - 1])
                 vertex[n_vertices, 1] = p
-                triangle[n_triangles] = np.array([vertex_of[right, j, 0], vertex_of[right, j, 1], n_vertices])
+                triangle[n_triangles, 0], triangle[n_triangles, 1] = vertex_of[right, j, 0], vertex_of[right, j, 1]
+                triangle[n_triangles, 2] = n_vertices
                 n_vertices += 1
                 n_triangles += 1
         n_left = n_right
     return n_vertices, n_triangles
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _intervals(height: FloatArray, c: int, end: FloatArray, peak: IntArray) -> int:
     """Fill the ends and the highest node of each interval of a column; -> how many."""
     rows, n, r = len(height), 0, 0
@@ -280,7 +228,7 @@ def _intervals(height: FloatArray, c: int, end: FloatArray, peak: IntArray) -> i
     return n
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _share(
     others: FloatArray, own_vertex: IntArray, own: FloatArray, k: int, side: int, n: int, column: int,
     vertex: FloatArray, new: int,

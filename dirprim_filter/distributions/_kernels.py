@@ -10,6 +10,7 @@ from numpy.polynomial import chebyshev
 from scipy.special import i0e as _i0e
 from scipy.special import i1e as _i1e
 
+from tessellation._compiling import COMPILED
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 TWO_PI = 2.0 * math.pi
@@ -79,7 +80,7 @@ _DISPERSED = _interpolant(_dispersed, 14)
 _CONCENTRATED = _interpolant(_concentrated, 24)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _series(coefficient: FloatArray, t: float) -> float:
     """Clenshaw's sum of a Chebyshev series at t in [-1, 1]."""
     b1, b2 = 0.0, 0.0
@@ -88,7 +89,7 @@ def _series(coefficient: FloatArray, t: float) -> float:
     return t * b1 - b2 + coefficient[0]
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def i0e(k: float) -> float:
     """exp(-k) I0(k), k >= 0."""
     if k <= 8.0:
@@ -96,7 +97,7 @@ def i0e(k: float) -> float:
     return _series(_I0_FAR, 16.0 / k - 1.0) / math.sqrt(k)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def i1e(k: float) -> float:
     """exp(-k) I1(k), k >= 0."""
     if k <= 8.0:
@@ -104,13 +105,13 @@ def i1e(k: float) -> float:
     return _series(_I1_FAR, 16.0 / k - 1.0) / math.sqrt(k)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def log_normaliser(k: float) -> float:
     """log(2 pi I0(k)) - k: VM(d) = exp(k (cos d - 1) - log_normaliser)."""
     return math.log(TWO_PI * i0e(k))
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def circular_variance(k: float) -> float:
     """1 - I1(k) / I0(k), without the cancellation: from 20 on by its asymptotic series, exact to the last bits."""
     if k < 20.0:
@@ -121,14 +122,14 @@ def circular_variance(k: float) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def circular_variances(k: FloatArray, out: FloatArray) -> None:
     """`circular_variance` of each element."""
     for i in range(out.size):
         out[i] = circular_variance(k[i])
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def concentration_from(resultant: float, variance: float) -> float:
     """The concentration whose mean resultant length is `resultant` and whose circular variance `variance`.
 
@@ -145,20 +146,20 @@ def concentration_from(resultant: float, variance: float) -> float:
     return min(k, MAX_CONCENTRATION)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def concentration_of(resultant: float) -> float:
     """The concentration whose mean resultant length is `resultant`, bounded by `MAX_CONCENTRATION`."""
     return concentration_from(min(resultant, 1.0), max(1.0 - resultant, 0.0))
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def concentrations_from(resultant: FloatArray, variance: FloatArray, out: FloatArray) -> None:
     """`concentration_from` of each element."""
     for i in range(out.size):
         out[i] = concentration_from(resultant[i], variance[i])
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def digamma(x: float) -> float:
     """psi(x), x > 0: recurrence up to 8, then the asymptotic series."""
     result = 0.0
@@ -170,7 +171,7 @@ def digamma(x: float) -> float:
     return result + math.log(x) - 0.5 / x - tail
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def log_less_digamma(x: float) -> float:
     """log(x) - psi(x), x > 0, which is near 1 / (2 x), without the cancellation."""
     result, y = 0.0, x
@@ -184,7 +185,7 @@ def log_less_digamma(x: float) -> float:
     return result + 0.5 / y + tail
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def trigamma(x: float) -> float:
     """psi'(x), x > 0: recurrence up to 8, then the asymptotic series."""
     result = 0.0
@@ -196,14 +197,14 @@ def trigamma(x: float) -> float:
     return result + 1.0 / x + 0.5 * f + tail / x
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def gamma_shapes(spread: FloatArray, low: float, high: float, out: FloatArray) -> None:
     """`gamma_shape` of each element."""
     for i in range(out.size):
         out[i] = gamma_shape(spread[i], low, high)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def gamma_shape(spread: float, low: float, high: float) -> float:
     """Maximum likelihood shape of a gamma from `spread` = log(mean) - mean(log), bounded to [low, high].
 
@@ -222,7 +223,7 @@ def gamma_shape(spread: float, low: float, high: float) -> float:
     return min(max(a, low), high)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def wrap(angle: float) -> float:
     """The same angle in (-pi, pi]."""
     if -math.pi < angle <= math.pi:
@@ -234,7 +235,7 @@ def wrap(angle: float) -> float:
 # Modes ---------------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def dbscan_sorted(theta: FloatArray, index: IntArray, eps: float, min_samples: int, label: IntArray) -> int:
     """DBSCAN of ascending angles; see `modes.dbscan`. Fills `label[index[i]]`; returns the number of clusters."""
     n = theta.size
@@ -259,7 +260,7 @@ def dbscan_sorted(theta: FloatArray, index: IntArray, eps: float, min_samples: i
     return _number_clusters(theta, index, core, cluster, eps, label)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def _unwrapped(theta: FloatArray, j: int) -> float:
     n = theta.size
     if j < 0:
@@ -269,7 +270,7 @@ def _unwrapped(theta: FloatArray, j: int) -> float:
     return theta[j]
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _chain_cores(theta: FloatArray, core: BoolArray, eps: float) -> IntArray:
     """Chains of core points no further apart than eps; the first and the last join across the wrap."""
     n = theta.size
@@ -291,7 +292,7 @@ def _chain_cores(theta: FloatArray, core: BoolArray, eps: float) -> IntArray:
     return cluster
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _number_clusters(
     theta: FloatArray, index: IntArray, core: BoolArray, cluster: IntArray, eps: float, label: IntArray
 ) -> int:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from numba import njit
 
 from dirprim_filter.distributions._elementary import log, sin
+from tessellation._compiling import COMPILED
 from tessellation.arrays import FloatArray
 
 UIntArray = npt.NDArray[np.uint64]
@@ -31,7 +32,7 @@ _TO_UNIT = 2.0**-53
 _SQUEEZE = 0.0331  # of Marsaglia and Tsang: accepts all but a few in a hundred without a logarithm
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def seed_state(key: np.uint64, state: UIntArray) -> None:
     """Fill a state row from a 64-bit key by splitmix64, as the generator's authors advise."""
     z = key
@@ -40,7 +41,7 @@ def seed_state(key: np.uint64, state: UIntArray) -> None:
         state[i] = mixed(z)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def mixed(z: np.uint64) -> np.uint64:
     """The output of splitmix64 in state `z`."""
     m = np.uint64((z ^ (z >> _R30)) * _MIX_1)
@@ -66,7 +67,7 @@ _END, _BELL = _layers()
 _LAYER_BITS = np.uint64(_LAYERS - 1)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def bits(state: UIntArray) -> np.uint64:
     """64 random bits."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
@@ -83,13 +84,13 @@ def bits(state: UIntArray) -> np.uint64:
     return result
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def uniform(state: UIntArray) -> float:
     """A draw from the open interval (0, 1)."""
     return (float(bits(state) >> _R11) + 0.5) * _TO_UNIT
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def draw_normal(state: UIntArray) -> float:
     """A standard normal draw: in ninety-nine of a hundred a table look-up and a product."""
     while True:
@@ -112,13 +113,13 @@ _R12, _R63 = np.uint64(12), np.uint64(63)
 _BITS_OF_ONE = np.uint64(0x3FF0000000000000)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def from_one_to_two(drawn: np.uint64) -> float:
     """The upper 52 of 64 random bits as an even draw from [1, 2)."""
     return np.uint64((drawn >> _R12) | _BITS_OF_ONE).view(np.float64)
 
 
-@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+@njit(fastmath={"contract"}, error_model="numpy", **COMPILED)
 def fill_normals(out: FloatArray, state: UIntArray) -> None:
     """Standard normal draws, (n,) of an even n: an even point of the right half circle, then which half it is."""
     half, z = out.size // 2, bits(state)
@@ -134,7 +135,7 @@ def fill_normals(out: FloatArray, state: UIntArray) -> None:
         out[half + i] = radius * math.sqrt(max(1.0 - s * s, 0.0))
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def fill_even(out: FloatArray, state: UIntArray) -> None:
     """Even draws from [-1/2, 1/2), (n,)."""
     z = bits(state)
@@ -143,7 +144,7 @@ def fill_even(out: FloatArray, state: UIntArray) -> None:
         out[i] = from_one_to_two(mixed(z)) - 1.5
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def draw_gap(probability: float, state: UIntArray) -> int:
     """A geometric draw: how many trials fail before the first that does not."""
     if probability >= 1.0:
@@ -151,7 +152,7 @@ def draw_gap(probability: float, state: UIntArray) -> int:
     return int(min(math.log(uniform(state)) / math.log1p(-max(probability, 1e-15)), 2.0**62))
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def draw_gamma(shape: float, state: UIntArray) -> float:
     """A draw from the gamma distribution of rate one."""
     boost = 1.0
@@ -171,7 +172,7 @@ def draw_gamma(shape: float, state: UIntArray) -> float:
             return boost * d * v
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def draw_poisson(mean: float, state: UIntArray) -> float:
     """A Poisson draw, as a float: it only enters sums."""
     if mean < 10.0:
@@ -199,7 +200,7 @@ def draw_poisson(mean: float, state: UIntArray) -> float:
             return k
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def wrapped_cauchy(k: float) -> tuple[float, float]:
     """The envelope of Best and Fisher (1979) for concentration `k`: see `draw_turn`.
 
@@ -214,7 +215,7 @@ def wrapped_cauchy(k: float) -> tuple[float, float]:
     return near / (1.0 + root + wide + 2.0 * k), near * near / (4.0 * (1.0 + root + wide))
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def draw_turn(k: float, q: float, b: float, state: UIntArray) -> float:
     """A von Mises draw around 0 of concentration `k` and envelope `q, b`, radians in [-pi, pi].
 
@@ -233,7 +234,7 @@ def draw_turn(k: float, q: float, b: float, state: UIntArray) -> float:
             return 2.0 * math.atan2(q * y, abs(x))
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def draw_von_mises(mean: float, k: float, state: UIntArray) -> float:
     """A von Mises draw around `mean`, radians, not wrapped."""
     q, b = wrapped_cauchy(k)

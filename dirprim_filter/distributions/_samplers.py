@@ -7,10 +7,11 @@ from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._kernels import wrap
 from dirprim_filter.distributions._random import UIntArray
+from tessellation._compiling import COMPILED
 from tessellation.arrays import FloatArray, IntArray
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def draw_von_mises(mean: FloatArray, concentration: FloatArray, key: UIntArray, out: FloatArray) -> None:
     """Fill `out` (n,) with a draw from each von Mises, radians in (-pi, pi]."""
     state = np.empty(4, np.uint64)
@@ -20,7 +21,7 @@ def draw_von_mises(mean: FloatArray, concentration: FloatArray, key: UIntArray, 
         out[i] = wrap(random.draw_von_mises(mean[i], concentration[i], state))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def draw_mixtures(
     weight: FloatArray,
     mean: FloatArray,

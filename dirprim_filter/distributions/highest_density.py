@@ -8,6 +8,7 @@ or a ribbon could not.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -40,13 +41,6 @@ FAINTEST = 1e-3
 """Of the level: so small a density is drawn as none."""
 
 
-KNOBS = _highest_density.Knobs(
-    n_squares=N_SQUARES, finest_m=FINEST_M, narrowest=KERNEL_SQUARES, widest=WIDEST_KERNEL, reach=KERNEL_REACH,
-    neighbour=NEIGHBOUR, neighbours_among=NEIGHBOURS_AMONG, company=SOME_COMPANY, spared=SPARED, eased=EASED,
-    faintest=FAINTEST,
-)  # fmt: skip
-
-
 class Region(NamedTuple):
     """An area as triangles that do not overlap, all counter-clockwise.
 
@@ -66,12 +60,37 @@ def highest_density_regions(paths: FloatArray, probabilities: Sequence[float]) -
         paths: (n_samples, n_steps, 2) metres, futures of one vehicle; one step for the region of one instant.
         probabilities: above 0, below 1.
     """
-    share = np.array(probabilities, np.float64)
-    path = np.ascontiguousarray(paths, np.float64)
-    vertex, triangle, n_vertices, n_triangles = _highest_density.regions(path, share, KNOBS)
-    last_vertex, last_triangle = np.cumsum(n_vertices).tolist(), np.cumsum(n_triangles).tolist()
-    first_vertex, first_triangle = [0, *last_vertex], [0, *last_triangle]
-    return [
-        Region(vertex[first_vertex[i] : last_vertex[i]], triangle[first_triangle[i] : last_triangle[i]])
-        for i in range(share.size)
-    ]
+    path, share = np.ascontiguousarray(paths, np.float64), np.array(probabilities, np.float64)
+    origin, height, side = _heights(path, share)
+    is_tall = height.shape[1] > height.shape[2]  # cut across the longer axis: edges are finer along it
+    regions = []
+    for high in np.ascontiguousarray(height.swapaxes(1, 2)) if is_tall else height:
+        vertex, triangle = np.empty((3 * high.size, 2)), np.empty((3 * high.size, 3), np.int64)
+        n_vertices, n_triangles = _highest_density.triangles_above(high, vertex, triangle)
+        vertex, triangle = vertex[:n_vertices], triangle[:n_triangles]
+        if is_tall:  # mirrored: the other way round is counter-clockwise then
+            vertex, triangle = vertex[:, ::-1], triangle[:, ::-1]
+        regions.append(Region(origin + side * vertex, triangle.copy()))
+    return regions
+
+
+def _heights(path: FloatArray, probability: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """How many times its level the density is at the nodes of a grid, at the instant where that is most.
+
+    Returns:
+        (2,) where the first node is, metres; (k, rows, columns) the logarithm; metres between nodes.
+    """
+    n_samples = len(path)
+    low, high = path.min(axis=(0, 1)), path.max(axis=(0, 1))
+    side = max(float((high - low).max()) / N_SQUARES, FINEST_M)
+    margin = math.ceil(KERNEL_REACH * KERNEL_SQUARES) * side
+    columns, rows = (int(n) + 1 for n in np.ceil((high - low + 2.0 * margin) / side))
+    stride, kernel = max(n_samples // NEIGHBOURS_AMONG, 1), np.empty(path.shape[1])
+    _highest_density.neighbour_distances(path, stride, min(NEIGHBOUR, (n_samples - 1) // stride), kernel)
+    place = np.ascontiguousarray(((path - (low - margin)) / side)[..., ::-1])
+    height = np.zeros((probability.size, rows, columns))
+    _highest_density.highest_densities(
+        place, np.clip(kernel / side, KERNEL_SQUARES, WIDEST_KERNEL), KERNEL_REACH, probability,
+        SOME_COMPANY, SPARED, EASED, height,
+    )  # fmt: skip
+    return low - margin, np.log(np.maximum(height, FAINTEST)), side

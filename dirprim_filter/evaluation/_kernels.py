@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation.arrays import FloatArray
 
 MIN_BANDWIDTH_M = 0.1
@@ -14,7 +15,7 @@ ASTRAY, ASTRAY_M = 0.01, 20.0
 that waits, and wrong once in a hundred times, must not lose without bound either."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def score_samples(sample: FloatArray, truth: FloatArray, out: FloatArray) -> None:
     """Fills (n, 3) with energy score, negative log density and rank of the truth, (n, S, 2) samples, (n, 2) truths.
 
@@ -54,7 +55,7 @@ def score_samples(sample: FloatArray, truth: FloatArray, out: FloatArray) -> Non
         out[i, 2] = denser / n_samples
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _inverse_bandwidth(sample: FloatArray) -> tuple[float, float, float]:
     n = sample.shape[0]
     x = y = xx = xy = yy = 0.0
@@ -72,7 +73,7 @@ def _inverse_bandwidth(sample: FloatArray) -> tuple[float, float, float]:
     return yy / determinant, -xy / determinant, xx / determinant
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _log_mean(sample: FloatArray, truth: FloatArray, xx: float, xy: float, yy: float) -> float:
     """Log of the mean kernel at the truth, without its normaliser; finite however far away the samples are."""
     n = sample.shape[0]
