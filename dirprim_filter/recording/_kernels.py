@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation.arrays import AnyArray
 
 MESSAGE = 5
@@ -22,7 +23,7 @@ MIN_INDEX = 6
 ENTRY = 16
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _u64(buffer: AnyArray, at: Any) -> Any:
     value = np.uint64(0)
     for i in range(8):
@@ -30,7 +31,7 @@ def _u64(buffer: AnyArray, at: Any) -> Any:
     return value
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _u32(buffer: AnyArray, at: Any) -> Any:
     value = np.uint32(0)
     for i in range(4):
@@ -38,7 +39,7 @@ def _u32(buffer: AnyArray, at: Any) -> Any:
     return value
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _end(buffer: AnyArray, at: Any, size: int) -> Any:
     """The byte after the record at `at`; -1 where it does not fit."""
     if at + HEAD > size:
@@ -49,7 +50,7 @@ def _end(buffer: AnyArray, at: Any, size: int) -> Any:
     return at + HEAD + np.int64(length)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def count_records(buffer: AnyArray) -> tuple[int, int, int]:
     """Messages, other records, and the byte where the walk ends: the size where all records fit."""
     at, size = 0, len(buffer)
@@ -66,7 +67,7 @@ def count_records(buffer: AnyArray) -> tuple[int, int, int]:
     return n_messages, n_others, at
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def read_records(buffer: AnyArray, n_messages: int, n_others: int) -> tuple[AnyArray, ...]:
     """The records that `count_records` has counted, as columns.
 
@@ -100,7 +101,7 @@ def read_records(buffer: AnyArray, n_messages: int, n_others: int) -> tuple[AnyA
     return channel, sequence, log_time, publish_time, start, stop, other
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, Any]:
     """The messages that stand one after the other from `at` on: the byte after them, first and last log time."""
     first, size = at, len(buffer)
@@ -116,7 +117,7 @@ def message_run(buffer: AnyArray, at: Any, max_bytes: int) -> tuple[int, Any, An
     return at, earliest, latest
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def index_run(buffer: AnyArray, at: Any) -> tuple[int, int]:
     """The message indexes that stand one after the other from `at` on: the byte after them, and their entries.
 
@@ -136,7 +137,7 @@ def index_run(buffer: AnyArray, at: Any) -> tuple[int, int]:
     return at, n_entries
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def gather(contents: AnyArray, start: AnyArray, stop: AnyArray, at: AnyArray, out: AnyArray) -> None:
     """Copy the bytes from each start to its stop to where they belong in `out`."""
     for i in range(len(start)):

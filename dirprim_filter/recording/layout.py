@@ -167,7 +167,7 @@ class _Walk:
                     start_ns=int(first_ns), end_ns=int(last_ns), crc=0, compression="",
                 )
             )  # fmt: skip
-        return end
+        return int(end)
 
     def take_chunk(self, at: int, end: int) -> int | None:
         """A chunk by its record's length; where that and its own fields differ, by what fits in the file."""

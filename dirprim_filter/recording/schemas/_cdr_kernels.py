@@ -19,13 +19,14 @@ from dirprim_filter.recording.schemas._kernels import (
     load,
     new_row,
 )
+from tessellation._compiling import COMPILED
 from tessellation.arrays import AnyArray, IntArray
 
 END, SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE = range(7)
 LOOP, END_LOOP, UNLESS_SELECTED, JUMP, MARK = range(7, 12)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def walk_cdr(data: AnyArray, starts: IntArray, tables: Tables, status: IntArray, ops: IntArray, n_loops: int) -> bool:
     """Run the program `ops` over each message; whether a table was too small: then nothing counts.
 
@@ -46,7 +47,8 @@ def walk_cdr(data: AnyArray, starts: IntArray, tables: Tables, status: IntArray,
     outer = np.zeros(n_loops + 1, np.int64)  # the table that the loop was entered from
     for message in range(starts.size - 1):
         at, end = starts[message], starts[message + 1]
-        before[:] = n_rows
+        for table in range(n_tables):
+            before[table] = n_rows[table]
         row[0] = new_row(tables, 0, message, message)
         if row[0] < 0:
             return True
@@ -171,5 +173,6 @@ def walk_cdr(data: AnyArray, starts: IntArray, tables: Tables, status: IntArray,
                 break
         if state != OK:
             status[message] = state
-            n_rows[:] = before
+            for table in range(n_tables):
+                n_rows[table] = before[table]
     return False

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation.arrays import AnyArray, IntArray
 
 OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY = range(6)
@@ -32,7 +33,7 @@ class Tables(NamedTuple):
     default_base: IntArray  # (n_tables,)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **COMPILED)
 def _four(data: AnyArray, k: Any) -> Any:
     return (
         np.uint64(data[k])
@@ -42,7 +43,7 @@ def _four(data: AnyArray, k: Any) -> Any:
     )
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
     """`size` bytes as an unsigned number."""
     value = np.uint64(0)
@@ -61,7 +62,7 @@ def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
     return value
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def new_row(tables: Tables, table: int, message: int, parent: int) -> int:
     """Append a row of defaults to a table; its number, or -1 where the table is full."""
     row = tables.n_rows[table]
@@ -76,7 +77,7 @@ def new_row(tables: Tables, table: int, message: int, parent: int) -> int:
     return int(row)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def gather_texts(data: AnyArray, cells: IntArray, width: int) -> AnyArray:
     """(n, width) the bytes of each text cell, cut at `width`, padded with zeros."""
     out = np.zeros((cells.size, width), np.uint8)

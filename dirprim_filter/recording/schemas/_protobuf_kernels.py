@@ -21,13 +21,14 @@ from dirprim_filter.recording.schemas._kernels import (
     load,
     new_row,
 )
+from tessellation._compiling import COMPILED
 from tessellation.arrays import AnyArray, IntArray
 
 SCALAR, TEXT, MESSAGE, EACH_MESSAGE, ONE_MESSAGE, EACH_SCALAR, ONE_SCALAR, EACH_TEXT, ONE_TEXT = range(9)
 PLAIN, ZIGZAG, SIGNED32 = range(3)
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _varint(data: AnyArray, at: int, end: int) -> Any:
     """A varint and where it ends; -1 where it is cut or too long."""
     value = np.uint64(0)
@@ -44,7 +45,7 @@ def _varint(data: AnyArray, at: int, end: int) -> Any:
     return value, -1
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
     """The bits of a number and where it ends; -1 where it is cut."""
     if wire == 0:
@@ -63,7 +64,7 @@ def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
     return np.int64(bits), at + size
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def walk_protobuf(
     data: AnyArray,
     starts: IntArray,
@@ -94,7 +95,8 @@ def walk_protobuf(
     numbers = np.zeros(depth_max + 2, np.int64)  # and its number in its table
     for message in range(starts.size - 1):
         at = starts[message]
-        before[:] = n_rows
+        for table in range(n_tables):
+            before[table] = n_rows[table]
         made = new_row(tables, 0, message, message)
         if made < 0:
             return True
@@ -229,5 +231,6 @@ def walk_protobuf(
             at = after
         if state != OK:
             status[message] = state
-            n_rows[:] = before
+            for table in range(n_tables):
+                n_rows[table] = before[table]
     return False

@@ -128,7 +128,7 @@ class Shredded:
         width = int(min(length.max(initial=0), MAX_NAME_LENGTH + 1))
         if width == 0:
             return np.full(cells.size, "")
-        gathered = kernels.gather_texts(self.data, cells, width)
+        gathered: AnyArray = kernels.gather_texts(self.data, cells, width)
         if not is_text:
             digits = np.frombuffer(b"0123456789abcdef", np.uint8)
             pairs = np.stack([digits[gathered >> 4], digits[gathered & 15]], axis=-1)
