@@ -13,6 +13,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from dirprim_filter.cli.compiling import compiling_told
 from dirprim_filter.cli.options import WRITTEN
 
 Result = TypeVar("Result")
@@ -29,7 +30,8 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
         written = [value for name, value in told.items() if name in outputs and isinstance(value, Path)]
         read = [path for name, value in told.items() if name not in outputs for path in _paths(value)]
         check_outputs(written, read)
-        return command(*positional, **given)
+        with compiling_told(command.__name__):
+            return command(*positional, **given)
 
     return check
 

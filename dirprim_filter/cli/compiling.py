@@ -1,0 +1,57 @@
+"""The line that says that kernels are compiled, on a terminal: an installation does so once, and it takes long."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from numba.core.event import Event
+
+SECONDS = {"demo": 45.0, "learn": 30.0, "track": 30.0, "evaluate": 60.0}
+"""What compiling all that a command needs takes, on the machine of two cores that the documents speak of."""
+OTHERS_S = 10.0
+UNNOTICED_S = 1.0
+"""So long nobody asks; and a run that finds most in the cache is done with the rest by then."""
+
+
+@contextmanager
+def compiling_told(command: str) -> Iterator[None]:
+    """Within, a line on stderr says once that kernels are compiled and for how long still, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from numba.core.event import Listener, install_listener
+
+    class Clock(Listener):
+        """Adds up what compiling takes; a kernel that compiles those it calls is counted once."""
+
+        def __init__(self) -> None:
+            self.depth, self.began_s, self.spent_s, self.has_told = 0, 0.0, 0.0, False
+
+        def on_start(self, event: Event) -> None:
+            if self.depth == 0:
+                self.began_s = time.monotonic()
+            self.depth += 1
+
+        def on_end(self, event: Event) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                self.spent_s += time.monotonic() - self.began_s
+                if self.spent_s > UNNOTICED_S and not self.has_told:
+                    self.has_told = True
+                    sys.stderr.write(told(command, self.spent_s))
+
+    with install_listener("numba:compile", Clock()):
+        yield
+
+
+def told(command: str, spent_s: float) -> str:
+    """The line, after so many seconds of compiling."""
+    left_s = max(SECONDS.get(command, OTHERS_S) - spent_s, 5.0)
+    return (
+        f"compiling for about {5 * round(left_s / 5):.0f} s more: once per installation, the next run starts at once\n"
+    )
