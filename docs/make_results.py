@@ -87,7 +87,7 @@ def measure(table: Table, run: Run, folder: Path, data: Path, *, minutes: float)
     for name in logs_of(command):
         if not (folder / name).exists():
             call(LOGS[name].command.format(data=data.resolve(), log=name), folder, minutes=minutes)
-    commit = git("describe", "--always", "--dirty", "--exclude", "*")
+    commit, code = git("describe", "--always", "--dirty", "--exclude", "*"), code_of(table)  # as the run begins
     began, used = time.perf_counter(), processor_seconds()
     output = call(command, folder, minutes=minutes)
     entries = (run.entries or table.entries)(output)
@@ -98,7 +98,7 @@ def measure(table: Table, run: Run, folder: Path, data: Path, *, minutes: float)
         "seconds": round(time.perf_counter() - began),
         "processor_seconds": round(processor_seconds() - used),
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
-        "code": code_of(table),
+        "code": code,
         "changed": "",
         "figures": {
             name: [rounded(column.read(entry)) for column in table.columns] for name, entry in entries.items()
