@@ -16,6 +16,7 @@ import numpy as np
 from tessellation._kernels import Locator, PixelArray, locate_all
 from tessellation._raster import DEEPEST, LARGEST_SIDE, Frame, fill
 from tessellation.arrays import AnyArray, FloatArray, IntArray
+from tessellation.protocols import Tessellation
 
 PIXELS_PER_CELL = 2
 """At least, on average; fewer candidates in a pixel against more memory."""
@@ -24,9 +25,33 @@ FINE_RASTER_PIXELS = 1 << 17
 MAX_REFINEMENT = 64
 LARGEST_ENTRY = 1 << 28
 """Numbers in the lists of candidates: what 31 bits of a pixel can name beside the length of a list."""
+PIXELS_ACROSS = 48
+"""Of the raster of cells that have no locator of their own, across a cell of mean area."""
+MAX_PIXELS = 20_000_000
+"""The largest such raster; beyond, its pixels are larger: 80 MB."""
 BATCH_FOR_THREADS = 1 << 16
 """Fewer points are located sooner than threads are started."""
 MAX_THREADS = 8
+
+
+def locator_of(cells: Tessellation) -> Locator:
+    """What compiled code asks for the cell of a point: the cells' own attribute `locator`, else a raster of them.
+
+    A raster answers as `cell_of` does at the centres of its pixels.
+    """
+    own = getattr(cells, "locator", None)
+    if isinstance(own, Locator):
+        return own
+    corners = [corners for corners in cells.polygons() if len(corners)]
+    if not corners:
+        return Locator(0.0, 0.0, 1.0, np.full((1, 1), -1, np.int32), np.zeros(4))
+    low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+    least = float(np.sqrt(np.prod(high - low) / MAX_PIXELS))
+    side = max(float(np.sqrt(cells.area.sum() / len(corners))) / PIXELS_ACROSS, least)
+    n_x, n_y = (int(n) + 1 for n in (high - low) / side)
+    x, y = low[0] + side * (np.arange(n_x) + 0.5), low[1] + side * (np.arange(n_y) + 0.5)
+    pixel = np.stack([cells.cell_of(np.column_stack([x, np.full(n_x, north)])) for north in y.tolist()])
+    return Locator(float(low[0]), float(low[1]), 1.0 / side, pixel.astype(np.int32), np.zeros(4))
 
 
 def grid_locator(origin: FloatArray, cell_size: float, cell: AnyArray) -> Locator:

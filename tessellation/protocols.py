@@ -2,7 +2,6 @@
 
 from typing import NamedTuple, Protocol, TypeVar
 
-from tessellation._kernels import Locator
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 OUTSIDE = -1
@@ -10,7 +9,10 @@ OUTSIDE = -1
 
 
 class Tessellation(Protocol):
-    """A division of a part of the plane into cells, numbered 0 to n_cells - 1."""
+    """A division of a part of the plane into cells, numbered 0 to n_cells - 1.
+
+    What compiled code needs to find the cell of a point follows from these: see `locate.locator_of`.
+    """
 
     @property
     def n_cells(self) -> int:
@@ -25,11 +27,6 @@ class Tessellation(Protocol):
     @property
     def area(self) -> FloatArray:
         """(n_cells,) the cells' areas, square metres."""
-        ...
-
-    @property
-    def locator(self) -> Locator:
-        """The compiled index that kernels ask for the cell of a point."""
         ...
 
     def cell_of(self, position: FloatArray) -> IntArray:

@@ -2,9 +2,11 @@
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML  # rosbags brings it
 
 from dirprim_filter.cli.main import run
 
@@ -50,3 +52,14 @@ def test_the_pictures_exist():
     assert len(pictures) == 2
     for picture in pictures:
         assert (ROOT / picture).stat().st_size > 0
+
+
+def test_the_citation_is_of_this_version_and_of_the_paper():
+    with (ROOT / "CITATION.cff").open() as file:
+        cited = YAML(typ="safe").load(file)
+    assert cited["cff-version"] == "1.2.0"
+    assert cited["version"] == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    paper = cited["preferred-citation"]
+    names = [author["family-names"] for author in paper["authors"]]
+    assert names == ["Senanayake", "Toyungyernsub", "Wang", "Kochenderfer", "Schwager"]
+    assert f"*{paper['title']}*, {paper['year']}" in " ".join(README.split())

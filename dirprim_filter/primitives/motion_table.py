@@ -11,6 +11,7 @@ from dirprim_filter.primitives._motion import MotionTable
 from dirprim_filter.primitives.motion import PUSH_RATE
 from tessellation._kernels import Locator
 from tessellation.arrays import FloatArray
+from tessellation.locate import locator_of
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -45,7 +46,7 @@ def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
     motion, cells = primitives.motion, primitives.tessellation
     of_cell = motion.cell[: motion.n_placed]
     return MotionTable(
-        locator=reaching(cells.locator, knobs.reach_m),
+        locator=reaching(locator_of(cells), knobs.reach_m),
         row=_rows(primitives, knobs),
         begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
         first=motion.first,

@@ -19,6 +19,7 @@ from dirprim_filter.primitives._map_kernels import MapTable
 from dirprim_filter.primitives.motion import Motion
 from tessellation import GridTessellation, Tessellation
 from tessellation.arrays import FloatArray, IntArray, as_floats
+from tessellation.locate import locator_of
 
 
 class Primitive(NamedTuple):
@@ -211,7 +212,7 @@ class PrimitiveMap:
             self.bend, self.gain, first, mode,
         )  # fmt: skip
         return MapTable(
-            locator=self.tessellation.locator,
+            locator=locator_of(self.tessellation),
             center=self.centers,
             first=first[:-1],
             last=first[1:],

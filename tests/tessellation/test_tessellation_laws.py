@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from hexagons import Hexagons
 from tessellation import OUTSIDE, GridTessellation, Tessellation, VoronoiTessellation
+from tessellation.locate import cells_of, locator_of
 
 
 def data(seed=0, n=400):
@@ -22,7 +24,11 @@ def lloyd(position):
     return VoronoiTessellation.lloyd(position, n_cells=40, rng=np.random.default_rng(1), reach=4.0)
 
 
-TWINS = [grid, voronoi, lloyd]
+def hexagons(position):
+    return Hexagons(position, width=4.0)
+
+
+TWINS = [grid, voronoi, lloyd, hexagons]
 
 
 def scattered(n=3000):
@@ -46,7 +52,7 @@ def inside(polygon, position, tolerance):
 @pytest.mark.parametrize("twin", TWINS)
 def test_every_twin_is_a_tessellation(twin):
     cells: Tessellation = twin(data())
-    for name in ("n_cells", "centers", "area", "locator"):
+    for name in ("n_cells", "centers", "area"):
         assert hasattr(cells, name)
     assert cells.centers.shape == (cells.n_cells, 2)
     assert cells.area.shape == (cells.n_cells,)
@@ -128,7 +134,23 @@ def test_moving_the_data_moves_the_cells(twin):
     np.testing.assert_allclose(here.area, there.area, rtol=1e-6)
 
 
-@pytest.mark.parametrize("twin", [grid, lloyd])
+@pytest.mark.parametrize("twin", TWINS)
+def test_compiled_code_finds_the_cell_of_a_point(twin):
+    """Exactly, of cells with a locator of their own; of others but for points at a border."""
+    cells = twin(data())
+    position = scattered(20_000)
+    cell, found = cells.cell_of(position), cells_of(locator_of(cells), position)
+    if hasattr(cells, "locator"):
+        np.testing.assert_array_equal(found, cell)
+    else:
+        pixel = 4.0 / 40
+        corners = pixel * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+        inner = np.all([cells.cell_of(position + corner) == cell for corner in corners], axis=0)
+        assert inner.mean() > 0.8
+        np.testing.assert_array_equal(found[inner], cell[inner])
+
+
+@pytest.mark.parametrize("twin", [grid, lloyd, hexagons])
 def test_the_order_of_the_data_does_not_matter(twin):
     position = data()
     one, other = twin(position), twin(np.random.default_rng(5).permutation(position))

@@ -1,0 +1,52 @@
+"""A third tessellation: all that `Tessellation` asks for, and nothing compiled."""
+
+import numpy as np
+
+from tessellation import OUTSIDE
+from tessellation.arrays import as_floats
+
+ROW = np.sqrt(3.0) / 2.0
+"""From one row of hexagons to the next, in widths."""
+BESIDE = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
+FARTHEST = 1e9
+"""Widths; what lies beyond counts as being there."""
+
+
+class Hexagons:
+    """Regular hexagons that hold data, a corner to the north, `width` metres from side to side.
+
+    Hexagon (q, r) has its centre at origin + width (q + r / 2, ROW r).
+    """
+
+    def __init__(self, position, *, width):
+        self.origin, self.width = position.min(axis=0), width
+        self.axial = np.unique(self._axial(position), axis=0)
+        self.n_cells = len(self.axial)
+        self.area = np.full(self.n_cells, ROW * width**2)
+        self.centers = self.origin + width * (self.axial @ np.array([[1.0, 0.0], [0.5, ROW]]))
+        self._number = {tuple(hexagon): cell for cell, hexagon in enumerate(self.axial.tolist())}
+
+    def _axial(self, position):
+        """(n, 2) the hexagon of each position: the nearest, by the three axes of which one follows from the others."""
+        x, y = np.clip((position - self.origin) / self.width, -FARTHEST, FARTHEST).T
+        exact = np.stack([x - y / ROW / 2, y / ROW, -x - y / ROW / 2])
+        q, r, s = np.rint(exact)
+        dq, dr, ds = np.abs([q, r, s] - exact)
+        q, r = np.where((dq > dr) & (dq > ds), -r - s, q), np.where((dr >= dq) & (dr > ds), -q - s, r)
+        return np.column_stack([q, r]).astype(np.int64)
+
+    def cell_of(self, position):
+        position = as_floats("position", position, "... 2")
+        hexagons, of = np.unique(self._axial(position.reshape(-1, 2)), axis=0, return_inverse=True)
+        cells = np.array([self._number.get(tuple(hexagon), OUTSIDE) for hexagon in hexagons.tolist()], dtype=np.int64)
+        return cells[of].reshape(position.shape[:-1])
+
+    def neighbors(self, cell):
+        if not 0 <= cell < self.n_cells:
+            raise IndexError(f"cell: expected 0 to {self.n_cells - 1}, got {cell}")
+        beside = (self._number.get(tuple(hexagon)) for hexagon in (self.axial[cell] + BESIDE).tolist())
+        return np.array(sorted(found for found in beside if found is not None), dtype=np.int64)
+
+    def polygons(self):
+        turn = np.pi / 6 + np.pi / 3 * np.arange(6)
+        return list(self.centers[:, None] + self.width / np.sqrt(3) * np.column_stack([np.cos(turn), np.sin(turn)]))
