@@ -135,7 +135,7 @@ def test_a_vehicle_that_coasts_is_drawn_paler():
     assert paler == estimates.is_coasting.tolist() == [False, False, True, True]
     for entity in update.entities:
         alpha = entity.arrows[0].color.a
-        assert entity.cylinders[0].color.a == pytest.approx(alpha * scene.ELLIPSE_COLOR[3])
+        assert entity.cylinders[0].color.a == pytest.approx(alpha * scene.ELLIPSE_OPACITY)
         assert entity.texts[0].color.a == alpha
 
 
