@@ -1,7 +1,8 @@
 """Makes README's pictures from the recordings that ship: `python docs/make_pictures.py`, in the repository's root.
 
 `recordings/roundabout.png` is what `dirprim demo` draws. `recordings/viewer.png` is the rerun viewer, without a screen,
-in the middle of a tracked intersection; it needs a Vulkan driver (Debian: mesa-vulkan-drivers).
+in the middle of a tracked intersection; it needs a Vulkan driver (Debian: mesa-vulkan-drivers). `recordings/gap.png`
+shows what filter and smoother say of vehicles that are out of sight for three seconds.
 """
 
 from __future__ import annotations
@@ -13,15 +14,24 @@ import tempfile
 import time
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from dirprim_filter import PrimitiveMap, Tracks, load_map, read_tracks
 from dirprim_filter.cli.main import run
+from dirprim_filter.drawing.shapes import covariance_ellipse
+from dirprim_filter.evaluation.scenes import Scene, followed
+from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+from dirprim_filter.filtering import ParticleFilter
+from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.viewer.program import viewer_program
 from dirprim_filter.viewer.timeline import TIMELINE
 
 RECORDINGS = Path("recordings")
+SECOND_NS = 1_000_000_000
+WAYS = ("filter", "smoother")
 SHOWN_NS = 55_000_000_000
 """Vehicles turn, wait, and go straight on."""
 MENU = 36
@@ -49,6 +59,51 @@ def viewer(folder: Path) -> None:
     shown = window.crop((0, MENU, *window.size))
     small = shown.resize((WIDTH, round(shown.height * WIDTH / shown.width)), Image.Resampling.LANCZOS)
     small.save(RECORDINGS / "viewer.png", optimize=True)
+
+
+def gap(folder: Path) -> None:
+    """Ways of filter and smoother through gaps, beside the truth."""
+    learned, n_shown = folder / "gap_map.mcap", 4
+    succeed("learn", RECORDINGS / "intersection_learn.mcap", "-o", learned)
+    draw_gaps(load_map(learned), read_tracks(RECORDINGS / "intersection_track.mcap"), n_shown, RECORDINGS / "gap.png")
+
+
+def draw_gaps(primitives: PrimitiveMap, tracks: Tracks, n_shown: int, path: Path) -> None:
+    """The vehicles that turn most unseen, each in a panel of its own; ellipses hold 90 %."""
+    experiment = TrackingExperiment()
+    scene = Scene.of(tracks, experiment, detect, seed=1)
+    ways = followed([scene], lambda: ParticleFilter(primitives, experiment.filter), experiment, smooth=True, seed=1)
+    truth, hidden = scene.truth.tracks, scene.truth.is_hidden
+    speed = np.where(hidden, truth.speed, 0.0)
+    east, north = (np.bincount(truth.vehicle, speed * of(truth.direction)) for of in (np.cos, np.sin))
+    chosen = np.argsort(np.hypot(east, north) - np.bincount(truth.vehicle, speed))[:n_shown]
+    figure, panels = plt.subplots(1, n_shown, figsize=(4.0 * n_shown, 4.2), layout="constrained")
+    for axes, vehicle in zip(panels, chosen.tolist(), strict=True):
+        rows = truth.vehicle == vehicle
+        unseen_ns = truth.time_ns[rows & hidden]
+        from_ns, to_ns = unseen_ns.min() - SECOND_NS, unseen_ns.max() + SECOND_NS
+        rows &= (truth.time_ns >= from_ns) & (truth.time_ns <= to_ns)
+        axes.plot(*truth.position[rows].T, color="0.75", linewidth=7, solid_capstyle="round", label="truth")
+        for world, color, width, name in zip(
+            (ways.filtered[0], ways.smoothed[0]),
+            ("#d55e00", "#0072b2"),
+            (1.0, 2.5),
+            ("filter", "smoother"),
+            strict=True,
+        ):
+            said = world.estimates.all()
+            of = said[(said.track_id == truth.track_id[rows][0]) & (said.time_ns >= from_ns) & (said.time_ns <= to_ns)]
+            axes.plot(*of.position.T, color=color, linewidth=width, label=name)
+            coasting = of[np.isin(of.time_ns, unseen_ns[4::5])]
+            for outline in covariance_ellipse(coasting.position, coasting.covariance, probability=0.9):
+                axes.plot(*outline.T, color=color, linewidth=0.5)
+        seen = scene.seen[(scene.seen.track_id == str(truth.track_id[rows][0])) & (scene.seen.time_ns >= from_ns)]
+        axes.plot(*seen[seen.time_ns <= to_ns].position.T, "kx", markersize=4, label="detections")
+        middle, half = truth.position[rows].mean(axis=0), 0.6 * np.ptp(truth.position[rows], axis=0).max() + 3.0
+        axes.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, half], aspect="equal", xlabel="east, m")
+    panels[0].set_ylabel("north, m")
+    panels[0].legend(frameon=False)
+    figure.savefig(path, dpi=110)
 
 
 def screenshot(recording: Path, time_ns: int) -> bytes:
@@ -83,3 +138,4 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as made:
         demo(Path(made))
         viewer(Path(made))
+        gap(Path(made))

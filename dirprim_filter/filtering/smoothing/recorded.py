@@ -27,7 +27,9 @@ from dirprim_filter.filtering.smoothing.chain import LINK, LOWER, Belief, Chain
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 LEAST_EFFECTIVE = 0.4
-"""Share of the particles that links across a gap are learned from at least; in one step, in which none forks, all."""
+"""Share of the particles that links across a gap are learned from at least."""
+GAP_NS = 1_000_000_000
+"""In less no belief forks, and all particles count: those that came near alone are too sure of who starts or stops."""
 
 
 class RecordedFilter(ABC):
@@ -157,7 +159,8 @@ class RecordedParticles(RecordedFilter):
         n_steps = np.array([len(self._past[s]) for s in slot.tolist()], np.int64)
         vehicle = np.repeat(np.arange(slot.size), n_steps)
         weight = before[vehicle]
-        for i in np.flatnonzero(n_steps > 1).tolist():
+        since_ns = np.array([self._time_ns[s] - past[0][0] if (past := self._past[s]) else 0 for s in slot.tolist()])
+        for i in np.flatnonzero(since_ns > GAP_NS).tolist():
             one = np.empty(before.shape[1])
             _kernels.tempered(before[i], after[i], LEAST_EFFECTIVE * one.size, one)
             weight[vehicle == i] = one
