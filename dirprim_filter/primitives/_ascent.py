@@ -27,7 +27,6 @@ from dirprim_filter.primitives._modes import (
 )
 from tessellation.arrays import FloatArray
 
-MAX_ITERATIONS = 200
 DEPTH = 4  # steps that are mixed
 PATIENCE = 5  # iterations before modes may be given up as hopeless
 HORIZON = 30.0  # they are if so many gains like the last would not do
@@ -41,15 +40,13 @@ def ascend(
     at: int,
     n: int,
     n_vehicles: float,
-    with_speed: bool,
     curved: bool,
     needed: float,
     enough: float,
-    most: int,
     bounds: Bounds,
     table: FloatArray,
 ) -> float:
-    """Climb from the modes given, in place, until an iteration gains less than `enough`, at most `most` times.
+    """Climb from the modes given, in place, until an iteration gains less than `enough`.
 
     Returns the objective, or one less than `needed` as soon as it is plain that `needed` is out of reach.
     """
@@ -63,9 +60,10 @@ def ascend(
     was, would = step + 1, step + 2
     mixed, halvings, driven = -1, 0, k  # mixed: changes that are known; -1 before the first step
     best, last_gained = -np.inf, 0.0
+    most = bounds.max_iterations
     for iteration in range(most):
-        objective = expectation(columns, at, n, with_speed, table, sums) / total * n_vehicles
-        if with_speed:
+        objective = expectation(columns, at, n, bounds.with_speed, table, sums) / total * n_vehicles
+        if bounds.with_speed:
             objective += log_prior(bounds, table)
         gained = objective - best
         if gained >= -1e-12 * abs(objective):

@@ -8,13 +8,14 @@ import math
 import numpy as np
 from numba import njit
 
+from tessellation._compiling import COMPILED
 from tessellation.arrays import FloatArray, IntArray
 
 PASSES = 8
 OPENING_PASSES = 2
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def dp_means(feature: FloatArray, order: IntArray, opens_at: float, most: int, label: IntArray) -> int:
     """Group visits by what is known of them.
 

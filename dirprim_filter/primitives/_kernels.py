@@ -7,7 +7,7 @@ from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT
-from dirprim_filter.primitives._ascent import MAX_ITERATIONS, ascend
+from dirprim_filter.primitives._ascent import ascend
 from dirprim_filter.primitives._maximisation import shape_from
 from dirprim_filter.primitives._modes import (
     COSINE,
@@ -81,7 +81,7 @@ def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds:
             penalty = ((N_FLAT + (N_CURVED - N_FLAT) * stage) * k - 1) * cost
             needed = -np.inf if bounds.curved else best + penalty  # of modes that bend it is never plain
             curved = stage == 1
-            found = ascend(columns, at, n, n_vehicles, True, curved, needed, enough, MAX_ITERATIONS, bounds, trial[:k])
+            found = ascend(columns, at, n, n_vehicles, curved, needed, enough, bounds, trial[:k])
             found -= penalty
             highest = max(highest, found)
             if found > best:
@@ -91,8 +91,8 @@ def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds:
                         out[m, q] = trial[m, q] if m < k else (NO_MODE if q == LOG_WEIGHT else 0.0)
         if k > 1 + bounds.thorough and highest < best - FAR * bounds.thorough:
             break
-    if enough > 0.0 and chosen > 0:
-        ascend(columns, at, n, n_vehicles, True, False, -np.inf, 0.0, MAX_ITERATIONS, bounds, out[:chosen])
+    if enough > 0.0 and chosen > 0:  # none of them bends
+        ascend(columns, at, n, n_vehicles, bounds.curved, -np.inf, 0.0, bounds, out[:chosen])
 
 
 @njit(**EXACT)

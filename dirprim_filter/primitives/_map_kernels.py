@@ -16,6 +16,7 @@ from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._elementary import exp, log, squared_sine
 from dirprim_filter.distributions._kernels import log_normaliser, wrap
 from dirprim_filter.distributions._random import UIntArray
+from tessellation._compiling import COMPILED
 from tessellation._kernels import Locator, locate
 from tessellation.arrays import FloatArray, IntArray
 
@@ -45,7 +46,7 @@ class MapTable(NamedTuple):
     curved: bool
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def fill_modes(
     weight: FloatArray,
     mean: FloatArray,
@@ -103,7 +104,7 @@ class Rows(NamedTuple):
     of_speed: bool
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def log_densities(table: MapTable, rows: Rows, out: FloatArray) -> bool:
     """Fill `out` (n,) with log p(direction, speed | position), or of one alone; False where a row is not finite."""
     size = max(PAIRS, table.most_modes)
@@ -127,7 +128,7 @@ def log_densities(table: MapTable, rows: Rows, out: FloatArray) -> bool:
     return finite
 
 
-@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+@njit(fastmath={"contract"}, error_model="numpy", **COMPILED)
 def _take_logarithms(value: FloatArray, out: FloatArray) -> None:
     for i in range(value.size):
         out[i] = log(value[i])
@@ -136,7 +137,7 @@ def _take_logarithms(value: FloatArray, out: FloatArray) -> None:
             out[i] = math.log(value[i]) if value[i] > 0.0 else LOG_OF_ZERO
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"}, **COMPILED)
 def _gather(table: MapTable, rows: Rows, begin: int, stop: int, pairs: Pairs) -> bool:
     """Write the pairs of rows `begin` to `stop`; False where a row is not finite."""
     n, finite = 0, True
@@ -171,7 +172,7 @@ def _gather(table: MapTable, rows: Rows, begin: int, stop: int, pairs: Pairs) ->
     return finite
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"}, **COMPILED)
 def _evaluate(pairs: Pairs, n: int, of_direction: bool, of_speed: bool, curved: bool) -> None:
     """The densities of the first `n` pairs, in loops without a branch or a call."""
     log_p = pairs.log_p
@@ -191,7 +192,7 @@ def _evaluate(pairs: Pairs, n: int, of_direction: bool, of_speed: bool, curved: 
         density[p] = exp(log_p[p])
 
 
-@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+@njit(fastmath={"contract"}, error_model="numpy", **COMPILED)
 def _sum(pairs: Pairs, out: FloatArray) -> None:
     """The logarithm of the sum over each row's pairs."""
     total, first = pairs.total, 0
@@ -209,7 +210,7 @@ def _sum(pairs: Pairs, out: FloatArray) -> None:
             out[i] = _log_sum(pairs.log_p, pairs.end[i - 1] if i > 0 else 0, pairs.end[i])
 
 
-@njit(cache=True)
+@njit(**COMPILED)
 def _log_sum(log_p: FloatArray, first: int, last: int) -> float:
     """log(sum(exp(log_p[first:last]))), where the exponentials leave the range of a double; NaN where one is."""
     top = -np.inf
@@ -223,7 +224,7 @@ def _log_sum(log_p: FloatArray, first: int, last: int) -> float:
     return top + math.log(total)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **COMPILED)
 def draw(table: MapTable, position: FloatArray, key: UIntArray, direction: FloatArray, speed: FloatArray) -> bool:
     """Fill `direction` and `speed` (n,) with a draw at each position (n, 2), each block of rows from its own key.
 

@@ -1,6 +1,7 @@
 """What the compiled fit works on: columns of rows, tables of modes, and the bounds of a fit.
 
 Kernels take each as one array, `columns[SPEED]` and `table[m, MEAN]`: tuples of arrays compile several times as long.
+What is said once for a fit stands in its bounds: as a literal argument it would be compiled anew for each value.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ NO_MODE = -1e3
 """The logarithm of a weight of nothing."""
 
 
+MAX_ITERATIONS = 200
+
+
 class Bounds(NamedTuple):
     """Priors and bounds of a fit; see `config.LearningConfig`."""
 
@@ -38,6 +42,8 @@ class Bounds(NamedTuple):
     parameter_cost: float  # of a parameter, in those of BIC
     tolerance: float  # of the objective per vehicle: a step that gains less is the last
     thorough: bool  # whether more modes are tried than the first number that is one too many
+    with_speed: bool = True  # whether speeds have a say in whose a row is
+    max_iterations: int = MAX_ITERATIONS  # of one climb
 
 
 class Modes(NamedTuple):

@@ -10,7 +10,7 @@ from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT
-from dirprim_filter.primitives._ascent import MAX_ITERATIONS, ascend
+from dirprim_filter.primitives._ascent import ascend
 from dirprim_filter.primitives._expectation import SUMS
 from dirprim_filter.primitives._kernels import ON_CIRCLE, quantiles, start_evenly
 from dirprim_filter.primitives._maximisation import maximisation
@@ -71,9 +71,12 @@ def fit_in_two_steps(columns: FloatArray, at: int, n: int, n_vehicles: float, bo
             sums[m, 2] += w * columns[SINE, at + i]
             sums[m, 3] += w * columns[SPEED, at + i]
             sums[m, 4] += w * columns[LOG_SPEED, at + i]
-    if sums[:, 0].min() > 0.0:
+    least = np.inf
+    for m in range(k):
+        least = min(least, sums[m, 0])
+    if least > 0.0:
         maximisation(sums, n_vehicles, bounds, table)
-    ascend(columns, at, n, n_vehicles, False, False, -np.inf, 0.0, MAX_ITERATIONS, bounds, table)
+    ascend(columns, at, n, n_vehicles, bounds.curved, -np.inf, 0.0, bounds, table)
     for m in range(k):
         _gamma_within_two_deviations(columns, at, n, bounds, table[m])
 

@@ -159,6 +159,7 @@ def fit_all(
     """
     fit: Callable[..., None] = _kernels.fit_cells_at_once if at_once else _two_steps.fit_cells_in_two_steps
     given = in_cells if at_once else in_cells.by_direction()
+    bounds = bounds._replace(with_speed=at_once, curved=at_once and bounds.curved)
     merged = to_merge(in_cells, bounds, worth_merging) if at_once else np.zeros(in_cells.n_vehicles.size, np.bool_)
     columns, start = columns_of(given, bounds, merged)
     n_cells = in_cells.n_vehicles.size
@@ -169,7 +170,7 @@ def fit_all(
 
     with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
         list(pool.map(fit_share, range(0, n_cells, CELLS_PER_SHARE)))
-        if at_once and bounds.curved:
+        if bounds.curved:
             list(pool.map(lambda c: _finish(in_cells, c, bounds, table[c]), np.flatnonzero(merged)))
     return Modes.of(table, bounds)
 
@@ -181,8 +182,8 @@ def _finish(in_cells: CellRows, c: int, bounds: Bounds, table: FloatArray) -> No
     order = np.argsort(-table[:, LOG_WEIGHT], kind="stable")
     table[:] = table[order]
     _ascent.ascend(
-        columns, 0, columns.shape[1], float(in_cells.n_vehicles[c]), True,
-        bool(table[:k, N_FLAT:].any()), -np.inf, 0.0, FINISHING_ITERATIONS, bounds, table[:k],
+        columns, 0, columns.shape[1], float(in_cells.n_vehicles[c]), bool(table[:k, N_FLAT:].any()), -np.inf, 0.0,
+        bounds._replace(max_iterations=FINISHING_ITERATIONS), table[:k],
     )  # fmt: skip
 
 

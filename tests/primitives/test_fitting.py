@@ -74,7 +74,8 @@ def climbed(rows, bounds, k, *, curved, most, table=None):
         quantile, table = np.zeros(ON_CIRCLE + 1), np.zeros((k, N_CURVED))
         mean_speed = quantiles(columns, 0, n, quantile)
         start_evenly(quantile, mean_speed, bounds, table)
-    reached = ascend(columns, 0, n, float(rows.n_vehicles[0]), True, curved, -np.inf, 0.0, most, bounds, table)
+    bounds = bounds._replace(max_iterations=most)
+    reached = ascend(columns, 0, n, float(rows.n_vehicles[0]), curved, -np.inf, 0.0, bounds, table)
     return table, reached
 
 
