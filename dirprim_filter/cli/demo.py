@@ -53,10 +53,11 @@ def demo(
     """
     from dirprim_filter.recording import read_tracks, save_map
     from dirprim_filter.recording.errors import OutputExistsError
+    from dirprim_filter.recording.foxglove.layout import write_layout
 
     learning = recordings_folder() / f"{scene.value}_learn.mcap"
     tracking = recordings_folder() / f"{scene.value}_track.mcap"
-    outputs = {name: folder / name for name in ("map.mcap", "tracks.mcap", "tracks.rrd", "demo.png")}
+    outputs = {name: folder / name for name in ("map.mcap", "tracks.mcap", "layout.json", "tracks.rrd", "demo.png")}
     for path in outputs.values():
         if path.exists() and not force:
             raise OutputExistsError(path)
@@ -76,6 +77,7 @@ def demo(
     with learning_progress() as told:
         learned = learn_primitives(tracks, progress=told.progress, stage=told.stage, rng=np.random.default_rng(seed))
     save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
+    write_layout(learned, outputs["layout.json"], force=force)
     compiling.wait()
     typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
     scores = _track_three_ways(learned, tracks, truth, tracking, outputs, seed=seed, force=force)
@@ -195,4 +197,5 @@ def _tell(
         typer.echo(line)
     typer.echo("\nwrote " + ", ".join(str(path) for path in outputs.values()))
     typer.echo(f"next: open {outputs['demo.png']}; `dirprim view {outputs['tracks.rrd']}` plays it in rerun;")
-    typer.echo(f"      {outputs['tracks.mcap']} opens in Foxglove; `dirprim info LOG` tells what a log of yours holds")
+    typer.echo(f"      {outputs['tracks.mcap']} opens in Foxglove, with the layout {outputs['layout.json']};")
+    typer.echo("      `dirprim info LOG` tells what a log of yours holds")

@@ -116,6 +116,9 @@ NoIds = Annotated[
     bool, typer.Option("--no-ids", help="Ignore the log's ids; detections without one need no such word.")
 ]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
+Layout = Annotated[
+    Path | None, typer.Option("--layout", help="Write a layout of Foxglove's window for this log, .json."), WRITTEN
+]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]
 Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]
 Bind = Annotated[

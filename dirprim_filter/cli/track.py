@@ -19,6 +19,7 @@ from dirprim_filter.cli.options import (
     Connect,
     Focus,
     Force,
+    Layout,
     Log,
     Map,
     NoIds,
@@ -53,6 +54,7 @@ def track(
     log: Log,
     map_file: Map,
     output: Output,
+    layout: Layout = None,
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
@@ -109,6 +111,7 @@ def track(
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.foxglove.layout import write_layout
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.replay import replay
 
@@ -138,6 +141,8 @@ def track(
     with ExitStack() as open_files:
         estimates = open_files.enter_context(EstimateLog(output, metadata=said, particle_stride=stride, force=force))
         estimates.write_map_scene(learned)
+        if layout is not None:
+            write_layout(learned, layout, force=force)
         sinks: list[EstimateSink] = [estimates]
         forecasts: list[ForecastSink] = [estimates]
         viewer = None

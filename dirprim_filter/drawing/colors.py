@@ -44,6 +44,11 @@ OKABE_ITO: ByteArray = np.array(
 """(5, 3) colours that tell vehicles apart (Okabe and Ito, 2008), less the greens and yellows of fast roses,
 and lightened for a dark ground."""
 
+FAN_OPACITY = 0.15
+FEW_FANS = 6
+"""More than so many lie over each other: they are drawn fainter, as their number grows,"""
+FAINTEST_FAN = 0.05
+"""but not fainter than this."""
 
 NO_MODE: ByteArray = np.array([150, 155, 165], dtype=np.uint8)
 
@@ -110,6 +115,11 @@ def track_color(track_id: AnyArray | Sequence[str]) -> ByteArray:
 @lru_cache(maxsize=65536)
 def _palette_place(name: str) -> int:
     return zlib.crc32(name.encode()) % len(OKABE_ITO)
+
+
+def fan_opacity(n: int) -> float:
+    """Of each of n forecasts' regions, 0 to 1."""
+    return float(np.clip(FAN_OPACITY * FEW_FANS / max(n, FEW_FANS), FAINTEST_FAN, FAN_OPACITY))
 
 
 def with_alpha(rgba: ByteArray, opacity: npt.ArrayLike) -> ByteArray:

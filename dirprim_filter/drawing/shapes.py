@@ -16,13 +16,17 @@ import numpy as np
 
 from dirprim_filter.distributions import VonMisesMixture, von_mises
 from dirprim_filter.distributions.angles import TWO_PI
+from dirprim_filter.drawing.colors import ByteArray, speed_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.transitions import cell_transitions
 from tessellation import Tessellation
-from tessellation.arrays import FloatArray, IntArray
+from tessellation.anchors import anchors
+from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 SHARPEST_PETAL = 10.0
 """Concentrations are drawn up to this one, a standard deviation of 18 degrees: narrower could not be seen."""
+ROOT_SHADE = 4
+"""A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 SMALLEST_PETAL = 0.02
 """Modes of less weight are not drawn."""
 PETAL_RIM = 0.08
@@ -63,7 +67,7 @@ class Petals(NamedTuple):
     """The petals of a map's roses, the heaviest first, so that a lighter one is drawn over it.
 
     Attributes:
-        polygon: (n, k, 2) metres; the first vertex is the cell's centre.
+        polygon: (n, k, 2) metres; the first vertex is the cell's anchor.
         mean_speed: (n,) m/s, of the petal's mode.
         weight: (n,) of the petal's mode in its cell.
         cell: (n,) the petal's cell.
@@ -84,11 +88,13 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     """
     direction = primitives.direction
     own = slice(0, direction.weight.shape[1] - primitives.n_place_free_modes)
-    drawn = (direction.weight[:-1, own] >= SMALLEST_PETAL) & (primitives.n_rows[:-1, None] > 0)
+    drawn = (direction.weight[:-1, own] >= SMALLEST_PETAL) & _has_rose(primitives)[:, None]
     cell, mode = np.nonzero(drawn)
     order = np.argsort(-direction.weight[cell, mode], kind="stable")
     cell, mode = cell[order], mode[order]
+    root, bend = anchors(primitives.tessellation)[cell], primitives.bend[cell, mode]
     weight, mean = direction.weight[cell, mode], direction.mean_direction[cell, mode]
+    mean = mean + (bend * (root - primitives.tessellation.centers[cell])).sum(axis=-1)
     concentration = np.minimum(direction.concentration[cell, mode], SHARPEST_PETAL)
     with np.errstate(divide="ignore"):
         half_width = np.arccos(np.clip(1.0 + 2.0 * np.log(PETAL_RIM) / concentration, -1.0, 1.0))
@@ -97,11 +103,11 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     log_p = von_mises.log_density(theta, mean[:, None], concentration[:, None]) - sharpest
     reach = _rose_reach(primitives.tessellation)[cell]
     radius = reach[:, None] * np.sqrt(weight[:, None] * np.exp(log_p))
-    center = primitives.tessellation.centers[cell][:, None, :]
-    curvature = (primitives.bend[cell, mode] * _heading(mean)).sum(axis=-1)
-    rim = center + _along_arc(radius, theta, np.clip(curvature, -MOST_BEND / reach, MOST_BEND / reach)[:, None])
+    root = root[:, None, :]
+    curvature = (bend * _heading(mean)).sum(axis=-1)
+    rim = root + _along_arc(radius, theta, np.clip(curvature, -MOST_BEND / reach, MOST_BEND / reach)[:, None])
     return Petals(
-        polygon=np.concatenate([center, rim], axis=1),
+        polygon=np.concatenate([root, rim], axis=1),
         mean_speed=primitives.speed.mean[cell, mode],
         weight=weight,
         cell=cell,
@@ -112,7 +118,7 @@ class Roses(NamedTuple):
     """The sectors of a map's rose diagrams.
 
     Attributes:
-        polygon: (n, k, 2) metres; the first vertex is the cell's centre.
+        polygon: (n, k, 2) metres; the first vertex is the cell's anchor.
         probability: (n,) that a vehicle in the cell goes that way.
         cell: (n,) the sector's cell.
     """
@@ -138,21 +144,25 @@ def sector_probabilities(mixture: VonMisesMixture, *, n_sectors: int = N_SECTORS
 
 
 def rose_sectors(primitives: PrimitiveMap) -> Roses:
-    """A rose diagram for each cell that holds data: p(direction) at its centre, integrated over sectors.
+    """A rose diagram for each cell that holds data: p(direction) at its anchor, integrated over sectors.
 
     The radius is R sqrt(probability), with R the cell's radius times `REACH`: the area is proportional to it.
     """
     tessellation = primitives.tessellation
-    held = np.flatnonzero(primitives.n_rows[:-1] > 0)
-    probability = sector_probabilities(primitives.primitive_at(tessellation.centers[held]).direction)
+    held, root = np.flatnonzero(_has_rose(primitives)), anchors(tessellation)
+    probability = sector_probabilities(primitives.primitive_at(root[held]).direction)
     row, sector = np.nonzero(probability >= SMALLEST_SECTOR)
     cell, share = held[row], probability[row, sector]
     width = TWO_PI / N_SECTORS
     theta = (sector * width)[:, None] + np.linspace(-0.5, 0.5, SECTOR_VERTICES) * width
     radius = _rose_reach(tessellation)[cell] * np.sqrt(share)
-    center = tessellation.centers[cell][:, None, :]
-    rim = center + radius[:, None, None] * _heading(theta)
-    return Roses(polygon=np.concatenate([center, rim], axis=1), probability=share, cell=cell)
+    rim = root[cell, None] + radius[:, None, None] * _heading(theta)
+    return Roses(polygon=np.concatenate([root[cell, None], rim], axis=1), probability=share, cell=cell)
+
+
+def _has_rose(primitives: PrimitiveMap) -> BoolArray:
+    """(n_cells,) which cells hold data, and some ground to draw them on."""
+    return np.asarray((primitives.n_rows[:-1] > 0) & (primitives.tessellation.area > 0))
 
 
 def _rose_reach(tessellation: Tessellation) -> FloatArray:
@@ -166,6 +176,14 @@ def fastest_speed(petals: Petals) -> float:
     if petals.mean_speed.size == 0:
         return 1.0
     return float(max(1.0, np.ceil(np.quantile(petals.mean_speed, 0.98))))
+
+
+def petal_colors(petals: Petals, *, fastest: float) -> ByteArray:
+    """The colour of each vertex, by the petal's mean speed; darker at the root. -> (n, k, 4)."""
+    color = np.repeat(speed_color(petals.mean_speed, fastest=fastest)[:, None], petals.polygon.shape[1], axis=1)
+    is_disc = np.isclose(petals.polygon[:, 1], petals.polygon[:, -1]).all(axis=-1)
+    color[~is_disc, 0, :3] //= ROOT_SHADE
+    return color
 
 
 def fan_triangles(polygon: FloatArray) -> IntArray:
@@ -197,8 +215,9 @@ class Flow(NamedTuple):
         """The arrows of a map; none of ways that one vehicle took, or hardly one of those who left."""
         start, end, n, share = cell_transitions(primitives)
         kept = (share >= FLOW_LEAST) & (n > 1)
-        center = primitives.tessellation.centers[start[kept]]
-        way = primitives.tessellation.centers[end[kept]] - center
+        anchor = anchors(primitives.tessellation)
+        center = anchor[start[kept]]
+        way = anchor[end[kept]] - center
         return cls(center + 0.5 * (1.0 - FLOW_LENGTH) * way, FLOW_LENGTH * way, n[kept], share[kept])
 
     def outlines(self, width: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A map file: an MCAP log with `/dirprim/map` alone, a message for each tile of cells."""
+"""A map file: an MCAP log with `/dirprim/map`, a message for each tile of cells, and a drawing of them for Foxglove."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from google.protobuf.message import DecodeError
 
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.foxglove.frames import TRANSFORM_TOPIC, origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC, map_scene
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.map_tiles import decode_tiles, encode_tiles
@@ -42,6 +44,9 @@ def save_map(
     with McapLog(path, metadata=metadata or {}, force=force) as log:
         for tile in encode_tiles(primitive_map):
             log.write(MAP_TOPIC, tile, 0)  # a map holds at no time of its own
+        origin = origin_of(view_of(primitive_map))
+        log.write(TRANSFORM_TOPIC, scene_transform(0, origin), 0)
+        log.write(MAP_SCENE_TOPIC, map_scene(primitive_map, 0, origin), 0)
 
 
 def load_map(path: str | Path) -> PrimitiveMap:

@@ -13,27 +13,32 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
+from dirprim_filter.drawing.sight import has_no_forecast
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording import scene
+from dirprim_filter.recording.foxglove.clouds import detection_cloud, particle_cloud
+from dirprim_filter.recording.foxglove.estimates import EstimatesScene
+from dirprim_filter.recording.foxglove.forecasts import forecast_scene
+from dirprim_filter.recording.foxglove.frames import TRANSFORM_TOPIC, origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC, map_scene
+from dirprim_filter.recording.foxglove.objects import detections_scene, tracks_scene
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
-from dirprim_filter.tracks import Tracks
-from tessellation.arrays import IntArray
+from dirprim_filter.tracks import Tracks, as_texts
+from tessellation.arrays import FloatArray, IntArray
 
 OBJECTS_TOPIC = "/objects"
 OBJECTS_SCENE_TOPIC = "/objects/scene"
 DETECTIONS_TOPIC = "/detections"
 DETECTIONS_SCENE_TOPIC = "/detections/scene"
-TRANSFORM_TOPIC = "/tf"
 ESTIMATES_TOPIC = "/dirprim/tracks"
 ESTIMATES_SCENE_TOPIC = "/dirprim/tracks/scene"
 SMOOTHED_TOPIC = "/dirprim/smoothed"
 SMOOTHED_SCENE_TOPIC = "/dirprim/smoothed/scene"
 PARTICLES_TOPIC = "/dirprim/particles"
+REPORTS_TOPIC = "/dirprim/detections"
 FORECAST_TOPIC = "/dirprim/forecast"
-MAP_SCENE_TOPIC = "/dirprim/map/scene"
 
 MAX_CHUNK_NS = 1_000_000_000
 """A chunk of estimates and the instant after it span at most this much log time: what a killed tracker loses."""
@@ -79,19 +84,20 @@ def write_tracks(
     streams = [_instants(source) for source in sources]
     with McapLog(path, metadata=metadata or {}, force=force) as log:
         begun = False
+        origin = origin_of(np.concatenate([source.position for source in sources]))
         total = sum(np.unique(source.time_ns).size for source in sources)
         for done, (time_ns, rows, source) in enumerate(heapq.merge(*streams, key=lambda instant: instant[0]), 1):
             if not begun:
-                log.write(TRANSFORM_TOPIC, scene.frame_transform(time_ns), time_ns)
+                log.write(TRANSFORM_TOPIC, scene_transform(time_ns, origin), time_ns)
                 begun = True
             message = encode_observations(source, rows, time_ns, labels=labels)
             if isinstance(source, Tracks):
                 log.write(OBJECTS_TOPIC, message, time_ns)
-                drawn = scene.tracks_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
+                drawn = tracks_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
                 log.write(OBJECTS_SCENE_TOPIC, drawn, time_ns)
             else:
                 log.write(DETECTIONS_TOPIC, message, time_ns)
-                drawn = scene.detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
+                drawn = detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
                 log.write(DETECTIONS_SCENE_TOPIC, drawn, time_ns)
             if progress is not None:
                 progress(done, total)
@@ -116,8 +122,8 @@ class EstimateLog:
     """An `EstimateSink` that writes what a tracker believes as an MCAP log; a context manager.
 
     `/dirprim/tracks` holds `dirprim.TrackEstimates`, a message for each frame, and `/dirprim/smoothed` those that a
-    smoother gives later; `/dirprim/tracks/scene`, `/dirprim/smoothed/scene`, `/dirprim/particles`, `/dirprim/map/scene`
-    and `/dirprim/forecast` are for the eye.
+    smoother gives later; `/dirprim/tracks/scene`, `/dirprim/smoothed/scene`, `/dirprim/particles`, `/dirprim/detections`,
+    `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
 
     Messages are encoded, compressed and written in order by a thread of its own, while the tracker goes on: what fails
     there is raised by the next call, or when the log is closed. Ctrl-C closes the log so that it reads; another
@@ -144,9 +150,10 @@ class EstimateLog:
             keep_when_interrupted=True,
         )  # fmt: skip
         self._particle_stride = particle_stride
-        self._scene, self._smoothed_scene = scene.EstimatesScene(), scene.EstimatesScene(scene.SMOOTHED_COLOR)
+        self._scene, self._smoothed_scene = EstimatesScene(), EstimatesScene(SMOOTHED_COLOR)
         self._map: PrimitiveMap | None = None
-        self._begun = False
+        self._origin: FloatArray | None = None
+        self._not_forecast: frozenset[str] = frozenset()
         self._background = Background("dirprim-log")
 
     def __enter__(self) -> Self:
@@ -171,7 +178,7 @@ class EstimateLog:
             OSError: an earlier frame could not be written.
         """
         particles = frame.particles.thinned(self._particle_stride)
-        self._background.do(lambda: self._append(frame.estimates, particles, frame.time_ns))
+        self._background.do(lambda: self._append(frame.estimates, frame.detections, particles, frame.time_ns))
 
     def write_smoothed(self, frame: TrackedFrame) -> None:
         """Append what a smoother says of one instant: frames in order of time, each later than the filter's.
@@ -196,12 +203,14 @@ class EstimateLog:
         """
         self._background.do(lambda: self._append_forecast(forecasts))
 
-    def _append(self, estimates: Estimates, particles: Particles, time_ns: int) -> None:
-        self._begin(time_ns)
+    def _append(self, estimates: Estimates, detections: Detections, particles: Particles, time_ns: int) -> None:
+        origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
         self._log.write(ESTIMATES_TOPIC, encode_estimates(estimates, time_ns), time_ns)
-        drawn = self._scene.encode(estimates, time_ns)
+        drawn = self._scene.encode(estimates, detections, time_ns, origin)
         self._log.write_encoded(ESTIMATES_SCENE_TOPIC, SceneUpdate, drawn, time_ns)
-        self._log.write(PARTICLES_TOPIC, scene.particle_cloud(particles, time_ns), time_ns)
+        self._log.write(PARTICLES_TOPIC, particle_cloud(particles, time_ns, origin), time_ns)
+        self._log.write(REPORTS_TOPIC, detection_cloud(detections.position, time_ns, origin), time_ns)
+        self._not_forecast = frozenset(as_texts(estimates.track_id)[has_no_forecast(estimates)].tolist())
 
     def _append_smoothed(self, estimates: Estimates, time_ns: int) -> None:
         self._log.write(SMOOTHED_TOPIC, encode_estimates(estimates, time_ns), time_ns)
@@ -209,13 +218,16 @@ class EstimateLog:
         self._log.write_encoded(SMOOTHED_SCENE_TOPIC, SceneUpdate, drawn, time_ns)
 
     def _append_forecast(self, forecasts: Forecasts) -> None:
-        self._begin(forecasts.time_ns)
-        self._log.write(FORECAST_TOPIC, scene.forecast_scene(forecasts), forecasts.time_ns)
+        origin = self._begin(forecasts.start, forecasts.time_ns)
+        drawn = forecast_scene(forecasts, origin, hidden=self._not_forecast)
+        self._log.write(FORECAST_TOPIC, drawn, forecasts.time_ns)
 
-    def _begin(self, time_ns: int) -> None:
-        if not self._begun:
-            self._log.write(TRANSFORM_TOPIC, scene.frame_transform(time_ns), time_ns)
-            self._begun = True
+    def _begin(self, position: FloatArray, time_ns: int) -> FloatArray:
+        """Write what comes first; -> the origin of the scene's frame: of the map's view, else among these positions."""
+        if self._origin is None:
+            self._origin = origin_of(position if self._map is None else view_of(self._map))
+            self._log.write(TRANSFORM_TOPIC, scene_transform(time_ns, self._origin), time_ns)
         if self._map is not None:
-            self._log.write(MAP_SCENE_TOPIC, scene.map_scene(self._map, time_ns), time_ns)
+            self._log.write(MAP_SCENE_TOPIC, map_scene(self._map, time_ns, self._origin), time_ns)
             self._map = None
+        return self._origin

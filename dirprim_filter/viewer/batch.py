@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import rerun as rr
 
-from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.sight import may_be_anywhere
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer import marks
@@ -104,7 +104,7 @@ class FrameBatch:
         yield "/tracks/ids", times, named.partition(np.bincount(frame[in_full], minlength=len(n_believed)))
         for entity, chosen in (
             ("/tracks/covariance", in_full & ~unseen),
-            ("/tracks/unseen", in_full & unseen & (shapes.reach(believed.covariance) < marks.WIDEST_UNSEEN)),
+            ("/tracks/unseen", in_full & unseen & ~may_be_anywhere(believed)),
         ):
             counts = np.bincount(frame[chosen], minlength=len(n_believed))
             yield entity, times, marks.covariance(believed[chosen]).partition(counts)

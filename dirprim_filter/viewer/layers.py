@@ -22,6 +22,7 @@ from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from tessellation import Tessellation
+from tessellation.anchors import anchors
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 CONFIDENCE = 0.9
@@ -111,7 +112,7 @@ def draw_wheel(axes: Axes, title: str) -> None:
 
 def _roots(primitives: PrimitiveMap, petals: shapes.Petals) -> tuple[FloatArray, FloatArray]:
     cells = np.unique(petals.cell)
-    return primitives.tessellation.centers[cells], ROOT_DIAMETER * np.sqrt(primitives.tessellation.area[cells])
+    return anchors(primitives.tessellation)[cells], ROOT_DIAMETER * np.sqrt(primitives.tessellation.area[cells])
 
 
 def draw_tracks(axes: Axes, tracks: Tracks) -> None:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.drawing.colors import track_color
+from dirprim_filter.drawing.names import short_name
 from dirprim_filter.estimates import TrackedFrame
 
 N_LANES = 16
@@ -91,6 +92,7 @@ class Lifelines:
         lane = self._lane.get(name)
         if lane is None:
             return
+        state = state.replace(name, short_name(name), 1)
         self.changes.setdefault(lane, []).append(Change(time_ns, state))
         if state:
             colors = self.states.setdefault(lane, {})

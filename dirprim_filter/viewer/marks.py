@@ -18,12 +18,13 @@ from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import (
     ByteArray,
     direction_color,
+    fan_opacity,
     mode_color,
     probability_color,
-    speed_color,
     track_color,
     with_alpha,
 )
+from dirprim_filter.drawing.names import short_name
 from dirprim_filter.estimates import Estimates, Particles
 from dirprim_filter.forecasting import REGION_SHARES
 from dirprim_filter.tracks import Tracks
@@ -46,21 +47,14 @@ HEIGHT: Mapping[str, float] = {name: 0.1 * place for place, name in enumerate(FR
 """Metres above the ground: what lies in one plane would flicker."""
 ROSE_THICKNESS = 0.05
 """Metres from the lowest petal to the highest."""
-ROOT_SHADE = 4
-"""A petal's root is darker by this factor, so that one sees which way it points; a disc points nowhere."""
 ROSES_UNDER_TRAFFIC = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 165))
 """What moves must stand out."""
 FLOW_WIDTH = 1.5
 """Points on the screen, of the way that most vehicles take."""
 FLOW_COLOR = (255, 170, 110)
 FORECAST_OPACITY = 0.25
-FAN_OPACITY = 0.15
 STEP_STRIDE = 2
 """Every second instant is enough for a line."""
-FEW_FANS = 6
-"""More than so many lie over each other: they are drawn fainter, as their number grows,"""
-FAINTEST_FAN = 0.05
-"""but not fainter than this."""
 FADING = 0.35
 """Power of their number by which marks of a crowd shrink, and darken: what they cover grows more slowly than they."""
 ESTIMATE_RADIUS, MOTION_RADIUS, TRAIL_RADIUS, DETECTION_RADIUS, TRUTH_RADIUS = 3.0, 1.5, 1.0, 2.5, 0.75
@@ -69,8 +63,6 @@ PATHS_DRAWN = 6
 """Of each vehicle at most; their fans hold them all."""
 UNSEEN_SHADE = 0.5
 """Vehicles out of sight are darker by this factor."""
-WIDEST_UNSEEN = 6.0
-"""Metres, standard deviation; of a vehicle out of sight that may be anywhere, no ellipse is drawn."""
 RING_RADIUS = 0.045
 """Of the depth of ground in view, around the vehicle to look at."""
 ID_OFFSET = 0.035
@@ -111,15 +103,11 @@ def cells(tessellation: Tessellation) -> rr.LineStrips3D:
 
 def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
     """Filled petals in the colour of their mean speed; the heaviest lies lowest."""
-    n, k = petals.polygon.shape[:2]
-    height = HEIGHT["roses"] + np.linspace(0.0, ROSE_THICKNESS, n)
-    color = np.repeat(speed_color(petals.mean_speed, fastest=fastest)[:, None], k, axis=1)
-    is_disc = np.isclose(petals.polygon[:, 1], petals.polygon[:, -1]).all(axis=-1)
-    color[~is_disc, 0, :3] //= ROOT_SHADE
+    height = HEIGHT["roses"] + np.linspace(0.0, ROSE_THICKNESS, len(petals.polygon))
     return rr.Mesh3D(
         vertex_positions=_raised(petals.polygon, height[:, None]).reshape(-1, 3),
         triangle_indices=shapes.fan_triangles(petals.polygon),
-        vertex_colors=color.reshape(-1, 4),
+        vertex_colors=shapes.petal_colors(petals, fastest=fastest).reshape(-1, 4),
     )
 
 
@@ -203,7 +191,7 @@ def ids(believed: Estimates, *, depth: float) -> rr.ComponentColumnList:
     return rr.Points3D.columns(
         positions=_raised(believed.position + np.array([0.0, ID_OFFSET * depth]), HEIGHT["ids"]),
         colors=_shade(believed),
-        labels=[str(name) for name in believed.track_id],
+        labels=[short_name(str(name)) for name in believed.track_id],
     )
 
 
@@ -291,8 +279,7 @@ def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.Comp
             vertex_colors=np.repeat(color, np.diff(n_before), axis=0),
         )
         faces = rr.Mesh3D.columns(triangle_indices=triangle.astype(np.uint32))
-        opacity = float(np.clip(FAN_OPACITY * FEW_FANS / max(len(parts), FEW_FANS), FAINTEST_FAN, FAN_OPACITY))
-        seen_through = rr.Mesh3D.columns(albedo_factor=[(255, 255, 255, round(255 * opacity))])
+        seen_through = rr.Mesh3D.columns(albedo_factor=[(255, 255, 255, round(255 * fan_opacity(len(parts))))])
         yield (
             entity,
             rr.ComponentColumnList(

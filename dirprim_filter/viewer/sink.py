@@ -19,6 +19,7 @@ import rerun as rr
 from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.sight import has_no_forecast
 from dirprim_filter.estimates import COASTING_FROM_S, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -45,8 +46,6 @@ BUSY_SHARE = 0.75
 """The view is fitted to the square that holds this share of the traffic."""
 BOX_PATH = "/view"
 """Tells which part of the plane the view is fitted to."""
-SURE_FROM = 0.5
-"""Resultant of a belief's direction; a forecast of a vehicle that may go anywhere tells nothing."""
 
 
 class Outlet:
@@ -276,8 +275,7 @@ class RerunSink:
         for name in before.keys() - self._last_seen.keys():
             if before[name][0] >= oldest_ns:
                 self._last_seen[name] = before[name]
-        is_unsure = believed.is_coasting | (believed.direction_resultant < SURE_FROM)
-        self._not_forecast = set(compress(frame.names, (is_unsure | ~in_full).tolist()))
+        self._not_forecast = set(compress(frame.names, (has_no_forecast(believed) | ~in_full).tolist()))
 
     def _forget_forecasts(self, time_ns: int) -> None:
         """Drop the forecasts of vehicles that have gone."""

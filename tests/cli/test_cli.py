@@ -449,7 +449,9 @@ def test_the_demo(tmp_path_factory, capsys):
     table = capsys.readouterr().out
     for line in ("with the prior", "place-free", "constant velocity", "next: open"):
         assert line in table
-    assert {path.name for path in folder.iterdir()} == {"map.mcap", "tracks.mcap", "tracks.rrd", "demo.png"}
+    assert {path.name for path in folder.iterdir()} == {
+        "map.mcap", "tracks.mcap", "layout.json", "tracks.rrd", "demo.png",
+    }  # fmt: skip
     _opens_everywhere(folder)
     assert dirprim("demo", "-o", folder) == FAILED  # nothing is overwritten
 

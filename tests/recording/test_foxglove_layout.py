@@ -1,39 +1,79 @@
-"""The layout that ships names topics, fields and panels that are there."""
+"""The layout names topics, fields and frames that are there, and looks at what is drawn."""
 
 import json
 import re
-from pathlib import Path
 
-from dirprim_filter.recording import scene, writer
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from test_estimate_log import a_frame, a_map, messages
+
+from dirprim_filter.drawing import shapes
+from dirprim_filter.recording import save_map, writer
+from dirprim_filter.recording.errors import OutputExistsError
+from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
+from dirprim_filter.recording.foxglove.layout import layout, write_layout
+from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC
 from dirprim_filter.recording.schemas import dirprim_pb2
 
-LAYOUT = json.loads((Path(__file__).parents[2] / "recordings" / "foxglove_layout.json").read_text())
+LAYOUT = layout(a_map())
+PANELS = LAYOUT["configById"]
 WRITTEN = {value for name, value in vars(writer).items() if name.endswith("_TOPIC")}
 
 
-def panels_in(tree: object) -> list[str]:
+def panels_in(tree):
     return [tree] if isinstance(tree, str) else panels_in(tree["first"]) + panels_in(tree["second"])
 
 
 def test_every_panel_is_laid_out_once():
-    assert sorted(panels_in(LAYOUT["layout"])) == sorted(LAYOUT["configById"])
+    assert sorted(panels_in(LAYOUT["layout"])) == sorted(PANELS)
 
 
-def test_the_3d_panel_shows_topics_that_are_written_and_all_that_can_be_drawn():
-    panel = LAYOUT["configById"]["3D!map"]
-    assert set(panel["topics"]) <= WRITTEN
-    assert {writer.MAP_SCENE_TOPIC, writer.ESTIMATES_SCENE_TOPIC, writer.PARTICLES_TOPIC, writer.FORECAST_TOPIC} <= set(
-        panel["topics"]
-    )
-    assert panel["followTf"] == scene.MAP_FRAME
-    assert panel["topics"][writer.PARTICLES_TOPIC]["colorField"] in (scene._PARTICLE.names or ())
+def test_the_3d_panel_shows_topics_that_are_written_and_all_that_can_be_drawn(tmp_path):
+    with writer.EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+        log.write_map_scene(a_map())
+        log.write(a_frame(5))
+    shown = PANELS["3D!map"]["topics"]
+    assert set(shown) <= WRITTEN
+    assert {MAP_SCENE_TOPIC, writer.ESTIMATES_SCENE_TOPIC, writer.PARTICLES_TOPIC, writer.FORECAST_TOPIC} <= set(shown)
+    assert all(topic["visible"] for topic in shown.values())
+    (cloud,) = messages(tmp_path / "a.mcap", writer.PARTICLES_TOPIC)
+    assert shown[writer.PARTICLES_TOPIC]["colorMode"] == "rgba-fields"
+    assert {"red", "green", "blue", "alpha"} <= {field.name for field in PointCloud.FromString(cloud.data).fields}
 
 
-def test_plots_are_of_fields_that_messages_have():
+def test_the_camera_stands_over_the_scene_and_sees_the_busy_part_of_the_map():
+    panel = PANELS["3D!map"]
+    assert (panel["followTf"], panel["followMode"]) == (SCENE_FRAME, "follow-pose")
+    camera = panel["cameraState"]
+    assert camera["perspective"] is False
+    assert camera["targetOffset"] == [0.0, 0.0, 0.0]
+    box = shapes.busy_box(a_map(), share=0.75)
+    assert np.ptp(box, axis=0).max() <= camera["distance"] < 1.2 * np.ptp(box, axis=0).max()
+
+
+def test_plots_are_of_fields_that_messages_have_and_say_so_to_foxglove_and_to_lichtblick():
     fields = dirprim_pb2.TrackEstimates.DESCRIPTOR.fields_by_name
-    values = [p["value"] for panel in LAYOUT["configById"].values() for p in panel.get("paths", [])]
-    assert values
-    for value in values:
-        topic, field = re.fullmatch(r"([^.]+)\.(\w+)\[:\]", value).groups()
-        assert topic == writer.ESTIMATES_TOPIC
-        assert field in fields
+    plots = [panel for name, panel in PANELS.items() if name.startswith("Plot!")]
+    assert len(plots) >= 3
+    for panel in plots:
+        assert panel["title"] == panel["lichtblickPanelTitle"] != ""
+        for path in panel["paths"]:
+            topic, field = re.fullmatch(r"([^.]+)\.(\w+)\[:\]", path["value"]).groups()
+            assert topic == writer.ESTIMATES_TOPIC
+            assert field in fields
+
+
+def test_the_file_is_json_and_is_not_overwritten_by_accident(tmp_path):
+    path = tmp_path / "layout.json"
+    write_layout(a_map(), path)
+    assert json.loads(path.read_text()) == LAYOUT
+    with pytest.raises(OutputExistsError):
+        write_layout(a_map(), path)
+    write_layout(a_map(), path, force=True)
+
+
+def test_a_map_file_alone_has_what_the_layout_shows_of_it(tmp_path):
+    save_map(a_map(), tmp_path / "map.mcap")
+    assert messages(tmp_path / "map.mcap", MAP_SCENE_TOPIC)
+    assert MAP_SCENE_TOPIC in PANELS["3D!map"]["topics"]

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from dirprim_filter.recording.scene import frame_transform
 from mcap.reader import make_reader
 from test_map_file import some_map
 from test_track_log import some_tracks
@@ -14,7 +15,6 @@ from dirprim_filter.recording import map_file, save_map, write_tracks
 from dirprim_filter.recording.interrupts import uninterrupted
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.recovery import recover
-from dirprim_filter.recording.scene import frame_transform
 
 N = 12
 GOOD = b"a good file"

@@ -1,5 +1,6 @@
 """Maps through a file: the same to the last bit, or one clear line."""
 
+from collections import Counter
 from dataclasses import fields
 
 import numpy as np
@@ -10,10 +11,10 @@ from dirprim_filter.primitives.motion import AMOUNTS, FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
+from dirprim_filter.recording.foxglove.frames import scene_transform
 from dirprim_filter.recording.map_file import MAP_TOPIC
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.scan import scan
-from dirprim_filter.recording.scene import frame_transform
 from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, encode_tiles
 from dirprim_filter.recording.schemas.motion_columns import COLUMNS
 from tessellation import GridTessellation, VoronoiTessellation
@@ -84,9 +85,8 @@ def test_a_map_loads_equal(tmp_path, n_cells, voronoi):
     sent = some_map(n_cells, voronoi=voronoi)
     save_map(sent, tmp_path / "map.mcap", metadata={"seed": "0"})
     assert_equal(load_map(tmp_path / "map.mcap"), sent)
-    tiles = list(scan(tmp_path / "map.mcap"))
-    assert len(tiles) == max(1, -(-n_cells // TILE_CELLS))
-    assert {tile.topic for tile in tiles} == {"/dirprim/map"}
+    n_messages = Counter(message.topic for message in scan(tmp_path / "map.mcap"))
+    assert n_messages == {"/dirprim/map": max(1, -(-n_cells // TILE_CELLS)), "/dirprim/map/scene": 1, "/tf": 1}
 
 
 def test_what_was_learned_loads_equal(tmp_path, ring_map):
@@ -133,7 +133,7 @@ def test_an_existing_file_is_kept_without_force(tmp_path):
 
 def test_a_log_that_is_no_map_is_told(tmp_path):
     with McapLog(tmp_path / "log.mcap", metadata={}) as log:
-        log.write("/tf", frame_transform(0), 0)
+        log.write("/tf", scene_transform(0, np.zeros(2)), 0)
     with pytest.raises(RecordingError, match=r"log\.mcap: expected a map.*dirprim learn"):
         load_map(tmp_path / "log.mcap")
     (tmp_path / "text").write_text("no log at all")

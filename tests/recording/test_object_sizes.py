@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from dirprim_filter.recording.scene import VEHICLE_SIZE
 from google.protobuf import json_format
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -19,7 +20,6 @@ from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording import decoding, read_tracks, write_tracks
 from dirprim_filter.recording.field_mapping import FieldMapping
 from dirprim_filter.recording.reader import inspect, stream_detections
-from dirprim_filter.recording.scene import VEHICLE_SIZE
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.tracks import Tracks
 

@@ -16,10 +16,10 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.decoding import Decoders
 from dirprim_filter.recording.errors import OutputExistsError
+from dirprim_filter.recording.foxglove.frames import scene_transform
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.records import Channel, Message, Schema
 from dirprim_filter.recording.scan import scan
-from dirprim_filter.recording.scene import frame_transform
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import encode_observations
 from dirprim_filter.recording.writer import write_tracks
@@ -86,7 +86,7 @@ def test_every_message_says_the_same_as_the_rows(tmp_path):
         "/detections/scene": "foxglove.SceneUpdate",
     }
     assert len(found["/tf"]) == 1
-    assert FrameTransform.FromString(found["/tf"][0][1].data).child_frame_id == "base_link"
+    assert FrameTransform.FromString(found["/tf"][0][1].data).child_frame_id == "scene"
     assert found["/tf"][0][1].log_time == tracks.time_ns[0]
     for topic in ("/objects", "/objects/scene", "/detections", "/detections/scene"):
         assert [m.log_time for _, m in found[topic]] == np.unique(tracks.time_ns).tolist()
@@ -186,7 +186,7 @@ def test_an_interrupted_log_reads_and_a_failed_one_is_gone(tmp_path, error, stay
 
     def interrupted():
         with McapLog(path, metadata={}, keep_when_interrupted=True) as log:
-            log.write("/tf", frame_transform(5), 5)
+            log.write("/tf", scene_transform(5, np.zeros(2)), 5)
             assert not path.exists()
             raise error
 
@@ -200,7 +200,7 @@ def test_an_interrupted_log_reads_and_a_failed_one_is_gone(tmp_path, error, stay
 def test_a_chunk_and_the_instant_after_it_span_no_more_than_the_time_asked_for(tmp_path):
     with McapLog(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
         for time_ns in range(0, 10_000_000_000, 100_000_000):
-            log.write("/tf", frame_transform(time_ns), time_ns)
+            log.write("/tf", scene_transform(time_ns, np.zeros(2)), time_ns)
     with (tmp_path / "a.mcap").open("rb") as file:
         chunks = make_reader(file).get_summary().chunk_indexes
     assert len(chunks) == 12  # of nine instants each
@@ -212,7 +212,7 @@ def test_after_a_kill_all_but_the_last_chunk_is_in_the_partial_file(tmp_path):
     """What stands on the disk at any moment is what a kill would leave."""
     with McapLog(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
         for time_ns in range(0, 10_000_000_000, 100_000_000):
-            log.write("/tf", frame_transform(time_ns), time_ns)
+            log.write("/tf", scene_transform(time_ns, np.zeros(2)), time_ns)
         (partial,) = tmp_path.iterdir()
         assert partial.name.startswith("a.mcap.")
         left = scan(partial)

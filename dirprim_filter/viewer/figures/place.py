@@ -18,6 +18,7 @@ from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.figures.page import SMALL, dress_map
 from dirprim_filter.viewer.layers import FOCUS_COLOR, STANDING_SPEED, draw_map, draw_tracks
 from tessellation import OUTSIDE
+from tessellation.anchors import anchors
 from tessellation.arrays import FloatArray
 
 LEAST_WEIGHT = 0.01
@@ -91,7 +92,7 @@ class Place:
                 (rows * np.sin(mean)).sum(axis=-1),
             )
             cell = int(np.argmax(total - np.hypot(east, north)))
-            return cls(primitives=primitives, position=tessellation.centers[cell], cell=cell)
+            return cls(primitives=primitives, position=anchors(tessellation)[cell], cell=cell)
         place = np.asarray(position, dtype=np.float64)
         cell = int(tessellation.cell_of(place))
         if cell == OUTSIDE:

@@ -32,6 +32,7 @@ from dirprim_filter.viewer.figures.page import (
 )
 from dirprim_filter.viewer.figures.place import Circle, Place, moving_rows
 from dirprim_filter.viewer.layers import FOCUS_COLOR, INK, OTHER_COLOR
+from tessellation.anchors import anchors
 from tessellation.arrays import FloatArray
 
 CUE_COLOR = "#E69F00"
@@ -70,7 +71,7 @@ class Signal(NamedTuple):
         rows = moving_rows(primitives)
         if position is None and rows.any():
             choice = clearest_choice(primitives.direction.mean_direction[:-1], rows, turn)
-            position = primitives.tessellation.centers[choice.place] if choice.weight > 0 else None
+            position = anchors(primitives.tessellation)[choice.place] if choice.weight > 0 else None
         place = Place.at(primitives, position)
         if heading is None:
             mean, here = place.direction.mean_direction, rows[place.cell]

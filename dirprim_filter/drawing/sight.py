@@ -1,0 +1,24 @@
+"""Which beliefs a picture shows in full: those about vehicles that do not coast, whose direction is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dirprim_filter.drawing.shapes import reach
+from dirprim_filter.estimates import Estimates
+from tessellation.arrays import BoolArray
+
+SURE_FROM = 0.5
+"""Resultant of a belief's direction; a forecast of a vehicle that may go anywhere tells nothing."""
+WIDEST_COASTING = 6.0
+"""Metres, standard deviation; of a coasting vehicle that may be anywhere, no ellipse is drawn."""
+
+
+def may_be_anywhere(believed: Estimates) -> BoolArray:
+    """(n,) which vehicles coast, and have for so long that an ellipse tells nothing."""
+    return np.asarray(believed.is_coasting & (reach(believed.covariance) > WIDEST_COASTING))
+
+
+def has_no_forecast(believed: Estimates) -> BoolArray:
+    """(n,) of which vehicles no forecast is drawn."""
+    return np.asarray(believed.is_coasting | (believed.direction_resultant < SURE_FROM))

@@ -1,0 +1,288 @@
+"""What Foxglove draws of estimates, particles, forecasts and maps: the same as the numbers say, none hides another."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from matplotlib.path import Path as Outline
+from scipy.stats import chi2
+from test_estimate_log import a_frame, a_map, futures, messages
+
+from dirprim_filter.detections import Detections
+from dirprim_filter.drawing import shapes
+from dirprim_filter.drawing.colors import track_color
+from dirprim_filter.forecasting import Forecasts
+from dirprim_filter.recording import load_map, save_map
+from dirprim_filter.recording.foxglove.clouds import particle_cloud
+from dirprim_filter.recording.foxglove.estimates import TRAIL_POINTS, TRAIL_S, EstimatesScene
+from dirprim_filter.recording.foxglove.forecasts import forecast_scene
+from dirprim_filter.recording.foxglove.maps import map_scene
+from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
+from dirprim_filter.recording.writer import EstimateLog
+
+STEP = 100_000_000
+FAR = np.array([680_123.4, 4_100_567.8])
+"""Metres: a place in UTM."""
+HERE = np.zeros(2)
+
+
+def drawn(frame, *, scene=None, origin=HERE):
+    scene = scene or EstimatesScene()
+    return SceneUpdate.FromString(scene.encode(frame.estimates, frame.detections, frame.time_ns, origin))
+
+
+def moved(frame, way):
+    """The same frame elsewhere."""
+    estimates = replace(frame.estimates, position=frame.estimates.position + way)
+    return replace(frame, estimates=estimates, detections=replace(frame.detections, position=estimates.position))
+
+
+def opacities(update):
+    """Of all that is drawn, by kind of primitive and colour."""
+    found = []
+    for entity in update.entities:
+        for kind in ("cubes", "arrows", "cylinders", "lines", "triangles", "texts"):
+            for primitive in getattr(entity, kind):
+                found += [color.a for color in getattr(primitive, "colors", [])] or [primitive.color.a]
+    return np.array(found)
+
+
+def yaw(pose):
+    return 2 * np.arctan2(pose.orientation.z, pose.orientation.w)
+
+
+def test_the_scene_draws_the_estimates():
+    frame = a_frame(3 * STEP)
+    sent = frame.estimates
+    update = drawn(frame)
+    assert update.deletions[0].type == update.deletions[0].ALL
+    assert [e.id for e in update.entities] == sent.track_id.astype(str).tolist()
+    for i, entity in enumerate(update.entities):
+        body, arrow, region = entity.cubes[0], entity.arrows[0], entity.cylinders[0]
+        assert arrow.shaft_length + arrow.head_length == pytest.approx(sent.speed[i])
+        for primitive in (body, arrow):
+            assert np.cos(yaw(primitive.pose) - sent.direction[i]) == pytest.approx(1.0)
+            assert (primitive.pose.position.x, primitive.pose.position.y) == tuple(sent.position[i])
+        if i == 0:
+            assert region.size.x == region.size.y > 0
+            continue
+        # A point of the region's rim has the Mahalanobis distance of the 90 % quantile, in every direction.
+        turn, t = yaw(region.pose), np.linspace(0, 2 * np.pi, 9)
+        along = np.column_stack([region.size.x / 2 * np.cos(t), region.size.y / 2 * np.sin(t)])
+        rim = along @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        distance = np.einsum("ni,ij,nj->n", rim, np.linalg.inv(sent.covariance[i]), rim)
+        np.testing.assert_allclose(distance, chi2.ppf(0.9, 2), rtol=1e-6)
+
+
+def test_vehicles_have_the_colours_that_they_have_in_rerun_and_one_sees_through_all_of_them():
+    frame = a_frame(STEP)
+    update = drawn(frame)
+    assert (opacities(update) < 1).all()
+    for entity, rgba in zip(update.entities, track_color(frame.estimates.track_id) / 255.0, strict=True):
+        for color in (entity.cubes[0].color, entity.lines[0].color, entity.texts[0].color):
+            assert (color.r, color.g, color.b) == pytest.approx(tuple(rgba[:3]))
+
+
+def test_who_is_out_of_sight_is_fainter_and_of_who_may_be_anywhere_no_region_is_drawn():
+    frame = a_frame(STEP)
+    wide = np.broadcast_to(400.0 * np.eye(2), (4, 2, 2))
+    estimates = replace(
+        frame.estimates, unseen_s=np.array([0.0, 0.4, 2.0, 2.0]), covariance=wide * [[[1]], [[1]], [[0.01]], [[1]]]
+    )
+    alpha = opacities(drawn(replace(frame, estimates=estimates))).reshape(4, 5)
+    np.testing.assert_array_equal(alpha[0], alpha[1])
+    np.testing.assert_allclose(alpha[2], 0.35 * alpha[0])
+    region = 2
+    assert alpha[3, region] == 0.0 < alpha[2, region]
+    np.testing.assert_array_equal(np.delete(alpha[3], region), np.delete(alpha[2], region))
+
+
+def test_bodies_are_as_large_as_was_last_reported_of_them():
+    frame, scene = a_frame(STEP), EstimatesScene()
+    unknown = drawn(frame, scene=scene).entities[1].cubes[0].size
+    assert (unknown.x, unknown.y, unknown.z) == VEHICLE_SIZE
+    size = np.array([[np.nan] * 3, [12.0, 2.5, 3.2], [np.nan] * 3, [0.6, 0.5, np.nan]])
+    drawn(replace(frame, detections=replace(frame.detections, size=size)), scene=scene)
+    later = drawn(replace(frame, detections=Detections.none()), scene=scene)
+    bodies = [entity.cubes[0] for entity in later.entities]
+    told = [(b.size.x, b.size.y, b.size.z) for b in bodies]
+    assert told == [VEHICLE_SIZE, (12.0, 2.5, 3.2), VEHICLE_SIZE, (0.6, 0.5, VEHICLE_SIZE[2])]
+    assert [b.pose.position.z for b in bodies] == [size[2] / 2 for size in told]  # on the ground
+
+
+def test_trails_lead_from_where_the_vehicles_were_to_where_they_are():
+    scene, frame = EstimatesScene(), a_frame(0)
+    velocity = np.array([3.0, -4.0])
+    for k in range(101):
+        frame = moved(replace(a_frame(0), time_ns=k * STEP), velocity * k * 0.1)
+        update = drawn(replace(frame, estimates=frame.estimates[np.arange(4 if k > 80 else 3)]), scene=scene)
+    for i, entity in enumerate(update.entities):
+        trail = np.array([(p.x, p.y) for p in entity.lines[0].points])
+        assert trail.shape == (TRAIL_POINTS, 2)
+        np.testing.assert_array_equal(trail[-1], frame.estimates.position[i])
+        off = (trail - trail[-1]) @ np.array([velocity[1], -velocity[0]])
+        np.testing.assert_allclose(off, 0.0, atol=1e-9)
+        length = np.hypot(*(trail[0] - trail[-1]))
+        if i < 3:
+            assert length == pytest.approx(5.0 * TRAIL_S, rel=0.1)
+            assert np.hypot(*np.diff(trail, axis=0)[:-1].T) == pytest.approx(
+                5.0 * TRAIL_S / (TRAIL_POINTS - 1), rel=0.4
+            )
+        else:
+            assert length == pytest.approx(5.0 * 1.9)  # no farther than it was followed
+
+
+def test_labels_are_short():
+    frame = a_frame(STEP)
+    names = ["7", "truck-12", "0ab7cde0-1111-4222-8333-123456789abc", "3/0ab7cde0-1111-4222-8333-123456789abc"]
+    update = drawn(replace(frame, estimates=replace(frame.estimates, track_id=np.array(names))))
+    assert [entity.id for entity in update.entities] == names
+    assert [entity.texts[0].text for entity in update.entities] == ["7", "truck-12", "0ab7…9abc", "3/0ab7…9abc"]
+
+
+def test_far_from_the_origin_all_is_drawn_in_a_frame_near_by(tmp_path):
+    """Viewers compute in single precision: half a metre at 4,000 km."""
+    with EstimateLog(tmp_path / "far.mcap", metadata={}) as log:
+        frame = moved(a_frame(STEP), FAR)
+        log.write(frame)
+        log.write_forecast(Forecasts.of(STEP, ["a", "b"], FAR + np.zeros((2, 2)), FAR + futures()))
+    (sent,) = messages(tmp_path / "far.mcap", "/tf")
+    transform = FrameTransform.FromString(sent.data)
+    assert (transform.parent_frame_id, transform.child_frame_id) == ("map", "scene")
+    origin = np.array([transform.translation.x, transform.translation.y])
+    assert np.abs(origin - FAR).max() < 2000
+    (scene,) = messages(tmp_path / "far.mcap", "/dirprim/tracks/scene")
+    entities = SceneUpdate.FromString(scene.data).entities
+    assert {entity.frame_id for entity in entities} == {"scene"}
+    bodies = np.array([(e.cubes[0].pose.position.x, e.cubes[0].pose.position.y) for e in entities])
+    np.testing.assert_allclose(bodies.astype(np.float32) + origin, frame.estimates.position, atol=1e-4, rtol=0)
+    (forecast,) = messages(tmp_path / "far.mcap", "/dirprim/forecast")
+    points = [(p.x, p.y) for e in SceneUpdate.FromString(forecast.data).entities for p in e.lines[0].points]
+    np.testing.assert_allclose(np.float32(points) + origin, (FAR + futures()).reshape(-1, 2), atol=1e-4, rtol=0)
+
+
+def test_the_cloud_holds_the_particles_to_the_micrometre_and_their_directions_as_colours():
+    sent = a_frame(STEP).particles
+    cloud = PointCloud.FromString(particle_cloud(sent, STEP, HERE).SerializeToString())
+    kinds = {7: "<f4", 1: "u1"}
+    fields = np.dtype([(f.name, kinds[f.type]) for f in cloud.fields])
+    assert cloud.point_stride == fields.itemsize == 16
+    assert [f.offset for f in cloud.fields] == [0, 4, 8, 12, 13, 14, 15]
+    points = np.frombuffer(cloud.data, fields)
+    from_middle = np.column_stack([points["x"], points["y"]]).astype(np.float64)
+    at = from_middle + np.array([cloud.pose.position.x, cloud.pose.position.y])
+    np.testing.assert_allclose(at, sent.position, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(points["weight"], sent.weight, rtol=1e-6)
+    assert 0 < points["alpha"].max() < 255
+    north, south = (np.abs(sent.direction - d) < 0.3 for d in (np.pi / 2, -np.pi / 2))
+    assert points["green"][north].min() > points["green"][south].max()
+
+
+def test_petals_are_those_of_the_other_pictures_and_discs_where_vehicles_stand():
+    primitive_map, origin = a_map(), np.array([3.0, 4.0])
+    roses = map_scene(primitive_map, 0, origin).entities[1]
+    area = roses.triangles[0]
+    points = np.array([(p.x, p.y) for p in area.points]) + origin
+    polygons = shapes.rose_petals(primitive_map).polygon
+    np.testing.assert_allclose(points, polygons.reshape(-1, 2), atol=6e-4, rtol=0)  # half of FINEST_M, on each axis
+    disc, moving, _ = points.reshape(polygons.shape)  # the heaviest first
+    ahead, root = moving[1:].mean(axis=0) - moving[0], moving[0]
+    assert np.arctan2(*ahead[::-1]) == pytest.approx(0.0, abs=0.01)
+    # Narrow at its root and round at its tip, and dark where it begins: no arrowhead that points back.
+    distance = np.hypot(*(moving[1:] - root).T)
+    assert distance.argmax() in (11, 12)
+    assert distance[[0, -1]].max() < 0.4 * distance.max()
+    color = np.array([(c.r, c.g, c.b, c.a) for c in area.colors]).reshape(3, -1, 4)
+    assert color[1, 0, :3].sum() < 0.3 * color[1, 1, :3].sum()
+    # Who stands has no direction.
+    np.testing.assert_allclose(np.hypot(*(disc[1:] - disc[0]).T), np.hypot(*(disc[1] - disc[0])), rtol=1e-3)
+    np.testing.assert_allclose(disc[1:-1].mean(axis=0), disc[0], atol=1e-3)
+    assert ((color[..., 3] > 0) & (color[..., 3] < 1)).all()
+
+
+def test_outlines_are_the_cells_sides():
+    cells = map_scene(a_map(), 0, HERE).entities[0]
+    line = cells.lines[0]
+    assert 0 < line.color.a < 1
+    points = np.array([(p.x, p.y) for p in line.points])
+    sides = points[np.array(line.indices).reshape(-1, 2)]
+    assert len(sides) == 8
+    np.testing.assert_allclose(np.abs(sides[:, 1] - sides[:, 0]).sum(axis=1), 10.0)
+
+
+def test_a_map_file_is_drawn_by_itself_and_reads_back(tmp_path):
+    save_map(a_map(), tmp_path / "map.mcap")
+    (scene,) = messages(tmp_path / "map.mcap", "/dirprim/map/scene")
+    assert [e.id for e in SceneUpdate.FromString(scene.data).entities] == ["cells", "roses"]
+    (transform,) = messages(tmp_path / "map.mcap", "/tf")
+    assert {e.frame_id for e in SceneUpdate.FromString(scene.data).entities} == {"scene"}
+    assert FrameTransform.FromString(transform.data).child_frame_id == "scene"
+    back = load_map(tmp_path / "map.mcap")
+    np.testing.assert_array_equal(back.direction.mean_direction, a_map().direction.mean_direction)
+
+
+def test_forecasts_are_lines():
+    sent = Forecasts.of(STEP, ["a", "b", "c"], np.zeros((3, 2)), np.concatenate([futures(), futures()[:1]]))
+    update = forecast_scene(sent, HERE, hidden=frozenset({"c"}))
+    assert [e.id for e in update.entities] == ["a", "b"]
+    assert (opacities(update) < 0.5).all()
+    for entity, paths in zip(update.entities, futures(), strict=True):
+        line = entity.lines[0]
+        points = np.array([(p.x, p.y) for p in line.points])
+        np.testing.assert_array_equal(points.reshape(paths.shape), paths)
+        ends = points[np.array(line.indices).reshape(-1, 2)]
+        np.testing.assert_array_equal(ends[:, 0], paths[:, :-1].reshape(-1, 2))
+        np.testing.assert_array_equal(ends[:, 1], paths[:, 1:].reshape(-1, 2))
+
+
+def test_regions_of_forecasts_hold_their_share_of_the_paths():
+    """Judged by matplotlib: at every instant, and not much more than the share."""
+    update = forecast_scene(Forecasts.of(STEP, ["a", "b"], np.zeros((2, 2)), futures()), HERE)
+    for entity, paths in zip(update.entities, futures(), strict=True):
+        assert {note.key: float(note.value) for note in entity.metadata} == {
+            "triangles_0_share": 0.9, "triangles_1_share": 0.5,
+        }  # fmt: skip
+        areas, held = [], []
+        for k, (region, share) in enumerate(zip(entity.triangles, (0.9, 0.5), strict=True)):
+            corner = np.array([(p.x, p.y) for p in region.points])[np.array(region.indices).reshape(-1, 3)]
+            held.append(
+                [
+                    np.any([Outline(c).contains_points(paths[:, step], radius=1e-6) for c in corner], axis=0).mean()
+                    for step in range(paths.shape[1])
+                ]
+            )
+            assert min(held[k]) >= share - 0.05  # straight edges between nodes cost a sample or two
+            (ax, ay), (bx, by) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
+            areas.append(0.5 * (ax * by - ay * bx).sum())
+        assert held[1][-1] < 0.75  # at the last instant the narrow one leaves out what the wide one holds
+        assert 0 < areas[1] < 0.7 * areas[0]
+        assert entity.triangles[0].pose.position.z < entity.triangles[1].pose.position.z
+
+
+def test_of_vehicles_that_are_out_of_sight_no_forecast_is_drawn(tmp_path):
+    frame = a_frame(STEP)
+    estimates = replace(
+        frame.estimates, track_id=np.array(["a", "b", "c", "d"]), unseen_s=np.array([0.0, 3.0, 0.0, 0.0]),
+        direction_resultant=np.array([0.9, 0.9, 0.1, 0.9]),
+    )  # fmt: skip
+    with EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+        log.write(replace(frame, estimates=estimates))
+        paths = np.concatenate([futures(), futures()])
+        log.write_forecast(Forecasts.of(STEP, ["a", "b", "c", "d"], np.zeros((4, 2)), paths))
+    (message,) = messages(tmp_path / "a.mcap", "/dirprim/forecast")
+    assert [entity.id for entity in SceneUpdate.FromString(message.data).entities] == ["a", "d"]
+
+
+def test_what_was_reported_is_drawn_beside_the_estimates(tmp_path):
+    frame = moved(a_frame(STEP), FAR)
+    with EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+        log.write(frame)
+    (message,) = messages(tmp_path / "a.mcap", "/dirprim/detections")
+    cloud = PointCloud.FromString(message.data)
+    points = np.frombuffer(cloud.data, "<f4").reshape(-1, 2)
+    assert len(points) == len(frame.detections)
+    spread = points - points[0]
+    np.testing.assert_allclose(spread, frame.detections.position - frame.detections.position[0], atol=1e-3)
