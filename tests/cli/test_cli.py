@@ -159,6 +159,16 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(log, learned, t
     assert a != c
 
 
+def test_track_writes_a_layout_for_its_log_and_does_not_overwrite_one(tmp_path, log, learned):
+    options = ("track", log, "--map", learned, "--layout", tmp_path / "layout.json", "--particles", 20)
+    assert dirprim(*options, "-o", tmp_path / "a.mcap") == DONE
+    layout = json.loads((tmp_path / "layout.json").read_text())
+    assert layout["configById"]["3D!map"]["topics"]["/dirprim/tracks/scene"]["visible"]
+    assert dirprim(*options, "-o", tmp_path / "b.mcap") == FAILED
+    assert not (tmp_path / "b.mcap").exists()
+    assert dirprim(*options, "-o", tmp_path / "b.mcap", "--force") == DONE
+
+
 def test_a_vehicles_estimates_do_not_change_when_others_are_removed(few, log, learned, tmp_path):
     write_tracks(few[few.track_id == 3], tmp_path / "one.mcap")
     for name in ("few", "one"):
