@@ -5,13 +5,14 @@ import signal
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
-from dirprim_filter.recording.scene import frame_transform
 from mcap.reader import make_reader
 from test_map_file import some_map
 from test_track_log import some_tracks
 
 from dirprim_filter.recording import map_file, save_map, write_tracks
+from dirprim_filter.recording.foxglove.frames import scene_transform
 from dirprim_filter.recording.interrupts import uninterrupted
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.recovery import recover
@@ -81,7 +82,7 @@ def write(path, *, keep, interrupt):
         with McapLog(path, metadata={}, max_chunk_ns=5, keep_when_interrupted=keep) as log:
             sys.settrace(interrupt)
             for time_ns in range(N):
-                log.write("/tf", frame_transform(time_ns), time_ns)
+                log.write("/tf", scene_transform(time_ns, np.zeros(2)), time_ns)
                 handed_over += 1
     except KeyboardInterrupt:
         pass
@@ -116,12 +117,12 @@ def test_what_a_process_of_the_same_number_left_is_kept(tmp_path):
     path = tmp_path / "a.mcap"
     left = [tmp_path / f"a.mcap.{os.getpid()}{number}.partial" for number in ("", ".2")]
     with McapLog(tmp_path / "b.mcap", metadata={}) as log:
-        log.write("/tf", frame_transform(1), 1)
+        log.write("/tf", scene_transform(1, np.zeros(2)), 1)
     for one in left:
         one.write_bytes((tmp_path / "b.mcap").read_bytes()[:-40])  # as a kill leaves it
     with McapLog(path, metadata={}) as first, McapLog(path, metadata={}) as second:
-        first.write("/tf", frame_transform(2), 2)
-        second.write("/tf", frame_transform(3), 3)
+        first.write("/tf", scene_transform(2, np.zeros(2)), 2)
+        second.write("/tf", scene_transform(3, np.zeros(2)), 3)
     assert sorted(tmp_path.iterdir()) == sorted([path, tmp_path / "b.mcap", *left])
     for one in left:
         assert recover(one, one.with_suffix(".mcap")).saved == 1
