@@ -37,11 +37,15 @@ from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from dirprim_filter.config import FilterConfig
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.filtering import Worlds
     from dirprim_filter.filtering.smoothing import Smoother
     from dirprim_filter.forecasting import ForecastSink
+    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.recording.writer import EstimateLog
 
 PARTICLES_WRITTEN = 100
 """Of each vehicle: they are for the eye, and all of them take longer to write than to move."""
@@ -111,7 +115,6 @@ def track(
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.foxglove.layout import write_layout
     from dirprim_filter.recording.writer import EstimateLog
     from dirprim_filter.replay import replay
 
@@ -140,9 +143,7 @@ def track(
     said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
     with ExitStack() as open_files:
         estimates = open_files.enter_context(EstimateLog(output, metadata=said, particle_stride=stride, force=force))
-        estimates.write_map_scene(learned)
-        if layout is not None:
-            write_layout(learned, layout, force=force)
+        _draw_map(learned, estimates, layout, force=force)
         sinks: list[EstimateSink] = [estimates]
         forecasts: list[ForecastSink] = [estimates]
         viewer = None
@@ -193,3 +194,12 @@ def _say(worlds: Worlds, what: str) -> None:
     if worlds.recoveries:
         typer.echo(f"{worlds.recoveries} times a belief did not explain what was measured: begun anew", err=True)
     typer.echo(what + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""))
+
+
+def _draw_map(learned: PrimitiveMap, estimates: EstimateLog, layout: Path | None, *, force: bool) -> None:
+    """The map as Foxglove draws it, and the layout of its window where one is asked for."""
+    from dirprim_filter.recording.foxglove.layout import write_layout
+
+    estimates.write_map_scene(learned)
+    if layout is not None:
+        write_layout(learned, layout, force=force)

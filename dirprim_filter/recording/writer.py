@@ -18,7 +18,7 @@ from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.foxglove.clouds import detection_cloud, particle_cloud
-from dirprim_filter.recording.foxglove.estimates import EstimatesScene
+from dirprim_filter.recording.foxglove.estimates import SMOOTHED_COLOR, EstimatesScene
 from dirprim_filter.recording.foxglove.forecasts import forecast_scene
 from dirprim_filter.recording.foxglove.frames import TRANSFORM_TOPIC, origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC, map_scene
@@ -122,8 +122,8 @@ class EstimateLog:
     """An `EstimateSink` that writes what a tracker believes as an MCAP log; a context manager.
 
     `/dirprim/tracks` holds `dirprim.TrackEstimates`, a message for each frame, and `/dirprim/smoothed` those that a
-    smoother gives later; `/dirprim/tracks/scene`, `/dirprim/smoothed/scene`, `/dirprim/particles`, `/dirprim/detections`,
-    `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
+    smoother gives later; `/dirprim/tracks/scene`, `/dirprim/smoothed/scene`, `/dirprim/particles`,
+    `/dirprim/detections`, `/dirprim/map/scene` and `/dirprim/forecast` are for the eye.
 
     Messages are encoded, compressed and written in order by a thread of its own, while the tracker goes on: what fails
     there is raised by the next call, or when the log is closed. Ctrl-C closes the log so that it reads; another
@@ -187,7 +187,7 @@ class EstimateLog:
             ValueError: as `write`.
             OSError: as `write`.
         """
-        self._background.do(lambda: self._append_smoothed(frame.estimates, frame.time_ns))
+        self._background.do(lambda: self._append_smoothed(frame.estimates, frame.detections, frame.time_ns))
 
     def write_map_scene(self, primitive_map: PrimitiveMap) -> None:
         """Draw the map's cells and roses: at the time of the next message, as a map has none of its own."""
@@ -212,9 +212,10 @@ class EstimateLog:
         self._log.write(REPORTS_TOPIC, detection_cloud(detections.position, time_ns, origin), time_ns)
         self._not_forecast = frozenset(as_texts(estimates.track_id)[has_no_forecast(estimates)].tolist())
 
-    def _append_smoothed(self, estimates: Estimates, time_ns: int) -> None:
+    def _append_smoothed(self, estimates: Estimates, detections: Detections, time_ns: int) -> None:
+        origin = self._begin(estimates.position, time_ns)
         self._log.write(SMOOTHED_TOPIC, encode_estimates(estimates, time_ns), time_ns)
-        drawn = self._smoothed_scene.encode(estimates, time_ns)
+        drawn = self._smoothed_scene.encode(estimates, detections, time_ns, origin)
         self._log.write_encoded(SMOOTHED_SCENE_TOPIC, SceneUpdate, drawn, time_ns)
 
     def _append_forecast(self, forecasts: Forecasts) -> None:

@@ -16,12 +16,8 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-<<<<<<< HEAD
-from dirprim_filter.recording import read_estimates, save_map, scene
+from dirprim_filter.recording import read_estimates, save_map
 from dirprim_filter.recording.errors import NoTracksError
-=======
-from dirprim_filter.recording import save_map
->>>>>>> d4969e1 (Foxglove draws what rerun draws: petals, trails, bodies, coloured particles, faint forecasts in a frame in the middle of the scene; a layout for the log at hand; a map file is drawn by itself; roses stand in their cells)
 from dirprim_filter.recording.schemas.dirprim import decode_estimates, encode_estimates
 from dirprim_filter.recording.writer import EstimateLog, write_tracks
 from dirprim_filter.tracks import Tracks
@@ -128,122 +124,8 @@ def test_broken_estimates_are_refused():
         decode_estimates(message.SerializeToString())
 
 
-<<<<<<< HEAD
-def test_a_vehicle_that_coasts_is_drawn_paler():
-    estimates = replace(a_frame(0).estimates, unseen_s=np.array([0.0, 0.4, 0.6, 4.0]))
-    update = SceneUpdate.FromString(scene.EstimatesScene().encode(estimates, 0))
-    paler = [entity.arrows[0].color.a < 1.0 for entity in update.entities]
-    assert paler == estimates.is_coasting.tolist() == [False, False, True, True]
-    for entity in update.entities:
-        alpha = entity.arrows[0].color.a
-        assert entity.cylinders[0].color.a == pytest.approx(alpha * scene.ELLIPSE_OPACITY)
-        assert entity.texts[0].color.a == alpha
-
-
-def test_the_scene_draws_the_estimates(estimate_log):
-    message = messages(estimate_log, "/dirprim/tracks/scene")[3]
-    update, sent = SceneUpdate.FromString(message.data), a_frame(message.log_time).estimates
-    assert update.deletions[0].type == update.deletions[0].ALL
-    assert [e.id for e in update.entities] == sent.track_id.astype(str).tolist()
-    for i, entity in enumerate(update.entities):
-        arrow, region = entity.arrows[0], entity.cylinders[0]
-        assert arrow.shaft_length == sent.speed[i]
-        yaw = 2 * np.arctan2(arrow.pose.orientation.z, arrow.pose.orientation.w)
-        assert np.cos(yaw - sent.direction[i]) == pytest.approx(1.0)
-        assert entity.texts[0].text == entity.id
-        if i == 0:
-            assert region.size.x == region.size.y > 0
-            continue
-        # A point of the region's rim has the Mahalanobis distance of the 90 % quantile, in every direction.
-        turn = 2 * np.arctan2(region.pose.orientation.z, region.pose.orientation.w)
-        t = np.linspace(0, 2 * np.pi, 9)
-        along = np.column_stack([region.size.x / 2 * np.cos(t), region.size.y / 2 * np.sin(t)])
-        rim = along @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        distance = np.einsum("ni,ij,nj->n", rim, np.linalg.inv(sent.covariance[i]), rim)
-        np.testing.assert_allclose(distance, chi2.ppf(0.9, 2), rtol=1e-6)
-
-
-def test_the_cloud_holds_every_seventh_particle_to_the_micrometre(estimate_log):
-    message = messages(estimate_log, "/dirprim/particles")[0]
-    cloud, sent = PointCloud.FromString(message.data), a_frame(message.log_time).particles
-    fields = np.dtype([(f.name, "<f4") for f in cloud.fields])
-    assert [f.offset for f in cloud.fields] == [0, 4, 8, 12]
-    points = np.frombuffer(cloud.data, fields)
-    from_middle = np.column_stack([points["x"], points["y"]]).astype(np.float64)
-    at = from_middle + np.array([cloud.pose.position.x, cloud.pose.position.y])
-    np.testing.assert_allclose(at, sent.position[::7], atol=1e-6, rtol=0)
-    np.testing.assert_allclose(points["weight"], sent.weight[::7], rtol=1e-6)
-
-
-def test_petals_point_where_vehicles_go():
-    petals = scene.petals(a_map())
-    assert petals.shape == (3, 3, 2)  # the place-free mode and the padding are not drawn
-    np.testing.assert_array_equal(petals[:, 0], [[10.0, 8.0], [10.0, 8.0], [10.0, 18.0]])
-    middle = petals[:, 1:].mean(axis=1) - petals[:, 0]
-    np.testing.assert_allclose(np.arctan2(middle[:, 1], middle[:, 0]), [0.0, 1.5, -2.0])
-    np.testing.assert_allclose(np.hypot(*(petals[:, 1] - petals[:, 0]).T), [3.5, 1.0, 4.5])
-    a, b = petals[:, 1] - petals[:, 0], petals[:, 2] - petals[:, 0]
-    assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
-    assert scene.petals(a_map(n_place_free_modes=3)).shape == (0, 3, 2)
-
-
-def test_outlines_are_the_cells_sides(estimate_log):
-    (message,) = messages(estimate_log, "/dirprim/map/scene")
-    cells, roses = SceneUpdate.FromString(message.data).entities
-    line = cells.lines[0]
-    points = np.array([(p.x, p.y) for p in line.points])
-    sides = points[np.array(line.indices).reshape(-1, 2)]
-    assert len(sides) == 8
-    np.testing.assert_allclose(np.abs(sides[:, 1] - sides[:, 0]).sum(axis=1), 10.0)
-    assert len(roses.triangles[0].points) == 9
-    told = [(c.r, c.g, c.b, c.a) for c in roses.triangles[0].colors]
-    np.testing.assert_array_equal(told, np.repeat(scene.petal_colors(a_map()), 3, axis=0))
-
-
-def test_the_fastest_petal_is_yellow_and_the_slowest_the_darkest():
-    rate = np.array([[0.5, 0.1, 1.0], [0.2, 1.0, 1.0], [1.0, 1.0, 1.0]])
-    primitive_map = replace(a_map(), speed=Gamma(shape=np.full((3, 3), 2.0), rate=rate))
-    color = scene.petal_colors(primitive_map)
-    speed = np.array([4.0, 20.0, 10.0])
-    assert color.shape == (speed.size, 4)
-    np.testing.assert_allclose(color[speed.argmax(), :3], scene.SLOW_TO_FAST[-1])
-    lightness = color[:, :3] @ [0.2126, 0.7152, 0.0722]
-    np.testing.assert_array_equal(np.argsort(lightness), np.argsort(speed))
-
-
-def test_forecasts_are_lines(estimate_log):
-    (message,) = messages(estimate_log, "/dirprim/forecast")
-    entities = SceneUpdate.FromString(message.data).entities
-    assert [(e.id, len(e.lines), len(e.lines[0].points)) for e in entities] == [("a", 60, 10), ("b", 60, 10)]
-    drawn = [[[(point.x, point.y) for point in line.points] for line in entity.lines] for entity in entities]
-    assert (np.array(drawn) == futures()).all()
-
-
-def test_regions_of_forecasts_hold_the_share_of_the_paths_that_they_tell(estimate_log):
-    """Read by the stock reader and judged by matplotlib: at every instant, and not much more than the share."""
-    (message,) = messages(estimate_log, "/dirprim/forecast")
-    for entity, paths in zip(SceneUpdate.FromString(message.data).entities, futures(), strict=True):
-        told = {note.key: float(note.value) for note in entity.metadata}
-        assert told == {"triangles_0_share": 0.9, "triangles_1_share": 0.5}
-        areas, held = [], []
-        for k, (region, share) in enumerate(zip(entity.triangles, (0.9, 0.5), strict=True)):
-            corner = np.array([(p.x, p.y) for p in region.points])[np.array(region.indices).reshape(-1, 3)]
-            held.append(
-                [
-                    np.any([Outline(c).contains_points(paths[:, step], radius=1e-6) for c in corner], axis=0).mean()
-                    for step in range(paths.shape[1])
-                ]
-            )
-            assert min(held[k]) >= share - 0.05  # straight edges between nodes cost a sample or two
-            (ax, ay), (bx, by) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
-            areas.append(0.5 * (ax * by - ay * bx).sum())
-            assert (region.color.r, region.color.g, region.color.b, region.color.a) == scene.REGION_COLORS[k]
-        assert held[1][-1] < 0.75  # at the last instant the narrow one leaves out what the wide one holds
-        assert 0 < areas[1] < 0.7 * areas[0]
-
-
 =======
->>>>>>> d4969e1 (Foxglove draws what rerun draws: petals, trails, bodies, coloured particles, faint forecasts in a frame in the middle of the scene; a layout for the log at hand; a map file is drawn by itself; roses stand in their cells)
+>>>>>>> 8540fc8 (Smoothed vehicles are drawn with the same marks, all in one light colour; they wait to be switched on)
 def test_forecasts_whose_shapes_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="expected 1 vehicles"):
         Forecasts.of(0, ["a"], np.zeros((1, 2)), np.zeros((2, 5, 10, 2)))

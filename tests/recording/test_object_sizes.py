@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from dirprim_filter.recording.scene import VEHICLE_SIZE
 from google.protobuf import json_format
 from mcap.reader import make_reader
 from mcap.writer import Writer

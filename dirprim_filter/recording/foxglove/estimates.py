@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
@@ -18,6 +19,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.foxglove.entities import (
     HEIGHT,
+    Color,
     add_line,
     encoded_points,
     fresh_update,
@@ -35,6 +37,7 @@ REGION_SHARE = 0.9
 MIN_AXIS = 0.02
 """Metres; a thinner ellipse would not be seen."""
 BODY_OPACITY, ARROW_OPACITY, REGION_OPACITY, TRAIL_OPACITY, LABEL_OPACITY = OPACITY = (0.4, 0.95, 0.25, 0.7, 0.95)
+SMOOTHED_COLOR = (0.95, 0.95, 0.95)
 COASTING_OPACITY = 0.35
 """Times as strong are vehicles that coast."""
 HEAD_LENGTH, HEAD_SHARE = 0.9, 0.5
@@ -52,11 +55,14 @@ class EstimatesScene:
 
     Each update first deletes what earlier ones drew: a vehicle that is no longer tracked vanishes. Vehicles are drawn
     once and then filled in: a hundred of them, drawn ten times a second, would cost as much as tracking them.
+
+    Args:
+        color: red, green and blue of all vehicles; left out, each has its own, the same as in rerun.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, color: Color | None = None) -> None:
         entities = SceneUpdate.DESCRIPTOR.fields_by_name["entities"].number
-        self._stencils = Stencils(_drawn_estimate, 27 + 2 * TRAIL_POINTS, field=entities)
+        self._stencils = Stencils(partial(_drawn_estimate, color), 27 + 2 * TRAIL_POINTS, field=entities)
         self._size: dict[str, FloatArray] = {}
         self._trail: dict[str, FloatArray] = {}
         self._trail_ns: dict[str, int] = {}
@@ -119,14 +125,14 @@ class EstimatesScene:
         return np.array(list(self._trail.values())).reshape(len(names), TRAIL_POINTS * 2)
 
 
-def _drawn_estimate(name: str, numbers: Sequence[float]) -> SceneEntity:
+def _drawn_estimate(color: Color | None, name: str, numbers: Sequence[float]) -> SceneEntity:
     """A vehicle of `EstimatesScene`, with these numbers in their order there."""
     number = iter(numbers)
 
     def take(n: int) -> list[float]:
         return [next(number) for _ in range(n)]
 
-    red, green, blue, _ = (track_color([name])[0] / 255.0).tolist()
+    red, green, blue = color or (track_color([name])[0, :3] / 255.0).tolist()
     entity = SceneEntity(id=name, frame_id=SCENE_FRAME)
     set_time(entity.lifetime, 0)
     body = entity.cubes.add()

@@ -84,6 +84,7 @@ def _from_above(ground_m: float) -> dict[str, Any]:
             MAP_SCENE_TOPIC: shown,
             writer.FORECAST_TOPIC: shown,
             writer.ESTIMATES_SCENE_TOPIC: shown,
+            writer.SMOOTHED_SCENE_TOPIC: shown | {"visible": False},
             writer.PARTICLES_TOPIC: points | {"pointSize": 2.0, "colorMode": "rgba-fields"},
             writer.REPORTS_TOPIC: points | {"pointSize": 5.0, "colorMode": "flat", "flatColor": "#ffffff"},
             writer.OBJECTS_SCENE_TOPIC: shown,
