@@ -124,8 +124,6 @@ def test_broken_estimates_are_refused():
         decode_estimates(message.SerializeToString())
 
 
-=======
->>>>>>> 8540fc8 (Smoothed vehicles are drawn with the same marks, all in one light colour; they wait to be switched on)
 def test_forecasts_whose_shapes_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="expected 1 vehicles"):
         Forecasts.of(0, ["a"], np.zeros((1, 2)), np.zeros((2, 5, 10, 2)))
