@@ -181,7 +181,8 @@ def fastest_speed(petals: Petals) -> float:
 def petal_colors(petals: Petals, *, fastest: float) -> ByteArray:
     """The colour of each vertex, by the petal's mean speed; darker at the root. -> (n, k, 4)."""
     color = np.repeat(speed_color(petals.mean_speed, fastest=fastest)[:, None], petals.polygon.shape[1], axis=1)
-    is_disc = np.isclose(petals.polygon[:, 1], petals.polygon[:, -1]).all(axis=-1)
+    spoke = petals.polygon - petals.polygon[:, :1]  # coordinates of a whole country are all close to each other
+    is_disc = np.isclose(spoke[:, 1], spoke[:, -1]).all(axis=-1)
     color[~is_disc, 0, :3] //= ROOT_SHADE
     return color
 
