@@ -48,10 +48,13 @@ def motion_by_hand(cell, *, transitions=(), strength=NOTHING, course_rate=2.0, t
         placed[name][:] = column
     placed |= {"cell": np.array(cell), "mode": np.zeros(n, np.int64)}
     free = place_free_manoeuvres(
-        share=np.array([1.0]),
-        push=np.array([1.0]),
-        turning=np.array([turning]),
-        curvature=np.zeros(1),
+        share=[1.0],
+        log_pace=[0.0],
+        log_pace_spread=[1.0],
+        acceleration=[[0.0, 0.0]],
+        push=[1.0],
+        turning=[turning],
+        curvature=[0.0],
         standing=0.1,
         start_rate=0.1,
     )

@@ -130,8 +130,8 @@ def kalman_known_velocity(measured, dt_s, *, velocity, noise_m, drift):
     return np.array(means), np.array(variances), np.array(evidences)
 
 
-def log_fit(motion, z, center, extent, place, direction, speed):  # noqa: PLR0917
-    """How well a vehicle fits manoeuvre z: logs of three normal densities without their constants, added."""
+def fit(motion, z, center, extent, place, direction, speed):  # noqa: PLR0917
+    """How well a vehicle fits manoeuvre z: Student's t of three numbers, 5 degrees of freedom, by e^-2."""
     offset = np.clip(np.asarray(place) - center, -extent, extent)
     off_course = np.angle(np.exp(1j * (direction - motion.course[z] - motion.bend[z] @ offset)))
     off_pace = np.log(speed + 0.3) - motion.log_pace[z] - motion.gain[z] @ offset
@@ -140,14 +140,16 @@ def log_fit(motion, z, center, extent, place, direction, speed):  # noqa: PLR091
     off_path = across - np.polyval(motion.path[z][::-1], u)
     spread = np.array([motion.course_spread[z] + 0.02, motion.log_pace_spread[z] + 0.03, motion.path_spread[z] + 0.1])
     sigmas = np.array([min(speed, 1.0) * off_course, off_pace, off_path]) / spread
-    return -np.log(spread).sum() - 0.5 * (sigmas**2).sum()
+    # Without the constant that all manoeuvres share: of the density at 0 of a t of three standard numbers.
+    t = stats.multivariate_t(shape=np.eye(3), df=5)
+    return t.pdf(sigmas) / t.pdf(np.zeros(3)) / spread.prod() / np.exp(-2.0)
 
 
 def manoeuvre_weights(motion, cell, center, extent, place, direction, speed, *, by_time):  # noqa: PLR0917
     """Of each of a cell's manoeuvres: how often it is driven times how well it fits, against no place at all."""
     amount = motion.seconds if by_time else motion.visits
     return np.array([
-        amount[z] * np.exp(min(log_fit(motion, z, center, extent, place, direction, speed) + 2.0, 50.0))
+        amount[z] * fit(motion, z, center, extent, place, direction, speed)
         * ((motion.start_rate[z] > 0) == (speed < 0.3))
         for z in np.flatnonzero(motion.cell == cell)
     ])  # fmt: skip

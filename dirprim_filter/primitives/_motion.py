@@ -14,20 +14,22 @@ from numba import njit
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import EXACT, cos, exp, log, sin
 from dirprim_filter.distributions._random import UIntArray
+from dirprim_filter.primitives.motion import CREEP, JUMP_S
 from tessellation._kernels import Locator, locate
 from tessellation.arrays import FloatArray, IntArray
 
 # Columns of `MotionTable.row`.
 (EAST, NORTH, EXTENT, COURSE, BEND_E, BEND_N, A_0, A_E, A_N, A_V, PUSH, TURNING, KEEPS, LONGER, STARTS, PACE, GAIN_E,
- GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH, LOG_SCALE, VISITS, SECONDS, AHEAD,
+ GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH, SCALE, VISITS, SECONDS, AHEAD,
  MODE, CURVATURE) = range(32)  # fmt: skip
 N_COLUMNS = 32
-CREEP = 0.3
 STANDING_BELOW = 0.3
 STARTS_AT = 0.31
 """m/s: a vehicle that starts no longer stands."""
-PLACE_FREE_LOG_DENSITY = -2.0
-"""Of a vehicle's course, log pace and path where no cell says, as `log_fit` counts: any way or pace, on three lanes."""
+DEGREES = 5.0
+"""Of freedom: (DEGREES + 3) / 2 is the power in `fit`."""
+STANDS_STILL = 0.4
+"""Share of the drift that a vehicle keeps which stands."""
 DISCOUNT = 0.2
 """Of each count of transitions (Ney, Essen and Kneser 1994): what was seen once may well be something else."""
 
@@ -47,34 +49,38 @@ class MotionTable(NamedTuple):
     strength: float
     place_free_share: float
     redraw_rate: float
-    change_rate: float  # 1/s: how often a vehicle of no place begins to turn, ends it, becomes livelier or calmer
     drift: float
     step_s: float
 
 
 @njit(**EXACT)
-def log_fit(row: FloatArray, x: float, y: float, direction: float, speed: float) -> float:
-    """How well course, pace and path fit a manoeuvre: log of the density, less a constant that all share."""
+def fit(row: FloatArray, x: float, y: float, direction: float, speed: float, log_pace: float) -> float:
+    """How well course, pace and path fit a manoeuvre: the density, by that of vehicles of no place.
+
+    Student's t of three numbers and `DEGREES` of freedom: who fits no manoeuvre well still follows the road.
+    """
     extent = row[EXTENT]
     east, north = min(max(x - row[EAST], -extent), extent), min(max(y - row[NORTH], -extent), extent)
     off = direction - row[COURSE] - row[BEND_E] * east - row[BEND_N] * north
     off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
     off *= min(speed, 1.0) * row[BY_COURSE]
-    pace = (log(speed + CREEP) - row[PACE] - row[GAIN_E] * east - row[GAIN_N] * north) * row[BY_PACE]
+    pace = (log_pace - row[PACE] - row[GAIN_E] * east - row[GAIN_N] * north) * row[BY_PACE]
     u, across = row[COSINE] * east + row[SINE] * north, row[COSINE] * north - row[SINE] * east
     across = (across - row[PATH_0] - row[PATH_1] * u - row[PATH_2] * u * u) * row[BY_PATH]
-    return float(row[LOG_SCALE] - 0.5 * (off * off + pace * pace + across * across))
+    q = 1.0 + (off * off + pace * pace + across * across) / DEGREES
+    return float(row[SCALE] / (q * q * q * q))
 
 
 @njit(cache=True)
 def take_up(
-    table: MotionTable, cell: int, x: float, y: float, direction: float, speed: float, by_time: bool, least: float,
-    weight: FloatArray, state: UIntArray,
+    table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, by_time: bool,
+    least: float, weight: FloatArray, state: UIntArray,
 ) -> int:  # fmt: skip
     """A manoeuvre of the cell by how often it is driven and how well it fits, or a place-free one.
 
     Args:
         table: the map.
+        before: the manoeuvre so far, -1 for none.
         cell: where; -1 for outside of all.
         x: metres.
         y: metres.
@@ -85,15 +91,15 @@ def take_up(
         weight: (most,) room.
         state: of the random numbers.
     """
-    n_placed, stands = table.begin[-1], speed < STANDING_BELOW
-    a, b, total = 0, 0, 0.0
+    stands = speed < STANDING_BELOW
+    a, b, total, log_pace = 0, 0, 0.0, log(speed + CREEP)
     if cell >= 0:
         a, b = table.begin[cell], table.begin[cell + 1]
     for z in range(a, b):
         weight[z - a] = 0.0
         if (table.row[z, STARTS] > 0.0) == stands:
-            fit = log_fit(table.row[z], x, y, direction, speed) - PLACE_FREE_LOG_DENSITY
-            weight[z - a] = table.row[z, SECONDS if by_time else VISITS] * exp(min(fit, 50.0))
+            fits = fit(table.row[z], x, y, direction, speed, log_pace)
+            weight[z - a] = table.row[z, SECONDS if by_time else VISITS] * fits
             total += weight[z - a]
     share = table.strength / (total + table.strength)
     if total > 0.0 and random.uniform(state) >= max(share, least):
@@ -102,19 +108,39 @@ def take_up(
             left -= weight[z - a]
             if left < 0.0:
                 return z
-    free = 0.0
+    if before >= 0 and (table.row[before, STARTS] > 0.0) == stands:
+        return before
+    return leave_places(table, before, speed, weight, state)
+
+
+@njit(cache=True)
+def leave_places(table: MotionTable, before: int, speed: float, weight: FloatArray, state: UIntArray) -> int:
+    """A place-free manoeuvre: that which follows another such, or else any of about that speed."""
+    n_placed, stands, total = table.begin[-1], speed < STANDING_BELOW, 0.0
+    if before >= n_placed:
+        for t in range(table.first[before], table.first[before + 1]):
+            if (table.row[table.following[t], STARTS] > 0.0) == stands:
+                total += table.count[t]
+        left = random.uniform(state) * total
+        for t in range(table.first[before], table.first[before + 1]):
+            if (table.row[table.following[t], STARTS] > 0.0) == stands:
+                left -= table.count[t]
+                if left < 0.0:
+                    return table.following[t]
+    total, pace = 0.0, log(speed + CREEP)
     for z in range(n_placed, len(table.row)):
-        if (table.row[z, STARTS] > 0.0) == stands:
-            free += table.row[z, SECONDS]
-    left = random.uniform(state) * free
-    found = n_placed
+        row = table.row[z]
+        weight[z - n_placed] = 0.0
+        if (row[STARTS] > 0.0) == stands:
+            off = (pace - row[PACE]) * row[BY_PACE]
+            weight[z - n_placed] = row[SECONDS] * row[BY_PACE] * exp(max(-0.5 * off * off, -50.0))
+            total += weight[z - n_placed]
+    left = random.uniform(state) * total
     for z in range(n_placed, len(table.row)):
-        if (table.row[z, STARTS] > 0.0) == stands:
-            found = z
-            left -= table.row[z, SECONDS]
-            if left < 0.0:
-                break
-    return found
+        left -= weight[z - n_placed]
+        if left < 0.0:
+            return z
+    return len(table.row) - 1
 
 
 @njit(cache=True)
@@ -124,7 +150,7 @@ def go_over(
 ) -> int:  # fmt: skip
     """The manoeuvre that follows another in the cell entered: by counts, or backing off to any that fits there."""
     stands, n, kinds = speed < STANDING_BELOW, 0.0, 0.0
-    if cell >= 0:
+    if cell >= 0 and before < table.begin[-1]:
         a, b = table.begin[cell], table.begin[cell + 1]
         for t in range(table.first[before], table.first[before + 1]):
             z = table.following[t]
@@ -139,7 +165,7 @@ def go_over(
                     left -= table.count[t] - DISCOUNT
                     if left < 0.0:
                         return z
-    return take_up(table, cell, x, y, direction, speed, False, 0.0, weight, state)
+    return take_up(table, before, cell, x, y, direction, speed, False, 0.0, weight, state)
 
 
 @njit(nogil=True, **EXACT)
@@ -156,7 +182,8 @@ def move(
     root, drift = math.sqrt(h), math.sqrt(12.0 * table.drift * h)
     redraws = 1.0 - math.exp(-table.redraw_rate * h)
     normal, even = np.empty(2 * n), np.empty(2 * n)
-    redraw, changes = random.draw_gap(redraws, state), 1.0 - math.exp(-table.change_rate * h)
+    jumps = 1.0 - math.exp(-h / JUMP_S)
+    redraw, jump = random.draw_gap(redraws, state), random.draw_gap(jumps, state)
     for _ in range(n_steps):
         random.fill_normals(normal, state)
         random.fill_even(even, state)  # over some steps a drift is normal whatever each step's is
@@ -185,23 +212,30 @@ def move(
                 turn = 0.0  # who stands keeps its direction
             push[p] = push[p] * push_kept + pushed_by * normal[n + p]
             half = 0.5 * turn
-            x += way * (c - half * (s + 0.5 * half * c)) + drift * even[p]
-            y += way * (s + half * (c - 0.5 * half * s)) + drift * even[n + p]
+            strays = drift * min(max(v, STANDS_STILL), 1.0)
+            x += way * (c - half * (s + 0.5 * half * c)) + strays * even[p]
+            y += way * (s + half * (c - 0.5 * half * s)) + strays * even[n + p]
             theta += turn
             position[p, 0], position[p, 1] = x, y
             direction[p] = theta - 2.0 * math.pi * math.floor(theta / (2.0 * math.pi) + 0.5)
             speed[p] = later
             here = locate(table.locator, x, y)
-            redrawn = redraw == 0
+            redrawn, jumped = redraw == 0, jump == 0
             redraw = random.draw_gap(redraws, state) if redrawn else redraw - 1
-            changed = keeps == 1.0 and random.uniform(state) < changes  # to another place-free manoeuvre
-            if redrawn or changed:
-                least = table.place_free_share if redrawn else 1.0
-                manoeuvre[p] = take_up(table, here, x, y, direction[p], later, True, least, weight, state)
+            jump = random.draw_gap(jumps, state) if jumped else jump - 1
+            before = manoeuvre[p]
+            if redrawn:
+                manoeuvre[p] = take_up(
+                    table, before if keeps == 1.0 else -1, here, x, y, direction[p], later, True,
+                    table.place_free_share, weight, state,
+                )  # fmt: skip
             elif here != cell[p] or stood != (later < STANDING_BELOW):
-                before = manoeuvre[p]
                 manoeuvre[p] = go_over(table, before, here, x, y, direction[p], later, weight, state)
                 keep_deviation(table, before, manoeuvre[p], position[p], direction, p)
+            elif jumped and keeps == 1.0:
+                manoeuvre[p] = leave_places(table, before, later, weight, state)
+            elif jumped and not (here >= 0 and table.begin[here] <= before < table.begin[here + 1]):
+                manoeuvre[p] = take_up(table, -1, here, x, y, direction[p], later, True, 0.0, weight, state)
             cell[p] = here
 
 
@@ -236,8 +270,8 @@ def settle(
         push[p] = random.draw_normal(state)
         cell[p] = locate(table.locator, position[p, 0], position[p, 1])
         manoeuvre[p] = take_up(
-            table, cell[p], position[p, 0], position[p, 1], direction[p], speed[p], True, table.place_free_share,
-            weight, state,
+            table, -1, cell[p], position[p, 0], position[p, 1], direction[p], speed[p], True,
+            table.place_free_share, weight, state,
         )  # fmt: skip
 
 

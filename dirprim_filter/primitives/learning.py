@@ -17,7 +17,7 @@ import numpy as np
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells, place_free_share
 from dirprim_filter.primitives.cell_model import PrimitiveModel, usual_of
-from dirprim_filter.primitives.motion_learning import learn_motion
+from dirprim_filter.primitives.motion_choice import learn_motion
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import CellsRule, ModesRule, Recipe, Usual

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from tessellation.arrays import FloatArray, IntArray, as_floats
@@ -19,6 +20,8 @@ CREEP = 0.3
 """m/s, added to speeds before their logarithm is taken, so that slow vehicles are alike."""
 PUSH_RATE = 0.5
 """1/s: how fast a vehicle's own acceleration is forgotten."""
+JUMP_S = 1.0
+"""Seconds, after which a vehicle of no place may do something else."""
 REVERSION = 0.2
 """1/s, of the speed to its mode's where no visits say how fast."""
 ANYWHERE_PUSH, ANYWHERE_TURNING = 1.0, 0.2
@@ -58,7 +61,7 @@ class Motion:
         turn_ahead: (z,) radians by which vehicles have turned `AHEAD_S` later.
         curvature: (z,) 1/m, of place-free manoeuvres; the others turn as their course bends.
         first: (z + 1,) transitions of manoeuvre z are those from first[z] to first[z + 1].
-        following: (t,) the manoeuvre that followed.
+        following: (t,) the manoeuvre that followed: in the next cell, or of place-free ones `JUMP_S` later.
         count: (t,) how often.
         course_rate: 1/s, how fast a vehicle's deviation from the course of its manoeuvre is forgotten.
         strength: how much a place-free manoeuvre counts against those of a cell, in visits.
@@ -108,8 +111,8 @@ class Motion:
             raise ValueError("cell: expected cells in ascending order, then -1 for one place-free manoeuvre at least")
         grows = (self.first[1:] >= self.first[:-1]).all()
         ordered = self.first[0] == 0 and self.first[-1] == self.following.size and grows
-        if not ordered or ((self.following < 0) | (self.following >= placed.size)).any():
-            raise ValueError(f"first, following: expected transitions to manoeuvres 0 to {placed.size - 1}")
+        if not ordered or ((self.following < 0) | (self.following >= n)).any():
+            raise ValueError(f"first, following: expected transitions to manoeuvres 0 to {n - 1}")
         object.__setattr__(self, "count", as_floats("count", self.count, f"{self.following.size}"))
         for name in AMOUNTS:
             if (getattr(self, name) < 0).any():
@@ -128,12 +131,11 @@ class Motion:
 
     def without_places(self) -> Motion:
         """The place-free manoeuvres alone."""
-        kept = self.cell < 0
-        columns = {name: getattr(self, name)[kept] for name in (*FLOATS, "cell", "mode")}
-        return replace(
-            self, **columns, first=np.zeros(int(kept.sum()) + 1, np.int64), following=np.empty(0, np.int64),
-            count=np.empty(0),
-        )  # fmt: skip
+        n = self.n_placed
+        columns = {name: getattr(self, name)[n:] for name in (*FLOATS, "cell", "mode")}
+        first = self.first[n:] - self.first[n]
+        following, count = self.following[self.first[n] :] - n, self.count[self.first[n] :]
+        return replace(self, **columns, first=first, following=following, count=count)
 
     @classmethod
     def settling(
@@ -150,8 +152,8 @@ class Motion:
         anywhere = np.nonzero(direction.weight[-1])[0]
         fast = anywhere[mean[-1, anywhere] >= CREEP]
         free = place_free_manoeuvres(
-            share=np.array([direction.weight[-1, fast].sum()]), push=np.array([ANYWHERE_PUSH]),
-            turning=np.array([ANYWHERE_TURNING]), curvature=np.zeros(1),
+            share=[direction.weight[-1, fast].sum()], log_pace=[0.0], log_pace_spread=[1.0], acceleration=[[0.0, 0.0]],
+            push=[ANYWHERE_PUSH], turning=[ANYWHERE_TURNING], curvature=[0.0],
             standing=float(direction.weight[-1].sum() - direction.weight[-1, fast].sum()), start_rate=START_RATE,
         )  # fmt: skip
         weight, heading = direction.weight[of_cell, of_mode], direction.mean_direction[of_cell, of_mode]
@@ -191,27 +193,33 @@ def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str
 
 
 def place_free_manoeuvres(
-    *, share: FloatArray, push: FloatArray, turning: FloatArray, curvature: FloatArray, standing: float,
-    start_rate: float,
+    *, share: npt.ArrayLike = (), log_pace: npt.ArrayLike = (), log_pace_spread: npt.ArrayLike = (),
+    acceleration: npt.ArrayLike = (), push: npt.ArrayLike = (), turning: npt.ArrayLike = (),
+    curvature: npt.ArrayLike = (), standing: float, start_rate: float,
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Manoeuvres of no place: calmer or livelier, turning or not, and standing.
+    """Manoeuvres of no place: k in motion, and last that of vehicles that stand.
 
     Args:
         share: (k,) how often vehicles move like each.
+        log_pace: (k,) log of speed + 0.3 m/s.
+        log_pace_spread: (k,).
+        acceleration: (k, 2) m/s^2, by 1 and m/s of the vehicle's speed.
         push: (k,) m/s^2.
         turning: (k,) radians in the square root of a second.
         curvature: (k,) 1/m, positive to the left.
         standing: how often they stand.
         start_rate: 1/s.
     """
-    n = share.size + 1
     amount = np.append(share, max(standing, 1e-3))
-    none = np.zeros(n)
+    n = amount.size
+    none, gained = np.zeros(n), np.zeros((n, 4))
+    gained[:-1, [0, 3]] = np.reshape(np.asarray(acceleration, np.float64), (n - 1, 2))
     return {
         "cell": np.full(n, -1), "mode": np.zeros(n, np.int64), "visits": amount, "seconds": amount, "course": none,
-        "bend": np.zeros((n, 2)), "course_spread": np.append(turning, 0.0), "log_pace": none, "gain": np.zeros((n, 2)),
-        "log_pace_spread": np.ones(n), "path": np.zeros((n, 3)), "path_spread": np.full(n, WIDE_M),
-        "path_direction": none, "acceleration": np.zeros((n, 4)), "push": np.append(push, 0.0), "stretch": none,
-        "start_rate": np.append(np.zeros(n - 1), start_rate), "turn_ahead": none,
-        "curvature": np.append(curvature, 0.0),
+        "bend": np.zeros((n, 2)), "course_spread": np.append(turning, 0.0),
+        "log_pace": np.append(log_pace, np.log(CREEP)), "gain": np.zeros((n, 2)),
+        "log_pace_spread": np.append(log_pace_spread, 1.0), "path": np.zeros((n, 3)),
+        "path_spread": np.full(n, WIDE_M), "path_direction": none, "acceleration": gained,
+        "push": np.append(push, 0.0), "stretch": none, "start_rate": np.append(np.zeros(n - 1), start_rate),
+        "turn_ahead": none, "curvature": np.append(curvature, 0.0),
     }  # fmt: skip

@@ -56,9 +56,9 @@ class Regression(NamedTuple):
         return Regression(*(a - b for a, b in zip(self, other, strict=True)))
 
     def solved(self, prior: FloatArray, toward: FloatArray | float = 0.0) -> FloatArray:
-        """(z, p) coefficients with a ridge of `prior` (p,) visits `toward` (z, p)."""
-        mean = np.broadcast_to(toward, self.xy.shape)
-        return np.linalg.solve(self.xx + np.diag(prior), (self.xy + prior * mean)[..., None])[..., 0]
+        """(z, p) coefficients with a ridge of `prior` visits, (p,) or (z, p), `toward` (z, p)."""
+        ridge = np.broadcast_to(prior, self.xy.shape)
+        return np.linalg.solve(self.xx + ridge[..., None] * np.eye(ridge.shape[1]), (self.xy + ridge * toward)[..., None])[..., 0]
 
     def mean_square(self, beta: FloatArray) -> FloatArray:
         """(z,) of the residuals."""

@@ -23,8 +23,8 @@ COURSE_FLOOR, PACE_FLOOR, PATH_FLOOR = 0.02, 0.03, 0.1
 """Radians, log speed, metres, added to a manoeuvre's spreads where it is told how well a vehicle fits it."""
 
 
-CHANGE_RATE = 0.2
-"""1/s, of a vehicle of no place: how often it begins to turn, ends it, becomes livelier or calmer."""
+PLACE_FREE_DENSITY = np.exp(-2.0)
+"""Of a vehicle's course, log pace and path where no cell says, in those units: any way or pace, on three lanes."""
 
 
 class MotionKnobs(NamedTuple):
@@ -32,7 +32,6 @@ class MotionKnobs(NamedTuple):
 
     place_free_share: float = 0.0
     redraw_rate: float = 0.0
-    change_rate: float = CHANGE_RATE
     drift: float = 0.005
     step_s: float = 0.1
     reach_m: float = 3.5
@@ -52,13 +51,12 @@ def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
         first=motion.first,
         following=motion.following,
         count=motion.count,
-        most=int(np.bincount(of_cell, minlength=1).max()) + 1,
+        most=max(int(np.bincount(of_cell, minlength=1).max()), len(motion) - motion.n_placed),
         course_rate=motion.course_rate,
         push_rate=PUSH_RATE,
         strength=motion.strength,
         place_free_share=knobs.place_free_share,
         redraw_rate=knobs.redraw_rate,
-        change_rate=knobs.change_rate,
         drift=knobs.drift,
         step_s=knobs.step_s,
     )
@@ -79,7 +77,7 @@ def _rows(primitives: PrimitiveMap, knobs: MotionKnobs) -> FloatArray:
         np.hypot(agility * motion.push, np.where(is_free, 0.0, knobs.push)),
         np.hypot(agility * motion.course_spread, spread), is_free, motion.stretch, agility * motion.start_rate,
         motion.log_pace, motion.gain, motion.path, np.cos(motion.path_direction), np.sin(motion.path_direction),
-        by_course, by_pace, by_path, np.log(by_course * by_pace * by_path), motion.visits, motion.seconds,
+        by_course, by_pace, by_path, by_course * by_pace * by_path / PLACE_FREE_DENSITY, motion.visits, motion.seconds,
         motion.turn_ahead, motion.mode, motion.curvature,
     ])  # fmt: skip
 

@@ -12,7 +12,7 @@ from moving import motion_by_hand, squares
 
 def two_cells():
     """Of two manoeuvres and one, with a transition."""
-    return motion_by_hand([0, 0, 1], course=[0.1, 0.2, 0.3], transitions=[(0, 2, 3.0)])
+    return motion_by_hand([0, 0, 1], course=[0.1, 0.2, 0.3], transitions=[(0, 2, 3.0), (3, 3, 7.0), (3, 4, 1.0)])
 
 
 def test_without_places_only_the_place_free_manoeuvres_are_left():
@@ -21,7 +21,9 @@ def test_without_places_only_the_place_free_manoeuvres_are_left():
     assert (len(motion), motion.n_placed, len(free), free.n_placed) == (5, 3, 2, 0)
     for name in FLOATS:
         np.testing.assert_array_equal(getattr(free, name), getattr(motion, name)[3:])
-    assert free.count.size == free.following.size == 0
+    assert free.first.tolist() == [0, 2, 2]
+    assert free.following.tolist() == [0, 1]
+    assert free.count.tolist() == [7.0, 1.0]
     assert (motion.start_rate > 0).tolist() == [False, False, False, False, True]
 
 
@@ -42,11 +44,11 @@ def column(motion, name, value, *, at=0):
         (lambda m: column(m, "cell", 1), "cell: expected cells in ascending order"),
         (lambda m: {"cell": np.array([0, 0, 1, 2, 2])}, "cell: expected cells in ascending order"),
         (lambda m: {"cell": np.array([0, -1, 1, -1, -1])}, "cell: expected cells in ascending order"),
-        (lambda m: column(m, "first", 2, at=-1), "first, following: expected transitions to manoeuvres 0 to 2"),
-        (lambda m: {"following": np.array([3])}, "first, following: expected transitions to manoeuvres 0 to 2"),
-        (lambda m: {"following": np.array([-1])}, "first, following: expected transitions to manoeuvres 0 to 2"),
+        (lambda m: column(m, "first", 4, at=-1), "first, following: expected transitions to manoeuvres 0 to 4"),
+        (lambda m: {"following": np.array([5, 3, 4])}, "first, following: expected transitions to manoeuvres 0 to 4"),
+        (lambda m: {"following": np.array([-1, 3, 4])}, "first, following: expected transitions to manoeuvres 0 to 4"),
         (lambda m: column(m, "visits", -1.0), "visits: expected no negative numbers, got -1.0"),
-        (lambda m: {"count": np.array([-2.0])}, "count: expected no negative numbers, got -2.0"),
+        (lambda m: {"count": np.array([-2.0, 1.0, 1.0])}, "count: expected no negative numbers, got -2.0"),
         (lambda _: {"strength": 0.0}, "strength: expected a positive number, got 0.0"),
         (lambda _: {"course_rate": np.inf}, "course_rate: expected a positive number, got inf"),
     ],

@@ -7,7 +7,8 @@ import pytest
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.filtering.futures import forecast_states
-from dirprim_filter.primitives.motion_learning import fit_motion, label_visits, learn_motion
+from dirprim_filter.primitives.motion_choice import learn_motion
+from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, label_visits
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
 from situations import junction_traffic, ring_traffic
@@ -82,7 +83,7 @@ def test_finer_detail_is_more_manoeuvres(junction):
     learned, rows = junction
     visits = Visits.of(rows, learned.tessellation)
     sizes = [
-        len(fit_motion(learned, visits, detail=d, strength=1.0, spread=1.0, rng=np.random.default_rng(0)))
+        len(fit_motion(learned, visits, LearningKnobs(detail=d), rng=np.random.default_rng(0)))
         for d in (0.1, 1.0, 10.0)
     ]
     assert sizes[0] > sizes[1] > sizes[2] > learned.tessellation.n_cells
@@ -114,7 +115,7 @@ def test_the_manoeuvres_of_a_junction_tell_who_turns(junction):
     """Before the junction nobody has turned; by their manoeuvre's count vehicles go on left, right and straight."""
     learned, rows = junction
     visits = Visits.of(rows, learned.tessellation)
-    motion = fit_motion(learned, visits, detail=1.0, strength=1.0, spread=1.0, rng=np.random.default_rng(0))
+    motion = fit_motion(learned, visits, LearningKnobs(detail=1.0), rng=np.random.default_rng(0))
     entry = learned.tessellation.cell_of(np.array([[35.0, 0.5], [35.0, -0.5]]))
     here = np.isin(motion.cell, entry)
     for turn in (-np.pi / 2, 0.0, np.pi / 2):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from dirprim_filter import learn_primitives
-from dirprim_filter.primitives.motion_learning import _place_free, label_visits, motion_of
+from dirprim_filter.primitives.motion_learning import LearningKnobs, label_visits, motion_of
 from dirprim_filter.primitives.motion_sums import MotionSums, Regression
+from dirprim_filter.primitives.place_free_motion import learn_place_free
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
 from situations import junction_traffic
@@ -57,9 +58,10 @@ def test_vehicles_that_are_taken_away_were_never_there(counted):
 
 def test_motion_follows_from_the_sums_alone(counted):
     learned, visits, labels, (of_all, of_some, of_others) = counted
+    place_free = learn_place_free(visits, rng=np.random.default_rng(0))
 
     def motion(sums):
-        made = motion_of(sums, labels.cell, labels.mode, learned, _place_free(visits), strength=1.0, spread=1.4)
+        made = motion_of(sums, labels, learned, place_free, LearningKnobs())
         return {name: np.asarray(getattr(made, name)) for name in made.__dataclass_fields__}
 
     at_once, added, taken, other = (motion(s) for s in (of_all, of_some + of_others, of_all - of_others, of_some))

@@ -10,8 +10,8 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
-from moving import SIDE, motion_by_hand, moved, seeded, squares
-from oracles import log_fit, manoeuvre_weights, moved_without_noise
+from moving import SIDE, motion_by_hand, moved, only_places, seeded, squares
+from oracles import fit, manoeuvre_weights, moved_without_noise
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 N = 20_000
@@ -49,21 +49,21 @@ def test_how_well_a_vehicle_fits_is_what_the_slow_twin_says():
         for z in range(10):
             place, direction, speed = somewhere(rng)
             center = random.centers[random.motion.cell[z]]
-            slow = log_fit(random.motion, z, center, EXTENT, place, direction, speed)
-            assert _motion.log_fit(table.row[z], *place, direction, speed) == pytest.approx(slow, rel=1e-9, abs=1e-9)
-            nudged = _motion.log_fit(table.row[z], *place, direction, speed * 1.001 + 1e-3)
-            assert nudged != pytest.approx(slow, rel=1e-9, abs=1e-9)
+            slow = fit(random.motion, z, center, EXTENT, place, direction, speed)
+            for quicker in (0.0, 1e-3):
+                found = _motion.fit(table.row[z], *place, direction, speed, np.log(speed + 0.3) + quicker)
+                assert (found == pytest.approx(slow, rel=1e-9, abs=0.0)) == (quicker == 0.0)
 
 
 @pytest.mark.parametrize("by_time", [False, True])
 def test_weights_of_manoeuvres_are_what_the_slow_twin_says(by_time):
     rng, state = np.random.default_rng(2), seeded(2)
     for _ in range(100):
-        random = random_map(rng)
+        random = only_places(random_map(rng))
         table, room = motion_table(random, STILL), np.full(20, np.nan)
         place, direction, speed = somewhere(rng)
         for cell in (0, 1):
-            _motion.take_up(table, cell, *place, direction, speed, by_time, 0.0, room, state)
+            _motion.take_up(table, -1, cell, *place, direction, speed, by_time, 0.0, room, state)
             slow = manoeuvre_weights(
                 random.motion, cell, random.centers[cell], EXTENT, place, direction, speed, by_time=by_time
             )
@@ -80,7 +80,7 @@ def test_manoeuvres_are_taken_up_by_their_weights_against_the_strength_of_no_pla
     for share, free in ((0.0, 1 / 3), (0.2, 1 / 3), (0.7, 0.7)):
         table = motion_table(random, MotionKnobs(place_free_share=share))
         room, state = np.empty(20), seeded(4)
-        found = [_motion.take_up(table, 0, *place, direction, speed, True, share, room, state) for _ in range(N)]
+        found = [_motion.take_up(table, -1, 0, *place, direction, speed, True, share, room, state) for _ in range(N)]
         count = np.bincount(found, minlength=12)
         expected = N * np.append((1 - free) * weight / weight.sum(), free)
         seen = np.append(count[:5], count[10:].sum())

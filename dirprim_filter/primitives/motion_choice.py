@@ -1,0 +1,163 @@
+"""Which knobs of learning motion forecast best the vehicles that were held out.
+
+By the energy score (Gneiting and Raftery 2007, Eq. 22), which is proper, and for the spread by the Dawid-Sebastiani
+score, which asks that errors are as large as they are said to be.
+"""
+
+from __future__ import annotations
+
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.distributions._random import UIntArray
+from dirprim_filter.primitives import _motion
+from dirprim_filter.primitives.motion import Motion
+from dirprim_filter.primitives.motion_learning import Labels, LearningKnobs, fit_motion, label_visits, motion_of
+from dirprim_filter.primitives.motion_sums import MotionSums
+from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
+from dirprim_filter.primitives.place_free_motion import learn_place_free
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.visits import STEP_S, Visits, _filled_in
+from tessellation.arrays import FloatArray
+
+logger = logging.getLogger(__name__)
+
+CANDIDATES = {"detail": (0.3, 1.0, 3.0), "strength": (30.0, 5.0, 200.0, 1000.0)}
+"""Chosen one after the other, by the energy score; the first unless another is better by `WORTH`."""
+SPREADS = (1.4, 2.0, 2.8)
+MOST_ROWS = 300_000
+"""Of vehicles drawn at random: of so many rows every manoeuvre has been seen often."""
+LAGS_S = np.array([1.0, 2.0, 3.0, 5.0])
+WORTH = 0.01
+"""By so much of a share held-out forecasts must be better for other knobs than the first: less is luck."""
+MOST_STARTS = 600
+FEWEST_STARTS = 20
+AT_ONCE = 50
+"""On one thread."""
+N_SAMPLES = 32
+FEWEST_GROUPS = 4
+N_FOLDS = 3
+STEP_OF_CHOICE_S = 0.2
+
+
+def learn_motion(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Generator) -> Motion:
+    """The motion of a map's vehicles, with the knobs that forecast held-out vehicles best.
+
+    Args:
+        primitives: the map; its own motion is not looked at.
+        rows: observations sorted by vehicle and time.
+        rng: draws the held-out vehicles and the order of grouping.
+    """
+    rows = rows.some(MOST_ROWS, rng=rng)
+    visits = Visits.of(rows, primitives.tessellation)
+    if len(visits) == 0:
+        return primitives.motion
+    return fit_motion(primitives, visits, choose_knobs(primitives, rows, rng=rng), rng=rng)
+
+
+def choose_knobs(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Generator) -> LearningKnobs:
+    """The knobs that forecast best, each fold of the vehicles from the others."""
+    groups = rng.permutation(np.unique(rows.group))
+    if groups.size < FEWEST_GROUPS:
+        return LearningKnobs()
+    folds = []
+    for part in np.array_split(groups, N_FOLDS):
+        held_out = np.isin(rows.group, part)
+        cases = _cases(rows[held_out], rng)
+        if cases is not None:
+            folds.append(_Fold(primitives, Visits.of(rows[~held_out], primitives.tessellation), cases, rng))
+    if not folds:
+        return LearningKnobs()
+    knobs = LearningKnobs()
+    for name, values in CANDIDATES.items():
+        trials = [knobs._replace(**{name: value}) for value in values]
+        scores = [_energy(*_forecasts(folds, trial)) for trial in trials]
+        best = int(np.argmin(scores))
+        knobs = trials[best if scores[best] < scores[0] - WORTH else 0]
+    trials = [knobs._replace(spread=spread) for spread in SPREADS]
+    knobs = min(trials, key=lambda trial: _surprise(*_forecasts(folds, trial)))
+    logger.info("motion: %s", knobs)
+    return knobs
+
+
+class _Fold:
+    """Some vehicles to learn from, and others to forecast."""
+
+    def __init__(self, primitives: PrimitiveMap, seen: Visits, cases: Cases, rng: np.random.Generator) -> None:
+        self._primitives, self._seen, self.cases = primitives, seen, cases
+        self._place_free = learn_place_free(seen, rng=rng)
+        self._seed = int(rng.integers(2**63))
+        self._grouped: dict[float, tuple[Labels, MotionSums]] = {}
+
+    def forecast(self, knobs: LearningKnobs) -> FloatArray:
+        """(n, N_SAMPLES, lags, 2) metres, where the cases' vehicles may be."""
+        if knobs.detail not in self._grouped:
+            rng = np.random.default_rng(self._seed)
+            labels = label_visits(self._primitives, self._seen, detail=knobs.detail, rng=rng)
+            self._grouped[knobs.detail] = labels, MotionSums.of(self._seen, *labels, self._primitives)
+        labels, sums = self._grouped[knobs.detail]
+        motion = motion_of(sums, labels, self._primitives, self._place_free, knobs)
+        table = motion_table(replace(self._primitives, motion=motion), MotionKnobs(step_s=STEP_OF_CHOICE_S))
+        path = np.empty((len(self.cases.start), N_SAMPLES, LAGS_S.size, 2))
+        dt_s = np.diff(LAGS_S, prepend=0.0)
+
+        def roll(part: slice) -> None:
+            _motion.rollout(table, self.cases.start[part], dt_s, self.cases.key[part], path[part])
+
+        with ThreadPoolExecutor() as threads:
+            list(threads.map(roll, [slice(i, i + AT_ONCE) for i in range(0, len(path), AT_ONCE)]))
+        return path
+
+
+def _forecasts(folds: list[_Fold], knobs: LearningKnobs) -> tuple[FloatArray, FloatArray]:
+    """Of the cases of all folds, and where those vehicles were later."""
+    return np.concatenate([fold.forecast(knobs) for fold in folds]), np.concatenate([f.cases.later for f in folds])
+
+
+class Cases(NamedTuple):
+    """States to forecast from, and where the vehicles were later."""
+
+    start: FloatArray  # (n, 4) place, direction, speed
+    later: FloatArray  # (n, n_lags, 2) metres, NaN where not seen
+    key: UIntArray  # (n,) of the random numbers
+
+
+def _cases(rows: TrackRows, rng: np.random.Generator) -> Cases | None:
+    """Instants of held-out vehicles; None where too few are seen for a second."""
+    _, segment, position, course, speed = _filled_in(rows)
+    lag = np.round(LAGS_S / STEP_S).astype(np.int64)
+    n = segment.size
+    there = np.minimum(np.arange(n)[:, None] + lag, max(n - 1, 0))
+    known = (np.arange(n)[:, None] + lag < n) & (segment[there] == segment[:, None]) if n else np.empty((0, lag.size))
+    possible = np.flatnonzero(known[:, 0]) if n else np.empty(0, np.int64)
+    if possible.size < FEWEST_STARTS:
+        return None
+    at = np.sort(rng.choice(possible, min(MOST_STARTS // N_FOLDS, possible.size), replace=False))
+    later = np.where(known[at][..., None], position[there[at]], np.nan)
+    key = rng.integers(2**63, size=at.size, dtype=np.uint64)
+    return Cases(np.column_stack([position[at], course[at], speed[at]]), later, key)
+
+
+def _energy(path: FloatArray, later: FloatArray) -> float:
+    """Energy score of samples, as the mean over lags of its logarithm. (n, p, lags, 2), (n, lags, 2)."""
+    off = np.linalg.norm(path - later[:, None], axis=-1).mean(axis=1)
+    n = path.shape[1]
+    apart = sum(np.linalg.norm(path - np.roll(path, i, axis=1), axis=-1).mean(axis=1) for i in range(1, n))
+    score = off - 0.5 * apart / (n - 1)
+    known = np.isfinite(score).sum(axis=0) >= FEWEST_STARTS // 2
+    return float(np.log(np.nanmean(score[:, known], axis=0)).mean())
+
+
+def _surprise(path: FloatArray, later: FloatArray) -> float:
+    """Dawid-Sebastiani score over the lags up to two seconds: log det of the covariance, and squared error by it."""
+    path, later = path[:, :, :2], later[:, :2]
+    off = later - path.mean(axis=1)
+    away = path - path.mean(axis=1, keepdims=True)
+    covariance = np.einsum("npti,nptj->ntij", away, away) / (path.shape[1] - 1) + 1e-4 * np.eye(2)
+    squared = np.einsum("nti,nti->nt", off, np.linalg.solve(covariance, off[..., None])[..., 0])
+    return float(np.nanmean(np.log(np.linalg.det(covariance)) + np.minimum(squared, 30.0)))

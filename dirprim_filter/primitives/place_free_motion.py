@@ -1,0 +1,111 @@
+"""How vehicles move wherever the place says nothing: place-free manoeuvres, learned from all visits together.
+
+Instants of all vehicles are grouped by their speed and by what they do in the next seconds: cruise, brake, turn left.
+From second to second a vehicle goes over from one to the next, as often as was seen: a Markov chain.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.cluster.vq import kmeans2
+from scipy.sparse import csr_array
+
+from dirprim_filter.distributions.angles import difference
+from dirprim_filter.primitives.motion import CREEP, JUMP_S, place_free_manoeuvres
+from dirprim_filter.primitives.visits import Visits
+from tessellation.arrays import FloatArray, IntArray
+
+MOST_GROUPS = 16
+INSTANTS_EACH = 100
+"""Instants of moving vehicles, at least so many for each group."""
+MOST_INSTANTS = 20_000
+LOG_PACE = 0.35
+"""By so much speeds, as log(v + 1), are unlike as are a typical gain of speed or a typical turn."""
+FARTHEST = 3.0
+"""Typical deviations, beyond which one gain or turn is like another."""
+LEAST_PUSH, LEAST_TURNING = 0.1, 0.01
+"""m/s^2, and radians in the square root of a second."""
+PUSHED_SHARE = 0.85
+"""Of the variance of a vehicle's own acceleration, what its mean over a second has at `PUSH_RATE`."""
+
+
+def learn_place_free(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[str, FloatArray], csr_array]:
+    """Columns of the place-free manoeuvres, and how often one followed the other `JUMP_S` later.
+
+    Args:
+        visits: of vehicles.
+        rng: draws the instants that are grouped, and where groups begin.
+    """
+    stands = visits.stands[visits.of_instant]
+    second, third = visits.later(JUMP_S), visits.later(2.0 * JUMP_S)
+    gained = np.where(second >= 0, visits.speed[second] - visits.speed, np.nan)
+    turned = np.where(second >= 0, difference(visits.course[second], visits.course), np.nan)
+    moves = np.flatnonzero((third >= 0) & ~stands)
+    feature = _features(visits.speed, gained, turned, moves, third=second)
+    label = np.full(visits.speed.size, -1, np.int64)
+    label[moves] = _grouped(feature, rng)
+    n = int(label.max(initial=-1)) + 1
+    standing = visits.seconds[visits.stands].sum()
+    left = float(visits.follows()[visits.stands].sum())
+    if n == 0:
+        return place_free_manoeuvres(standing=1.0, start_rate=(left + 0.1) / (standing + 1.0)), csr_array((1, 1))
+    columns = _of_groups(visits, label[moves], moves, gained[moves], turned[moves], n)
+    label[stands] = n
+    known = np.flatnonzero((second >= 0) & (label >= 0))
+    known = known[label[second[known]] >= 0]
+    pair = label[known], label[second[known]]
+    follow = csr_array((np.ones(known.size), pair), shape=(n + 1, n + 1))
+    share = standing / max(visits.seconds.sum(), 1e-9)
+    columns["share"] = columns["share"] * (1.0 - share)
+    return place_free_manoeuvres(**columns, standing=share, start_rate=(left + 0.1) / (standing + 1.0)), follow
+
+
+def _features(
+    speed: FloatArray, gained: FloatArray, turned: FloatArray, moves: IntArray, *, third: IntArray
+) -> FloatArray:
+    """(m, 5) speed, and what is gained and turned in this second and the next, by how much is typical."""
+    later = third[moves]
+    columns = [np.log(speed[moves] + 1.0) / LOG_PACE]
+    for change in (gained, turned):
+        typical = np.sqrt(np.mean(np.square(change[moves]))) + 1e-6 if moves.size else 1.0
+        columns += [np.clip(change[at] / typical, -FARTHEST, FARTHEST) for at in (moves, later)]
+    return np.column_stack(columns)
+
+
+def _grouped(feature: FloatArray, rng: np.random.Generator) -> IntArray:
+    """(m,) the group of each row."""
+    few = feature[rng.permutation(len(feature))[:MOST_INSTANTS]]
+    k = min(MOST_GROUPS, len(feature) // INSTANTS_EACH, len(np.unique(few, axis=0)))
+    if k < 2:
+        return np.zeros(len(feature), np.int64)
+    center, _ = kmeans2(few, k, minit="++", seed=rng)
+    squared = np.square(feature).sum(axis=1)[:, None] - 2.0 * feature @ center.T + np.square(center).sum(axis=1)
+    return np.asarray(np.unique(np.argmin(squared, axis=1), return_inverse=True)[1], np.int64)
+
+
+def _of_groups(
+    visits: Visits, label: IntArray, moves: IntArray, gained: FloatArray, turned: FloatArray, n: int
+) -> dict[str, FloatArray]:
+    """What vehicles of each group do."""
+
+    def mean(column: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(label, column, minlength=n) / count)
+
+    count = np.bincount(label, minlength=n)
+    speed, log_pace = visits.speed[moves], np.log(visits.speed[moves] + CREEP)
+    way = speed + 0.5 * gained
+    curvature = np.bincount(label, turned * way, minlength=n) / (np.bincount(label, way**2, minlength=n) + 1.0)
+    faster = speed - mean(speed)[label]
+    reversion = np.bincount(label, faster * gained, minlength=n) / (np.bincount(label, faster**2, minlength=n) + 10.0)
+    reversion = np.clip(reversion, -1.0, 0.0)
+    pushed = gained - mean(gained)[label] - reversion[label] * faster
+    strayed = turned - curvature[label] * way
+    return {
+        "share": count / count.sum(),
+        "log_pace": mean(log_pace),
+        "log_pace_spread": np.sqrt(mean((log_pace - mean(log_pace)[label]) ** 2)),
+        "acceleration": np.column_stack([mean(gained) - reversion * mean(speed), reversion]),
+        "push": np.sqrt((mean(pushed**2) + LEAST_PUSH**2 / count) / PUSHED_SHARE),
+        "turning": np.sqrt(mean(strayed**2) + LEAST_TURNING**2 / count),
+        "curvature": curvature,
+    }
