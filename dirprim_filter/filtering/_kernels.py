@@ -58,7 +58,8 @@ def predict_paths(table: MotionTable, cloud: Cloud, dt_s: FloatArray, path: Floa
     for v in range(path.shape[0]):
         for step in range(path.shape[2]):
             predict(table, cloud, np.array([v]), dt_s[step : step + 1])
-            path[v, :, step] = cloud.position[v]
+            for p in range(path.shape[1]):  # no slice into a slice: see `_motion.rollout`
+                path[v, p, step, 0], path[v, p, step, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
 
 
 @njit(cache=True, nogil=True)

@@ -9,9 +9,13 @@ from dirprim_filter.primitives.motion_table import MotionKnobs
 from dirprim_filter.primitives.motion_table import motion_table as table_of
 
 
+STRAIGHT_SHARE = 0.5
+"""Against all other place-free manoeuvres: a filter looks for vehicles that go straight on even if the log has none."""
+
+
 def tracking_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
     """The motion of a map for a filter: of particles that draw a manoeuvre anew a share is of no place."""
-    return table_of(primitive_map, _knobs(config))
+    return table_of(primitive_map, _knobs(config)._replace(straight_share=STRAIGHT_SHARE))
 
 
 def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:

@@ -226,7 +226,7 @@ def move(
             before = manoeuvre[p]
             if redrawn:
                 manoeuvre[p] = take_up(
-                    table, before if keeps == 1.0 else -1, here, x, y, direction[p], later, True,
+                    table, -1, here, x, y, direction[p], later, True,
                     table.place_free_share, weight, state,
                 )  # fmt: skip
             elif here != cell[p] or stood != (later < STANDING_BELOW):
@@ -287,4 +287,5 @@ def rollout(table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntAr
         settle(table, position, direction, speed, cell, manoeuvre, push, state)
         for t in range(dt_s.size):
             move(table, position, direction, speed, cell, manoeuvre, push, dt_s[t], state)
-            path[i, :, t] = position
+            for p in range(n):  # a slice assigned to a slice would compile numba's strings for its error
+                path[i, p, t, 0], path[i, p, t, 1] = position[p, 0], position[p, 1]

@@ -107,8 +107,8 @@ class Motion:
                 f"{self.mode.shape}, {self.first.shape}, {self.following.shape} and {self.count.shape}"
             )
         placed = self.cell[self.cell >= 0]
-        if n == placed.size or (np.diff(placed) < 0).any() or (self.cell[placed.size :] != -1).any():
-            raise ValueError("cell: expected cells in ascending order, then -1 for one place-free manoeuvre at least")
+        if n < placed.size + 2 or (np.diff(placed) < 0).any() or (self.cell[placed.size :] != -1).any():
+            raise ValueError("cell: expected cells in ascending order, then -1 for two place-free manoeuvres at least")
         grows = (self.first[1:] >= self.first[:-1]).all()
         ordered = self.first[0] == 0 and self.first[-1] == self.following.size and grows
         if not ordered or ((self.following < 0) | (self.following >= n)).any():
@@ -197,7 +197,7 @@ def place_free_manoeuvres(
     acceleration: npt.ArrayLike = (), push: npt.ArrayLike = (), turning: npt.ArrayLike = (),
     curvature: npt.ArrayLike = (), standing: float, start_rate: float,
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Manoeuvres of no place: k in motion, and last that of vehicles that stand.
+    """Manoeuvres of no place: k in motion, of which the last goes straight on, and then that of vehicles that stand.
 
     Args:
         share: (k,) how often vehicles move like each.

@@ -38,6 +38,7 @@ class MotionKnobs(NamedTuple):
     direction_spread: float = 0.0
     push: float = 0.0
     agility: float = 1.0
+    straight_share: float = 0.0
 
 
 def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
@@ -67,17 +68,18 @@ def _rows(primitives: PrimitiveMap, knobs: MotionKnobs) -> FloatArray:
     motion = primitives.motion
     is_free = motion.cell < 0
     agility = np.where(is_free, knobs.agility, 1.0)
+    seconds = motion.seconds.copy()
+    seconds[-2] = max(seconds[-2], knobs.straight_share)  # of place-free vehicles in motion
     extent = np.append(0.6 * np.sqrt(primitives.tessellation.area), 0.0)
     by_course = 1.0 / (motion.course_spread + COURSE_FLOOR)
     by_pace = 1.0 / (motion.log_pace_spread + PACE_FLOOR)
     by_path = 1.0 / (motion.path_spread + PATH_FLOOR)
-    spread = np.where(is_free, 0.0, knobs.direction_spread)
     return np.column_stack([
         primitives.centers[motion.cell], extent[motion.cell], motion.course, motion.bend, motion.acceleration,
-        np.hypot(agility * motion.push, np.where(is_free, 0.0, knobs.push)),
-        np.hypot(agility * motion.course_spread, spread), is_free, motion.stretch, agility * motion.start_rate,
+        agility * np.hypot(motion.push, knobs.push), agility * np.hypot(motion.course_spread, knobs.direction_spread),
+        is_free, motion.stretch, agility * motion.start_rate,
         motion.log_pace, motion.gain, motion.path, np.cos(motion.path_direction), np.sin(motion.path_direction),
-        by_course, by_pace, by_path, by_course * by_pace * by_path / PLACE_FREE_DENSITY, motion.visits, motion.seconds,
+        by_course, by_pace, by_path, by_course * by_pace * by_path / PLACE_FREE_DENSITY, motion.visits, seconds,
         motion.turn_ahead, motion.mode, motion.curvature,
     ])  # fmt: skip
 

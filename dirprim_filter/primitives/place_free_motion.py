@@ -25,6 +25,10 @@ FARTHEST = 3.0
 """Typical deviations, beyond which one gain or turn is like another."""
 LEAST_PUSH, LEAST_TURNING = 0.1, 0.01
 """m/s^2, and radians in the square root of a second."""
+STRAIGHT_SHARE = 0.001
+"""Of vehicles of no place, who go straight on at an even speed whatever the log's do: a filter looks for more."""
+STRAIGHT_KEPT = 4.0
+"""How often who goes straight on does so a second later, against once that it does as the log's vehicles do."""
 PUSHED_SHARE = 0.85
 """Of the variance of a vehicle's own acceleration, what its mean over a second has at `PUSH_RATE`."""
 
@@ -50,14 +54,28 @@ def learn_place_free(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[
     if n == 0:
         return place_free_manoeuvres(standing=1.0, start_rate=(left + 0.1) / (standing + 1.0)), csr_array((1, 1))
     columns = _of_groups(visits, label[moves], moves, gained[moves], turned[moves], n)
-    label[stands] = n
+    _add_straight_on(columns, visits.speed[moves])
+    label[stands] = n + 1
     known = np.flatnonzero((second >= 0) & (label >= 0))
     known = known[label[second[known]] >= 0]
-    pair = label[known], label[second[known]]
-    follow = csr_array((np.ones(known.size), pair), shape=(n + 1, n + 1))
+    before, after = np.append(label[known], [n] * (n + 1)), np.append(label[second[known]], np.arange(n + 1))
+    count = np.append(np.ones(known.size), np.where(np.arange(n + 1) == n, STRAIGHT_KEPT, columns["share"]))
+    follow = csr_array((count, (before, after)), shape=(n + 2, n + 2))
     share = standing / max(visits.seconds.sum(), 1e-9)
     columns["share"] = columns["share"] * (1.0 - share)
     return place_free_manoeuvres(**columns, standing=share, start_rate=(left + 0.1) / (standing + 1.0)), follow
+
+
+def _add_straight_on(columns: dict[str, FloatArray], speed: FloatArray) -> None:
+    """Append a manoeuvre of vehicles that keep their direction at any speed: in the log of a roundabout nobody does."""
+    log_pace = np.log(speed + CREEP)
+    straight = {
+        "share": STRAIGHT_SHARE, "log_pace": log_pace.mean(), "log_pace_spread": log_pace.std() + LOG_PACE,
+        "acceleration": np.zeros(2), "curvature": 0.0,
+    } | {name: np.average(columns[name], weights=columns["share"]) for name in ("push", "turning")}  # fmt: skip
+    columns["share"] = columns["share"] * (1.0 - STRAIGHT_SHARE)
+    for name, value in straight.items():
+        columns[name] = np.concatenate([columns[name], np.asarray(value)[None]])
 
 
 def _features(
