@@ -1,8 +1,6 @@
 """Learning how vehicles go on: visits are grouped into manoeuvres, and motion follows from their sums.
 
-How finely they are grouped, how much the place-free manoeuvres count, and how far vehicles stray is chosen by forecasts
-of vehicles that were held out: by the energy score (Gneiting and Raftery 2007, Eq. 22), which is proper, and for the
-spread by the Dawid-Sebastiani score, which asks that errors are as large as they are said to be.
+How finely they are grouped, how much the place-free manoeuvres count, and how far vehicles stray: see `motion_choice`.
 """
 
 from __future__ import annotations
@@ -23,8 +21,8 @@ from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 MOST_MANOEUVRES = 32
 """Of a mode."""
-# Ridges in visits, by which a manoeuvre leans on its mode: of a field's value at the centre, and of its slope for visits
-# that are spread over the cell.
+# Ridges in visits, by which a manoeuvre leans on its mode: of a field's value at the centre, and of its slope, for
+# visits that are spread over the cell.
 COURSE_RIDGE = np.array([0.3, 1.5, 1.5])
 PACE_RIDGE = np.array([0.3, 1.5, 1.5])
 PATH_RIDGE = np.array([1e-6, 0.05, 0.5])

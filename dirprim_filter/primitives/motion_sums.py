@@ -58,7 +58,8 @@ class Regression(NamedTuple):
     def solved(self, prior: FloatArray, toward: FloatArray | float = 0.0) -> FloatArray:
         """(z, p) coefficients with a ridge of `prior` visits, (p,) or (z, p), `toward` (z, p)."""
         ridge = np.broadcast_to(prior, self.xy.shape)
-        return np.linalg.solve(self.xx + ridge[..., None] * np.eye(ridge.shape[1]), (self.xy + ridge * toward)[..., None])[..., 0]
+        leaning = self.xx + ridge[..., None] * np.eye(ridge.shape[1])
+        return np.asarray(np.linalg.solve(leaning, (self.xy + ridge * toward)[..., None])[..., 0])
 
     def mean_square(self, beta: FloatArray) -> FloatArray:
         """(z,) of the residuals."""

@@ -21,6 +21,8 @@ INSTANTS_EACH = 100
 MOST_INSTANTS = 20_000
 LOG_PACE = 0.35
 """By so much speeds, as log(v + 1), are unlike as are a typical gain of speed or a typical turn."""
+LEAST_WAYS, LEAST_FASTER = 1.0, 10.0
+"""m^2, and m^2/s^2: sums of squares from which on a curvature, or a reversion of speed, is told from none."""
 FARTHEST = 3.0
 """Typical deviations, beyond which one gain or turn is like another."""
 LEAST_PUSH, LEAST_TURNING = 0.1, 0.01
@@ -53,7 +55,7 @@ def learn_place_free(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[
     left = float(visits.follows()[visits.stands].sum())
     if n == 0:
         return place_free_manoeuvres(standing=1.0, start_rate=(left + 0.1) / (standing + 1.0)), csr_array((1, 1))
-    columns = _of_groups(visits, label[moves], moves, gained[moves], turned[moves], n)
+    columns = _of_groups(label[moves], visits.speed[moves], gained[moves], turned[moves])
     _add_straight_on(columns, visits.speed[moves])
     label[stands] = n + 1
     known = np.flatnonzero((second >= 0) & (label >= 0))
@@ -101,20 +103,17 @@ def _grouped(feature: FloatArray, rng: np.random.Generator) -> IntArray:
     return np.asarray(np.unique(np.argmin(squared, axis=1), return_inverse=True)[1], np.int64)
 
 
-def _of_groups(
-    visits: Visits, label: IntArray, moves: IntArray, gained: FloatArray, turned: FloatArray, n: int
-) -> dict[str, FloatArray]:
+def _of_groups(label: IntArray, speed: FloatArray, gained: FloatArray, turned: FloatArray) -> dict[str, FloatArray]:
     """What vehicles of each group do."""
 
     def mean(column: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(label, column, minlength=n) / count)
+        return np.asarray(np.bincount(label, column) / count)
 
-    count = np.bincount(label, minlength=n)
-    speed, log_pace = visits.speed[moves], np.log(visits.speed[moves] + CREEP)
-    way = speed + 0.5 * gained
-    curvature = np.bincount(label, turned * way, minlength=n) / (np.bincount(label, way**2, minlength=n) + 1.0)
+    count = np.bincount(label)
+    log_pace, way = np.log(speed + CREEP), speed + 0.5 * gained
+    curvature = np.bincount(label, turned * way) / (np.bincount(label, way**2) + LEAST_WAYS)
     faster = speed - mean(speed)[label]
-    reversion = np.bincount(label, faster * gained, minlength=n) / (np.bincount(label, faster**2, minlength=n) + 10.0)
+    reversion = np.bincount(label, faster * gained) / (np.bincount(label, faster**2) + LEAST_FASTER)
     reversion = np.clip(reversion, -1.0, 0.0)
     pushed = gained - mean(gained)[label] - reversion[label] * faster
     strayed = turned - curvature[label] * way
