@@ -111,6 +111,8 @@ class Particles(ArrayValue):
         weight: (n,) sums to one for each vehicle.
         vehicle: (n,) int64, the row of the vehicle in the frame's estimates.
         mode: (n,) int64, the mode that the particle follows in its cell. Left out: -1, none.
+        manoeuvre: (n,) int64, the manoeuvre of the map's motion. Left out: -1, none.
+        push: (n,) the vehicle's own acceleration, in standard deviations of its manoeuvre's. Left out: 0.
     """
 
     position: FloatArray
@@ -119,10 +121,14 @@ class Particles(ArrayValue):
     weight: FloatArray
     vehicle: IntArray
     mode: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    manoeuvre: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    push: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        if self.mode.size == 0:
-            object.__setattr__(self, "mode", np.full(len(self.weight), -1, np.int64))
+        n = len(self.weight)
+        for name, absent in (("mode", np.full(n, -1)), ("manoeuvre", np.full(n, -1)), ("push", np.zeros(n))):
+            if getattr(self, name).size == 0:
+                object.__setattr__(self, name, absent)
 
     def __len__(self) -> int:
         return len(self.weight)

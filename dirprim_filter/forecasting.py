@@ -171,8 +171,6 @@ class Forecaster:
         key = birth_key(self._seed, str(believed.track_id[row]), frame.time_ns)
         rng = np.random.default_rng(int(key))
         if len(particles):
-            own = particles.of(row)
-            belief = Start(own.position, own.direction, own.speed)
-            return sample_paths_of_belief(self._table, belief, own.weight, self._steps, rng=rng)
+            return sample_paths_of_belief(self._table, particles.of(row), self._steps, rng=rng)
         mean = Start(believed.position[[row]], believed.direction[[row]], believed.speed[[row]])
         return np.asarray(sample_paths(self._table, mean, self._steps, rng=rng)[0])

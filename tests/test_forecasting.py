@@ -10,6 +10,8 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
+from dirprim_filter.filtering.futures import Steps, sample_paths_of_belief
+from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.replay import replay
 from situations import TRUSTING, one_cell_map, ring_traffic
@@ -138,6 +140,30 @@ def test_a_frame_without_vehicles_is_not_forecast(ring_map):
     frame = TrackedFrame(time_ns=0, detections=Detections.none(), estimates=nobody, particles=Particles.none())
     Forecaster(ring_map, [kept], rng=np.random.default_rng(0)).write(frame)
     assert kept == []
+
+
+def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):
+    """One state, of which the filter has found whether it brakes: samples keep that, and look anew without it."""
+    motion = ring_map.motion
+    state, n = (np.array([20.0, 0.0]), np.pi / 2, 8.0), 400
+    cell = int(ring_map.tessellation.cell_of(state[0][None])[0])
+    here = np.flatnonzero((motion.cell == cell) & (motion.start_rate == 0))
+    gained = motion.acceleration[here] @ [1.0, *(state[0] - ring_map.centers[cell]), state[2]]
+    slowest = here[np.argmin(gained)]
+    table, steps = forecast_table(ring_map, FilterConfig()), Steps.of(0.5, 0.1, 400)
+
+    def mean_way(**found):
+        belief = Particles(
+            position=np.tile(state[0], (n, 1)), direction=np.full(n, state[1]), speed=np.full(n, state[2]),
+            weight=np.full(n, 1 / n), vehicle=np.zeros(n, np.int64), **found,
+        )  # fmt: skip
+        paths = sample_paths_of_belief(table, belief, steps, rng=np.random.default_rng(0))
+        return float(np.linalg.norm(paths[:, -1] - state[0], axis=1).mean())
+
+    hard = {"manoeuvre": np.full(n, slowest), "push": np.full(n, -20.0)}
+    assert mean_way(**hard) < mean_way() - 0.5 * 20.0 * motion.push[slowest] * 0.4**2 / 2
+    of_no_place = hard | {"manoeuvre": np.full(n, motion.n_placed)}
+    assert mean_way(**of_no_place) == mean_way()
 
 
 def test_a_belief_of_two_minds_has_futures_of_both_as_often_as_it_believes(ring_map):

@@ -92,13 +92,16 @@ class BelievedParticles:
             )
         cloud = self._belief.cloud
         at = self._slot[vehicle] * cloud.speed.shape[1] + number  # in the whole block: one index is quicker than two
+        manoeuvre = cloud.manoeuvre.take(at)
         return Particles(
             position=cloud.position.reshape(-1, 2).take(at, axis=0),
             direction=cloud.direction.take(at),
             speed=cloud.speed.take(at),
             weight=cloud.weight.take(at),
             vehicle=vehicle,
-            mode=self._belief.mode_of[cloud.manoeuvre.take(at)],
+            mode=self._belief.mode_of[manoeuvre],
+            manoeuvre=manoeuvre,
+            push=cloud.push.take(at),
         )
 
 

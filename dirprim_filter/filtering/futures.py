@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.config import FilterConfig
+from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._heeding import heed
 from dirprim_filter.filtering._kernels import Cloud
@@ -135,12 +136,17 @@ def sample_paths(
 
 
 def sample_paths_of_belief(
-    table: MotionTable, belief: Start, weight: FloatArray, steps: Steps, *, rng: np.random.Generator
-) -> FloatArray:
-    """Futures of one vehicle, each from a sample of what is believed of it. (p,) weights -> (n_samples, n_steps, 2)."""
-    chosen = rng.choice(weight.size, steps.n_samples, p=weight / weight.sum())
-    cloud = _cloud(Start(*(column[chosen][None] for column in belief)), rng=rng)
+    table: MotionTable, belief: Particles, steps: Steps, *, rng: np.random.Generator
+) -> FloatArray:  # fmt: skip
+    """Futures of one vehicle, each from a sample of what is believed of it. -> (n_samples, n_steps, 2) metres.
+
+    Samples go on by the manoeuvre and the push that the filter found for them; those of no place look at the map anew.
+    """
+    chosen = belief[rng.choice(len(belief), steps.n_samples, p=belief.weight / belief.weight.sum())]
+    cloud = _cloud(Start(chosen.position[None], chosen.direction[None], chosen.speed[None]), rng=rng)
     _kernels.settle(table, cloud, np.zeros(1, np.int64))
+    placed = (chosen.manoeuvre >= 0) & (chosen.manoeuvre < table.begin[-1])
+    cloud.manoeuvre[0, placed], cloud.push[0, placed] = chosen.manoeuvre[placed], chosen.push[placed]
     return np.asarray(_projected(table, cloud, steps.dt_s)[0])
 
 
