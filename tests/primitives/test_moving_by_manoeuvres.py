@@ -166,6 +166,22 @@ def test_who_is_beside_the_course_stays_so_in_the_next_cell_less_what_is_forgott
             np.testing.assert_allclose(off, beside * np.exp(-0.4 * rate), rtol=1e-9)
 
 
+def test_who_fits_no_manoeuvre_of_the_cell_entered_keeps_its_own_until_it_looks_again():
+    """A cell of oncoming traffic alone: the road does not end there, and a second later who drives there is asked."""
+    ahead = squares(2, 1, motion_by_hand([0, 1], course=[0.0, np.pi], course_spread=0.02, strength=1e-6))
+    start = {"n": N, "place": (18.0, 10.0), "config": FilterConfig(step_s=0.1)}
+    inside, entered = moved(ahead, 0.1, **start), moved(ahead, 0.4, **start)
+    np.testing.assert_array_equal(inside.cell, 0)
+    np.testing.assert_array_equal(entered.cell, 1)
+    followed = inside.manoeuvre == 0  # by no place from the start on are few
+    assert 0.9 < followed.mean() < 1.0 or followed.all()
+    kept = int((entered.manoeuvre == 0)[followed].sum())
+    assert set(entered.manoeuvre[followed]) == {0, 2}
+    # It enters in the step that ends at 0.2 s or 0.3 s, and looks again in each of the one or two that follow.
+    shares = np.exp(-np.array([0.2, 0.1]))
+    assert shares[0] - 0.02 < kept / followed.sum() < shares[1] + 0.02
+
+
 def test_who_drives_by_no_place_keeps_its_direction_in_the_next_cell():
     ahead = squares(2, 1, motion_by_hand([1], course=[0.5], course_rate=1e-9, turning=0.0))
     found = moved(ahead, 0.4, n=3, place=(17.0, 10.0), direction=0.05, config=FilterConfig(drift=1e-30, step_s=0.4))
