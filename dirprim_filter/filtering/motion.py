@@ -8,7 +8,7 @@ from dirprim_filter.primitives._motion import MotionTable
 from dirprim_filter.primitives.motion_table import MotionKnobs
 from dirprim_filter.primitives.motion_table import motion_table as table_of
 
-STRAIGHT_SHARE = 0.5
+STRAIGHT_SHARE = 2.0
 """Against all other place-free manoeuvres: a filter looks for vehicles that go straight on even if the log has none."""
 
 

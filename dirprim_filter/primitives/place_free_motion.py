@@ -6,6 +6,8 @@ From second to second a vehicle goes over from one to the next, as often as was 
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.sparse import csr_array
@@ -98,7 +100,9 @@ def _grouped(feature: FloatArray, rng: np.random.Generator) -> IntArray:
     k = min(MOST_GROUPS, len(feature) // INSTANTS_EACH, len(np.unique(few, axis=0)))
     if k < 2:
         return np.zeros(len(feature), np.int64)
-    center, _ = kmeans2(few, k, minit="++", seed=rng)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "One of the clusters is empty")  # then there are fewer groups
+        center, _ = kmeans2(few, k, minit="++", seed=rng)
     squared = np.square(feature).sum(axis=1)[:, None] - 2.0 * feature @ center.T + np.square(center).sum(axis=1)
     return np.asarray(np.unique(np.argmin(squared, axis=1), return_inverse=True)[1], np.int64)
 

@@ -126,7 +126,7 @@ def test_forecast_tells_people_and_machines_the_same_and_draws(log, capsys, tmp_
     assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
     assert evaluate(*options, "--json") == DONE
     table = json.loads(capsys.readouterr().out)
-    assert text.startswith("8 vehicles held out by vehicle, 2 folds, 1 seeds; 20 futures each")
+    assert text.startswith("8 vehicles held out by vehicle, 2 folds, 1 seed; 20 futures each")
     assert [row["name"] for row in table["methods"]] == FORECASTS
     lines = [line.split() for line in text.splitlines() if " s   " in line]
     figures = ("n_cases", "energy", "energy_se", "ade", "fde", "best_of_20", "nll", "coverage_50", "coverage_90")

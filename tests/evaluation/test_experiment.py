@@ -158,13 +158,14 @@ def test_vehicles_whose_names_a_tracker_would_give_are_scored_by_where_they_are(
     assert rmse[1] == pytest.approx(rmse[0])
 
 
-@pytest.mark.parametrize("method", ["prior", "constant velocity"])
-def test_a_gap_longer_than_beliefs_last_is_judged_to_its_end(ring_map, method):
+@pytest.mark.parametrize(("method", "least"), [("prior", 0.85), ("constant velocity", 1.0)])
+def test_a_gap_longer_than_beliefs_last_is_judged_to_its_end(ring_map, method, least):
+    """Of the prior's some are believed to have left the map by then; a belief ends 5 s after it was last seen else."""
     traffic = ring_traffic(np.random.default_rng(8), n_vehicles=4, n_rows=160)
     experiment = TrackingExperiment(n_seeds=1, gap_s=9.0, methods=(method,), filter=FilterConfig(n_particles=100))
     assert experiment.filter.max_gap_s > 9.0 > FilterConfig().max_gap_s
     (found,) = evaluate_tracking(traffic, experiment, sensor=detect, primitive_map=ring_map).methods
-    assert found.reports[0].reported == 1.0
+    assert found.reports[0].reported >= least
     assert TrackingExperiment(gap_s=0.0, filter=FilterConfig(max_gap_s=2.0)).filter.max_gap_s == 2.0
 
 

@@ -89,8 +89,8 @@ def anyhow():
 def test_of_redrawn_particles_a_share_is_of_no_place_at_any_time():
     n, knobs = 20_000, FilterConfig(place_free_share=0.2, redraw_rate=0.4)
     for n_calls in (1, 15):
-        start = {"n": n, "place": (200.0, 200.0), "table_of": tracking_table, "config": knobs}
-        found = moved(anyhow(), 3.0, n_calls=n_calls, **start)
+        start = {"n": n, "place": (100.0, 200.0), "speed": 30.0, "table_of": tracking_table, "config": knobs}
+        found = moved(anyhow(), 3.0, n_calls=n_calls, **start)  # so fast that none stops
         assert stats.binomtest(int((found.manoeuvre > 0).sum()), n, 0.2).pvalue > FALSE_ALARM
         assert stats.binomtest(int((found.manoeuvre > 0).sum()), n, 0.22).pvalue < FALSE_ALARM
     never = moved(anyhow(), 3.0, n=n, place=(200.0, 200.0))

@@ -329,7 +329,8 @@ def test_every_command_runs(tmp_path, capsys, name):
     assert run(["track", log, "--map", learned, "-o", out, "--particles", "50", *options]) == 0
     estimates = read_estimates(out)
     truth = np.array(PLACE)[np.searchsorted(TIMES, estimates.time_ns)]
-    assert len(estimates) == N or (name == UNNAMED and len(estimates) > N / 2)  # who has no name must be confirmed
+    few = N / 2 if name == UNNAMED else N - 3  # one detection confirms nothing
+    assert few < len(estimates) < N
     np.testing.assert_allclose(estimates.position, truth, atol=2.0)
     assert run(["replay", log, "--rate", "inf", "--save", str(tmp_path / "log.rrd"), *options]) == 0
     assert f"{N} frames of /car" in capsys.readouterr().out

@@ -267,7 +267,7 @@ def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path
         "log.mcap",
         "/floor (foxglove.Grid)",
         "/lanes (foxglove.SceneUpdate)",
-        "osi3.GroundTruth",
+        "--fields",
     ):
         assert part in str(told.value)
     assert "\n" not in str(told.value)
