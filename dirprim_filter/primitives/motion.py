@@ -151,11 +151,10 @@ class Motion:
         pace, stands = mean[of_cell, of_mode], mean[of_cell, of_mode] < CREEP
         anywhere = np.nonzero(direction.weight[-1])[0]
         fast = anywhere[mean[-1, anywhere] >= CREEP]
-        free = place_free_manoeuvres(
-            share=[direction.weight[-1, fast].sum()], log_pace=[0.0], log_pace_spread=[1.0], acceleration=[[0.0, 0.0]],
-            push=[ANYWHERE_PUSH], turning=[ANYWHERE_TURNING], curvature=[0.0],
-            standing=float(direction.weight[-1].sum() - direction.weight[-1, fast].sum()), start_rate=START_RATE,
-        )  # fmt: skip
+        moving = float(direction.weight[-1, fast].sum())
+        free = unlearned_place_free(
+            share=moving, standing=float(direction.weight[-1].sum()) - moving, start_rate=START_RATE
+        )
         weight, heading = direction.weight[of_cell, of_mode], direction.mean_direction[of_cell, of_mode]
         turning = 1.0 / np.sqrt(np.maximum(direction.concentration[of_cell, of_mode], 1e-9))
         variance = pace**2 / shape[of_cell, of_mode]
@@ -190,6 +189,14 @@ AMOUNTS = (
 def joined(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> dict[str, Any]:
     """Columns of manoeuvres, one after the other."""
     return {name: np.concatenate([one[name], other[name]]) for name in (*FLOATS, "cell", "mode")}
+
+
+def unlearned_place_free(*, share: float, standing: float, start_rate: float) -> dict[str, FloatArray]:
+    """Place-free manoeuvres where no log says how vehicles move: straight on, or standing."""
+    return place_free_manoeuvres(
+        share=[share], log_pace=[0.0], log_pace_spread=[1.0], acceleration=[[0.0, 0.0]], push=[ANYWHERE_PUSH],
+        turning=[ANYWHERE_TURNING], curvature=[0.0], standing=standing, start_rate=start_rate,
+    )  # fmt: skip
 
 
 def place_free_manoeuvres(

@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 
 CANDIDATES = {"detail": (0.3, 1.0, 3.0), "strength": (30.0, 5.0, 200.0, 1000.0)}
 """Chosen one after the other, by the energy score; the first unless another is better by `WORTH`."""
-SPREADS = (1.4, 2.0, 2.8)
+SPREADS = (1.4, 2.0)
 MOST_ROWS = 300_000
 """Of vehicles drawn at random: of so many rows every manoeuvre has been seen often."""
 LAGS_S = np.array([1.0, 2.0, 3.0, 5.0])
@@ -42,7 +42,6 @@ AT_ONCE = 50
 N_SAMPLES = 32
 FEWEST_GROUPS = 4
 N_FOLDS = 3
-STEP_OF_CHOICE_S = 0.2
 
 
 def learn_motion(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Generator) -> Motion:
@@ -102,7 +101,7 @@ class _Fold:
             self._grouped[knobs.detail] = labels, MotionSums.of(self._seen, *labels, self._primitives)
         labels, sums = self._grouped[knobs.detail]
         motion = motion_of(sums, labels, self._primitives, self._place_free, knobs)
-        table = motion_table(replace(self._primitives, motion=motion), MotionKnobs(step_s=STEP_OF_CHOICE_S))
+        table = motion_table(replace(self._primitives, motion=motion), MotionKnobs())
         path = np.empty((len(self.cases.start), N_SAMPLES, LAGS_S.size, 2))
         dt_s = np.diff(LAGS_S, prepend=0.0)
 

@@ -13,7 +13,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.sparse import csr_array
 
 from dirprim_filter.distributions.angles import difference
-from dirprim_filter.primitives.motion import CREEP, JUMP_S, place_free_manoeuvres
+from dirprim_filter.primitives.motion import CREEP, JUMP_S, place_free_manoeuvres, unlearned_place_free
 from dirprim_filter.primitives.visits import Visits
 from tessellation.arrays import FloatArray, IntArray
 
@@ -56,7 +56,8 @@ def learn_place_free(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[
     standing = visits.seconds[visits.stands].sum()
     left = float(visits.follows()[visits.stands].sum())
     if n == 0:
-        return place_free_manoeuvres(standing=1.0, start_rate=(left + 0.1) / (standing + 1.0)), csr_array((1, 1))
+        anyhow = unlearned_place_free(share=1.0, standing=1.0, start_rate=(left + 0.1) / (standing + 1.0))
+        return anyhow, csr_array((2, 2))
     columns = _of_groups(label[moves], visits.speed[moves], gained[moves], turned[moves])
     _add_straight_on(columns, visits.speed[moves])
     label[stands] = n + 1

@@ -326,7 +326,7 @@ def test_every_command_runs(tmp_path, capsys, name):
     assert topic["tracks"] == (None if options == NAMED else 1)
     flat = ["--tessellation", "grid", "--cell-size", "10", "--modes", "dbscan", "--primitive", "flat"]
     assert run(["learn", log, "-o", learned, *flat, *options]) == 0
-    assert run(["track", log, "--map", learned, "-o", out, "--particles", "50", *options]) == 0
+    assert run(["track", log, "--map", learned, "-o", out, "--particles", "200", *options]) == 0
     estimates = read_estimates(out)
     truth = np.array(PLACE)[np.searchsorted(TIMES, estimates.time_ns)]
     few = N / 2 if name == UNNAMED else N - 3  # one detection confirms nothing
