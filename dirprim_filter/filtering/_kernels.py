@@ -20,10 +20,10 @@ from dirprim_filter.primitives._motion import MotionTable
 from tessellation.arrays import FloatArray, IntArray
 
 KERNEL_SHARE = 0.5
+"""Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
 FEW = 0.1
 """Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, copies are spread
 in position too."""
-"""Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
 
 
 class Cloud(NamedTuple):

@@ -9,7 +9,7 @@ from dirprim_filter.primitives.motion_table import MotionKnobs
 from dirprim_filter.primitives.motion_table import motion_table as table_of
 
 STRAIGHT_SHARE = 2.0
-"""Against all other place-free manoeuvres: a filter looks for vehicles that go straight on even if the log has none."""
+"""Against 1 for all other place-free manoeuvres: a filter looks for who goes straight on even if the log has none."""
 
 
 def tracking_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:

@@ -45,13 +45,12 @@ def learn_place_free(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[
         rng: draws the instants that are grouped, and where groups begin.
     """
     stands = visits.stands[visits.of_instant]
-    second, third = visits.later(JUMP_S), visits.later(2.0 * JUMP_S)
-    gained = np.where(second >= 0, visits.speed[second] - visits.speed, np.nan)
-    turned = np.where(second >= 0, difference(visits.course[second], visits.course), np.nan)
-    moves = np.flatnonzero((third >= 0) & ~stands)
-    feature = _features(visits.speed, gained, turned, moves, third=second)
+    later, still_later = visits.later(JUMP_S), visits.later(2.0 * JUMP_S)
+    gained = np.where(later >= 0, visits.speed[later] - visits.speed, np.nan)
+    turned = np.where(later >= 0, difference(visits.course[later], visits.course), np.nan)
+    moves = np.flatnonzero((still_later >= 0) & ~stands)
     label = np.full(visits.speed.size, -1, np.int64)
-    label[moves] = _grouped(feature, rng)
+    label[moves] = _grouped(_features(visits.speed, gained, turned, moves, later[moves]), rng)
     n = int(label.max(initial=-1)) + 1
     standing = visits.seconds[visits.stands].sum()
     left = float(visits.follows()[visits.stands].sum())
@@ -61,11 +60,7 @@ def learn_place_free(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[
     columns = _of_groups(label[moves], visits.speed[moves], gained[moves], turned[moves])
     _add_straight_on(columns, visits.speed[moves])
     label[stands] = n + 1
-    known = np.flatnonzero((second >= 0) & (label >= 0))
-    known = known[label[second[known]] >= 0]
-    before, after = np.append(label[known], [n] * (n + 1)), np.append(label[second[known]], np.arange(n + 1))
-    count = np.append(np.ones(known.size), np.where(np.arange(n + 1) == n, STRAIGHT_KEPT, columns["share"]))
-    follow = csr_array((count, (before, after)), shape=(n + 2, n + 2))
+    follow = _follow(label, later, columns["share"])
     share = standing / max(visits.seconds.sum(), 1e-9)
     columns["share"] = columns["share"] * (1.0 - share)
     return place_free_manoeuvres(**columns, standing=share, start_rate=(left + 0.1) / (standing + 1.0)), follow
@@ -83,11 +78,23 @@ def _add_straight_on(columns: dict[str, FloatArray], speed: FloatArray) -> None:
         columns[name] = np.concatenate([columns[name], np.asarray(value)[None]])
 
 
+def _follow(label: IntArray, later: IntArray, share: FloatArray) -> csr_array:
+    """How often one manoeuvre followed the other, from the label of each instant and of that `JUMP_S` later.
+
+    Of `share` (k,) manoeuvres in motion the last goes straight on, whom no instant shows; behind them is standing.
+    """
+    known = np.flatnonzero((later >= 0) & (label >= 0))
+    known = known[label[later[known]] >= 0]
+    k = share.size
+    before, after = np.append(label[known], np.full(k, k - 1)), np.append(label[later[known]], np.arange(k))
+    count = np.append(np.ones(known.size), np.append(share[:-1], STRAIGHT_KEPT))
+    return csr_array((count, (before, after)), shape=(k + 1, k + 1))
+
+
 def _features(
-    speed: FloatArray, gained: FloatArray, turned: FloatArray, moves: IntArray, *, third: IntArray
-) -> FloatArray:
+    speed: FloatArray, gained: FloatArray, turned: FloatArray, moves: IntArray, later: IntArray
+) -> FloatArray:  # fmt: skip
     """(m, 5) speed, and what is gained and turned in this second and the next, by how much is typical."""
-    later = third[moves]
     columns = [np.log(speed[moves] + 1.0) / LOG_PACE]
     for change in (gained, turned):
         typical = np.sqrt(np.mean(np.square(change[moves]))) + 1e-6 if moves.size else 1.0
