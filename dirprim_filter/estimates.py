@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.tracks import as_texts, as_times, as_track_ids, check_lengths
+from dirprim_filter.track_ids import as_texts, as_track_ids
+from dirprim_filter.tracks import as_times, check_lengths
 from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
 COASTING_FROM_S = 0.5

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dirprim_filter.tracks import Tracks, world_names
+from dirprim_filter.track_ids import world_names
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 BACKWARDS_M = 3.0

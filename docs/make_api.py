@@ -32,7 +32,8 @@ MODULES = (
     "dirprim_filter.evaluation.metrics.comparison", "dirprim_filter.evaluation.metrics.hota",
     "dirprim_filter.evaluation.metrics.clear_mot", "dirprim_filter.evaluation.metrics.identity",
     "dirprim_filter.evaluation.metrics.gospa", "dirprim_filter.evaluation.metrics.trajectory_gospa",
-    "dirprim_filter.evaluation.forecasting", "dirprim_filter.simulation.sensor", "dirprim_filter.viewer.stream",
+    "dirprim_filter.evaluation.forecasting", "dirprim_filter.evaluation.forecast_cases",
+    "dirprim_filter.evaluation.forecast_methods", "dirprim_filter.simulation.sensor", "dirprim_filter.viewer.stream",
     "dirprim_filter.viewer.sink", "dirprim_filter.viewer.figures",
 )  # fmt: skip
 """Of these, what they define."""

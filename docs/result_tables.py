@@ -211,7 +211,8 @@ TABLES: dict[str, Table] = {
             Column(head="energy at 5 s, m", read=energy(5, to_last=False)),
             Column(head="in the 90 % region", read=coverages, beside=" to {}"),
         ),
-        code=("dirprim_filter/evaluation/forecasting.py", "dirprim_filter/evaluation/baselines", *FILTER),
+        code=("dirprim_filter/evaluation/forecasting.py", "dirprim_filter/evaluation/forecast_cases.py",
+            "dirprim_filter/evaluation/forecast_methods.py", "dirprim_filter/evaluation/baselines", *FILTER),
         minutes=30,
     ),
     "tracking": Table(

@@ -12,13 +12,8 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.track_log import TrackLog
-from dirprim_filter.tracks import (
-    Tracks,
-    as_texts,
-    as_track_ids,
-    vehicle_numbers,
-    world_names,
-)
+from dirprim_filter.track_ids import as_texts, as_track_ids, vehicle_numbers, world_names
+from dirprim_filter.tracks import Tracks
 
 GOOD = {
     "track_id": [4, 4, 9], "time_ns": [0, 10, 0], "position": np.zeros((3, 2)),

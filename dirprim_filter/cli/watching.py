@@ -32,7 +32,7 @@ def open_viewer(
     What is shown of one `place` shares the layout of a viewer that stays open.
     """
     from dirprim_filter.recording import read_tracks
-    from dirprim_filter.tracks import world_names
+    from dirprim_filter.track_ids import world_names
     from dirprim_filter.viewer.focus import DRAWN_IN_FULL
     from dirprim_filter.viewer.stream import open_stream
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.distributions.angles import TWO_PI
-from dirprim_filter.tracks import numbered
+from dirprim_filter.track_ids import numbered
 from tessellation.arrays import AnyArray, FloatArray
 
 ByteArray = npt.NDArray[np.uint8]

@@ -7,180 +7,24 @@ method can raise it by being surer, or less sure, than it has reason to be.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from dirprim_filter.evaluation import _kernels
-from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
+from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, Cases
+from dirprim_filter.evaluation.forecast_methods import METHODS, Fit
 from dirprim_filter.evaluation.splits import SplitBy, split
 from dirprim_filter.evaluation.steps import StepCount
-from dirprim_filter.filtering.futures import forecast_states
-from dirprim_filter.primitives import PrimitiveMap, learn_primitives
-from dirprim_filter.tracks import Tracks, world_names
-from tessellation.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.tracks import Tracks
+from tessellation.arrays import AnyArray, FloatArray
 
-HORIZONS_S = tuple(0.5 * i for i in range(1, 17))
-START_EVERY_S = 1.0
-MAX_STARTS = 8
-"""Of a vehicle: that one which waits for minutes does not outweigh all others."""
-MAX_MATCH_S = 0.25
-"""Between rows further from an instant than this, where the vehicle was is not known."""
 BATCH = 20
 """Samples that the best-of score may choose from."""
 MIN_CASES = 20
 """Below it a horizon is not scored: too few vehicles are still there."""
-
-
-class Cases(NamedTuple):
-    """Instants from which forecasts are made, and what came after.
-
-    Attributes:
-        vehicle: (n,) number of the vehicle, (group, id), among those forecast.
-        name: (n,) str, the vehicle's id, with its group's: the same whichever vehicles it is forecast with.
-        group: (n,) the vehicle's.
-        position: (n, 2) metres.
-        direction: (n,) radians.
-        speed: (n,) m/s.
-        later: (n, n_horizons, 2) metres, where the vehicle was that much later; NaN where the log does not say.
-    """
-
-    vehicle: IntArray
-    name: AnyArray
-    group: IntArray
-    position: FloatArray
-    direction: FloatArray
-    speed: FloatArray
-    later: FloatArray
-
-    @classmethod
-    def of(cls, tracks: Tracks, *, horizons_s: Sequence[float] = HORIZONS_S) -> Cases:
-        """Up to `MAX_STARTS` instants of each vehicle, `START_EVERY_S` apart, spread over its track."""
-        vehicle = tracks.vehicle
-        order = np.lexsort((tracks.time_ns, vehicle))
-        first = np.searchsorted(vehicle[order], np.arange(tracks.n_tracks + 1))
-        starts: list[IntArray] = []
-        later: list[FloatArray] = []
-        for v in range(first.size - 1):
-            rows = order[first[v] : first[v + 1]]
-            time_s = (tracks.time_ns[rows] - tracks.time_ns[rows[0]]) * 1e-9
-            at = _spread(time_s, horizon_s=min(horizons_s))
-            starts.append(rows[at])
-            wanted = time_s[at][:, None] + np.asarray(horizons_s)
-            later.append(_position_at(wanted, time_s, tracks.position[rows]))
-        row = np.concatenate(starts)
-        return cls(
-            vehicle=np.asarray(vehicle[row], np.int64),
-            name=world_names(tracks.track_id[row], tracks.group[row]),
-            group=tracks.group[row],
-            position=tracks.position[row],
-            direction=tracks.direction[row],
-            speed=tracks.speed[row],
-            later=np.concatenate(later),
-        )
-
-
-def _spread(time_s: FloatArray, *, horizon_s: float) -> IntArray:
-    """Rows at which to start, so that at least the nearest horizon is seen."""
-    last = time_s[-1] - horizon_s
-    if last < 0:
-        return np.empty(0, np.int64)
-    instants = np.arange(0.0, last + 1e-6, START_EVERY_S)
-    chosen = np.unique(np.linspace(0, instants.size - 1, min(instants.size, MAX_STARTS)).round().astype(np.int64))
-    return np.unique(np.searchsorted(time_s, instants[chosen] - 1e-6)).astype(np.int64)
-
-
-def _position_at(wanted: FloatArray, time_s: FloatArray, position: FloatArray) -> FloatArray:
-    """(...) seconds -> (..., 2), linear between rows at most `MAX_MATCH_S` away; NaN elsewhere."""
-    found = np.stack([np.interp(wanted, time_s, position[:, axis]) for axis in (0, 1)], axis=-1)
-    after = np.clip(np.searchsorted(time_s, wanted - 1e-6), 0, time_s.size - 1)
-    before = np.maximum(after - 1, 0)
-    near = np.abs(time_s[after] - wanted) <= 1e-6
-    between = (time_s[before] <= wanted) & (wanted <= time_s[after])
-    near |= between & (wanted - time_s[before] <= MAX_MATCH_S) & (time_s[after] - wanted <= MAX_MATCH_S)
-    return np.where(near[..., None], found, np.nan)
-
-
-SampleFutures = Callable[[Cases, int, np.random.Generator], FloatArray]
-"""Cases, number of samples -> (n, n_samples, n_horizons, 2) metres."""
-Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, SampleFutures]]
-"""Learns from tracks to forecast to some horizons, seconds: one or more rows of the table, by name."""
-
-
-def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
-    """The map as it is learned by default, and the same without its cells."""
-    learned = learn_primitives(train, rng=rng)
-    return {"prior": futures_of(learned, horizons_s), "place-free": futures_of(learned.without_places(), horizons_s)}
-
-
-def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
-    """The same learning with a single cell for all places: the negative control. What is left owes nothing to cells."""
-    learned = learn_primitives(train, tessellation="grid", n_cells=1, rng=rng)
-    return {"one cell": futures_of(learned, horizons_s)}
-
-
-def futures_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleFutures:
-    """Forecasts on a map."""
-
-    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
-        return forecast_states(
-            primitive_map, position=cases.position, direction=cases.direction, speed=cases.speed,
-            time_s=horizons_s, n_samples=n_samples, rng=rng,
-        )  # fmt: skip
-
-    return sample
-
-
-def by_trajectory_memory(
-    train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator
-) -> dict[str, SampleFutures]:
-    """Each vehicle goes on as a training vehicle that moved like it at this place."""
-    memory = TrajectoryMemory.of(train).chosen(rng=rng)
-
-    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
-        now = States(cases.position, cases.direction, cases.speed)
-        return memory.sample(now, time_s=np.asarray(horizons_s), n_samples=n_samples, rng=rng)
-
-    return {"trajectory memory": sample}
-
-
-def by_constant_velocity(
-    train: Tracks, horizons_s: tuple[float, ...], _rng: np.random.Generator
-) -> dict[str, SampleFutures]:
-    """On as now, with Gaussian errors along the way and across it as large as the training vehicles' at each horizon.
-
-    Fitted to each horizon by itself, not to the changes from one row to the next: those are smooth, and white
-    acceleration fitted to them falls short at once.
-    """
-    cases = Cases.of(train, horizons_s=horizons_s)
-    error = _turned(cases.later - _straight_on(cases, horizons_s), -cases.direction)
-    seen = np.maximum(np.isfinite(error).sum(axis=0), 1)
-    std = np.sqrt(np.nansum(error**2, axis=0) / seen)  # (n_horizons, 2)
-
-    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
-        drawn = std * rng.standard_normal((cases.speed.size, n_samples, *std.shape))
-        return np.asarray(_straight_on(cases, horizons_s)[:, None] + _turned(drawn, cases.direction))
-
-    return {"constant velocity": sample}
-
-
-def _straight_on(cases: Cases, horizons_s: Sequence[float]) -> FloatArray:
-    """(n, n_horizons, 2) where the vehicles would be as they move now."""
-    velocity = cases.speed[:, None] * np.column_stack([np.cos(cases.direction), np.sin(cases.direction)])
-    return np.asarray(cases.position[:, None] + velocity[:, None] * np.asarray(horizons_s)[:, None])
-
-
-def _turned(vector: FloatArray, angle: FloatArray) -> FloatArray:
-    """(n, ..., 2) vectors, each turned by its angle, (n,) radians counter-clockwise."""
-    shape = (angle.size, *[1] * (vector.ndim - 2))
-    cosine, sine = np.cos(angle).reshape(shape), np.sin(angle).reshape(shape)
-    x, y = vector[..., 0], vector[..., 1]
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-
-
-METHODS: tuple[Fit, ...] = (by_map, by_one_cell, by_trajectory_memory, by_constant_velocity)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

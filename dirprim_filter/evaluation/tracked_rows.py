@@ -7,15 +7,8 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.tracks import (
-    Tracks,
-    as_texts,
-    as_times,
-    as_track_ids,
-    check_lengths,
-    check_not_repeated,
-    vehicle_numbers,
-)
+from dirprim_filter.track_ids import as_texts, as_track_ids, check_not_repeated, vehicle_numbers
+from dirprim_filter.tracks import Tracks, as_times, check_lengths
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray, as_floats
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 MOVING_FROM = 0.5

@@ -13,7 +13,7 @@ from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import Observations, Reading, TimedRows, log_losses
 from dirprim_filter.recording.scan import Scan
-from dirprim_filter.tracks import repeated_rows, vehicle_numbers
+from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 
 class DetectionStream:

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.recording.schemas.shredded import NO_TIME
-from dirprim_filter.tracks import Numbers
+from dirprim_filter.track_ids import Numbers
 from tessellation.arrays import IntArray
 
 LONG_STEP_NS = 10_000_000_000

@@ -14,7 +14,8 @@ from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
 from dirprim_filter.recording.damage import Damage
 from dirprim_filter.recording.drops import ClockFaults, Drops
 from dirprim_filter.recording.observations import TimedRows
-from dirprim_filter.tracks import Numbers, Tracks, as_track_ids, repeated_rows, vehicle_numbers
+from dirprim_filter.track_ids import Numbers, as_track_ids, repeated_rows, vehicle_numbers
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 
 

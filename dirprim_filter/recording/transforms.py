@@ -28,7 +28,7 @@ from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas.fields import SchemaError
 from dirprim_filter.recording.schemas.shredded import NO_TIME, signed
 from dirprim_filter.recording.schemas.transform_messages import FAMILIES, NO_TRANSFORMS, TransformRows, transforms_of
-from dirprim_filter.tracks import Numbers
+from dirprim_filter.track_ids import Numbers
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)

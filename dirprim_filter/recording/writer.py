@@ -25,7 +25,8 @@ from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC, map_scene
 from dirprim_filter.recording.foxglove.objects import detections_scene, tracks_scene
 from dirprim_filter.recording.mcap_log import McapLog
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
-from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import FloatArray, IntArray
 
 OBJECTS_TOPIC = "/objects"

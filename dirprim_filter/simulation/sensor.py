@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
 
 
 def detect(

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.estimates import TrackedFrame
-from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import FloatArray
 
 Color = tuple[int, int, int]

@@ -6,10 +6,8 @@ What is true for the whole log is static; all else stands on the log's own time 
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from itertools import chain, compress, repeat
-from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -31,14 +29,12 @@ from dirprim_filter.viewer.curves import Tally, Truth, metrics
 from dirprim_filter.viewer.focus import DRAWN_IN_FULL, Focus
 from dirprim_filter.viewer.legend import Legend
 from dirprim_filter.viewer.lifelines import Lifelines
-from dirprim_filter.viewer.program import WebServer
+from dirprim_filter.viewer.outlet import Outlet
 from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.scenery import scenery
 from dirprim_filter.viewer.smoothed import SmoothedWays
 from dirprim_filter.viewer.timeline import time_column
 from tessellation.arrays import BoolArray, FloatArray, IntArray
-
-logger = logging.getLogger(__name__)
 
 BATCH_FRAMES = 64
 """Frames that a file gets at a time; a viewer gets each as it comes."""
@@ -46,45 +42,6 @@ BUSY_SHARE = 0.75
 """The view is fitted to the square that holds this share of the traffic."""
 BOX_PATH = "/view"
 """Tells which part of the plane the view is fitted to."""
-
-
-class Outlet:
-    """Where a sink's frames go, and how it ends.
-
-    Args:
-        stream: to a file, a viewer or both.
-        file: an .rrd under its temporary name, and its own.
-        live: somebody may be watching.
-        server: of the web viewer, which ends with the stream.
-    """
-
-    def __init__(
-        self,
-        stream: rr.RecordingStream,
-        *,
-        file: tuple[Path, Path] | None,
-        live: bool,
-        server: WebServer | None = None,
-    ) -> None:
-        self.stream = stream
-        self.live = live
-        self.server = server
-        self._file = file
-
-    def close(self, *, whole: bool) -> None:
-        """A file gets its name if it is whole, else keeps its temporary one."""
-        self.stream.flush()
-        self.stream.disconnect()
-        if self.server is not None:
-            self.server.stop()
-        if self._file is None:
-            return
-        part, save = self._file
-        self._file = None
-        if whole:
-            part.replace(save)
-        else:
-            logger.warning("%s: holds what was written before the error", part)
 
 
 class RerunSink:

@@ -11,8 +11,9 @@ import rerun as rr
 
 from dirprim_filter.viewer.focus import DRAWN_IN_FULL
 from dirprim_filter.viewer.marks import ParticleColor
+from dirprim_filter.viewer.outlet import Outlet
 from dirprim_filter.viewer.program import WebServer, require_listener, spawn_viewer
-from dirprim_filter.viewer.sink import Outlet, RerunSink
+from dirprim_filter.viewer.sink import RerunSink
 
 
 def open_stream(

@@ -15,14 +15,10 @@ import sys
 import numpy as np
 
 from dirprim_filter import read_tracks
-from dirprim_filter.evaluation import forecasting
-from dirprim_filter.evaluation.forecasting import (
-    Cases,
-    by_constant_velocity,
-    by_map,
-    by_trajectory_memory,
-    evaluate_forecasts,
-)
+from dirprim_filter.evaluation import forecast_cases
+from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.forecast_methods import by_constant_velocity, by_map, by_trajectory_memory
+from dirprim_filter.evaluation.forecasting import evaluate_forecasts
 
 try:
     import torch
@@ -78,10 +74,10 @@ def by_network(train, horizons_s, rng):
     """A network for the last of the horizons; the others it does not know."""
     torch.manual_seed(int(rng.integers(2**31)))
     torch.set_num_threads(2)
-    kept = forecasting.START_EVERY_S, forecasting.MAX_STARTS
-    forecasting.START_EVERY_S, forecasting.MAX_STARTS = EVERY_S, MOST_STARTS
+    kept = forecast_cases.START_EVERY_S, forecast_cases.MAX_STARTS
+    forecast_cases.START_EVERY_S, forecast_cases.MAX_STARTS = EVERY_S, MOST_STARTS
     cases = Cases.of(train, horizons_s=horizons_s)
-    forecasting.START_EVERY_S, forecasting.MAX_STARTS = kept
+    forecast_cases.START_EVERY_S, forecast_cases.MAX_STARTS = kept
     known = np.isfinite(cases.later[:, -1, 0])
     center, scale = cases.position.mean(axis=0), cases.position.std()
 

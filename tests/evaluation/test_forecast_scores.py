@@ -5,15 +5,9 @@ import pytest
 from scipy import stats
 
 from dirprim_filter.evaluation import _kernels
-from dirprim_filter.evaluation.forecasting import (
-    SCORES,
-    Cases,
-    by_constant_velocity,
-    by_trajectory_memory,
-    evaluate_forecasts,
-    score_cases,
-    standard_error,
-)
+from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.forecast_methods import by_constant_velocity, by_trajectory_memory
+from dirprim_filter.evaluation.forecasting import SCORES, evaluate_forecasts, score_cases, standard_error
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 

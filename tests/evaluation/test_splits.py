@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter.evaluation.cues import steps_between_cells
-from dirprim_filter.evaluation.forecasting import Cases
+from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.evaluation.splits import honest_split, split, thinned
 from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.primitives import learn_primitives

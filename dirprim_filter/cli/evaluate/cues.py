@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.evaluate.report import Folds, Json, MinSpeed, Report, table_line
-from dirprim_filter.cli.options import Cells, Force, Logs, Plot, Seed, Tessellation, WholeVehicles
+from dirprim_filter.cli.evaluate.report import Experiment, Folds, Json, MinSpeed, Split, table_line
+from dirprim_filter.cli.options import Cells, Force, Logs, Plot, Seed, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import check_plot
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.cues import CueTable, SignalExample
@@ -21,9 +18,7 @@ if TYPE_CHECKING:
 @reads_logs
 def cues(
     logs: Logs,
-    split: Annotated[
-        WholeVehicles | None, typer.Option(help="Hold out so; left out, by group if there are several.")
-    ] = None,
+    split: Split = None,
     folds: Folds = 5,
     tessellation: Tessellation = Cells.JOINT,
     min_speed: MinSpeed = 0.5,
@@ -43,15 +38,17 @@ def cues(
     from dirprim_filter.evaluation.cues import evaluate_cues, turn_signal_example
     from dirprim_filter.primitives import learn_primitives
 
-    check_plot(plot, force=force)
-    log = reading.tracks(logs)
+    experiment = Experiment.on(
+        logs, command="evaluate cues", reading=reading, plot=plot, as_json=as_json, force=force
+    )  # fmt: skip
+    tracks = experiment.log.tracks
     deal, learn, draw = np.random.default_rng(seed).spawn(3)
-    with step_progress("evaluating", "folds") as told:
+    with step_progress("evaluating", "folds") as step:
         table = evaluate_cues(
-            log.tracks, split_by=None if split is None else split.value, n_folds=folds, tessellation=tessellation.value,
-            min_speed=min_speed, progress=told, rng=deal,
+            tracks, split_by=None if split is None else split.value, n_folds=folds, tessellation=tessellation.value,
+            min_speed=min_speed, progress=step, rng=deal,
         )  # fmt: skip
-    learned = learn_primitives(log.tracks, tessellation=tessellation.value, rng=learn)
+    learned = learn_primitives(tracks, tessellation=tessellation.value, rng=learn)
     example = turn_signal_example(learned, rng=draw)
 
     def figure() -> Figure:
@@ -59,16 +56,15 @@ def cues(
 
         return cue_table_figure(table)
 
-    experiment = {
+    settings = {
         "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation.value, "min_speed": min_speed,
         "seed": seed,
     }  # fmt: skip
     signal = asdict(example) | {"position": example.position.tolist()}
-    report = Report(
-        command="evaluate cues", inputs=logs, reading=reading, experiment=experiment,
-        table={"table": asdict(table), "turn_signal": signal}, text=lambda: cues_text(table, example), figure=figure,
+    return experiment.report(
+        {"table": asdict(table), "turn_signal": signal}, settings=settings, text=lambda: cues_text(table, example),
+        figure=figure,
     )  # fmt: skip
-    return report.deliver(log, plot=plot, as_json=as_json, force=force)
 
 
 def cues_text(table: CueTable, example: SignalExample) -> str:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.evaluate.report import Folds, Json, MinSpeed, Report, table_line
+from dirprim_filter.cli.evaluate.report import Experiment, Folds, Json, MinSpeed, table_line
 from dirprim_filter.cli.options import Force, Logs, Plot, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import check_plot
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.density import DensityScore, DensityTable
@@ -32,10 +31,10 @@ def density(
     logs: Logs,
     split: Annotated[
         SplitBy | None,
-        typer.Option(help="Hold out so; left out, by group if there are several, else by vehicle. random: 10 % each."),
+        typer.Option(help="What to hold out together. Default: groups if the log has several. random: 10 % of rows."),
     ] = None,
     folds: Folds = 5,
-    every: Annotated[float | None, typer.Option(help="Seconds between a vehicle's rows; left out, all rows.")] = None,
+    every: Annotated[float | None, typer.Option(help="Seconds between a vehicle's rows. Default: all rows.")] = None,
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
     reading: Reading = Reading(),
@@ -52,12 +51,13 @@ def density(
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.density import evaluate_density
 
-    check_plot(plot, force=force)
-    log = reading.tracks(logs)
-    with step_progress("evaluating", "fits") as told:
+    experiment = Experiment.on(
+        logs, command="evaluate density", reading=reading, plot=plot, as_json=as_json, force=force
+    )  # fmt: skip
+    with step_progress("evaluating", "fits") as step:
         table = evaluate_density(
-            log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
-            interval_s=every, progress=told, rng=np.random.default_rng(seed),
+            experiment.log.tracks, split_by=None if split is None else split.value, n_folds=folds, min_speed=min_speed,
+            interval_s=every, progress=step, rng=np.random.default_rng(seed),
         )  # fmt: skip
 
     def figure() -> Figure:
@@ -65,14 +65,12 @@ def density(
 
         return density_table_figure(table)
 
-    experiment = {
+    settings = {
         "split_by": table.split_by, "n_folds": folds, "interval_s": every, "min_speed": min_speed, "seed": seed
     }  # fmt: skip
-    report = Report(
-        command="evaluate density", inputs=logs, reading=reading, experiment=experiment, table=asdict(table),
-        text=lambda: density_text(table), figure=figure,
+    return experiment.report(
+        asdict(table), settings=settings, text=lambda: density_text(table), figure=figure
     )  # fmt: skip
-    return report.deliver(log, plot=plot, as_json=as_json, force=force)
 
 
 def density_text(table: DensityTable) -> str:
@@ -92,5 +90,5 @@ def density_text(table: DensityTable) -> str:
             if score is not None:
                 figures = (score.mean, score.std, score.fold_std, score.mean_log, score.fold_log_std)
                 lines.append(table_line(row.name, [f"{figure:.3f}" for figure in figures], width=13))
-    told = [f"{row.name}: {row.setting}: the best for these rows" for row in table.methods if row.setting]
-    return "\n".join([*lines, "", *told])
+    chosen = [f"{row.name}: {row.setting}, the best for these rows" for row in table.methods if row.setting]
+    return "\n".join([*lines, "", *chosen])

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.evaluate.report import Json, Report
-from dirprim_filter.cli.options import Config, Force, Logs, Plot, WholeVehicles, former
+from dirprim_filter.cli.evaluate.report import Experiment, Json, Split
+from dirprim_filter.cli.options import Config, Force, Logs, Plot, former
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import check_plot, read_experiment
+from dirprim_filter.cli.results import read_experiment
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
@@ -30,18 +30,15 @@ FIGURES = {
 @reads_logs
 def forecast(
     logs: Logs,
-    split: Annotated[
-        WholeVehicles | None,
-        typer.Option(help="Hold out so; left out, by group if there are several, else by vehicle."),
-    ] = None,
+    split: Split = None,
     config: Config = None,
     horizon: Annotated[
-        list[float] | None, typer.Option(help="Seconds ahead; may be given again. Left out, 0.5 to 8 s.")
+        list[float] | None, typer.Option(help="Seconds ahead; may be repeated. Default: 0.5 to 8 s.")
     ] = None,
-    folds: Annotated[int | None, typer.Option(min=2, help="Parts of the vehicles, each held out once; 4.")] = None,
-    seeds: Annotated[int | None, typer.Option(min=1, help="How many times vehicles are dealt anew; 1.")] = None,
-    samples: Annotated[int | None, typer.Option(min=20, help="Futures of each vehicle; 100.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result; 0.")] = None,
+    folds: Annotated[int | None, typer.Option(min=2, help="Number of folds, each held out once. Default: 4.")] = None,
+    seeds: Annotated[int | None, typer.Option(min=1, help="Number of random splits. Default: 1.")] = None,
+    samples: Annotated[int | None, typer.Option(min=20, help="Rollouts of each vehicle. Default: 100.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result. Default: 0.")] = None,
     reading: Reading = Reading(),
     plot: Plot = None,
     by_group: Annotated[bool, former("--by-group", "--split group")] = False,
@@ -57,52 +54,51 @@ def forecast(
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.evaluation.forecasting import evaluate_forecasts
 
-    check_plot(plot, force=force)
-    asked: dict[str, Any] = {
+    given: dict[str, Any] = {
         "split_by": "group" if by_group else split and split.value, "horizons_s": horizon or None, "n_folds": folds,
         "n_seeds": seeds, "n_samples": samples, "seed": seed,
     }  # fmt: skip
-    told_before = read_experiment(config, of="evaluate forecast")
-    log = reading.tracks(logs)
-    experiment = _experiment(told_before | {name: value for name, value in asked.items() if value is not None}, log)
-    drawn = np.random.default_rng(experiment["seed"])
-    with step_progress("evaluating", "fits") as told:
+    configured = read_experiment(config, of="evaluate forecast")
+    experiment = Experiment.on(
+        logs, command="evaluate forecast", reading=reading, plot=plot, as_json=as_json, force=force
+    )  # fmt: skip
+    settings = _settings(
+        configured | {name: value for name, value in given.items() if value is not None}, experiment.log
+    )  # fmt: skip
+    rng = np.random.default_rng(settings["seed"])
+    with step_progress("evaluating", "fits") as step:
         table = evaluate_forecasts(
-            log.tracks,
-            **{name: value for name, value in experiment.items() if name != "seed"},
-            progress=told,
-            rng=drawn,
-        )
+            experiment.log.tracks, **{name: value for name, value in settings.items() if name != "seed"},
+            progress=step, rng=rng,
+        )  # fmt: skip
 
     def figure() -> Figure:
         from dirprim_filter.viewer.charts import forecast_chart
 
         return forecast_chart(table)
 
-    report = Report(
-        command="evaluate forecast", inputs=logs, reading=reading, experiment=experiment, table=asdict(table),
-        text=lambda: forecast_text(table), figure=figure,
+    return experiment.report(
+        asdict(table), settings=settings, text=lambda: forecast_text(table), figure=figure
     )  # fmt: skip
-    return report.deliver(log, plot=plot, as_json=as_json, force=force)
 
 
-def _experiment(told: Mapping[str, Any], log: TrackLog) -> dict[str, Any]:
-    """What is told, and of the rest what is usual.
+def _settings(given: Mapping[str, Any], log: TrackLog) -> dict[str, Any]:
+    """The settings given, completed by the defaults.
 
     Raises:
-        ValueError: a name that is none of the experiment's.
+        ValueError: an unknown setting.
     """
-    from dirprim_filter.evaluation.forecasting import HORIZONS_S
+    from dirprim_filter.evaluation.forecast_cases import HORIZONS_S
     from dirprim_filter.evaluation.splits import honest_split
 
-    usual: dict[str, Any] = {
+    defaults: dict[str, Any] = {
         "split_by": honest_split(log.tracks), "horizons_s": list(HORIZONS_S), "n_folds": 4, "n_seeds": 1,
         "n_samples": 100, "seed": 0,
     }  # fmt: skip
-    for name in told:
-        if name not in usual:
-            raise ValueError(f"experiment: {name}: expected one of {', '.join(usual)}")
-    return usual | dict(told)
+    for name in given:
+        if name not in defaults:
+            raise ValueError(f"experiment: {name}: expected one of {', '.join(defaults)}")
+    return defaults | dict(given)
 
 
 def forecast_text(table: ForecastTable) -> str:

@@ -1,66 +1,110 @@
-"""What every experiment ends with: its table for people or machines, its picture, its exit code."""
+"""What all experiments share: logs are read before, a table, a figure and an exit code come after."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
 from dirprim_filter.cli import losses
+from dirprim_filter.cli.options import WholeVehicles
 from dirprim_filter.cli.reading import Reading
-from dirprim_filter.cli.results import as_json, result_object
+from dirprim_filter.cli.results import as_json as json_of
+from dirprim_filter.cli.results import check_plot, result_object
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.track_log import TrackLog
     from dirprim_filter.viewer.figures import Figure
 
-Folds = Annotated[int, typer.Option(min=1, help="How many times rows are held out.")]
-MinSpeed = Annotated[float, typer.Option(min=0.0, help="m/s; slower rows do not count, as in the paper.")]
-Json = Annotated[bool, typer.Option("--json", help="All figures and the experiment, for machines.")]
+Split = Annotated[
+    WholeVehicles | None, typer.Option(help="What to hold out together. Default: groups if the log has several.")
+]
+Folds = Annotated[int, typer.Option(min=1, help="Number of folds, each held out once.")]
+MinSpeed = Annotated[float, typer.Option(min=0.0, help="m/s; slower rows are left out, as in the paper.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the experiment and all figures as JSON.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
-    """An experiment that has run.
+class Experiment:
+    """An experiment on logs, from reading them to its report.
 
     Attributes:
         command: its name after `dirprim`.
-        inputs: the files that it read.
-        reading: the options by which it read them.
-        experiment: what the figures follow from.
-        table: the figures, for machines.
-        text: the figures, for people.
-        figure: draws them.
+        inputs: the files it reads.
+        reading: the options for reading them.
+        plot: the figure to write, if any.
+        as_json: print JSON instead of text.
+        force: let the figure replace a file.
+        log: the tracks to evaluate on.
     """
 
     command: str
     inputs: Sequence[Path]
     reading: Reading
-    experiment: Mapping[str, Any]
-    table: Mapping[str, Any]
-    text: Callable[[], str]
-    figure: Callable[[], Figure]
+    plot: Path | None
+    as_json: bool
+    force: bool
+    log: TrackLog
 
-    def deliver(self, log: TrackLog, *, plot: Path | None, as_json: bool, force: bool) -> int:
-        """Draw and print it; -> the exit code."""
-        if plot is not None:
+    @classmethod
+    def on(
+        cls,
+        logs: list[Path],
+        *,
+        command: str,
+        reading: Reading,
+        plot: Path | None,
+        as_json: bool,
+        force: bool,
+        more_inputs: Sequence[Path] = (),
+    ) -> Self:
+        """Read the logs, once it is sure that the figure can be written.
+
+        Raises:
+            ValueError: the figure's file exists, or its format is unknown.
+            RecordingError: a log cannot be read.
+        """
+        check_plot(plot, force=force)
+        return cls(
+            command=command, inputs=[*logs, *more_inputs], reading=reading, plot=plot, as_json=as_json, force=force,
+            log=reading.tracks(logs),
+        )  # fmt: skip
+
+    def report(
+        self,
+        table: Mapping[str, Any],
+        *,
+        settings: Mapping[str, Any],
+        text: Callable[[], str],
+        figure: Callable[[], Figure],
+    ) -> int:
+        """Draw and print the result.
+
+        Args:
+            table: the figures, for JSON.
+            settings: what the figures follow from, for JSON.
+            text: makes the text.
+            figure: makes the figure.
+
+        Returns:
+            The exit code.
+        """
+        if self.plot is not None:
             from dirprim_filter.viewer.figures import save_figure
 
-            save_figure(self.figure(), plot, force=force)
-        typer.echo(self._json() if as_json else self.text())
-        return losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)
+            save_figure(figure(), self.plot, force=self.force)
+        typer.echo(self._json(table, settings) if self.as_json else text())
+        return losses.exit_code([damage for _, damage in self.log.damage], self.log.dropped.lost)
 
-    def _json(self) -> str:
-        return as_json(
-            result_object(
-                self.command, inputs=self.inputs, experiment=self.experiment, reading=self.reading, table=self.table
-            )
+    def _json(self, table: Mapping[str, Any], settings: Mapping[str, Any]) -> str:
+        return json_of(
+            result_object(self.command, inputs=self.inputs, experiment=settings, reading=self.reading, table=table)
         )
 
 
 def table_line(name: str, cells: Sequence[str], *, width: int) -> str:
-    """One line of a table whose columns are so many characters wide."""
+    """One line of a table whose columns are `width` characters wide."""
     return f"{name:<24}" + "".join(f"{cell:>{width}}" for cell in cells)

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.evaluate.report import Json, Report
+from dirprim_filter.cli.evaluate.report import Experiment, Json
 from dirprim_filter.cli.figures import figure_lines, number
 from dirprim_filter.cli.options import WRITTEN, Config, Force, Logs, Plot, former, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
-from dirprim_filter.cli.results import CONFIG_KEY, check_plot, read_experiment
+from dirprim_filter.cli.results import CONFIG_KEY, read_experiment
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
@@ -80,25 +80,25 @@ def tracking(
         "false_per_frame": clutter if false_per_frame is None else false_per_frame,
         "methods": method or None, "cutoff_m": cutoff, "similarity_m": similarity, "n_seeds": seeds, "seed": seed,
     }  # fmt: skip
-    plot = plot or chart
-    check_plot(plot, force=force)
-    told = read_experiment(config, of="evaluate tracking")
-    told |= {name: value for name, value in given.items() if value is not None}
+    configured = read_experiment(config, of="evaluate tracking")
+    configured |= {name: value for name, value in given.items() if value is not None}
     if particles is not None:
-        told["filter"] = told.get("filter", {}) | {"n_particles": particles}
-    experiment = TrackingExperiment.of(told)
-    inputs = [*logs, map_file] if map_file else logs
-    log = reading.tracks(logs)
+        configured["filter"] = configured.get("filter", {}) | {"n_particles": particles}
+    settings = TrackingExperiment.of(configured)
+    experiment = Experiment.on(
+        logs, command="evaluate tracking", reading=reading, plot=plot or chart, as_json=as_json, force=force,
+        more_inputs=[map_file] if map_file else [],
+    )  # fmt: skip
     with ExitStack() as files:
         sinks: tuple[EstimateSink, ...] = ()
         if output is not None:
-            said = provenance("evaluate tracking", inputs=inputs, **reading.said())
-            said[CONFIG_KEY] = json.dumps(asdict(experiment))
-            sinks = (files.enter_context(EstimateLog(output, metadata=said, force=force)),)
-        told_steps = files.enter_context(step_progress("evaluating", "steps"))
+            metadata = provenance("evaluate tracking", inputs=experiment.inputs, **reading.said())
+            metadata[CONFIG_KEY] = json.dumps(asdict(settings))
+            sinks = (files.enter_context(EstimateLog(output, metadata=metadata, force=force)),)
+        step = files.enter_context(step_progress("evaluating", "steps"))
         table = evaluate_tracking(
-            log.tracks, experiment, sensor=detect, primitive_map=load_map(map_file) if map_file else None, sinks=sinks,
-            progress=told_steps,
+            experiment.log.tracks, settings, sensor=detect, primitive_map=load_map(map_file) if map_file else None,
+            sinks=sinks, progress=step,
         )  # fmt: skip
 
     def figure() -> Figure:
@@ -106,11 +106,9 @@ def tracking(
 
         return tracking_chart(table)
 
-    report = Report(
-        command="evaluate tracking", inputs=inputs, reading=reading, experiment=asdict(experiment),
-        table=asdict(table), text=lambda: tracking_text(table), figure=figure,
+    return experiment.report(
+        asdict(table), settings=asdict(settings), text=lambda: tracking_text(table), figure=figure
     )  # fmt: skip
-    return report.deliver(log, plot=plot, as_json=as_json, force=force)
 
 
 def tracking_text(table: TrackingTable) -> str:

@@ -21,7 +21,7 @@ from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
 from dirprim_filter.filtering.smoothing.recorded import RecordedFilter, recorded
 from dirprim_filter.filtering.tracker import Tracker
 from dirprim_filter.primitives import PrimitiveMap
-from dirprim_filter.tracks import world_names
+from dirprim_filter.track_ids import world_names
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 WHOLE_S = 30.0

@@ -30,7 +30,7 @@ from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
 from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
 from dirprim_filter.recording.schemas.dirprim import set_time
 from dirprim_filter.recording.stencil import Stencils
-from dirprim_filter.tracks import as_texts
+from dirprim_filter.track_ids import as_texts
 from tessellation.arrays import FloatArray
 
 REGION_SHARE = 0.9

@@ -10,7 +10,8 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.recording.foxglove.entities import add_entity, paint, place
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME
 from dirprim_filter.recording.schemas.scene_update import HEADING_NOTE, SIZE_NOTES
-from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import IntArray
 
 VEHICLE_SIZE = (4.5, 1.9, 1.5)

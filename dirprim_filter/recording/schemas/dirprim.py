@@ -17,7 +17,8 @@ from dirprim_filter.recording.schemas.covariances import matrices
 from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.observed import Family, ObservedRows, rows_of
 from dirprim_filter.recording.schemas.shredded import Shredded
-from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ import numpy as np
 
 from dirprim_filter.recording.geodesy import FARTHEST_M
 from dirprim_filter.sizes import known_sizes
-from dirprim_filter.tracks import Tracks, as_track_ids, repeated_rows
+from dirprim_filter.track_ids import as_track_ids, repeated_rows
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 ALONE = "alone in time, so that no velocity can be derived"

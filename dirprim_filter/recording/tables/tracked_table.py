@@ -13,7 +13,8 @@ from dirprim_filter.recording.schemas.covariances import matrices
 from dirprim_filter.recording.tables.csv_table import REQUIRED, check_header
 from dirprim_filter.recording.tables.delimited import Block, DelimitedText
 from dirprim_filter.recording.tables.estimate_table import pyarrow
-from dirprim_filter.tracks import Tracks, as_texts
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 COVARIANCE = ("covariance_xx_m2", "covariance_xy_m2", "covariance_yy_m2")
