@@ -8,6 +8,7 @@ from math import isnan
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from dirprim_filter.evaluation.experiment import TrackingTable
 from dirprim_filter.evaluation.forecasting import ForecastTable
@@ -30,6 +31,8 @@ FORECAST_PANELS = {
 }  # fmt: skip
 COVERAGE = 0.9
 COVERAGE_PANEL = "90 % regions hold"
+OVER_LINES = withStroke(linewidth=2.5, foreground="white")
+"""Keeps numbers legible where a line passes under them."""
 BAR_COLORS = ("#0072B2", "#E69F00", "#999999")
 LINE_STYLES = (
     ("#0072B2", "-", "o"), ("#D55E00", "--", "s"), ("#009E73", "-.", "^"), ("#CC79A7", ":", "D"),
@@ -98,7 +101,7 @@ def _bar_chart(
                 at, values, height=width, xerr=deviations, label=label, color=BAR_COLORS[i], error_kw={"linewidth": 0.8}
             )
             numbers = ["" if isnan(value) else f"{value:.2f}" for value in values]
-            axes.bar_label(drawn, numbers, fontsize=7, padding=3)
+            axes.bar_label(drawn, numbers, fontsize=7, padding=3, path_effects=[OVER_LINES], zorder=5)
             spread = np.nan_to_num(deviations) if deviations else 0.0
             ends = np.concatenate([ends, np.nan_to_num(values) - spread, np.nan_to_num(values) + spread])
         if title == COVERAGE_PANEL:

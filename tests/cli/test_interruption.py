@@ -9,6 +9,7 @@ CALLBACK = """
 import ctypes, signal, sys, time
 from dirprim_filter.cli import interruption
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 if sys.argv[1] == "listen":
     interruption.listen()
 number = getattr(signal, sys.argv[2])
@@ -34,6 +35,7 @@ def command(*_, **__):
     os.kill(os.getpid(), getattr(signal, sys.argv[1]))
     time.sleep(5)
 
+signal.signal(signal.SIGINT, signal.default_int_handler)
 main.app = command
 main.main()
 """

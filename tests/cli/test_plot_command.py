@@ -1,6 +1,7 @@
 """`dirprim plot`: every picture of a map from the command line, and one clear line where there is none."""
 
 import pytest
+from matplotlib.image import imread
 
 from dirprim_filter import save_map, write_tracks
 from dirprim_filter.cli.main import run
@@ -42,6 +43,16 @@ def test_every_picture(files, tmp_path, capsys, figure, more):
     assert "--force" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("figure", ["map", "transitions"])
+def test_a_part_of_the_map_in_a_given_width_and_resolution(files, tmp_path, figure):
+    options = ["--figure", figure, "--log", files / "log.mcap", "--width", 3.5, "--dpi", 60]
+    for name, extent in (("a", (0, 0, 20, 20)), ("b", (0, 0, 20, 10))):
+        assert plot(files, "-o", tmp_path / f"{name}.png", *options, "--extent", *extent) == DONE
+    a, b = (imread(tmp_path / f"{name}.png").shape for name in "ab")
+    assert a[1] == b[1] == 3.5 * 60
+    assert b[0] < a[0]  # half as deep a part is drawn on a flatter page
+
+
 def test_the_seed_decides_the_picture(files, tmp_path):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         assert plot(files, "-o", tmp_path / f"{name}.svg", "--figure", "rejection", "--seed", seed) == DONE
@@ -57,6 +68,8 @@ def test_the_seed_decides_the_picture(files, tmp_path):
         (["--figure", "cells"], "--log: expected with --figure cells"),
         (["--cue", "left"], "it is for rejection, product"),
         (["--figure", "pie"], "pie"),
+        (["--figure", "speed", "--width", 4], "--width: has no meaning for --figure speed"),
+        (["--extent", 10, 0, -10, 5], "expected west south east north"),
         (["--figure", "speed", "--at", 900, 0], "expected a place in a cell, got (900, 0) m"),
         (["--figure", "speed", "--at", "nan", 0], "finite"),
     ],

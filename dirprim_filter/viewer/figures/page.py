@@ -41,11 +41,17 @@ def check_figure_path(path: Path, *, force: bool) -> None:
         raise FileExistsError(f"{path}: exists already; overwrite it with --force or choose another name")
 
 
-def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
+def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: bool = False) -> None:
     """Write a figure in the format of the path's suffix; under a temporary name until it is whole.
 
     The same figure gives the same bytes: no dates, no random names. Text stays text: TrueType in PDF, as publishers
     ask for, and fonts by name in SVG.
+
+    Args:
+        figure: the figure.
+        path: .png, .pdf or .svg.
+        dpi: dots per inch of bitmaps. Default: the figure's, 200.
+        force: replace an existing file.
 
     Raises:
         FileExistsError: the file exists and `force` is not given.
@@ -58,7 +64,7 @@ def save_figure(figure: Figure, path: Path, *, force: bool = False) -> None:
     undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
     try:
         with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
-            figure.savefig(part, metadata=undated)
+            figure.savefig(part, dpi=dpi or "figure", metadata=undated)
         part.replace(path)
     except OSError as error:  # of the name that the caller knows
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
