@@ -24,7 +24,7 @@ def test_layers_hold():
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_a_file_is_one_noun_and_no_longer_than_a_reader_bears(path):
     assert path.stem not in {"utils", "helpers", "common", "base", "manager"}
-    assert len(path.read_text().splitlines()) <= 400
+    assert len(path.read_text().splitlines()) <= (350 if "recording" in path.parts else 400)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.optional_columns import is_held
-from dirprim_filter.recording.drops import ClockFaults, Drops
-from dirprim_filter.recording.track_log import TrackLog
+from dirprim_filter.recording.losses import ClockFaults, Drops
+from dirprim_filter.recording.objects.tracks import TrackLog
 from dirprim_filter.track_ids import as_texts, as_track_ids, vehicle_numbers, world_names
 from dirprim_filter.tracks import Tracks
 

@@ -70,8 +70,8 @@ def _whole(
     *,
     strict: bool,
 ) -> LogSummary:
-    from dirprim_filter.recording.field_mapping import FieldMapping
     from dirprim_filter.recording.inspection import inspect
+    from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 
     mapping = FieldMapping.parse(fields) if fields else None
     return inspect(path, topics=topics, start_ns=start_ns, end_ns=end_ns, mapping=mapping, strict=strict)
@@ -96,7 +96,7 @@ def _faults(
 
 
 def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
-    from dirprim_filter.recording.other_formats import unread_encodings
+    from dirprim_filter.recording.container.other_formats import unread_encodings
 
     lines = [f"{path}: {counted(summary.messages, 'message')}{_span(summary)}"]
     if not summary.is_checked:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from dirprim_filter.recording.damage import Damage
+    from dirprim_filter.recording.container.damage import Damage
     from dirprim_filter.recording.tables import Table
 
 DONE, INPUT_LOST = 0, 3

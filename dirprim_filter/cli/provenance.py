@@ -23,7 +23,7 @@ def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **op
 
 def checksum(path: Path) -> str:
     """The file's SHA-256, in hexadecimal."""
-    from dirprim_filter.recording.source import local_file
+    from dirprim_filter.recording.container.source import local_file
 
     with local_file(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -20,8 +20,8 @@ import typer
 from dirprim_filter.cli.options import End, Fields, Group, Start, Strict, Topics, time_ns
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.drops import Drops
     from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.recording.losses import Drops
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import DetectionStream, TrackLog
 

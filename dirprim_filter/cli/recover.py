@@ -14,7 +14,7 @@ from dirprim_filter.cli.options import Force, Log, Output, Strict
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from dirprim_filter.recording.recovery import Recovery
+    from dirprim_filter.recording.container.recovery import Recovery
 
 
 def recover(
@@ -32,7 +32,7 @@ def recover(
     Example: dirprim recover tracks.mcap.4711.partial -o tracks.mcap
     """
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.recording.recovery import recover as recover_log
+    from dirprim_filter.recording.container.recovery import recover as recover_log
 
     with step_progress(f"recovering {log.name}", "chunks") as told:
         recovery = recover_log(log, output, strict=strict, force=force, progress=told)

@@ -112,7 +112,7 @@ def read_filter(path: Path | None, **given: Any) -> tuple[FilterConfig, Tracking
 
 
 def _metadata(path: Path) -> dict[str, str]:
-    from dirprim_filter.recording.scan import Scan
+    from dirprim_filter.recording.container.log import Scan
 
     with Scan(path) as log:
         return {key: value for _, entries in log.metadata for key, value in entries.items()}

@@ -149,11 +149,10 @@ def _titles(runs: Sequence[Path]) -> list[str]:
 def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: int | None) -> None:
     """Maps, logs and at most one run in one view."""
     from dirprim_filter.detections import Detections
-    from dirprim_filter.recording import load_map, read_tracks
+    from dirprim_filter.recording import load_map, read_tracks, topic_names
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import stream_detections
     from dirprim_filter.recording.scan import scan
-    from dirprim_filter.recording.writer import SMOOTHED_TOPIC
 
     for path in given.maps:
         viewer.log_map(load_map(path))
@@ -167,7 +166,7 @@ def _together(given: _Given, viewer: RerunSink, *, truth: Path | None, group: in
         return
     with scan(given.runs[0]) as log:
         said = {key: value for _, entries in log.metadata for key, value in entries.items()}
-        is_smoothed = any(channel.topic == SMOOTHED_TOPIC for channel in log.channels())
+        is_smoothed = any(channel.topic == topic_names.SMOOTHED for channel in log.channels())
     for frame in Playback(given.runs[0], seen=detections):
         viewer.write(frame)
     if is_smoothed:

@@ -1,38 +1,28 @@
-"""What can be wrong with a file: each error is one line that names the file, the place and the way out."""
+"""What can be wrong with what a file holds, beside what is wrong with the file itself; one line each, as there."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from os import PathLike, fspath
+from os import fspath
 from typing import Self
 
-from dirprim_filter.recording.other_formats import other_format, unread_encodings
-from dirprim_filter.recording.records import Channel, Message
+from dirprim_filter.recording.container.errors import (
+    DamagedRecordingError,
+    NoRoomError,
+    NotMcapError,
+    OutputExistsError,
+    Path,
+    RecordingError,
+)
+from dirprim_filter.recording.container.other_formats import unread_encodings
+from dirprim_filter.recording.container.records import Channel, Message
 
-Path = str | PathLike[str]
+__all__ = [
+    "DamagedRecordingError", "DecodeError", "MissingExtraError", "MissingTransformError", "NoRoomError",
+    "NoTracksError", "NotMcapError", "OutputExistsError", "RecordingError", "TableError",
+]  # fmt: skip
 TOPICS_TOLD = 6
 """Of a log, in one line; `dirprim info` tells all."""
-
-
-class RecordingError(Exception):
-    """A file cannot be read or written as asked; its text is one line for the user."""
-
-
-class NoRoomError(RecordingError):
-    """What must be copied before it is read finds no room."""
-
-
-class NotMcapError(RecordingError):
-    """The file is no MCAP log at all."""
-
-    def __init__(self, path: Path, opening: bytes) -> None:
-        """`opening`: the bytes that the file begins with."""
-        got, way = f"a file that starts with {opening[:8]!r}", "`dirprim convert` makes logs of tables"
-        if not opening:
-            got, way = "an empty file", "look how it was made"
-        elif known := other_format(opening):
-            got, way = known.name, known.way
-        super().__init__(f"{fspath(path)}: expected an MCAP log, got {got}; {way}")
 
 
 class NoTracksError(RecordingError):
@@ -49,14 +39,6 @@ class NoTracksError(RecordingError):
         )
         told = ", ".join(topics[:TOPICS_TOLD]) or "no topics"
         super().__init__(f"{fspath(path)}: expected {wanted}; the log has {told}{more}{broken}; {way}")
-
-
-class DamagedRecordingError(RecordingError):
-    """The log is damaged, and the caller asked not to go on with what is left (strict)."""
-
-    def __init__(self, path: Path, damage: Sequence[object]) -> None:
-        more = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
-        super().__init__(f"{fspath(path)}: expected an undamaged log, got {damage[0]}{more}; read it without strict")
 
 
 class DecodeError(RecordingError):
@@ -97,10 +79,3 @@ class TableError(RecordingError):
 
     def __init__(self, path: Path, line: int, expected: str, got: str, remedy: str) -> None:
         super().__init__(f"{fspath(path)}, line {line}: expected {expected}, got {got}; {remedy}")
-
-
-class OutputExistsError(RecordingError):
-    """The file to write is there already."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(f"{fspath(path)}: expected a new file, it exists; choose another name or use --force")

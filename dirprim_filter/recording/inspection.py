@@ -11,16 +11,16 @@ from os import PathLike
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from dirprim_filter.recording.decoding import TOPIC, Decoders, by_schema
-from dirprim_filter.recording.drops import Clock
+from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.container.records import Channel, Message
+from dirprim_filter.recording.decoding.field_columns import signed
 from dirprim_filter.recording.errors import DamagedRecordingError
-from dirprim_filter.recording.field_mapping import FieldMapping
-from dirprim_filter.recording.message_columns import MessageColumns
-from dirprim_filter.recording.records import Channel, Message
-from dirprim_filter.recording.scan import Scan
+from dirprim_filter.recording.losses import Clock
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
+from dirprim_filter.recording.schemas.decoders import TOPIC, Decoders, by_schema
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.schemas.shredded import signed
+from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, SizeSummary, TopicSummary
 from tessellation.arrays import FloatArray, IntArray
 

@@ -9,16 +9,16 @@ from pathlib import Path
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.container.log import scan
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.foxglove.frames import TRANSFORM_TOPIC, origin_of, scene_transform, view_of
-from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC, map_scene
-from dirprim_filter.recording.mcap_log import McapLog
-from dirprim_filter.recording.scan import scan
+from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.maps import map_scene
+from dirprim_filter.recording.log_writer import McapLog
 from dirprim_filter.recording.schemas.map_tiles import decode_tiles, encode_tiles
 
 logger = logging.getLogger(__name__)
 
-MAP_TOPIC = "/dirprim/map"
 MAP_SCHEMA = "dirprim.PrimitiveMap"
 
 
@@ -43,10 +43,10 @@ def save_map(
     """
     with McapLog(path, metadata=metadata or {}, force=force) as log:
         for tile in encode_tiles(primitive_map):
-            log.write(MAP_TOPIC, tile, 0)  # a map holds at no time of its own
+            log.write(topic_names.MAP, tile, 0)  # a map holds at no time of its own
         origin = origin_of(view_of(primitive_map))
-        log.write(TRANSFORM_TOPIC, scene_transform(0, origin), 0)
-        log.write(MAP_SCENE_TOPIC, map_scene(primitive_map, 0, origin), 0)
+        log.write(topic_names.TRANSFORM, scene_transform(0, origin), 0)
+        log.write(topic_names.MAP_SCENE, map_scene(primitive_map, 0, origin), 0)
 
 
 def load_map(path: str | Path) -> PrimitiveMap:

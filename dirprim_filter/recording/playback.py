@@ -13,15 +13,15 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
-from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.drops import Drops
+from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.errors import DamagedRecordingError
-from dirprim_filter.recording.observations import Reading, log_losses
+from dirprim_filter.recording.losses import Drops
+from dirprim_filter.recording.objects.observations import Reading, log_losses
 from dirprim_filter.recording.reader import stream_detections
-from dirprim_filter.recording.scan import Scan
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.writer import ESTIMATES_TOPIC, SMOOTHED_TOPIC
 from tessellation.arrays import FloatArray
 
 SECOND_NS = 1_000_000_000
@@ -71,7 +71,7 @@ class Playback:
         with Scan(path, end_ns=reading.get("end_ns")) as log:
             self.end_ns = log.end_ns
             named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
-        topic = SMOOTHED_TOPIC if smoothed else ESTIMATES_TOPIC
+        topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
         self._is_estimated = topic in named and topics in (None, topic)
         self._seen = {int(frame.time_ns[0]): frame for frame in seen.frames()} if seen is not None else {}
         if self._is_estimated:

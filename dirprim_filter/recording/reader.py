@@ -11,21 +11,21 @@ from typing import Unpack
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.detection_stream import DetectionStream
-from dirprim_filter.recording.drops import ClockFaults, Drops
+from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
-from dirprim_filter.recording.field_mapping import FieldMapping
-from dirprim_filter.recording.geodesy import Origin
 from dirprim_filter.recording.inspection import inspect
-from dirprim_filter.recording.observations import Observations, Reading, TimedRows, TimeSource, log_losses
-from dirprim_filter.recording.scan import Scan
+from dirprim_filter.recording.losses import ClockFaults, Drops
+from dirprim_filter.recording.objects.detection_stream import DetectionStream
+from dirprim_filter.recording.objects.observations import Observations, Reading, TimedRows, TimeSource, log_losses
+from dirprim_filter.recording.objects.topics import choose_topics
+from dirprim_filter.recording.objects.tracks import Columns, TrackLog
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
+from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
-from dirprim_filter.recording.topics import choose_topics
-from dirprim_filter.recording.track_log import Columns, TrackLog
-from dirprim_filter.recording.writer import ESTIMATES_TOPIC, SMOOTHED_TOPIC
+from dirprim_filter.recording.transforms.geodesy import Origin
 from dirprim_filter.tracks import Tracks
 
 __all__ = [
@@ -172,7 +172,7 @@ def read_estimates(path: PathOrText, *, smoothed: bool = False, topic: str | Non
         NoTracksError: the log has no such topic.
         DecodeError: a message is not what its schema says.
     """
-    topic = topic or (SMOOTHED_TOPIC if smoothed else ESTIMATES_TOPIC)
+    topic = topic or (topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES)
     parts = []
     with Scan(Path(path), lambda name: name == topic) as log:
         if not any(c.topic == topic and c.schema.name == ESTIMATES_SCHEMA for c in log.channels()):

@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from dirprim_filter.recording.damage import Damage
-from dirprim_filter.recording.index import Index, read_index
-from dirprim_filter.recording.source import mapped
+from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.source import mapped
+from dirprim_filter.recording.container.summary_section import Index, read_index
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.drops import ClockFaults
+    from dirprim_filter.recording.losses import ClockFaults
 
 LONG_LOG_BYTES = 1 << 25
 """Shorter logs are read in whole: that takes about a second, and tells more."""

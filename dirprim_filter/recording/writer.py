@@ -17,29 +17,18 @@ from dirprim_filter.drawing.sight import has_no_forecast
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.foxglove.clouds import detection_cloud, particle_cloud
 from dirprim_filter.recording.foxglove.estimates import SMOOTHED_COLOR, EstimatesScene
 from dirprim_filter.recording.foxglove.forecasts import forecast_scene
-from dirprim_filter.recording.foxglove.frames import TRANSFORM_TOPIC, origin_of, scene_transform, view_of
-from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC, map_scene
+from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.foxglove.objects import detections_scene, tracks_scene
-from dirprim_filter.recording.mcap_log import McapLog
+from dirprim_filter.recording.log_writer import McapLog
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import FloatArray, IntArray
-
-OBJECTS_TOPIC = "/objects"
-OBJECTS_SCENE_TOPIC = "/objects/scene"
-DETECTIONS_TOPIC = "/detections"
-DETECTIONS_SCENE_TOPIC = "/detections/scene"
-ESTIMATES_TOPIC = "/dirprim/tracks"
-ESTIMATES_SCENE_TOPIC = "/dirprim/tracks/scene"
-SMOOTHED_TOPIC = "/dirprim/smoothed"
-SMOOTHED_SCENE_TOPIC = "/dirprim/smoothed/scene"
-PARTICLES_TOPIC = "/dirprim/particles"
-REPORTS_TOPIC = "/dirprim/detections"
-FORECAST_TOPIC = "/dirprim/forecast"
 
 MAX_CHUNK_NS = 1_000_000_000
 """A chunk of estimates and the instant after it span at most this much log time: what a killed tracker loses."""
@@ -89,17 +78,17 @@ def write_tracks(
         total = sum(np.unique(source.time_ns).size for source in sources)
         for done, (time_ns, rows, source) in enumerate(heapq.merge(*streams, key=lambda instant: instant[0]), 1):
             if not begun:
-                log.write(TRANSFORM_TOPIC, scene_transform(time_ns, origin), time_ns)
+                log.write(topic_names.TRANSFORM, scene_transform(time_ns, origin), time_ns)
                 begun = True
             message = encode_observations(source, rows, time_ns, labels=labels)
             if isinstance(source, Tracks):
-                log.write(OBJECTS_TOPIC, message, time_ns)
+                log.write(topic_names.OBJECTS, message, time_ns)
                 drawn = tracks_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
-                log.write(OBJECTS_SCENE_TOPIC, drawn, time_ns)
+                log.write(topic_names.OBJECTS_SCENE, drawn, time_ns)
             else:
-                log.write(DETECTIONS_TOPIC, message, time_ns)
+                log.write(topic_names.DETECTIONS, message, time_ns)
                 drawn = detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
-                log.write(DETECTIONS_SCENE_TOPIC, drawn, time_ns)
+                log.write(topic_names.DETECTIONS_SCENE, drawn, time_ns)
             if progress is not None:
                 progress(done, total)
 
@@ -206,30 +195,30 @@ class EstimateLog:
 
     def _append(self, estimates: Estimates, detections: Detections, particles: Particles, time_ns: int) -> None:
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
-        self._log.write(ESTIMATES_TOPIC, encode_estimates(estimates, time_ns), time_ns)
+        self._log.write(topic_names.ESTIMATES, encode_estimates(estimates, time_ns), time_ns)
         drawn = self._scene.encode(estimates, detections, time_ns, origin)
-        self._log.write_encoded(ESTIMATES_SCENE_TOPIC, SceneUpdate, drawn, time_ns)
-        self._log.write(PARTICLES_TOPIC, particle_cloud(particles, time_ns, origin), time_ns)
-        self._log.write(REPORTS_TOPIC, detection_cloud(detections.position, time_ns, origin), time_ns)
+        self._log.write_encoded(topic_names.ESTIMATES_SCENE, SceneUpdate, drawn, time_ns)
+        self._log.write(topic_names.PARTICLES, particle_cloud(particles, time_ns, origin), time_ns)
+        self._log.write(topic_names.REPORTS, detection_cloud(detections.position, time_ns, origin), time_ns)
         self._not_forecast = frozenset(as_texts(estimates.track_id)[has_no_forecast(estimates)].tolist())
 
     def _append_smoothed(self, estimates: Estimates, detections: Detections, time_ns: int) -> None:
         origin = self._begin(estimates.position, time_ns)
-        self._log.write(SMOOTHED_TOPIC, encode_estimates(estimates, time_ns), time_ns)
+        self._log.write(topic_names.SMOOTHED, encode_estimates(estimates, time_ns), time_ns)
         drawn = self._smoothed_scene.encode(estimates, detections, time_ns, origin)
-        self._log.write_encoded(SMOOTHED_SCENE_TOPIC, SceneUpdate, drawn, time_ns)
+        self._log.write_encoded(topic_names.SMOOTHED_SCENE, SceneUpdate, drawn, time_ns)
 
     def _append_forecast(self, forecasts: Forecasts) -> None:
         origin = self._begin(forecasts.start, forecasts.time_ns)
         drawn = forecast_scene(forecasts, origin, hidden=self._not_forecast)
-        self._log.write(FORECAST_TOPIC, drawn, forecasts.time_ns)
+        self._log.write(topic_names.FORECAST, drawn, forecasts.time_ns)
 
     def _begin(self, position: FloatArray, time_ns: int) -> FloatArray:
         """Write what comes first; -> the origin of the scene's frame: of the map's view, else among these positions."""
         if self._origin is None:
             self._origin = origin_of(position if self._map is None else view_of(self._map))
-            self._log.write(TRANSFORM_TOPIC, scene_transform(time_ns, self._origin), time_ns)
+            self._log.write(topic_names.TRANSFORM, scene_transform(time_ns, self._origin), time_ns)
         if self._map is not None:
-            self._log.write(MAP_SCENE_TOPIC, map_scene(self._map, time_ns, self._origin), time_ns)
+            self._log.write(topic_names.MAP_SCENE, map_scene(self._map, time_ns, self._origin), time_ns)
             self._map = None
         return self._origin

@@ -32,10 +32,10 @@ except ImportError as error:
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from ros_messages import full_definition, header, write_ros2_log
 
-from dirprim_filter.recording.decoding import Decoders, batches, by_schema
-from dirprim_filter.recording.observations import Observations
-from dirprim_filter.recording.scan import Scan
-from dirprim_filter.recording.track_log import Columns
+from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.objects.observations import Observations
+from dirprim_filter.recording.objects.tracks import Columns
+from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 
 N_POSES, N_FRAMES, N_OBJECTS = 200_000, 1500, 30
 TRACKED = "autoware_perception_msgs/msg/TrackedObjects"

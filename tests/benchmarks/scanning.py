@@ -18,9 +18,9 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from dirprim_filter.recording.mcap_writer import McapWriter
-from dirprim_filter.recording.partial_file import PartialFile
-from dirprim_filter.recording.records import NO_SCHEMA, Channel
+from dirprim_filter.recording.container.mcap_writer import McapWriter
+from dirprim_filter.recording.container.partial_file import PartialFile
+from dirprim_filter.recording.container.records import NO_SCHEMA, Channel
 from dirprim_filter.recording.scan import scan
 
 N, N_TOPICS, SIZE = 200_000, 50, 60

@@ -11,7 +11,7 @@ from dirprim_filter import save_map, write_tracks
 from dirprim_filter.cli.main import app, run
 from dirprim_filter.cli.options import WRITTEN
 from dirprim_filter.cli.outputs import check_outputs
-from dirprim_filter.recording.partial_file import PartialFile
+from dirprim_filter.recording.container.partial_file import PartialFile
 from dirprim_filter.viewer.figures import Figure, save_figure
 from dirprim_filter.viewer.stream import open_stream
 

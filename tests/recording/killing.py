@@ -19,7 +19,7 @@ import numpy as np
 from mcap.reader import make_reader
 
 from dirprim_filter import learn_primitives, save_map, write_tracks
-from dirprim_filter.recording.recovery import recover
+from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.scan import scan
 from situations import ring_traffic
 

@@ -14,8 +14,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from mcap_files import CHUNK, log_bytes, records
 
+from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.errors import NotMcapError
-from dirprim_filter.recording.recovery import recover
 from dirprim_filter.recording.scan import scan
 
 KINDS = ("truncate", "flip", "zero", "splice", "grow")

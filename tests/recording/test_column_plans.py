@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from dirprim_filter.recording.schemas import protobuf_plan as protobuf_plans
-from dirprim_filter.recording.schemas.cdr_plan import cdr_plan
-from dirprim_filter.recording.schemas.fields import Field, SchemaError, steps_of
-from dirprim_filter.recording.schemas.json_plan import JsonPlan
-from dirprim_filter.recording.schemas.protobuf_plan import protobuf_plan
-from dirprim_filter.recording.schemas.shredded import NO_TIME
+from dirprim_filter.recording.decoding import protobuf_plan as protobuf_plans
+from dirprim_filter.recording.decoding.cdr_plan import cdr_plan
+from dirprim_filter.recording.decoding.field_columns import NO_TIME
+from dirprim_filter.recording.decoding.fields import Field, SchemaError, steps_of
+from dirprim_filter.recording.decoding.json_plan import JsonPlan
+from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 
 INTEGERS = {"int8": 8, "uint8": 8, "int16": 16, "uint16": 16, "int32": 32, "uint32": 32, "int64": 64, "uint64": 64}
 NUMBERS = (*INTEGERS, "float32", "float64", "bool")

@@ -7,10 +7,10 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap_protobuf.schema import build_file_descriptor_set
 from ros_messages import full_definition
 
+from dirprim_filter.recording.decoding.cdr_plan import MAX_DEPTH, cdr_plan
+from dirprim_filter.recording.decoding.fields import Field, SchemaError
+from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.schemas import FAMILIES
-from dirprim_filter.recording.schemas.cdr_plan import MAX_DEPTH, cdr_plan
-from dirprim_filter.recording.schemas.fields import Field, SchemaError
-from dirprim_filter.recording.schemas.protobuf_plan import protobuf_plan
 
 IDL = b"""module p { module msg {
   module M_Constants { const uint8 CAR = 1; };

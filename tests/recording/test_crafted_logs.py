@@ -6,8 +6,8 @@ import zlib
 import pytest
 from mcap_files import CHUNK, log_bytes, records
 
-from dirprim_filter.recording import chunk, resync
-from dirprim_filter.recording.recovery import recover
+from dirprim_filter.recording.container import chunk, resync
+from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.scan import scan
 
 HEAD, TAIL = log_bytes([])[:8], log_bytes([("/a", 1, b"x")])[8:]

@@ -9,16 +9,15 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from test_estimate_log import a_frame, a_map, messages
 
 from dirprim_filter.drawing import shapes
-from dirprim_filter.recording import save_map, writer
+from dirprim_filter.recording import save_map, topic_names, writer
 from dirprim_filter.recording.errors import OutputExistsError
 from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
 from dirprim_filter.recording.foxglove.layout import layout, write_layout
-from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC
 from dirprim_filter.recording.schemas import dirprim_pb2
 
 LAYOUT = layout(a_map())
 PANELS = LAYOUT["configById"]
-WRITTEN = {value for name, value in vars(writer).items() if name.endswith("_TOPIC")}
+WRITTEN = {value for name, value in vars(topic_names).items() if name.isupper()}
 
 
 def panels_in(tree):
@@ -35,10 +34,11 @@ def test_the_3d_panel_shows_topics_that_are_written_and_all_that_can_be_drawn(tm
         log.write(a_frame(5))
     shown = PANELS["3D!map"]["topics"]
     assert set(shown) <= WRITTEN
-    assert {MAP_SCENE_TOPIC, writer.ESTIMATES_SCENE_TOPIC, writer.PARTICLES_TOPIC, writer.FORECAST_TOPIC} <= set(shown)
-    assert {name for name, topic in shown.items() if not topic["visible"]} == {writer.SMOOTHED_SCENE_TOPIC}
-    (cloud,) = messages(tmp_path / "a.mcap", writer.PARTICLES_TOPIC)
-    assert shown[writer.PARTICLES_TOPIC]["colorMode"] == "rgba-fields"
+    drawn = {topic_names.MAP_SCENE, topic_names.ESTIMATES_SCENE, topic_names.PARTICLES, topic_names.FORECAST}
+    assert drawn <= set(shown)
+    assert {name for name, topic in shown.items() if not topic["visible"]} == {topic_names.SMOOTHED_SCENE}
+    (cloud,) = messages(tmp_path / "a.mcap", topic_names.PARTICLES)
+    assert shown[topic_names.PARTICLES]["colorMode"] == "rgba-fields"
     assert {"red", "green", "blue", "alpha"} <= {field.name for field in PointCloud.FromString(cloud.data).fields}
 
 
@@ -60,7 +60,7 @@ def test_plots_are_of_fields_that_messages_have_and_say_so_to_foxglove_and_to_li
         assert panel["title"] == panel["lichtblickPanelTitle"] != ""
         for path in panel["paths"]:
             topic, field = re.fullmatch(r"([^.]+)\.(\w+)\[:\]", path["value"]).groups()
-            assert topic == writer.ESTIMATES_TOPIC
+            assert topic == topic_names.ESTIMATES
             assert field in fields
 
 
@@ -75,5 +75,5 @@ def test_the_file_is_json_and_is_not_overwritten_by_accident(tmp_path):
 
 def test_a_map_file_alone_has_what_the_layout_shows_of_it(tmp_path):
     save_map(a_map(), tmp_path / "map.mcap")
-    assert messages(tmp_path / "map.mcap", MAP_SCENE_TOPIC)
-    assert MAP_SCENE_TOPIC in PANELS["3D!map"]["topics"]
+    assert messages(tmp_path / "map.mcap", topic_names.MAP_SCENE)
+    assert topic_names.MAP_SCENE in PANELS["3D!map"]["topics"]

@@ -15,9 +15,9 @@ from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 
 from dirprim_filter.recording.errors import MissingExtraError, NoTracksError
-from dirprim_filter.recording.field_mapping import FieldMapping
-from dirprim_filter.recording.geodesy import Origin
 from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks
+from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.transforms.geodesy import Origin
 
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 100_000_000

@@ -9,8 +9,8 @@ from mcap.writer import Writer
 from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
 
 from dirprim_filter.cli.main import run
-from dirprim_filter.recording.drops import ClockFaults
 from dirprim_filter.recording.inspection import inspect
+from dirprim_filter.recording.losses import ClockFaults
 from dirprim_filter.recording.summary import summarise_by_index
 
 SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]

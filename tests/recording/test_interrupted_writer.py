@@ -12,10 +12,10 @@ from test_map_file import some_map
 from test_track_log import some_tracks
 
 from dirprim_filter.recording import map_file, save_map, write_tracks
+from dirprim_filter.recording.container.interrupts import uninterrupted
+from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.foxglove.frames import scene_transform
-from dirprim_filter.recording.interrupts import uninterrupted
-from dirprim_filter.recording.mcap_log import McapLog
-from dirprim_filter.recording.recovery import recover
+from dirprim_filter.recording.log_writer import McapLog
 
 N = 12
 GOOD = b"a good file"

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_foxglove_schemas import PLACE, TIMES, N, json_log
 
-from dirprim_filter.recording.decoding import Decoders
-from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording.container.records import Channel, Message, Schema
+from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME
+from dirprim_filter.recording.decoding.fields import EACH, Field, wanted
+from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.reader import read_track_logs
-from dirprim_filter.recording.records import Channel, Message, Schema
 from dirprim_filter.recording.schemas import FAMILIES
-from dirprim_filter.recording.schemas.fields import EACH, Field, wanted
-from dirprim_filter.recording.schemas.json_plan import JsonPlan
-from dirprim_filter.recording.schemas.shredded import MAX_NAME_LENGTH, NO_TIME
+from dirprim_filter.recording.schemas.decoders import Decoders
+from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 
 S = 10**9
 HUGE = int("9" * 400)

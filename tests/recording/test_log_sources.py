@@ -14,10 +14,10 @@ from mcap_files import log_bytes
 
 from dirprim_filter import load_map, read_estimates, write_tracks
 from dirprim_filter.cli.main import run
-from dirprim_filter.recording import merge, source
-from dirprim_filter.recording import scan as scans
+from dirprim_filter.recording.container import log as scans
+from dirprim_filter.recording.container import merge, source
+from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
-from dirprim_filter.recording.message_columns import MessageColumns
 from dirprim_filter.recording.scan import scan
 
 SENT = [(f"/topic{i // 100}", 1000 * i, str(i).encode() * 9) for i in range(300)]

@@ -9,11 +9,10 @@ import pytest
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import AMOUNTS, FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording import load_map, save_map
+from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
 from dirprim_filter.recording.foxglove.frames import scene_transform
-from dirprim_filter.recording.map_file import MAP_TOPIC
-from dirprim_filter.recording.mcap_log import McapLog
+from dirprim_filter.recording.log_writer import McapLog
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, encode_tiles
 from dirprim_filter.recording.schemas.motion_columns import COLUMNS
@@ -144,7 +143,7 @@ def test_a_log_that_is_no_map_is_told(tmp_path):
 def write_tiles(path, tiles):
     with McapLog(path, metadata={}) as log:
         for tile in tiles:
-            log.write(MAP_TOPIC, tile, 0)
+            log.write(topic_names.MAP, tile, 0)
 
 
 @pytest.mark.parametrize("voronoi", [False, True])

@@ -11,9 +11,9 @@ from test_ros2_schemas import ARRAYS, N_TIMES, array_log, point, quaternion
 
 from dirprim_filter import Tracks, write_tracks
 from dirprim_filter.detections import NO_ID, Detections
-from dirprim_filter.recording import decoding
 from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.reader import read_tracks, stream_detections
+from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas import dirprim_pb2
 
 N = 40

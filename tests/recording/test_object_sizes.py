@@ -16,10 +16,11 @@ from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detect
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.optional_columns import is_held
-from dirprim_filter.recording import decoding, read_tracks, write_tracks
-from dirprim_filter.recording.field_mapping import FieldMapping
+from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
 from dirprim_filter.recording.reader import inspect, stream_detections
+from dirprim_filter.recording.schemas import decoders as decoding
+from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.tracks import Tracks
 

@@ -7,7 +7,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT
-from dirprim_filter.recording.schemas.osi_lights import read_vehicle_lights
+from dirprim_filter.recording.vehicle_lights import read_vehicle_lights
 from dirprim_filter.recording.writer import write_tracks
 
 LOG = DATA / "mcap_osi" / "testBrakeAndIndicatorLights.mcap"

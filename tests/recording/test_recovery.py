@@ -11,8 +11,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_files import CHUNK, DATA, log_bytes, records
 
 from dirprim_filter.cli.main import run
+from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.errors import DamagedRecordingError, NotMcapError, OutputExistsError
-from dirprim_filter.recording.recovery import recover
 from dirprim_filter.recording.scan import scan
 
 SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]

@@ -10,10 +10,10 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_files import CHUNK, DATA, log_bytes, records
 
-from dirprim_filter.recording import merge, source
-from dirprim_filter.recording import scan as scans
-from dirprim_filter.recording.merge import HELD_BYTES
-from dirprim_filter.recording.message_columns import SHORT_BYTES
+from dirprim_filter.recording.container import log as scans
+from dirprim_filter.recording.container import merge, source
+from dirprim_filter.recording.container.merge import HELD_BYTES
+from dirprim_filter.recording.container.message_columns import SHORT_BYTES
 from dirprim_filter.recording.scan import scan
 
 CONFORMANCE = DATA / "mcap_conformance"

@@ -14,13 +14,13 @@ from mcap.reader import make_reader
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.decoding import Decoders
+from dirprim_filter.recording.container.records import Channel, Message, Schema
 from dirprim_filter.recording.errors import OutputExistsError
 from dirprim_filter.recording.foxglove.frames import scene_transform
-from dirprim_filter.recording.mcap_log import McapLog
-from dirprim_filter.recording.records import Channel, Message, Schema
+from dirprim_filter.recording.log_writer import McapLog
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import dirprim_pb2
+from dirprim_filter.recording.schemas.decoders import Decoders
 from dirprim_filter.recording.schemas.dirprim import encode_observations
 from dirprim_filter.recording.writer import write_tracks
 from dirprim_filter.tracks import Tracks

@@ -19,7 +19,7 @@ from test_ros2_schemas import carla, point, quaternion
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.scan import scan
-from dirprim_filter.recording.transforms import TransformTree
+from dirprim_filter.recording.transforms.transform_tree import TransformTree
 
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 100_000_000

@@ -16,7 +16,7 @@ from dirprim_filter.cli.results import read_experiment
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
-    from dirprim_filter.recording.track_log import TrackLog
+    from dirprim_filter.recording.objects.tracks import TrackLog
     from dirprim_filter.viewer.figures import Figure
 
 FIGURES = {

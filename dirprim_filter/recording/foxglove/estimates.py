@@ -28,8 +28,8 @@ from dirprim_filter.recording.foxglove.entities import (
 )
 from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
 from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
+from dirprim_filter.recording.foxglove.templates import Stencils
 from dirprim_filter.recording.schemas.dirprim import set_time
-from dirprim_filter.recording.stencil import Stencils
 from dirprim_filter.track_ids import as_texts
 from tessellation.arrays import FloatArray
 

@@ -15,7 +15,6 @@ from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, set_time
 from tessellation.arrays import FloatArray
 
 SCENE_FRAME = "scene"
-TRANSFORM_TOPIC = "/tf"
 BUSY_SHARE = 0.75
 """Of the traffic: the camera looks at the square that holds it."""
 

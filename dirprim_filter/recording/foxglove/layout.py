@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording import writer
+from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.container.partial_file import PartialFile
 from dirprim_filter.recording.foxglove.frames import SCENE_FRAME, view_of
-from dirprim_filter.recording.foxglove.maps import MAP_SCENE_TOPIC
-from dirprim_filter.recording.partial_file import PartialFile
 
 BACKGROUND = "#10131a"
 NO_AXES = {"axisScale": 0.0, "lineWidth": 0.0, "showLabel": False}
@@ -81,14 +80,14 @@ def _from_above(ground_m: float) -> dict[str, Any]:
         "scene": {"backgroundColor": BACKGROUND, "transforms": NO_AXES},
         "transforms": {},
         "topics": {
-            MAP_SCENE_TOPIC: shown,
-            writer.FORECAST_TOPIC: shown,
-            writer.ESTIMATES_SCENE_TOPIC: shown,
-            writer.SMOOTHED_SCENE_TOPIC: shown | {"visible": False},
-            writer.PARTICLES_TOPIC: points | {"pointSize": 2.0, "colorMode": "rgba-fields"},
-            writer.REPORTS_TOPIC: points | {"pointSize": 5.0, "colorMode": "flat", "flatColor": "#ffffff"},
-            writer.OBJECTS_SCENE_TOPIC: shown,
-            writer.DETECTIONS_SCENE_TOPIC: shown,
+            topic_names.MAP_SCENE: shown,
+            topic_names.FORECAST: shown,
+            topic_names.ESTIMATES_SCENE: shown,
+            topic_names.SMOOTHED_SCENE: shown | {"visible": False},
+            topic_names.PARTICLES: points | {"pointSize": 2.0, "colorMode": "rgba-fields"},
+            topic_names.REPORTS: points | {"pointSize": 5.0, "colorMode": "flat", "flatColor": "#ffffff"},
+            topic_names.OBJECTS_SCENE: shown,
+            topic_names.DETECTIONS_SCENE: shown,
         },
         "layers": {},
         "publish": {"type": "point"},
@@ -100,7 +99,7 @@ def _plot(title: str, columns: tuple[str, ...]) -> dict[str, Any]:
     return _titled(title) | {
         "paths": [
             {
-                "value": f"{writer.ESTIMATES_TOPIC}.{column}[:]",
+                "value": f"{topic_names.ESTIMATES}.{column}[:]",
                 "enabled": True,
                 "timestampMethod": "receiveTime",
                 "showLine": False,

@@ -20,7 +20,6 @@ from dirprim_filter.recording.foxglove.entities import (
 )
 from tessellation.arrays import FloatArray
 
-MAP_SCENE_TOPIC = "/dirprim/map/scene"
 CELL_COLOR = (0.45, 0.5, 0.6, 0.45)
 ROSE_OPACITY = 0.65
 """What moves must stand out."""

@@ -16,7 +16,7 @@ from dirprim_filter.recording.schemas import (
     vision,
 )
 from dirprim_filter.recording.schemas.dirprim import OBSERVATIONS
-from dirprim_filter.recording.schemas.observed import Family
+from dirprim_filter.recording.schemas.object_rows import Family
 
 KINDS: tuple[tuple[Family, ...], ...] = (
     (OBSERVATIONS,),

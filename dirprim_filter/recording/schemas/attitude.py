@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dirprim_filter.recording.schemas.fields import Field
+from dirprim_filter.recording.decoding.fields import Field
 from tessellation.arrays import FloatArray
 
 STANDING_SPEED = 1e-3

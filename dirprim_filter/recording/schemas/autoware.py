@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import (
     ORIENTATION,
     POSITION,
@@ -27,10 +29,8 @@ from dirprim_filter.recording.schemas.attitude import (
 )
 from dirprim_filter.recording.schemas.covariances import covariance, covariances
 from dirprim_filter.recording.schemas.extents import extents, sizes
-from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.labels import UNTOLD, label_names, most_probable
-from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
-from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
 from tessellation.arrays import AnyArray, FloatArray
 
 _PACKAGES = ("autoware_perception_msgs", "autoware_auto_perception_msgs")

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.schemas.fields import Field
-from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.fields import Field
 from tessellation.arrays import BoolArray, FloatArray
 
 

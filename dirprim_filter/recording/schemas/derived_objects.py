@@ -8,13 +8,13 @@ Source: https://github.com/astuff/astuff_sensor_msgs, derived_object_msgs; carla
 
 from __future__ import annotations
 
+from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, VELOCITY, course, heading, pose, xyz
 from dirprim_filter.recording.schemas.covariances import covariance, covariances
 from dirprim_filter.recording.schemas.extents import solid, solid_sizes
-from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.labels import UNTOLD, label_names
-from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
-from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
 from tessellation.arrays import AnyArray
 
 LABELS = (

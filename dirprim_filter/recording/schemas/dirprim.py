@@ -12,11 +12,11 @@ from google.protobuf.message import DecodeError, Message
 
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.optional_columns import is_held
+from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.covariances import matrices
-from dirprim_filter.recording.schemas.fields import Field
-from dirprim_filter.recording.schemas.observed import Family, ObservedRows, rows_of
-from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, rows_of
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, FloatArray, IntArray

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dirprim_filter.recording.schemas.fields import Field
-from dirprim_filter.recording.schemas.observed import numbers
-from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.fields import Field
+from dirprim_filter.recording.schemas.object_rows import numbers
 from tessellation.arrays import FloatArray
 
 SIZE = ("size.x", "size.y", "size.z")

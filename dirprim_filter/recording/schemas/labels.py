@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.recording.decoding.field_columns import Shredded
 from tessellation.arrays import AnyArray, IntArray
 
 UNTOLD = -1

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.covariances import covariance, covariances
-from dirprim_filter.recording.schemas.fields import Field
-from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
-from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
 from tessellation.arrays import AnyArray
 
 GEODETIC = "WGS 84"

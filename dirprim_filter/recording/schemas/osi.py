@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import POSITION, VELOCITY, course, xyz
 from dirprim_filter.recording.schemas.extents import extents, sizes
-from dirprim_filter.recording.schemas.fields import Field
 from dirprim_filter.recording.schemas.labels import UNTOLD, label_names
-from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
-from dirprim_filter.recording.schemas.shredded import Shredded
+from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
 from tessellation.arrays import AnyArray
 
 LABELS = ("unknown", "other", "vehicle", "pedestrian", "animal")

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.recording.decoding.field_columns import NO_TIME, Shredded
+from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import POSITION, rotated, xyz
 from dirprim_filter.recording.schemas.extents import extents, sizes
-from dirprim_filter.recording.schemas.fields import Field
-from dirprim_filter.recording.schemas.observed import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
 from dirprim_filter.recording.schemas.osi import DIMENSION
-from dirprim_filter.recording.schemas.shredded import NO_TIME, Shredded
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 _TRUTH = ".sensor_view[0].global_ground_truth"

@@ -16,8 +16,8 @@ from typing import NoReturn, TextIO
 
 import numpy as np
 
+from dirprim_filter.recording.container.other_formats import READ_BYTES, other_format
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.other_formats import READ_BYTES, other_format
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 BLOCK_ROWS = 2048

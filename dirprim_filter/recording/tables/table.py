@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dirprim_filter.recording.geodesy import FARTHEST_M
+from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.sizes import known_sizes
 from dirprim_filter.track_ids import as_track_ids, repeated_rows
 from dirprim_filter.tracks import Tracks

@@ -1,0 +1,195 @@
+"""Chunks of an MCAP file: where they stand, and their contents, checked and bounded.
+
+Source: the MCAP specification, version 0, record 0x06. A run of messages that stand outside of chunks is
+treated as a chunk without compression and checksum, so the scan knows one thing only.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from mmap import mmap
+from typing import Any
+
+import lz4.frame
+import numpy as np
+import zstandard
+
+from dirprim_filter.recording.container._kernels import index_run
+from dirprim_filter.recording.container.damage import Damage, DamageKind
+from dirprim_filter.recording.container.records import RECORD_HEADER_SIZE, U64
+
+MAX_CHUNK_BYTES = 1 << 30
+"""No chunk is decompressed beyond this: writers close chunks after some MiB; a larger claim is damage, or an
+attack."""
+PIECE_BYTES = 1 << 24
+FED_BYTES = 512
+"""zstd can write 128 KiB for four bytes."""
+COMPRESSIONS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
+FIXED = struct.Struct("<QQQII")
+"""Start time, end time, uncompressed size, CRC of the uncompressed contents, length of the compression's
+name."""
+FIXED_SIZE = FIXED.size + U64.size
+"""Bytes of a chunk record besides the compression's name and the data."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chunk:
+    """Where a chunk's data stand in the file, and what its header says about them.
+
+    Attributes:
+        offset: byte where its record starts.
+        data_offset: byte where its (compressed) data start.
+        data_length: bytes of them that the file has.
+        start_ns: log time of its first message.
+        end_ns: log time of its last message.
+        size: bytes of its contents.
+        crc: CRC-32 of its contents; 0 where the writer gave none.
+        compression: "", "zstd" or "lz4".
+        claimed_length: bytes of its data by its own field.
+        is_cut: the file ends inside of it.
+    """
+
+    offset: int
+    data_offset: int
+    data_length: int
+    start_ns: int
+    end_ns: int
+    size: int
+    crc: int
+    compression: str
+    claimed_length: int = 0
+    is_cut: bool = False
+
+    @property
+    def claimed_end(self) -> int:
+        """Byte after its record if that were whole."""
+        return self.data_offset + self.claimed_length
+
+    @property
+    def end(self) -> int:
+        """Byte after its record."""
+        return self.data_offset + self.data_length
+
+
+def chunk_at(file: mmap, offset: int) -> Chunk | None:
+    """The chunk record that starts at `offset`, by its own fields alone; None where these make no sense."""
+    body = offset + RECORD_HEADER_SIZE
+    if body + FIXED_SIZE > len(file):
+        return None
+    start_ns, end_ns, size, crc, name_length = FIXED.unpack_from(file, body)
+    name_at = body + FIXED.size
+    if name_length > 4 or name_at + name_length + U64.size > len(file):
+        return None
+    compression = COMPRESSIONS.get(file[name_at : name_at + name_length])
+    if compression is None:
+        return None
+    data_length = int(U64.unpack_from(file, name_at + name_length)[0])
+    data_offset = name_at + name_length + U64.size
+    return Chunk(
+        offset=offset,
+        data_offset=data_offset,
+        data_length=min(data_length, len(file) - data_offset),
+        start_ns=start_ns,
+        end_ns=end_ns,
+        size=size,
+        crc=crc,
+        compression=compression,
+        claimed_length=data_length,
+        is_cut=data_offset + data_length > len(file),
+    )
+
+
+def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
+    """A chunk's contents, and what is wrong with them; none where they cannot be trusted.
+
+    Contents of a chunk that the end of the file cuts are given as far as they go: they come without a
+    checksum, and with damage that says so. A wrong size field is forgiven where the checksum vouches for the
+    contents.
+    """
+    try:
+        contents, is_ended = _decompress(file, chunk)
+    except (zstandard.ZstdError, RuntimeError, _TooLargeError) as error:  # lz4 raises bare RuntimeErrors
+        return b"", _lost(file, chunk, "chunk_data", f"its data cannot be decompressed: {error}")
+    if chunk.is_cut:
+        detail = f"the file ends inside a chunk; {len(contents)} of {chunk.size} bytes are read unchecked"
+        return contents, Damage(
+            kind="truncated",
+            offset=chunk.offset,
+            length=chunk.end - chunk.offset,
+            messages=None,
+            detail=detail,
+        )
+    found = zlib.crc32(contents)
+    if chunk.crc not in (0, found):
+        return b"", _lost(file, chunk, "chunk_crc", f"expected CRC {chunk.crc:#010x}, got {found:#010x}")
+    told = None
+    if len(contents) != chunk.size:
+        told = f"expected {chunk.size} bytes of contents, got {len(contents)}"
+    elif not is_ended:
+        told = "its compressed data do not end"
+    if told is None:
+        return contents, None
+    if not chunk.crc:
+        return b"", _lost(file, chunk, "chunk_header", told)
+    return contents, Damage(
+        kind="chunk_header", offset=chunk.offset, length=chunk.end - chunk.offset, messages=0,
+        detail=f"{told}; the checksum confirms the contents",
+    )  # fmt: skip
+
+
+class _TooLargeError(ValueError):
+    pass
+
+
+def _decompress(file: mmap, chunk: Chunk) -> tuple[bytes, bool]:
+    """A chunk's contents, and whether the compressed data come to an end."""
+    data = file[chunk.data_offset : chunk.end]
+    if not chunk.compression:
+        return data, True
+    is_zstd = chunk.compression == "zstd"
+    if is_zstd and not chunk.is_cut and zstandard.frame_content_size(data) == chunk.size <= MAX_CHUNK_BYTES:
+        return zstandard.ZstdDecompressor().decompress(data), True
+    decompressor = zstandard.ZstdDecompressor().decompressobj() if is_zstd else lz4.frame.LZ4FrameDecompressor()
+    pieces, length = [], 0
+    limit = min(chunk.size, MAX_CHUNK_BYTES)
+    for piece in _zstd_pieces(decompressor, data) if is_zstd else _lz4_pieces(decompressor, data):
+        length += len(piece)
+        if length > limit:
+            raise _TooLargeError(f"expected {limit} bytes at most, got more")
+        pieces.append(piece)
+    return b"".join(pieces), bool(decompressor.eof)
+
+
+def _zstd_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
+    """Fed in small pieces, of which each can grow to `PIECE_BYTES` or little more, whatever the data claim."""
+    for at in range(0, len(data), FED_BYTES):
+        if decompressor.eof:
+            return
+        yield decompressor.decompress(data[at : at + FED_BYTES])
+
+
+def _lz4_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
+    piece = decompressor.decompress(data, max_length=PIECE_BYTES)
+    while piece:
+        yield piece
+        ended = decompressor.eof or decompressor.needs_input
+        piece = b"" if ended else decompressor.decompress(b"", max_length=PIECE_BYTES)
+
+
+def _lost(file: mmap, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:
+    return Damage(
+        kind=kind,
+        offset=chunk.offset,
+        length=chunk.end - chunk.offset,
+        messages=_indexed_messages(file, chunk.end),
+        detail=detail,
+    )
+
+
+def _indexed_messages(file: mmap, at: int) -> int | None:
+    """Messages that the indexes behind a chunk count; None where there is no index."""
+    end, n_messages = index_run(np.frombuffer(file, np.uint8), at)
+    return n_messages if end > at else None

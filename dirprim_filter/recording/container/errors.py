@@ -1,0 +1,46 @@
+"""What can be wrong with a file: each error is one line that names the file, the place and the way out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike, fspath
+
+from dirprim_filter.recording.container.other_formats import other_format
+
+Path = str | PathLike[str]
+
+
+class RecordingError(Exception):
+    """A file cannot be read or written as asked; its text is one line for the user."""
+
+
+class NoRoomError(RecordingError):
+    """What must be copied before it is read finds no room."""
+
+
+class NotMcapError(RecordingError):
+    """The file is no MCAP log at all."""
+
+    def __init__(self, path: Path, opening: bytes) -> None:
+        """`opening`: the bytes that the file begins with."""
+        got, way = f"a file that starts with {opening[:8]!r}", "`dirprim convert` makes logs of tables"
+        if not opening:
+            got, way = "an empty file", "look how it was made"
+        elif known := other_format(opening):
+            got, way = known.name, known.way
+        super().__init__(f"{fspath(path)}: expected an MCAP log, got {got}; {way}")
+
+
+class DamagedRecordingError(RecordingError):
+    """The log is damaged, and the caller asked not to go on with what is left (strict)."""
+
+    def __init__(self, path: Path, damage: Sequence[object]) -> None:
+        more = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
+        super().__init__(f"{fspath(path)}: expected an undamaged log, got {damage[0]}{more}; read it without strict")
+
+
+class OutputExistsError(RecordingError):
+    """The file to write is there already."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"{fspath(path)}: expected a new file, it exists; choose another name or use --force")

@@ -1,0 +1,287 @@
+"""Every readable message of an MCAP file in order of log time, and a list of what could not be read.
+
+The file is mapped into memory and read chunk by chunk, so memory is bounded, whatever the chunks' overlap in time.
+Every chunk's checksum is checked and every length bounded; what is damaged is skipped and reported, the rest
+delivered.
+
+Source: the MCAP specification, version 0 (https://mcap.dev/spec).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import chain
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from dirprim_filter.recording.container._kernels import count_records, read_records
+from dirprim_filter.recording.container.chunk import Chunk, read_contents
+from dirprim_filter.recording.container.damage import Damage, DamageKind
+from dirprim_filter.recording.container.definitions import Definitions
+from dirprim_filter.recording.container.merge import TimeMerge
+from dirprim_filter.recording.container.message_columns import MessageColumns
+from dirprim_filter.recording.container.outline import read_layout
+from dirprim_filter.recording.container.records import (
+    RECORD_HEADER_SIZE,
+    U64,
+    Attachment,
+    Channel,
+    MalformedRecordError,
+    Message,
+)
+from dirprim_filter.recording.container.source import let_go, mapped
+from tessellation.arrays import AnyArray
+
+UNSEEN, UNKNOWN, UNWANTED = -3, -2, -1
+"""What stands for a channel id in place of an index into the list of channels."""
+N_CHANNEL_IDS = 1 << 16
+NO_TIMES = (0, 1 << 64)
+
+
+def scan(
+    path: str | PathLike[str],
+    *,
+    topics: Callable[[str], bool] | None = None,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+) -> Scan:
+    """Open an MCAP log for reading.
+
+    Args:
+        path: a file; "-" for standard input, another pipe, or a URL that fsspec can read: these are copied to a
+            temporary file first.
+        topics: says whether a topic's messages are wanted; left out: all are. Chunks that hold none of them by the
+            log's index are not opened, so damage in them is not seen.
+        start_ns: the first log time wanted. Chunks outside of the time are not opened, as above.
+        end_ns: the first log time no longer wanted.
+
+    Raises:
+        NotMcapError: the file is empty, or no MCAP log.
+        RecordingError: a URL that cannot be read here.
+        OSError: it cannot be opened.
+    """
+    return Scan(path, topics, start_ns=start_ns, end_ns=end_ns)
+
+
+class Scan:
+    """The messages of one log; iterate it, as often as needed, also at once, then look at `damage`.
+
+    Messages of one log time come in the order of the file. Beyond the chunks that overlap in time nothing is
+    held, and of these no more than `merge.HELD_BYTES` in memory.
+
+    Attributes:
+        path: the file, as it was named.
+        file: its bytes.
+        layout: where everything stands in it.
+        metadata: name and entries of each metadata record.
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        topics: Callable[[str], bool] | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self._topics = topics
+        self._times = (
+            NO_TIMES[0] if start_ns is None else max(start_ns, NO_TIMES[0]),
+            NO_TIMES[1] if end_ns is None else max(min(end_ns, NO_TIMES[1]), NO_TIMES[0]),
+        )
+        self.file = mapped(path)
+        self.layout = read_layout(self.file)
+        self.metadata = self.layout.metadata
+        self._latest = _Pass(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file; no more messages come."""
+        self.file.close()
+
+    @property
+    def end_ns(self) -> int | None:
+        """The last log time to come, as the chunks say; None of an empty log."""
+        last = max((chunk.end_ns for chunk in self.layout.chunks), default=None)
+        return last if last is None else min(last, self._times[1])
+
+    def is_wanted(self, topic: str) -> bool:
+        """Whether messages of a topic are delivered."""
+        return self._topics is None or self._topics(topic)
+
+    def channels(self) -> list[Channel]:
+        """All channels of the log, from the summary where it repeats them, else from within the chunks."""
+        return self.definitions.all_channels()
+
+    def attachments(self) -> list[tuple[Attachment, bytes]]:
+        """The files attached to the log whose checksum holds, and their contents."""
+        return [
+            (attachment, self.file[attachment.data_offset : attachment.data_offset + attachment.size])
+            for attachment in self.layout.attachments
+        ]
+
+    @property
+    def damage(self) -> list[Damage]:
+        """What the iteration that was begun last could not read so far; empty when all was read."""
+        return self._latest.damage
+
+    @property
+    def definitions(self) -> Definitions:
+        """Schemas and channels by their ids, as far as the iteration that was begun last knows them."""
+        return self._latest.definitions
+
+    @property
+    def channel_list(self) -> list[Channel]:
+        """What the channel indices of the `parts` that were begun last mean."""
+        return self._latest.channel_list
+
+    def __iter__(self) -> Iterator[Message]:
+        self._latest = _Pass(self)
+        return chain.from_iterable(self._latest.blocks())
+
+    def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
+        """Each chunk and its messages, in the order of the file; `damage` grows as they come."""
+        self._latest = _Pass(self)
+        return self._latest.parts()
+
+    def is_beside(self, chunk: Chunk) -> bool:
+        """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
+        told = self.layout.index.get(chunk.offset)
+        if told is None or (told.start_ns, told.end_ns) != (chunk.start_ns, chunk.end_ns):
+            return False
+        if told.channels and (chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]):
+            return True  # a chunk without messages may state any times, and define channels
+        if self._topics is None or not told.channels:
+            return False
+        channels = [self.layout.summary_channels.get(channel_id) for channel_id in told.channels]
+        return all(channel is not None and not self.is_wanted(channel.topic) for channel in channels)
+
+    def wanted(self, columns: MessageColumns) -> MessageColumns:
+        """Those of wanted topics and times."""
+        wanted = columns.channel >= 0
+        if self._times != NO_TIMES:
+            times = columns.log_time_ns
+            wanted &= times >= self._times[0]
+            if self._times[1] < NO_TIMES[1]:
+                wanted &= times < self._times[1]
+        return columns if wanted.all() else columns[wanted]
+
+
+class _Pass:
+    """One iteration: what it has learnt of channels so far, and what it could not read."""
+
+    def __init__(self, log: Scan) -> None:
+        self.damage: list[Damage] = list(log.layout.damage)
+        self.definitions = Definitions(log.file, log.layout)
+        self.channel_list: list[Channel] = []
+        self._log = log
+        self._index_of: dict[Channel, int] = {}
+        self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
+
+    def blocks(self) -> Iterator[Iterator[Message]]:
+        """The messages in order of log time, some at a time."""
+        chunks = self._log.layout.chunks
+        with TimeMerge(self.channel_list) as merge:
+            for position in sorted(range(len(chunks)), key=lambda i: chunks[i].start_ns):
+                chunk = chunks[position]
+                if self._log.is_beside(chunk):
+                    continue
+                yield from merge.release((chunk.start_ns, position))
+                merge.hold(position, self._messages(chunk))
+            yield from merge.release(None)
+
+    def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
+        """Each chunk and its messages, in the order of the file."""
+        for chunk in self._log.layout.chunks:
+            yield chunk, self._messages(chunk)
+
+    def _messages(self, chunk: Chunk) -> MessageColumns:
+        """The wanted messages of a chunk, sorted by log time, stably."""
+        contents, damage = read_contents(self._log.file, chunk)
+        let_go(self._log.file, chunk.offset, chunk.end)
+        if damage:
+            self.damage.append(damage)
+        buffer = np.frombuffer(contents, np.uint8)
+        n_messages, n_others, end = count_records(buffer)
+        channel_id, sequence, log_time, publish_time, start, stop, others = read_records(buffer, n_messages, n_others)
+        if end != len(contents) and not chunk.is_cut:
+            detail = f"byte {end} of its contents starts no record that fits; {len(contents) - end} bytes are lost"
+            self._damaged("message", chunk, None, detail)
+        columns = MessageColumns(
+            log_time_ns=log_time, publish_time_ns=publish_time, sequence=sequence,
+            channel=self._resolved(chunk, contents, channel_id, start, others),
+            start=start, stop=stop, contents=contents,
+        )  # fmt: skip
+        columns = self._log.wanted(columns).sorted()
+        if len(columns) and columns.log_time_ns[0] < chunk.start_ns:
+            first_ns = int(columns.log_time_ns[0])
+            detail = f"expected no message before {chunk.start_ns} ns, got one at {first_ns} ns; it may come late"
+            self._damaged("chunk_times", chunk, 0, detail)
+        return columns
+
+    def _resolved(
+        self, chunk: Chunk, contents: bytes, channel_id: AnyArray, start: AnyArray, others: AnyArray
+    ) -> AnyArray:
+        """(n) int32, the index of each message's channel, by the definitions that stand before it."""
+        index = np.empty(len(channel_id), np.int32)
+        done = 0
+        for at in others.tolist():
+            end = at + RECORD_HEADER_SIZE + int(U64.unpack_from(contents, at + 1)[0])
+            upto = int(np.searchsorted(start, at))  # the messages before it are of the channel as it was
+            index[done:upto] = self._indices(channel_id[done:upto])
+            done = upto
+            try:
+                if self.definitions.take(contents, at, end):
+                    self._lookup[:] = UNSEEN
+            except MalformedRecordError as error:
+                self._damaged("definition", chunk, None, str(error))
+        index[done:] = self._indices(channel_id[done:])
+        unknown = channel_id[index == UNKNOWN]
+        for one, n in zip(*(part.tolist() for part in np.unique(unknown, return_counts=True)), strict=True):
+            detail = f"{n} messages of channel {one}, which is defined nowhere"
+            self._damaged("unknown_channel", chunk, n, detail)
+        return index
+
+    def _indices(self, channel_id: AnyArray) -> AnyArray:
+        index = self._lookup[channel_id]
+        unseen = np.unique(channel_id[index == UNSEEN]).tolist()
+        if unseen:
+            for one in unseen:
+                self._lookup[one] = self._index(one)
+            index = self._lookup[channel_id]
+        return index
+
+    def _index(self, channel_id: int) -> int:
+        """Where the channel of that id stands in the list."""
+        channel = self.definitions.channel(channel_id)
+        if channel is None:
+            return UNKNOWN
+        if not self._log.is_wanted(channel.topic):
+            return UNWANTED
+        if channel not in self._index_of:
+            self._index_of[channel] = len(self.channel_list)
+            self.channel_list.append(channel)
+        return self._index_of[channel]
+
+    def _damaged(self, kind: DamageKind, chunk: Chunk, messages: int | None, detail: str) -> None:
+        self.damage.append(
+            Damage(
+                kind=kind,
+                offset=chunk.offset,
+                length=chunk.end - chunk.offset,
+                messages=messages,
+                detail=detail,
+            )
+        )

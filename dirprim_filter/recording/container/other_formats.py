@@ -1,0 +1,58 @@
+"""What is not read here, and the way from it to what is: files of other formats, messages of other encodings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from dirprim_filter.recording.container.records import ENCODINGS
+
+READ_BYTES = 16
+"""Enough of a file to know every format."""
+ROSBAGS = "--dst-storage mcap` makes an MCAP log of it in the folder NEW"
+"""rosbags comes with this package."""
+
+
+class OtherFormat(NamedTuple):
+    """A format that is no MCAP.
+
+    Attributes:
+        opening: how its files begin.
+        name: what it is.
+        way: what to do, a clause.
+    """
+
+    opening: bytes
+    name: str
+    way: str
+
+
+_AS_CSV = "write it as csv, in pandas by `read_{}(FILE).to_csv(NEW)`, for `dirprim convert`"
+OTHER_FORMATS = (
+    OtherFormat(b"SQLite format 3", "a ROS 2 bag in SQLite", f"`rosbags-convert --src FOLDER --dst NEW {ROSBAGS}"),
+    OtherFormat(b"#ROSBAG", "a ROS 1 bag", f"`rosbags-convert --src FILE --dst NEW {ROSBAGS}"),
+    OtherFormat(b"RRF", "a rerun recording", "`dirprim view` shows it"),
+    OtherFormat(b"PAR1", "a Parquet table", _AS_CSV.format("parquet")),
+    OtherFormat(b"ARROW1", "a Feather table", _AS_CSV.format("feather")),
+    OtherFormat(b"FEA1", "a Feather table", _AS_CSV.format("feather")),
+    OtherFormat(b"\x89HDF", "an HDF5 file", _AS_CSV.format("hdf")),
+    OtherFormat(b"PK\x03\x04", "a zip archive", "unpack it first"),
+    OtherFormat(b"\x28\xb5\x2f\xfd", "a file compressed by zstd", "decompress it first"),
+    OtherFormat(b"\x1f\x8b", "a file compressed by gzip", "decompress it; `dirprim convert` reads a .csv.gz as it is"),
+    OtherFormat(b"\x89MCAP", "an MCAP log", "it needs no converting: `dirprim info` tells what it holds"),
+)
+
+
+def other_format(opening: bytes) -> OtherFormat | None:
+    """The format of a file that begins with these bytes; None where it is not known."""
+    return next((known for known in OTHER_FORMATS if opening.startswith(known.opening)), None)
+
+
+def unread_encodings(encodings: Iterable[str]) -> str | None:
+    """Why messages are not read, and the way out, where none has an encoding that is."""
+    told = sorted(set(encodings))
+    if not told or set(told) & set(ENCODINGS):
+        return None
+    why = f"messages encoded as {', '.join(told)} are not read, but {', '.join(ENCODINGS)}"
+    ros1 = f"; of the ROS 1 bag `rosbags-convert --src FILE.bag --dst NEW {ROSBAGS}" if "ros1" in told else ""
+    return why + ros1

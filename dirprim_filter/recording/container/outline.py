@@ -1,0 +1,337 @@
+"""The first pass over an MCAP file: record headers only, so that the second can read chunks in order of time.
+
+Nothing here is decompressed, and the summary is not needed: it helps with channels that stand in chunks, and tells
+which chunks need not be opened.
+
+Source: the MCAP specification, version 0.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, field, replace
+from mmap import mmap
+
+import numpy as np
+
+from dirprim_filter.recording.container._kernels import index_run, message_run
+from dirprim_filter.recording.container.chunk import Chunk, chunk_at
+from dirprim_filter.recording.container.damage import Damage, DamageKind
+from dirprim_filter.recording.container.records import (
+    ATTACHMENT,
+    CHANNEL,
+    CHUNK,
+    CHUNK_INDEX,
+    DATA_END,
+    FOOTER,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
+    METADATA,
+    RECORD_HEADER_SIZE,
+    SCHEMA,
+    U32,
+    U64,
+    Attachment,
+    Channel,
+    MalformedRecordError,
+    Schema,
+    UndefinedSchemaError,
+    parse_attachment,
+    parse_channel,
+    parse_header,
+    parse_metadata,
+    parse_schema,
+)
+from dirprim_filter.recording.container.resync import (
+    PRIVATE,
+    ChunkFinder,
+    is_record,
+    legal_end,
+    salvageable,
+    starts_record,
+)
+from dirprim_filter.recording.container.source import let_go
+from dirprim_filter.recording.container.summary_section import ChunkIndex, parse_chunk_index
+
+RUN_BYTES = 1 << 22
+"""Unchunked messages are read in runs of about this size."""
+HELD_BYTES = 1 << 28
+"""What the pass has touched of the file leaves this process's memory after so much of it."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Layout:
+    """Where everything stands.
+
+    Attributes:
+        chunks: in order of the file.
+        channels: by id, as the data section defines them outside of chunks.
+        summary_channels: by id, as the summary repeats them.
+        is_summarised: the summary repeats all channels.
+        schemas: by id, as they stand outside of chunks.
+        metadata: name and entries of each metadata record.
+        attachments: those that are whole.
+        index: what the summary says of each chunk, by its offset; empty where the summary cannot be trusted.
+        private: first byte of each record of a private opcode, and the byte after it.
+        profile: of the header.
+        library: of the header: who wrote the file.
+        damage: what is broken, in order of the file.
+    """
+
+    chunks: list[Chunk] = field(default_factory=list)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    summary_channels: dict[int, Channel] = field(default_factory=dict)
+    is_summarised: bool = True
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    attachments: list[Attachment] = field(default_factory=list)
+    index: dict[int, ChunkIndex] = field(default_factory=dict)
+    private: list[tuple[int, int]] = field(default_factory=list)
+    profile: str = ""
+    library: str = ""
+    damage: list[Damage] = field(default_factory=list)
+
+
+def read_layout(file: mmap) -> Layout:
+    """The layout of a file that starts like an MCAP log."""
+    walk = _Walk(file)
+    walk.check_opening()
+    at, held = len(MAGIC), 0
+    while (after := walk.step(at)) is not None:
+        walk.previous, at = at, after
+        if at - held > HELD_BYTES:  # the system maps what stands around each header too: 64 KiB of each chunk
+            let_go(file, held, at)
+            held = at
+    walk.check_summary()
+    let_go(file, held, len(file))
+    return walk.layout
+
+
+class _Walk:
+    """The state of the pass: what was found so far, what the summary claims."""
+
+    def __init__(self, file: mmap) -> None:
+        self.file = file
+        self.size = len(file)
+        self.chunks = ChunkFinder(file)
+        self.layout = Layout()
+        self.has_unchunked = False
+        self.data_end: int | None = None  # the byte after the DataEnd record
+        self.summary_crc_holds = False
+        self.previous = len(MAGIC)  # where the record before starts
+        self.after_index = False  # the record before was a chunk or a message index
+
+    def check_opening(self) -> None:
+        if self.file[: len(MAGIC)] != MAGIC:
+            self.damaged("magic", 0, len(MAGIC), 0, f"expected {MAGIC!r} at the start, got {self.file[: len(MAGIC)]!r}")
+
+    def step(self, at: int) -> int | None:
+        """Take the record at `at`; the byte after it, or None at the end of the file."""
+        if at + RECORD_HEADER_SIZE > self.size:
+            self.ended_early(at)
+            return None
+        opcode, after_index = self.file[at], self.after_index
+        self.after_index = opcode in (CHUNK, MESSAGE_INDEX)
+        end = legal_end(self.file, at)
+        if opcode == CHUNK:
+            return self.take_chunk(at, end)
+        after = at
+        may_be_message = self.data_end is None and not (after_index and self.is_message_index(at, end))
+        if opcode == MESSAGE and may_be_message:
+            if after_index and (found := self.swallowed(at)) is not None:
+                return found  # no bare messages: the rest of a chunk that the one before reaches into
+            after = self.take_messages(at)
+        elif opcode == MESSAGE_INDEX:
+            after, _ = index_run(np.frombuffer(self.file, np.uint8), at)
+        elif is_record(self.chunks, at, end):
+            return self.take_small(opcode, at, end)
+        if after > at:
+            return after
+        return end if is_record(self.chunks, at, end) else self.recover(at)  # an index may have bytes more
+
+    def is_message_index(self, at: int, end: int) -> bool:
+        """Whether a message behind a chunk is an index whose opcode was hit: its two lengths would agree."""
+        body = at + RECORD_HEADER_SIZE
+        return body + 6 <= end <= self.size and int(U32.unpack_from(self.file, body + 2)[0]) == end - body - 6
+
+    def take_messages(self, at: int) -> int:
+        """The messages that stand one after the other from `at` on, as one chunk of bounded size."""
+        end, first_ns, last_ns = message_run(np.frombuffer(self.file, np.uint8), at, RUN_BYTES)
+        if end > at:
+            self.has_unchunked = True
+            self.layout.chunks.append(
+                Chunk(
+                    offset=at, data_offset=at, data_length=end - at, size=end - at,
+                    start_ns=int(first_ns), end_ns=int(last_ns), crc=0, compression="",
+                )
+            )  # fmt: skip
+        return int(end)
+
+    def take_chunk(self, at: int, end: int) -> int | None:
+        """A chunk by its record's length; where that and its own fields differ, by what fits in the file."""
+        chunk = chunk_at(self.file, at)
+        if not chunk or chunk.claimed_end != end:
+            return self.recover(at)
+        if chunk.is_cut and self.chunks.next_chunk(chunk.data_offset, self.size) is not None:
+            return self.recover(at)  # the file goes on: not its end, but the chunk's length is wrong
+        self.layout.chunks.append(chunk)
+        return chunk.end if not chunk.is_cut else None
+
+    def take_small(self, opcode: int, at: int, end: int) -> int | None:
+        """A record that is no message, chunk or message index; the byte after it, None behind the last footer."""
+        if opcode == FOOTER:
+            self.take_footer(at, end)
+            return self.chunks.next_chunk(end, self.size)  # of a log that goes on, this was not the end
+        try:
+            self.learn(opcode, at, end)
+        except MalformedRecordError as error:
+            self.damaged("attachment" if opcode == ATTACHMENT else "definition", at, end - at, None, str(error))
+        return end
+
+    def learn(self, opcode: int, at: int, end: int) -> None:
+        body = at + RECORD_HEADER_SIZE
+        if opcode == HEADER:
+            self.layout.profile, self.layout.library = parse_header(self.file, body, end)
+        elif opcode == SCHEMA:
+            schema_id, schema = parse_schema(self.file, body, end)
+            self.layout.schemas[schema_id] = schema
+        elif opcode == CHANNEL:
+            self.take_channel(body, end)
+        elif opcode == METADATA:
+            self.layout.metadata.append(parse_metadata(self.file, body, end))
+        elif opcode == ATTACHMENT:
+            self.take_attachment(body, end)
+        elif opcode == CHUNK_INDEX:
+            chunk = parse_chunk_index(self.file, body, end)
+            self.layout.index[chunk.offset] = chunk
+        elif opcode == DATA_END:
+            self.check_data(body)
+            self.data_end = end
+        elif opcode >= PRIVATE:
+            self.layout.private.append((at, end))
+
+    def take_attachment(self, body: int, end: int) -> None:
+        attachment = parse_attachment(self.file, body, end)
+        crc_at = attachment.data_offset + attachment.size
+        with memoryview(self.file) as view:
+            if attachment.crc not in (0, zlib.crc32(view[body:crc_at])):
+                detail = f"attachment {attachment.name!r}: its checksum does not hold"
+                self.damaged("attachment", attachment.offset, end - attachment.offset, 0, detail)
+                return
+        self.layout.attachments.append(attachment)
+
+    def take_channel(self, body: int, end: int) -> None:
+        if self.data_end is None:
+            channel_id, channel = parse_channel(self.file, body, end, self.layout.schemas)
+            self.layout.channels[channel_id] = channel
+            return
+        try:
+            channel_id, channel = parse_channel(self.file, body, end, self.layout.schemas)
+        except UndefinedSchemaError:
+            self.layout.is_summarised = False  # a summary need not repeat the schemas that stand in chunks
+            return
+        self.layout.summary_channels[channel_id] = channel
+
+    def check_data(self, body: int) -> None:
+        """Messages in chunks have their own checksums; for those outside only this one vouches."""
+        expected = int(U32.unpack_from(self.file, body)[0])
+        start = body - RECORD_HEADER_SIZE
+        if expected and self.has_unchunked:
+            found = zlib.crc32(memoryview(self.file)[:start])
+            if found != expected:
+                detail = f"expected CRC {expected:#010x}, got {found:#010x}; bare messages may be wrong"
+                self.damaged("data_crc", 0, start, None, detail)
+
+    def take_footer(self, at: int, end: int) -> None:
+        body = at + RECORD_HEADER_SIZE
+        start = int(U64.unpack_from(self.file, body)[0])
+        expected = int(U32.unpack_from(self.file, body + 16)[0])
+        if self.data_end is None:
+            self.damaged("record", at, end - at, None, "expected a DataEnd record before the footer, got none")
+        elif start not in (0, self.data_end):
+            detail = f"the footer puts the summary at byte {start}, it starts at {self.data_end}"
+            self.damaged("summary", at, end - at, 0, detail)
+        elif expected and start:
+            found = zlib.crc32(memoryview(self.file)[start : body + 16])
+            self.summary_crc_holds = found == expected
+            if found != expected:
+                detail = f"expected CRC {expected:#010x}, got {found:#010x}"
+                self.damaged("summary", start, end - start, 0, detail)
+        closing = self.file[end : end + len(MAGIC)]
+        if closing != MAGIC:
+            self.damaged("magic", end, len(closing), 0, f"expected {MAGIC!r} at the end, got {closing!r}")
+        elif end + len(MAGIC) < self.size:
+            n = self.size - end - len(MAGIC)
+            self.damaged("trailing", end + len(MAGIC), n, None, f"{n} bytes after the end of the log")
+
+    def recover(self, at: int) -> int | None:
+        """Go on after a record that makes no sense: with the chunk it may still be, or the next one."""
+        if (swallowed := self.swallowed(at)) is not None:
+            return swallowed
+        end = legal_end(self.file, at)
+        got = f"opcode {self.file[at]:#04x}, length {end - at - RECORD_HEADER_SIZE}"
+        if chunk := salvageable(self.chunks, at):
+            self.damaged("record", at, RECORD_HEADER_SIZE, 0, f"{got}; by its fields a chunk, and read as one")
+            self.layout.chunks.append(chunk)
+            return chunk.end
+        is_skipped = end > at + RECORD_HEADER_SIZE and starts_record(self.file, end)
+        if is_skipped and self.chunks.next_chunk(at + 1, end) is None:
+            self.damaged("record", at, end - at, None, f"{got}; skipped")
+            return end
+        found = self.chunks.next_chunk(at + 1, self.size)
+        is_cut = found is None and HEADER <= self.file[at] <= DATA_END
+        kind: DamageKind = "truncated" if is_cut else "record"
+        until = self.size if found is None else found
+        self.damaged(kind, at, until - at, None, f"{got}; {until - at} bytes from there on cannot be read")
+        return found
+
+    def swallowed(self, at: int) -> int | None:
+        """A chunk within the record before, of which bytes are missing: its length then reaches beyond its end."""
+        start = self.previous
+        found = self.chunks.next_chunk(start + 1, at) if start < at else None
+        last = self.layout.chunks[-1] if self.layout.chunks else None
+        if found is None or (last and last.offset == start and self.chunks.is_sound(last)):
+            return None
+        self.damaged("record", start, found - start, None, f"a record of {at - start} bytes holds the chunk behind it")
+        return found
+
+    def ended_early(self, at: int) -> None:
+        where = "after the data, before the footer" if self.data_end is not None else "before the end of the data"
+        self.damaged("truncated", at, self.size - at, None if self.data_end is None else 0, f"the file ends {where}")
+
+    def check_summary(self) -> None:
+        """Compare with the data what the summary repeats of them."""
+        if self.summary_crc_holds:
+            self.check_channels()
+        self.check_chunk_indexes()
+        if any(damage.kind in ("summary", "truncated", "magic") for damage in self.layout.damage):
+            self.layout.index.clear()
+
+    def check_channels(self) -> None:
+        """No checksum protects what stands outside of chunks; what the summary's vouches for goes before."""
+        for channel_id, channel in self.layout.summary_channels.items():
+            own = self.layout.channels.get(channel_id, channel)
+            if own != channel:
+                detail = (
+                    f"channel {channel_id}: {own.topic!r} in the data, {channel.topic!r} in the summary, which holds"
+                )
+                self.damaged("definition", 0, 0, 0, detail)
+                self.layout.channels[channel_id] = channel
+
+    def check_chunk_indexes(self) -> None:
+        """Take the earlier of two start times; find chunks that only the summary knows."""
+        layout = self.layout
+        for i, chunk in enumerate(layout.chunks):  # no checksum protects a chunk's times; one of the two may be right
+            told = layout.index.get(chunk.offset)
+            if told and told.start_ns < chunk.start_ns:
+                layout.chunks[i] = replace(chunk, start_ns=told.start_ns)
+        found = {chunk.offset for chunk in layout.chunks}
+        missing = [offset for offset in layout.index if offset not in found]
+        if missing and not layout.damage:
+            detail = f"{len(missing)} of {len(layout.index)} chunk indexes point where no chunk is"
+            self.damaged("summary", missing[0], 0, None, detail)
+
+    def damaged(self, kind: DamageKind, offset: int, length: int, messages: int | None, detail: str) -> None:
+        self.layout.damage.append(Damage(kind=kind, offset=offset, length=length, messages=messages, detail=detail))

@@ -1,0 +1,178 @@
+"""The compiled walk over ROS 2 messages: a program that skips and reads, run over the bytes of many.
+
+Sources: OMG CORBA 3.3 part 2, 9.3 (CDR) and DDS-XTypes 1.3, 7.4.3.4 (CDR2: alignment of at most four bytes).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.recording.decoding._kernels import (
+    CUT,
+    ENCAPSULATION,
+    MAX_ELEMENTS,
+    OK,
+    OVERLONG,
+    TOO_MANY,
+    Tables,
+    load,
+    new_row,
+)
+from tessellation._compiling import COMPILED
+from tessellation.arrays import AnyArray, IntArray
+
+END, SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE = range(7)
+LOOP, END_LOOP, UNLESS_SELECTED, JUMP, MARK = range(7, 12)
+
+
+@njit(**COMPILED)
+def walk_cdr(data: AnyArray, starts: IntArray, tables: Tables, status: IntArray, ops: IntArray, n_loops: int) -> bool:
+    """Run the program `ops` over each message; whether a table was too small: then nothing counts.
+
+    Args:
+        data: (n_bytes,) uint8, the messages one after the other.
+        starts: (n_messages + 1,) where each starts.
+        tables: out.
+        status: (n_messages,) out.
+        ops: (n_ops, 6) operation and its numbers, see `cdr_plan`.
+        n_loops: how deep loops nest.
+    """
+    cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
+    n_tables = width.size
+    row = np.zeros(n_tables, np.int64)
+    before = np.zeros(n_tables, np.int64)
+    left = np.zeros(n_loops + 1, np.int64)
+    index = np.zeros(n_loops + 1, np.int64)
+    outer = np.zeros(n_loops + 1, np.int64)  # the table that the loop was entered from
+    for message in range(starts.size - 1):
+        at, end = starts[message], starts[message + 1]
+        for table in range(n_tables):
+            before[table] = n_rows[table]
+        row[0] = new_row(tables, 0, message, message)
+        if row[0] < 0:
+            return True
+        before[0] += 1
+        if end - at < 4 or data[at] != 0 or (data[at + 1] > 1 and data[at + 1] != 6 and data[at + 1] != 7):
+            status[message] = ENCAPSULATION if end - at >= 4 else CUT
+            continue
+        little = (data[at + 1] & 1) == 1
+        widest = 4 if data[at + 1] >= 6 else 8
+        at += 4
+        origin = at
+        state = OK
+        op = 0
+        depth = -1
+        table = 0
+        while True:
+            code = ops[op, 0]
+            a, b, c = ops[op, 1], ops[op, 2], ops[op, 3]
+            op += 1
+            if code in (SKIP, READ):
+                step = min(a, widest) - 1
+                at = origin + ((at - origin + step) & ~step)
+                if code == SKIP:
+                    at += a * b
+                    if at > end:
+                        state = CUT
+                        break
+                else:
+                    if at + a > end:
+                        state = CUT
+                        break
+                    bits = load(data, at, a, little)
+                    if c and a < 8 and bits >> np.uint64(8 * a - 1):
+                        bits |= ~np.uint64(0) << np.uint64(8 * a)
+                    cells[base[table] + row[table] * width[table] + b] = np.int64(bits)
+                    at += a
+            elif code in (SKIP_TEXT, READ_TEXT):
+                at = origin + ((at - origin + 3) & ~3)
+                if at + 4 > end:
+                    state = CUT
+                    break
+                length = np.int64(load(data, at, 4, little))
+                at += 4
+                if length > end - at or (a > 0 and length > a + 1):
+                    state = OVERLONG
+                    break
+                if code == READ_TEXT:
+                    used = length - 1 if length > 0 and data[at + length - 1] == 0 else length
+                    cells[base[table] + row[table] * width[table] + b] = (at << 32) | used
+                at += length
+            elif code in (READ_BYTES, SKIP_SEQUENCE):
+                length = a  # READ_BYTES: fixed number or -1; SKIP_SEQUENCE: size of an item
+                if code == SKIP_SEQUENCE or a < 0:
+                    at = origin + ((at - origin + 3) & ~3)
+                    if at + 4 > end:
+                        state = CUT
+                        break
+                    length = np.int64(load(data, at, 4, little))
+                    at += 4
+                    bound = b if code == SKIP_SEQUENCE else c
+                    if length > end - at or (bound > 0 and length > bound):
+                        state = OVERLONG
+                        break
+                if code == SKIP_SEQUENCE:
+                    if length > 0:
+                        step = min(a, widest) - 1
+                        at = origin + ((at - origin + step) & ~step)
+                        at += length * a * c
+                else:
+                    cells[base[table] + row[table] * width[table] + b] = (at << 32) | length
+                    at += length
+                if at > end:
+                    state = CUT if code == READ_BYTES and a >= 0 else OVERLONG
+                    break
+            elif code == LOOP:
+                n = a
+                if a < 0:
+                    at = origin + ((at - origin + 3) & ~3)
+                    if at + 4 > end:
+                        state = CUT
+                        break
+                    n = np.int64(load(data, at, 4, little))
+                    at += 4
+                    if n > end - at or (b > 0 and n > b):
+                        state = OVERLONG
+                        break
+                if n > MAX_ELEMENTS:
+                    state = TOO_MANY
+                    break
+                if n == 0:
+                    op = ops[op - 1, 4]
+                else:
+                    depth += 1
+                    left[depth], index[depth], outer[depth] = n, 0, table
+                    if c >= 0:
+                        made = new_row(tables, c, message, row[table])
+                        if made < 0:
+                            return True
+                        row[c] = made
+                        table = c
+            elif code == END_LOOP:
+                left[depth] -= 1
+                index[depth] += 1
+                if left[depth] > 0:
+                    if table != outer[depth]:
+                        made = new_row(tables, table, message, row[outer[depth]])
+                        if made < 0:
+                            return True
+                        row[table] = made
+                    op = a
+                else:
+                    table = outer[depth]
+                    depth -= 1
+            elif code == UNLESS_SELECTED:
+                if index[depth] != a:
+                    op = b
+            elif code == JUMP:
+                op = a
+            elif code == MARK:
+                cells[base[table] + row[table] * width[table] + a] = 1
+            else:
+                break
+        if state != OK:
+            status[message] = state
+            for table in range(n_tables):
+                n_rows[table] = before[table]
+    return False

@@ -1,0 +1,236 @@
+"""The compiled walk over protobuf messages: of the wire format the wanted fields alone.
+
+Source: https://protobuf.dev/programming-guides/encoding.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.recording.decoding._kernels import (
+    CUT,
+    MAX_ELEMENTS,
+    OK,
+    OVERLONG,
+    TOO_MANY,
+    WIRE_TYPE,
+    Tables,
+    load,
+    new_row,
+)
+from tessellation._compiling import COMPILED
+from tessellation.arrays import AnyArray, IntArray
+
+SCALAR, TEXT, MESSAGE, EACH_MESSAGE, ONE_MESSAGE, EACH_SCALAR, ONE_SCALAR, EACH_TEXT, ONE_TEXT = range(9)
+PLAIN, ZIGZAG, SIGNED32 = range(3)
+
+
+@njit(**COMPILED)
+def _varint(data: AnyArray, at: int, end: int) -> Any:
+    """A varint and where it ends; -1 where it is cut or too long."""
+    value = np.uint64(0)
+    shift = np.uint64(0)
+    while at < end:
+        byte = data[at]
+        at += 1
+        value |= np.uint64(byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, at
+        shift += np.uint64(7)
+        if shift > np.uint64(63):
+            return value, -1
+    return value, -1
+
+
+@njit(**COMPILED)
+def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
+    """The bits of a number and where it ends; -1 where it is cut."""
+    if wire == 0:
+        bits, at = _varint(data, at, end)
+        if form == ZIGZAG:
+            bits = (bits >> np.uint64(1)) ^ (~(bits & np.uint64(1)) + np.uint64(1))
+        elif form == SIGNED32:
+            bits = np.uint64(np.int64(np.int32(bits & np.uint64(0xFFFFFFFF))))
+        return np.int64(bits), at
+    size = 8 if wire == 1 else 4
+    if at + size > end:
+        return np.int64(0), -1
+    bits = load(data, at, size, True)
+    if form == SIGNED32:
+        bits = np.uint64(np.int64(np.int32(bits)))
+    return np.int64(bits), at + size
+
+
+@njit(**COMPILED)
+def walk_protobuf(
+    data: AnyArray,
+    starts: IntArray,
+    tables: Tables,
+    status: IntArray,
+    entries: IntArray,
+    node_start: IntArray,
+    depth_max: int,
+) -> bool:
+    """Read the wanted fields of each message; whether a table was too small: then nothing counts.
+
+    Args:
+        data: (n_bytes,) uint8, the messages one after the other.
+        starts: (n_messages + 1,) where each starts.
+        tables: out.
+        status: (n_messages,) out.
+        entries: (n_entries, 8) field number, wire type, action, form, table, column, child node or number wanted,
+            mark or counter; those of a node one after the other, sorted.
+        node_start: (n_nodes + 1,) where the entries of each node start.
+        depth_max: how deep wanted messages nest.
+    """
+    cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
+    n_tables = width.size
+    before = np.zeros(n_tables, np.int64)
+    ends = np.zeros(depth_max + 2, np.int64)
+    nodes = np.zeros(depth_max + 2, np.int64)
+    rows = np.zeros(depth_max + 2, np.int64)  # cell where the row of that level starts
+    numbers = np.zeros(depth_max + 2, np.int64)  # and its number in its table
+    for message in range(starts.size - 1):
+        at = starts[message]
+        for table in range(n_tables):
+            before[table] = n_rows[table]
+        made = new_row(tables, 0, message, message)
+        if made < 0:
+            return True
+        before[0] += 1
+        depth = 0
+        ends[0], nodes[0], rows[0], numbers[0] = starts[message + 1], 0, base[0] + made * width[0], made
+        state = OK
+        while True:
+            end = ends[depth]
+            if at >= end:
+                if depth == 0:
+                    break
+                depth -= 1
+                continue
+            key, at = _varint(data, at, end)
+            if at < 0 or key > np.uint64(0xFFFFFFFF):
+                state = CUT
+                break
+            wire = np.int64(key & np.uint64(7))
+            number = np.int64(key >> np.uint64(3))
+            length = np.int64(0)
+            if wire == 2:
+                long, at = _varint(data, at, end)
+                if at < 0:
+                    state = CUT
+                    break
+                if long > np.uint64(end - at):
+                    state = OVERLONG
+                    break
+                length = np.int64(long)
+            elif number == 0 or wire not in (0, 1, 5):
+                state = WIRE_TYPE
+                break
+            entry = node_start[nodes[depth]]
+            last = node_start[nodes[depth] + 1]
+            while entry < last and entries[entry, 0] < number:
+                entry += 1
+            after = -1  # where the field ends, once it was read or is known
+            if wire == 2:
+                after = at + length
+            elif wire == 1:
+                after = at + 8
+            elif wire == 5:
+                after = at + 4
+            if after > end:
+                state = CUT
+                break
+            descended = False
+            while entry < last and entries[entry, 0] == number and not descended:
+                want, action, form = entries[entry, 1], entries[entry, 2], entries[entry, 3]
+                table, column, child, mark = (
+                    entries[entry, 4], entries[entry, 5], entries[entry, 6], entries[entry, 7],
+                )  # fmt: skip
+                entry += 1
+                cell = rows[depth] + column
+                if action == SCALAR:
+                    if wire == want:
+                        cells[cell], after = _scalar(data, at, end, wire, form)
+                elif action in (EACH_SCALAR, ONE_SCALAR):
+                    if wire not in (want, 2):
+                        continue
+                    stop = after if wire == 2 else at + 1
+                    here = at
+                    while here < stop:
+                        bits, here = _scalar(data, here, end if wire != 2 else after, want, form)
+                        if here < 0:
+                            after = -1
+                            break
+                        if wire != 2:
+                            after = here
+                            stop = here
+                        if action == EACH_SCALAR:
+                            if n_rows[table] - before[table] >= MAX_ELEMENTS:
+                                state = TOO_MANY
+                                break
+                            made = new_row(tables, table, message, numbers[depth])
+                            if made < 0:
+                                return True
+                            cells[base[table] + made * width[table] + column] = bits
+                        else:
+                            seen = cells[rows[depth] + mark]
+                            if seen == child:
+                                cells[cell] = bits
+                            cells[rows[depth] + mark] = seen + 1
+                    if after < 0 or state != OK:
+                        break
+                elif wire != 2:
+                    continue
+                elif action == TEXT:
+                    cells[cell] = (at << 32) | length
+                elif action == ONE_TEXT:
+                    seen = cells[rows[depth] + mark]
+                    if seen == child:
+                        cells[cell] = (at << 32) | length
+                    cells[rows[depth] + mark] = seen + 1
+                elif action in (EACH_TEXT, EACH_MESSAGE):
+                    if n_rows[table] - before[table] >= MAX_ELEMENTS:
+                        state = TOO_MANY
+                        break
+                    made = new_row(tables, table, message, numbers[depth])
+                    if made < 0:
+                        return True
+                    if action == EACH_TEXT:
+                        cells[base[table] + made * width[table] + column] = (at << 32) | length
+                    else:
+                        depth += 1
+                        ends[depth], nodes[depth] = after, child
+                        rows[depth], numbers[depth] = base[table] + made * width[table], made
+                        descended = True
+                else:
+                    # one message, or the wanted one of several: `column` counts those
+                    if action == ONE_MESSAGE:
+                        seen = cells[cell]
+                        cells[cell] = seen + 1
+                        if seen != form:
+                            continue
+                    if mark >= 0:
+                        cells[rows[depth] + mark] = 1
+                    rows[depth + 1], numbers[depth + 1] = rows[depth], numbers[depth]
+                    depth += 1
+                    ends[depth], nodes[depth] = after, child
+                    descended = True
+            if state != OK:
+                break
+            if descended:
+                continue
+            if wire == 0 and after < 0:
+                _, after = _varint(data, at, end)
+            if after < 0:
+                state = CUT
+                break
+            at = after
+        if state != OK:
+            status[message] = state
+            for table in range(n_tables):
+                n_rows[table] = before[table]
+    return False

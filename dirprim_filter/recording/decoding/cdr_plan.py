@@ -1,0 +1,276 @@
+"""ROS 2 messages in CDR, by the definition that the log carries: "ros2msg" or "ros2idl".
+
+`rosbags` parses the definitions; the program made of them skips what is not wanted. Measured beside the decoders
+of rosbags and of mcap-ros2-support in tests/benchmarks/decoding.py: both build an object for every field.
+
+Source: OMG CORBA 3.3 part 2, 9.3; ROS 2 interface definitions, https://design.ros2.org/articles/legacy_interface_definition.html.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dirprim_filter.recording.decoding import _cdr_kernels as kernels
+from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, Layout
+from dirprim_filter.recording.decoding.fields import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
+
+_SIZES: dict[str, tuple[int, Form]] = {
+    "bool": (1, "unsigned"), "byte": (1, "unsigned"), "char": (1, "unsigned"), "octet": (1, "unsigned"),
+    "uint8": (1, "unsigned"), "uint16": (2, "unsigned"), "uint32": (4, "unsigned"), "uint64": (8, "unsigned"),
+    "int8": (1, "int"), "int16": (2, "int"), "int32": (4, "int"), "int64": (8, "int"),
+    "float32": (4, "float"), "float64": (8, "double"),
+}  # fmt: skip
+_BYTES = ("uint8", "byte", "octet", "char")
+MAX_FIXED = 1 << 24
+"""More elements of a fixed array than this are no message, but would overflow offsets."""
+MAX_DEPTH = 32
+"""Definitions nest no deeper; one that names itself would for ever."""
+
+MAX_OPERATIONS = 1 << 16
+"""Definitions that name each other many times grow without end when written out."""
+
+Description = tuple[Any, Any]
+"""rosbags' description of a field: (Nodetype, its arguments)."""
+
+
+def cdr_plan(schema: str, encoding: str, definition: bytes, fields: Mapping[str, Field]) -> ColumnPlan:
+    """A plan for messages of a ROS 2 schema.
+
+    Args:
+        schema: "package/msg/Name", or "package/Name".
+        encoding: of the definition, "ros2msg" or "ros2idl".
+        definition: with those of all it depends on.
+        fields: what is wanted, by label.
+
+    Raises:
+        SchemaError: the definition cannot be read, or lacks a field.
+    """
+    program = _Program(Layout(schema, fields), _types_of(schema, encoding, definition))
+    program.structure(full_name(schema), wanted(fields), Place())
+    program.emit(kernels.END)
+    check_found(schema, fields, program.layout.found())
+    return ColumnPlan(program.layout, kernels.walk_cdr, np.array(program.ops, np.int64), program.deepest)
+
+
+def full_name(schema: str) -> str:
+    """package/msg/Name, also of what leaves out "msg"."""
+    package, _, name = schema.partition("/")
+    return schema if "/" in name else f"{package}/msg/{name}"
+
+
+def _types_of(schema: str, encoding: str, definition: bytes) -> dict[str, list[tuple[str, Description]]]:
+    """By type, names and descriptions of its fields."""
+    from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg  # noqa: PLC0415  (0.2 s)
+
+    types: dict[str, Any] = {}
+    try:
+        text = definition.decode()
+        if encoding == "ros2msg":
+            types = dict(get_types_from_msg(text, full_name(schema)))
+        elif encoding == "ros2idl":
+            for part in re.split(r"^=+\nIDL: .*\n", text, flags=re.MULTILINE):
+                if part.strip():
+                    types.update(get_types_from_idl(re.sub(r"^\s*#.*$", "", part, flags=re.MULTILINE)))
+        else:
+            raise SchemaError(f"{schema}: expected a definition in ros2msg or ros2idl, got {encoding!r}")
+    except (UnicodeDecodeError, TypesysError, RecursionError) as error:
+        reason = str(error).split("\n", 1)[0]
+        raise SchemaError(
+            f"{schema}: expected a definition in {encoding}, got one that does not parse: {reason}"
+        ) from error
+    return {name: members for name, (_, members) in types.items()}
+
+
+class _Program:
+    """The operations of a walk over one schema, emitted type by type."""
+
+    def __init__(self, layout: Layout, types: Mapping[str, list[tuple[str, Description]]]) -> None:
+        from rosbags.interfaces import Nodetype  # noqa: PLC0415
+
+        self.layout = layout
+        self.ops: list[list[int]] = []
+        self.deepest = 0
+        self._types = types
+        self._node = Nodetype
+        self._loops = 0
+        self._nesting = 0
+        self._entered = 0
+        self._even: dict[str, tuple[int, int] | None] = {}
+        self._target = 0  # behind this operation nothing jumps, so skips may be joined
+
+    def emit(self, code: int, *numbers: int) -> int:
+        """Append an operation; its number."""
+        if code == kernels.SKIP and len(self.ops) > self._target:
+            last = self.ops[-1]
+            if last[0] == kernels.SKIP and last[1] == numbers[0] and last[2] + numbers[1] <= MAX_FIXED:
+                last[2] += numbers[1]
+                return len(self.ops) - 1
+        if len(self.ops) >= MAX_OPERATIONS:
+            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_OPERATIONS} fields, all written out")
+        self.ops.append([code, *numbers, *[0] * (5 - len(numbers))])
+        return len(self.ops) - 1
+
+    def structure(self, name: str, want: Wanted | None, at: Place) -> None:
+        """Walk a message; `want` is what is wanted of it, None for nothing."""
+        if name not in self._types:
+            raise SchemaError(
+                f"{self.layout.schema}: expected a definition of {name}, which is missing or not supported"
+            )
+        self._nesting += 1
+        self._check_depth(self._nesting)
+        self._entered += 1
+        if self._entered > MAX_OPERATIONS:  # skips of messages without fields are one operation, however many
+            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_OPERATIONS} messages, all written out")
+        members = self._types[name]
+        below = dict(want.below) if want else {}
+        if want and any(kind == "mark" for _, kind in want.labels):  # in CDR all that is defined is set
+            self.emit(kernels.MARK, self.layout.value(want, at, "mark"))
+        elif want:
+            for label, _ in want.labels:
+                self.layout.clock(label, [member for member, _ in members], below)
+        for member, description in members:
+            self._member(description, below.get(member), at.at(f".{member}"))
+        if not members:
+            self.emit(kernels.SKIP, 1, 1)  # an empty message has one byte
+        self._nesting -= 1
+
+    def _check_depth(self, depth: int) -> None:
+        if depth > MAX_DEPTH:
+            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_DEPTH} messages within each other")
+
+    def _member(self, description: Description, want: dict[int | None, Wanted] | None, at: Place) -> None:
+        node, arguments = description
+        if not want:
+            self._skip(description, at.path)
+        elif node == self._node.NAME and set(want) == {None}:
+            self.structure(arguments, want[None], at)
+        elif node == self._node.BASE and set(want) == {None} and not want[None].below:
+            self._value(arguments, want[None], at)
+        elif node in (self._node.ARRAY, self._node.SEQUENCE):
+            self._array(description, want, at)
+        else:
+            raise SchemaError(
+                f"{self.layout.schema}: expected {at.path} to be otherwise built than its definition says"
+            )
+
+    def _value(self, base: tuple[str, int], want: Wanted, at: Place) -> None:
+        name, bound = base
+        if name == "string":
+            self.emit(kernels.READ_TEXT, bound, self.layout.value(want, at, "cells"))
+            return
+        size, form = self._number(name)
+        self.emit(kernels.READ, size, self.layout.value(want, at, form), int(form == "int"))
+
+    def _number(self, name: str) -> tuple[int, Form]:
+        if name not in _SIZES:
+            raise SchemaError(f"{self.layout.schema}: expected numbers and strings, got {name}, which is not supported")
+        return _SIZES[name]
+
+    def _array(self, description: Description, want: dict[int | None, Wanted], at: Place) -> None:
+        element, length = description[1]
+        fixed = description[0] == self._node.ARRAY
+        is_bytes = element[0] == self._node.BASE and element[1][0] in _BYTES
+        if set(want) == {None} and is_bytes and not want[None].below:
+            column = self.layout.value(want[None], at, "bytes")
+            self.emit(kernels.READ_BYTES, length if fixed else -1, column, 0 if fixed else length)
+            return
+        if None in want or (EACH in want and len(want) > 1):
+            raise SchemaError(
+                f"{self.layout.schema}: expected [], or numbers in brackets, behind the repeated {at.path}"
+            )
+        if EACH in want:
+            inner = Place(self.layout.table(f"{at.path}[]"), f"{at.path}[]")
+            start = self._open_loop(description, inner.table, at.path)
+            self._member(element, {None: want[EACH]}, inner)
+            self._close_loop(start)
+            return
+        chosen = {k: want[k] for k in sorted(k for k in want if k is not None)}
+        if fixed and self._evenly(description) and max(chosen) < length:
+            self._elements(element, length, chosen, at)
+            return
+        selected = {k: self.layout.column(at.table) for k in chosen}
+        start = self._open_loop(description, -1, at.path)
+        jumps = []
+        for k, mark in selected.items():
+            unless = self.emit(kernels.UNLESS_SELECTED, k, 0)
+            self._target = len(self.ops)
+            self.emit(kernels.MARK, mark)
+            self._member(element, {None: want[k]}, at.at(f"[{k}]", mark))
+            jumps.append(self.emit(kernels.JUMP, 0))
+            self.ops[unless][2] = self._target = len(self.ops)
+        self._skip(element, at.path)
+        for jump in jumps:
+            self.ops[jump][1] = len(self.ops)
+        self._close_loop(start)
+
+    def _elements(self, element: Description, length: int, want: Mapping[int, Wanted], at: Place) -> None:
+        """Some elements of a fixed array of numbers, and what is between them, without a loop."""
+        done = 0
+        for k, one in [*want.items(), (length, None)]:
+            even = self._evenly(element)
+            if even and k > done:
+                self.emit(kernels.SKIP, even[0], even[1] * (k - done))
+            if one is not None:
+                self._member(element, {None: one}, at.at(f"[{k}]"))
+            done = k + 1
+
+    def _open_loop(self, description: Description, table: int, path: str) -> int:
+        length = description[1][1]
+        fixed = description[0] == self._node.ARRAY
+        if fixed and not 0 < length <= MAX_FIXED:
+            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_FIXED} elements of {path}, got {length}")
+        self._loops += 1
+        self.deepest = max(self.deepest, self._loops)
+        self._target = len(self.ops) + 1
+        return self.emit(kernels.LOOP, length if fixed else -1, 0 if fixed else length, table, 0)
+
+    def _close_loop(self, start: int) -> None:
+        self.emit(kernels.END_LOOP, start + 1)
+        self.ops[start][4] = self._target = len(self.ops)
+        self._loops -= 1
+
+    def _skip(self, description: Description, path: str) -> None:
+        node, arguments = description
+        even = self._evenly(description)
+        if even is not None:
+            self.emit(kernels.SKIP, *even)
+        elif node == self._node.BASE:
+            self.emit(kernels.SKIP_TEXT, arguments[1])
+        elif node == self._node.NAME:
+            self.structure(arguments, None, Place(path=path))
+        else:
+            element, length = arguments
+            even = self._evenly(element)
+            if node == self._node.SEQUENCE and even is not None:
+                self.emit(kernels.SKIP_SEQUENCE, even[0], length, even[1])
+                return
+            start = self._open_loop(description, -1, path)
+            self._skip(element, path)
+            self._close_loop(start)
+
+    def _evenly(self, description: Description, depth: int = 0) -> tuple[int, int] | None:
+        """Size and number of the numbers that a value is made of, where all are of one size; else None."""
+        self._check_depth(depth)
+        node, arguments = description
+        if node == self._node.BASE:
+            return None if arguments[0] == "string" else (self._number(arguments[0])[0], 1)
+        if node == self._node.SEQUENCE:
+            return None
+        if node == self._node.ARRAY:
+            element = self._evenly(arguments[0], depth)
+            parts: list[tuple[int, int] | None] = [(element[0], element[1] * arguments[1]) if element else None]
+        elif arguments in self._even:
+            return self._even[arguments]
+        else:
+            self._even[arguments] = None  # while it is looked at: a message within itself
+            parts = [self._evenly(member, depth + 1) for _, member in self._types.get(arguments, [])]
+        sizes = {part[0] for part in parts if part}
+        total = sum(part[1] for part in parts if part)
+        even = None if None in parts or len(sizes) != 1 or total > MAX_FIXED else (sizes.pop(), total)
+        if node == self._node.NAME:
+            self._even[arguments] = even
+        return even

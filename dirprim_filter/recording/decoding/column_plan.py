@@ -1,0 +1,191 @@
+"""A schema's wanted fields as a program of the compiled walks, and its run over a batch of messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Mapping, Sequence
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from dirprim_filter.recording.decoding import _kernels as kernels
+from dirprim_filter.recording.decoding.field_columns import Column, Shredded, nanoseconds
+from dirprim_filter.recording.decoding.fields import Field, Place, SchemaError, Wanted
+from tessellation.arrays import AnyArray, IntArray
+
+Form = Literal["int", "unsigned", "float", "double", "cells", "bytes", "mark"]
+"""How the 64 bits of a cell are to be read."""
+REASONS = {
+    kernels.CUT: "a message that ends within a field",
+    kernels.OVERLONG: "a length that reaches beyond the message, or beyond its bound",
+    kernels.ENCAPSULATION: "an encapsulation other than plain CDR or CDR2",
+    kernels.WIRE_TYPE: "a field of a wire type that protobuf does not have",
+    kernels.TOO_MANY: f"more than {kernels.MAX_ELEMENTS} elements of one field",
+}
+CLOCKS: tuple[tuple[str, str], ...] = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
+"""Names of the fields of a time: ROS 2, Foxglove in JSON, ROS 1, and protobuf."""
+_SECONDS = frozenset(names[0] for names in CLOCKS)
+_NOWHERE: tuple[int, int, Form] = (-1, 0, "int")
+
+
+class Plan(Protocol):
+    """Reads the wanted fields out of messages of one schema."""
+
+    def run(self, payloads: Sequence[bytes], /) -> Shredded:
+        """The columns of a batch."""
+        ...
+
+
+class Layout:
+    """Which tables and columns a program writes; given out while the program is made.
+
+    Attributes:
+        schema: its name.
+        fields: what is wanted.
+        tables: number by path.
+        columns: by label, table, column and form.
+        clocks: by label, the same of seconds and of nanoseconds.
+        marks: by table and column, the columns that say whether its value is there.
+        enough: by table and column, the column that counts, and which element its value is.
+    """
+
+    def __init__(self, schema: str, fields: Mapping[str, Field]) -> None:
+        self.schema = schema
+        self.fields = fields
+        self.tables: dict[str, int] = {"": 0}
+        self._defaults: list[list[int]] = [[0, 0]]  # a row of each: the message, the row above, then its columns
+        self.columns: dict[str, tuple[int, int, Form]] = {}
+        self.clocks: dict[str, tuple[tuple[int, int, Form], tuple[int, int, Form]]] = {}
+        self.marks: dict[tuple[int, int], list[int]] = {}
+        self.enough: dict[tuple[int, int], tuple[int, int]] = {}
+
+    def table(self, path: str) -> int:
+        """The number of a table, made at first."""
+        if path not in self.tables:
+            self.tables[path] = len(self._defaults)
+            self._defaults.append([0, 0])
+        return self.tables[path]
+
+    def column(self, table: int, default: int = 0) -> int:
+        """A new column."""
+        self._defaults[table].append(default)
+        return len(self._defaults[table]) - 1
+
+    def value(self, want: Wanted, at: Place, form: Form, default: int = 0) -> int:
+        """A column for a value that is there when all of the place's marks are set; its number."""
+        column = self.column(at.table, default)
+        place = (at.table, column, form)
+        for label, kind in want.labels:
+            clock, _, part = label.partition("/")
+            if part:
+                seconds, nanos = self.clocks[clock]
+                self.clocks[clock] = (place, nanos) if part in _SECONDS else (seconds, place)
+                continue
+            if kind == "time" and form not in ("int", "unsigned"):
+                raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got a {form}")
+            if kind == "mark" and form != "mark":
+                raise SchemaError(f"{self.schema}: expected a message at {self.fields[label].path}, got a {form}")
+            if kind == "number" and form in ("cells", "bytes"):
+                raise SchemaError(f"{self.schema}: expected a number at {self.fields[label].path}, got text")
+            self.columns[label] = place
+        if at.marks:
+            self.marks[at.table, column] = list(at.marks)
+        return column
+
+    def clock(self, label: str, members: Container[str], below: dict[str, dict[int | None, Wanted]]) -> None:
+        """Ask for the halves of a time, among the `members` of its message.
+
+        Raises:
+            SchemaError: they are not those of a time.
+        """
+        for names in CLOCKS:
+            if all(name in members for name in names):
+                for part in names:
+                    below.setdefault(part, {}).setdefault(None, Wanted()).labels.append((f"{label}/{part}", "number"))
+                self.clocks[label] = (_NOWHERE, _NOWHERE)
+                return
+        raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got another message")
+
+    def found(self) -> set[str]:
+        """The labels whose fields the schema has."""
+        return set(self.columns) | set(self.clocks)
+
+    def default_rows(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Row of defaults of all tables, where each starts, and its width."""
+        width = np.array([len(row) for row in self._defaults], np.int64)
+        return (
+            np.array([cell for row in self._defaults for cell in row], np.int64),
+            np.cumsum(width) - width,
+            width,
+        )
+
+
+Walk = Callable[..., bool]
+"""A kernel: of data, starts, tables, status, and its program."""
+
+
+class ColumnPlan:
+    """A compiled plan: a walk, and the tables that it writes."""
+
+    def __init__(self, layout: Layout, walk: Walk, *program: AnyArray | int) -> None:
+        self._layout = layout
+        self._walk = walk
+        self._program = program
+        self._defaults, self._default_base, self._width = layout.default_rows()
+        self._capacity = np.full(self._width.size, 64, np.int64)
+
+    def run(self, payloads: Sequence[bytes], /) -> Shredded:
+        """The columns of a batch; messages that cannot be read are told in its `failures`."""
+        n = len(payloads)
+        starts = np.zeros(n + 1, np.int64)
+        np.cumsum(np.fromiter(map(len, payloads), np.int64, n), out=starts[1:])
+        data = np.frombuffer(b"".join(payloads), np.uint8)
+        status = np.zeros(n, np.int64)
+        count = np.zeros(self._width.size, np.int64)
+        self._capacity[0] = max(self._capacity[0], n)
+        while True:
+            size = self._capacity * self._width
+            base = np.cumsum(size) - size
+            cells = np.empty(int(size.sum()), np.int64)
+            count[:] = 0
+            status[:] = 0
+            tables = kernels.Tables(cells, base, self._width, self._capacity, count, self._defaults, self._default_base)
+            if not self._walk(data, starts, tables, status, *self._program):
+                break
+            self._capacity[count >= self._capacity] *= 2
+        written = [
+            np.ascontiguousarray(cells[b : b + c * w].reshape(c, w).T)
+            for b, c, w in zip(base, count, self._width.tolist(), strict=True)
+        ]
+        failed = np.flatnonzero(status)
+        shredded = Shredded(
+            fields=self._layout.fields,
+            n_messages=n,
+            rows={path: (written[i][0], written[i][1]) for path, i in self._layout.tables.items()},
+            columns={label: self._column(written, *place) for label, place in self._layout.columns.items()},
+            data=data,
+            failures={int(i): REASONS[int(status[i])] for i in failed},
+        )
+        for label, clock in self._layout.clocks.items():
+            seconds, nanos = (self._column(written, *place) for place in clock)
+            time_ns = nanoseconds(seconds.values.astype(np.int64), nanos.values.astype(np.int64))
+            shredded.columns[label] = Column(form="time", values=time_ns, missing=seconds.missing)
+        return shredded
+
+    def _column(self, tables: Sequence[AnyArray], table: int, column: int, form: Form) -> Column:
+        cells = tables[table][column]
+        marks = self._layout.marks.get((table, column))
+        missing = (tables[table][marks] == 0).any(axis=0) if marks else None
+        if (table, column) in self._layout.enough:
+            seen, wanted = self._layout.enough[table, column]
+            too_few = tables[table][seen] <= wanted
+            missing = too_few if missing is None else missing | too_few
+        values: Any = cells
+        if form == "double":
+            values = cells.view(np.float64)
+        elif form == "float":
+            values = cells.astype(np.uint32).view(np.float32).astype(np.float64)
+        elif form == "unsigned":
+            values = cells.view(np.uint64)
+        if form in ("cells", "bytes"):
+            return Column(form="cells" if form == "cells" else "bytes", values=values, missing=missing)
+        return Column(form="number", values=values, missing=missing)

@@ -1,0 +1,173 @@
+"""Columns of wanted fields, shredded out of a batch of messages: what every encoding's plan gives.
+
+Source: the record shredding of Melnik et al., "Dremel: Interactive Analysis of Web-Scale Datasets", 2010, with
+row numbers of the parent in place of repetition levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from dirprim_filter.recording.decoding import _kernels as kernels
+from dirprim_filter.recording.decoding.fields import Field
+from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
+
+NO_TIME = -(1 << 63)
+"""Nanoseconds of a message or a row that carries no time, or one beyond int64."""
+MAX_NAME_LENGTH = 256
+"""Longer names, in bytes of UTF-8, are no names: as a column of text one of them costs every row its length."""
+NANOSECONDS = 1_000_000_000
+TIME_END_NS = 1 << 63
+FARTHEST_S = (1 << 63) // NANOSECONDS - 1
+"""Seconds beyond this, to either side, do not fit into int64 nanoseconds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Column:
+    """The values of one field, a row each.
+
+    Attributes:
+        form: "number" (float64, int64 or uint64), "cells" (texts in the batch), "bytes" (the same, no text),
+            "names" (str), "time" (int64 nanoseconds).
+        values: (n,) as `form` says.
+        missing: (n,) where the message has no such value.
+    """
+
+    form: Literal["number", "cells", "bytes", "names", "time"]
+    values: AnyArray
+    missing: BoolArray | None = None
+
+
+@dataclass(slots=True, kw_only=True)
+class Shredded:
+    """Tables of a batch; labels that the schema lacks read as missing.
+
+    Attributes:
+        fields: what was asked for.
+        n_messages: in the batch.
+        rows: by table, (n,) the message and (n,) the row of the table above, for each of its rows.
+        columns: by label.
+        data: (n_bytes,) uint8, where texts stand.
+        failures: by number of the message, why it cannot be read.
+    """
+
+    fields: Mapping[str, Field]
+    n_messages: int
+    rows: dict[str, tuple[IntArray, IntArray]]
+    columns: dict[str, Column]
+    data: AnyArray
+    failures: dict[int, str] = field(default_factory=dict)
+
+    def message_of(self, table: str) -> IntArray:
+        """(n,) the message of each row; none where the schema lacks the table."""
+        return self._rows(table)[0]
+
+    def parent_of(self, table: str) -> IntArray:
+        """(n,) the row in the table above of each row."""
+        return self._rows(table)[1]
+
+    def _rows(self, table: str) -> tuple[IntArray, IntArray]:
+        nothing = np.empty(0, np.int64)
+        return self.rows.get(table, (nothing, nothing))
+
+    def _size(self, label: str) -> int:
+        return int(self.message_of(self.fields[label].table).size)
+
+    def numbers(self, label: str) -> FloatArray:
+        """(n,) float64; NaN where missing."""
+        column = self.columns.get(label)
+        if column is None:
+            return np.full(self._size(label), np.nan)
+        values = column.values.astype(np.float64, copy=False)
+        return values if column.missing is None else np.where(column.missing, np.nan, values)
+
+    def integers(self, label: str, default: int = 0) -> IntArray:
+        """(n,) int64; `default` where missing."""
+        column = self.columns.get(label)
+        if column is None:
+            return np.full(self._size(label), default, np.int64)
+        with np.errstate(invalid="ignore"):
+            values = column.values.astype(np.int64)
+        if column.missing is not None:
+            values[column.missing] = default
+        return values
+
+    def marks(self, label: str, default: bool = True) -> BoolArray:
+        """(n,) whether the message is set; `default` where the schema does not have it."""
+        column = self.columns.get(label)
+        return np.full(self._size(label), default) if column is None else column.values.astype(np.bool_)
+
+    def times(self, label: str) -> IntArray:
+        """(n,) nanoseconds; `NO_TIME` where missing."""
+        column = self.columns.get(label)
+        if column is None:
+            return np.full(self._size(label), NO_TIME, np.int64)
+        return np.where(column.missing, NO_TIME, column.values) if column.missing is not None else column.values
+
+    def names(self, label: str) -> AnyArray:
+        """(n,) str: texts as they are, numbers in decimal, bytes in hexadecimal; empty where missing.
+
+        Texts of more than `MAX_NAME_LENGTH` bytes come one byte longer than that; the messages of those that
+        are no UTF-8 are marked as failed.
+        """
+        column = self.columns.get(label)
+        if column is None:
+            return np.full(self._size(label), "")
+        if column.form in ("cells", "bytes"):
+            values = self._texts(column.values, self.fields[label].table, is_text=column.form == "cells")
+        else:
+            values = column.values if column.values.dtype.kind == "U" else column.values.astype(np.str_)
+        return np.where(column.missing, "", values) if column.missing is not None else values
+
+    def _texts(self, cells: IntArray, table: str, *, is_text: bool) -> AnyArray:
+        length = cells & 0xFFFFFFFF
+        width = int(min(length.max(initial=0), MAX_NAME_LENGTH + 1))
+        if width == 0:
+            return np.full(cells.size, "")
+        gathered: AnyArray = kernels.gather_texts(self.data, cells, width)
+        if not is_text:
+            digits = np.frombuffer(b"0123456789abcdef", np.uint8)
+            pairs = np.stack([digits[gathered >> 4], digits[gathered & 15]], axis=-1)
+            pairs[np.arange(width) >= length[:, None]] = 0
+            return (
+                np.ascontiguousarray(pairs).reshape(cells.size, 2 * width).view(f"S{2 * width}")[:, 0].astype(np.str_)
+            )
+        if not (gathered & 0x80).any():  # ASCII: one character is one byte
+            return gathered.astype(np.uint32).view(f"U{width}")[:, 0]
+        names = []
+        for row, (cell, size) in enumerate(zip(cells.tolist(), length.tolist(), strict=True)):
+            text = self.data[cell >> 32 : (cell >> 32) + size].tobytes()
+            try:
+                name = (
+                    text.decode() if size <= MAX_NAME_LENGTH else text.decode(errors="replace")[: MAX_NAME_LENGTH + 1]
+                )
+            except UnicodeDecodeError as error:
+                self.failures[int(self.message_of(table)[row])] = f"a text that is no UTF-8: {error}"
+                name = ""
+            names.append(name)
+        return np.array(names, dtype=np.str_)
+
+    def fail(self, messages: AnyArray, reason: str) -> None:
+        """Say that messages, by number, cannot be read."""
+        for message in np.unique(messages).tolist():
+            self.failures.setdefault(message, reason)
+
+
+def nanoseconds(seconds: IntArray, nanos: IntArray) -> IntArray:
+    """(n,) int64; `NO_TIME` beyond int64."""
+    fits = (np.abs(seconds) < FARTHEST_S) & (np.abs(nanos) < NANOSECONDS * 4)
+    edge = ~fits
+    total = np.where(fits, seconds, 0) * NANOSECONDS + np.where(fits, nanos, 0)
+    for row in np.flatnonzero(edge).tolist():  # few: exactly, in whole numbers without bounds
+        exact = int(seconds[row]) * NANOSECONDS + int(nanos[row])
+        total[row] = exact if -(1 << 63) <= exact < 1 << 63 else NO_TIME
+    return total
+
+
+def signed(time_ns: AnyArray) -> IntArray:
+    """(n,) int64 of uint64 nanoseconds; `NO_TIME` where they do not fit."""
+    return np.where(time_ns < TIME_END_NS, time_ns.astype(np.int64), NO_TIME)

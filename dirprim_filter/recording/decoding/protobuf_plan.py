@@ -1,0 +1,181 @@
+"""Protobuf messages, by the descriptor set that the log carries.
+
+Message classes are never built: of the wire format the wanted fields alone are read.
+
+Source: https://protobuf.dev/programming-guides/encoding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import cast
+
+import numpy as np
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
+from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
+
+from dirprim_filter.recording.decoding import _protobuf_kernels as kernels
+from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, Layout
+from dirprim_filter.recording.decoding.fields import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
+
+_F = FieldDescriptor
+_SCALARS: dict[int, tuple[int, int, Form]] = {
+    _F.TYPE_DOUBLE: (1, kernels.PLAIN, "double"),
+    _F.TYPE_FLOAT: (5, kernels.PLAIN, "float"),
+    _F.TYPE_INT64: (0, kernels.PLAIN, "int"),
+    _F.TYPE_UINT64: (0, kernels.PLAIN, "unsigned"),
+    _F.TYPE_INT32: (0, kernels.SIGNED32, "int"),
+    _F.TYPE_UINT32: (0, kernels.PLAIN, "unsigned"),
+    _F.TYPE_BOOL: (0, kernels.PLAIN, "unsigned"),
+    _F.TYPE_ENUM: (0, kernels.SIGNED32, "int"),
+    _F.TYPE_SINT32: (0, kernels.ZIGZAG, "int"),
+    _F.TYPE_SINT64: (0, kernels.ZIGZAG, "int"),
+    _F.TYPE_FIXED32: (5, kernels.PLAIN, "unsigned"),
+    _F.TYPE_FIXED64: (1, kernels.PLAIN, "unsigned"),
+    _F.TYPE_SFIXED32: (5, kernels.SIGNED32, "int"),
+    _F.TYPE_SFIXED64: (1, kernels.PLAIN, "int"),
+}
+"""Wire type, how its bits are written, and how a cell of it is read."""
+_TEXTS: dict[int, Form] = {_F.TYPE_STRING: "cells", _F.TYPE_BYTES: "bytes"}
+
+
+def protobuf_plan(schema: str, definition: bytes, fields: Mapping[str, Field]) -> ColumnPlan:
+    """A plan for messages of a protobuf schema.
+
+    Args:
+        schema: full name of the message.
+        definition: a serialised FileDescriptorSet.
+        fields: what is wanted, by label.
+
+    Raises:
+        SchemaError: the definition cannot be read, or lacks a field.
+    """
+    program = _Program(Layout(schema, fields))
+    program.message(message_descriptor(schema, definition), wanted(fields), Place(), 0)
+    check_found(schema, fields, program.layout.found())
+    nodes = [sorted(node, key=lambda entry: entry[0]) for node in program.nodes]
+    entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 8)
+    starts = np.cumsum([0, *(len(node) for node in nodes)])
+    return ColumnPlan(program.layout, kernels.walk_protobuf, entries, starts.astype(np.int64), program.deepest)
+
+
+def message_descriptor(name: str, descriptors: bytes) -> Descriptor:
+    """The descriptor of the message called `name`, from a serialised FileDescriptorSet in a pool of its own.
+
+    Raises:
+        SchemaError: it is no such set.
+    """
+    files = FileDescriptorSet()
+    try:
+        files.ParseFromString(descriptors)
+    except DecodeError as error:
+        raise SchemaError(
+            f"{name}: expected a google.protobuf.FileDescriptorSet, got {len(descriptors)} other bytes"
+        ) from error
+    pool = DescriptorPool()
+    pending = {file.name: file for file in files.file}
+    try:
+        while ready := [f for f in pending.values() if not any(needed in pending for needed in f.dependency)]:
+            for file in ready:
+                pool.AddSerializedFile(pending.pop(file.name).SerializeToString())
+        return pool.FindMessageTypeByName(name)
+    except (KeyError, TypeError) as error:
+        raise SchemaError(f"{name}: expected a descriptor set that defines it, got {error}") from error
+
+
+class _Program:
+    """Nodes of wanted fields: one for each message that is entered on the way to them."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.nodes: list[list[list[int]]] = []
+        self.deepest = 0
+
+    def message(self, descriptor: Descriptor, want: Wanted, at: Place, depth: int) -> int:
+        """The number of a new node for what is wanted of a message."""
+        self.deepest = max(self.deepest, depth)
+        node, entries = len(self.nodes), list[list[int]]()
+        self.nodes.append(entries)
+        repeated = _repeated(descriptor)
+        for name, selected in want.below.items():
+            found = descriptor.fields_by_name.get(name)
+            if found is None:
+                continue  # told by `check_found`
+            self._check(found, set(selected), is_repeated=name in repeated)
+            for selector, one in selected.items():
+                if found.message_type:
+                    entries.append(self._message(found, selector, one, at, depth))
+                else:
+                    entries.append(self._value(found, selector, one, at))
+        return node
+
+    def _check(self, found: FieldDescriptor, selectors: set[int | None], *, is_repeated: bool) -> None:
+        told = f"{self.layout.schema}: {found.full_name} is"
+        if is_repeated == (None in selectors):
+            raise SchemaError(f"{told} {'repeated: expected' if is_repeated else 'single: expected no'} [] behind it")
+        if found.message_type and len(selectors) > 1:
+            raise SchemaError(f"{told} repeated: expected one of [] and [k] behind it, got several")
+        if found.type == _F.TYPE_GROUP:
+            raise SchemaError(f"{told} a group: expected a message")
+
+    def _message(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place, depth: int) -> list[int]:
+        descriptor = cast("Descriptor", found.message_type)
+        if selector == EACH:
+            path = f"{at.path}.{found.name}[]"
+            inner = Place(self.layout.table(path), path)
+            child = self.message(descriptor, want, inner, depth + 1)
+            return [found.number, 2, kernels.EACH_MESSAGE, 0, inner.table, 0, child, -1]
+        clocks = [label for label, kind in want.labels if kind == "time"]
+        mark = self.layout.column(at.table) if selector is not None or want.labels else -1
+        for label, kind in want.labels:
+            if kind == "mark":
+                self.layout.columns[label] = (at.table, mark, "mark")
+            else:
+                self.layout.clock(label, descriptor.fields_by_name, want.below)
+        step = f".{found.name}" if selector is None else f".{found.name}[{selector}]"
+        below = at.at(step, *([mark] if selector is not None or clocks else []))
+        child = self.message(descriptor, want, below, depth + 1)
+        if selector is None:
+            return [found.number, 2, kernels.MESSAGE, 0, at.table, 0, child, mark]
+        return [found.number, 2, kernels.ONE_MESSAGE, selector, at.table, self.layout.column(at.table), child, mark]
+
+    def _value(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place) -> list[int]:
+        if want.below:
+            raise SchemaError(f"{self.layout.schema}: expected a message at {found.full_name}, got a value")
+        is_text = found.type in _TEXTS
+        wire, bits, form = (2, 0, _TEXTS[found.type]) if is_text else _SCALARS[found.type]
+        if selector == EACH:
+            path = f"{at.path}.{found.name}[]"
+            inner = Place(self.layout.table(path), path)
+            action = kernels.EACH_TEXT if is_text else kernels.EACH_SCALAR
+            return [found.number, wire, action, bits, inner.table, self.layout.value(want, inner, form), -1, -1]
+        if selector is None:
+            action = kernels.TEXT if is_text else kernels.SCALAR
+            column = self.layout.value(want, at, form, 0 if is_text else _default_bits(found, form))
+            return [found.number, wire, action, bits, at.table, column, -1, -1]
+        action = kernels.ONE_TEXT if is_text else kernels.ONE_SCALAR
+        seen, column = self.layout.column(at.table), self.layout.value(want, at, form)
+        self.layout.enough[at.table, column] = (seen, selector)
+        return [found.number, wire, action, bits, at.table, column, selector, seen]
+
+
+def _repeated(descriptor: Descriptor) -> frozenset[str]:
+    """The names of a message's repeated fields.
+
+    By its definition: `FieldDescriptor.label` goes out of protobuf, and 5.29 does not have `is_repeated` yet.
+    """
+    definition = DescriptorProto()
+    descriptor.CopyToProto(definition)
+    return frozenset(field.name for field in definition.field if field.label == FieldDescriptorProto.LABEL_REPEATED)
+
+
+def _default_bits(found: FieldDescriptor, form: Form) -> int:
+    """What an unset number reads as, as the bits of a cell."""
+    value = found.default_value
+    if form == "double":
+        return int(np.float64(value).view(np.int64))
+    if form == "float":
+        return int(np.float32(value).view(np.uint32))
+    return int(np.uint64(int(value) & 0xFFFFFFFFFFFFFFFF).view(np.int64))

@@ -1,0 +1,143 @@
+"""An MCAP file in the making: protobuf messages by topic, under a temporary name until it is whole.
+
+Source: the MCAP format specification, https://mcap.dev/spec. The same messages give the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from importlib import metadata as installed
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from google.protobuf.message import Message
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from dirprim_filter.recording.container.interrupts import uninterrupted
+from dirprim_filter.recording.container.mcap_writer import LEVEL, McapWriter
+from dirprim_filter.recording.container.partial_file import PartialFile
+from dirprim_filter.recording.container.records import Channel, Schema
+
+PRODUCER = "dirprim-filter"
+METADATA_NAME = "dirprim"
+"""The metadata record that says who wrote the file, and from what."""
+
+
+def producer_version() -> str:
+    """The version of this package; a source tree that nobody installed has none."""
+    try:
+        return installed.version(PRODUCER)
+    except installed.PackageNotFoundError:
+        return "not installed"
+
+
+class McapLog:
+    """A context manager that writes an MCAP file; it takes its name when whole.
+
+    Until then it stands beside as `NAME.PID.partial`: after a kill that holds all but the last chunk, and
+    `dirprim recover` makes a whole log of it.
+    An exception removes it.
+
+    Args:
+        path: the file to write.
+        metadata: goes into the `dirprim` metadata record, beside the producer.
+        max_chunk_ns: a chunk and the instant after it, which may still be under way when a tracker is killed, span at
+            most this much log time, whatever their size. Short chunks compress less well; None leaves them at 1 MiB.
+        level: of the compression: 1 takes half the time of 3, -3 half of that.
+        force: overwrite an existing file.
+        keep_when_interrupted: Ctrl-C ends the log as the end of the body does: of a log that grows with time, what is
+            there is whole; of one that holds a given thing, it is a part that nobody would tell from the whole.
+
+    Raises:
+        OutputExistsError: the file exists, and `force` is not set.
+        OSError: the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        metadata: Mapping[str, str],
+        max_chunk_ns: int | None = None,
+        level: int = LEVEL,
+        force: bool = False,
+        keep_when_interrupted: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self._partial = PartialFile(path, force=force)
+        self._keep_when_interrupted = keep_when_interrupted
+        self._metadata = metadata
+        self._level = level
+        self._channel: dict[str, int] = {}
+        self._schema: dict[str, Schema] = {}
+        self._n_messages: dict[int, int] = {}
+        self._max_chunk_ns = max_chunk_ns
+        self._chunk_start_ns: int | None = None
+        self._newest_ns = 0
+
+    def __enter__(self) -> Self:
+        with ExitStack() as opened:
+            self._writer = McapWriter(opened.enter_context(self._partial), library=PRODUCER, level=self._level)
+            said = {"producer": PRODUCER, "version": producer_version(), **self._metadata}
+            self._writer.add_metadata(METADATA_NAME, said)
+            self._opened = opened.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        is_whole = kind is None or (self._keep_when_interrupted and issubclass(kind, KeyboardInterrupt))
+        with uninterrupted():
+            if is_whole:
+                with self._opened:
+                    self._writer.finish()
+            else:
+                self._opened.__exit__(kind, error, trace)
+
+    def write(self, topic: str, message: Message, time_ns: int) -> None:
+        """Append a message; log time and publish time are `time_ns`.
+
+        Raises:
+            ValueError: the time is negative, which MCAP cannot hold.
+        """
+        self.write_encoded(topic, type(message), message.SerializeToString(), time_ns)
+
+    def write_encoded(self, topic: str, kind: type[Message], data: bytes, time_ns: int) -> None:
+        """Append a message of this kind that is encoded already.
+
+        Raises:
+            ValueError: the time is negative, which MCAP cannot hold.
+        """
+        if time_ns < 0:
+            raise ValueError(f"time_ns: expected at least 0 ns, as MCAP holds no earlier time; got {time_ns} ns")
+        with uninterrupted():
+            self._append(topic, kind, data, time_ns)
+
+    def _append(self, topic: str, kind: type[Message], data: bytes, time_ns: int) -> None:
+        channel = self._channel.get(topic)
+        if channel is None:
+            channel = self._channel[topic] = self._register(topic, kind)
+        if self._max_chunk_ns is not None:
+            if self._chunk_start_ns is None:
+                self._chunk_start_ns = time_ns
+            elif time_ns > self._newest_ns and (  # what comes late, as of a smoother, joins the chunk at hand
+                time_ns - self._chunk_start_ns + (time_ns - self._newest_ns) >= self._max_chunk_ns
+            ):
+                self._writer.close_chunk()
+                self._chunk_start_ns = time_ns
+            self._newest_ns = max(self._newest_ns, time_ns)
+        sequence = self._n_messages[channel]
+        self._n_messages[channel] = sequence + 1
+        self._writer.add(channel, sequence, time_ns, time_ns, data)
+
+    def _register(self, topic: str, kind: type[Message]) -> int:
+        name = kind.DESCRIPTOR.full_name
+        if name not in self._schema:
+            definition = build_file_descriptor_set(kind).SerializeToString()
+            self._schema[name] = Schema(name=name, encoding="protobuf", data=definition)
+        channel = Channel(topic=topic, message_encoding="protobuf", schema=self._schema[name], metadata=())
+        channel_id = self._writer.define(channel)
+        self._n_messages[channel_id] = 0
+        return channel_id

@@ -1,0 +1,1 @@
+"""The objects that the messages of a log report, as detections and as tracks."""

@@ -1,0 +1,102 @@
+"""What a sensor reported, out of a log, an instant at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Unpack
+
+import numpy as np
+
+from dirprim_filter.detections import NO_ID, Detections, is_covariance
+from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.losses import ClockFaults, Drops
+from dirprim_filter.recording.objects.observations import Observations, Reading, TimedRows, log_losses
+from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
+
+
+class DetectionStream:
+    """Iterates the detections of a log, one instant each, ascending; then tells what was lost.
+
+    Attributes:
+        topics: what is read.
+        dropped: what of the readable messages was left out so far.
+        clock: what is odd about the times of the messages so far.
+    """
+
+    def __init__(
+        self,
+        log: Scan,
+        *,
+        topics: frozenset[str],
+        motion: bool,
+        **reading: Unpack[Reading],
+    ) -> None:
+        self._log = log
+        self.topics = topics
+        self._motion = motion
+        self._reading = reading
+        self.dropped = Drops()
+        self.clock = ClockFaults()
+
+    @property
+    def end_ns(self) -> int | None:
+        """The last log time to come, as the chunks say; None of an empty log."""
+        last, asked = self._log.end_ns, self._reading.get("end_ns")
+        return last if last is None or asked is None else min(last, asked)
+
+    @property
+    def damage(self) -> list[Damage]:
+        """What of the file could not be read so far."""
+        return self._log.damage
+
+    def __iter__(self) -> Iterator[Detections]:
+        """The instants.
+
+        Raises:
+            DamagedRecordingError: strict, and the log is damaged.
+            DecodeError: strict, and a message is not what its schema says.
+        """
+        observations = Observations(self._log, **self._reading)
+        self.dropped, self.clock = observations.drops, observations.clock
+        came_ns = -(1 << 63)
+        rest = Detections.none()
+        for batch in observations:
+            latest_ns = np.maximum.accumulate(np.maximum(batch.time_ns, came_ns))
+            in_order = batch.time_ns == latest_ns
+            self.dropped.backward += int((~in_order).sum())
+            came_ns = int(latest_ns[-1])
+            seen = Detections.concatenate([rest, self._detections(batch)[in_order]])
+            *whole, rest = self._without_repeats(seen).frames()  # what follows may be of the last instant too
+            yield from whole
+        if len(rest):
+            yield rest
+        log_losses(self._log.path, self.damage, self.dropped, self.clock)
+
+    def _detections(self, batch: TimedRows) -> Detections:
+        """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
+        rows = batch.rows
+        is_one_world = self._reading.get("group") is not None  # the group that was asked for goes under its own ids
+        seen = Detections(
+            track_id=rows.track_id,
+            time_ns=batch.time_ns,
+            position=rows.position,
+            covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
+            size=rows.size,
+            group=np.zeros_like(rows.group) if is_one_world else rows.group,
+        )
+        if not self._motion:
+            return seen
+        return replace(
+            seen,
+            direction=np.where(np.isfinite(rows.direction), rows.direction, np.nan),
+            speed=np.where(np.isfinite(rows.speed) & (rows.speed >= 0), rows.speed, np.nan),
+        )
+
+    def _without_repeats(self, seen: Detections) -> Detections:
+        """Of the rows of a vehicle and an instant the first; all of those that have no name."""
+        vehicle = vehicle_numbers(seen.track_id, seen.group) if seen.group.any() else seen.track_id
+        repeated = repeated_rows(vehicle, seen.time_ns) & (seen.track_id != NO_ID)
+        self.dropped.repeated += int(repeated.sum())
+        return seen[~repeated] if repeated.any() else seen

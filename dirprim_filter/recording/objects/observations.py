@@ -1,0 +1,192 @@
+"""The objects that a log's messages tell of, batch by batch, and what had to be left out of them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from operator import attrgetter
+from pathlib import Path
+from typing import Literal, NamedTuple, TypedDict
+
+import numpy as np
+
+from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.container.records import Message
+from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
+from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
+from dirprim_filter.recording.losses import Clock, ClockFaults, Drops
+from dirprim_filter.recording.name_patterns import matching
+from dirprim_filter.recording.schemas.decoders import TOPIC, Decoders, batches, by_schema
+from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.object_rows import ObservedRows, concatenated
+from dirprim_filter.recording.transforms.frame_change import FrameChange
+from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+logger = logging.getLogger(__name__)
+
+TimeSource = Literal["log", "publish", "header"]
+"""Which of a message's times counts: of logging, of publishing, or the one its contents carry."""
+
+
+class Reading(TypedDict, total=False):
+    """How the objects of a log are read; what is left out is as `Observations` has it."""
+
+    time_source: TimeSource
+    start_ns: int | None
+    end_ns: int | None
+    strict: bool
+    frame: str | None
+    mapping: FieldMapping | None
+    origin: Origin | None
+    labels: str | None
+    group: int | None
+
+
+class TimedRows(NamedTuple):
+    """Objects, and the time of each."""
+
+    time_ns: IntArray
+    rows: ObservedRows
+
+
+class Observations:
+    """Reads the objects of one log once through, and counts what it leaves out.
+
+    What its arguments mean is told by `read_tracks`.
+
+    Attributes:
+        drops: what was left out so far.
+    """
+
+    def __init__(
+        self,
+        log: Scan,
+        *,
+        time_source: TimeSource = "log",
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        strict: bool = False,
+        frame: str | None = None,
+        mapping: FieldMapping | None = None,
+        origin: Origin | None = None,
+        labels: str | None = None,
+        group: int | None = None,
+    ) -> None:
+        self.drops = Drops()
+        self._clock = Clock()
+        self._log = log
+        self._time_source = time_source
+        self._start_ns, self._end_ns = start_ns, end_ns
+        self._strict = strict
+        self._decoders = Decoders(mapping)
+        self._labels = None if labels is None else matching(labels, of="labels")
+        self._group = group
+        self._frame = FrameChange(log.path, frame, origin, strict=strict)
+
+    @property
+    def clock(self) -> ClockFaults:
+        """What is odd about the times so far."""
+        return self._clock.faults
+
+    @property
+    def origin(self) -> Origin | None:
+        """Of the plane on which satellite positions were put; None where none was needed or given."""
+        return self._frame.origin
+
+    def __iter__(self) -> Iterator[TimedRows]:
+        """Objects in order of log time; messages of other schemas are passed over.
+
+        Raises:
+            DamagedRecordingError: strict, and the log is damaged.
+            DecodeError: strict, and a message is not what its schema says.
+            MissingTransformError: nothing joins the frame of objects to the one asked for.
+        """
+        for batch in batches(self._log, self._decoders):
+            self._check_intact()
+            timed = self._timed(batch)
+            if timed.rows.message.size:
+                yield timed
+        self._frame.check()
+        if self._frame.tree is not None:
+            self.drops += self._frame.tree.dropped
+            self._log.damage.extend(broken for broken in self._frame.tree.damage if broken not in self._log.damage)
+        self._check_intact()
+
+    def _check_intact(self) -> None:
+        if self._strict and self._log.damage:
+            raise DamagedRecordingError(self._log.path, self._log.damage)
+
+    def _timed(self, batch: Sequence[Message]) -> TimedRows:
+        """The valid objects of a batch within the wanted time."""
+        parts = []
+        for places, messages in by_schema(batch):
+            rows, failures = self._decoders.rows(messages)
+            if self._strict and failures:
+                i, reason = next(iter(failures.items()))
+                raise DecodeError.of(self._log.path, messages[i], reason)
+            self.drops.fail(failures.values())
+            time_ns = self._times(messages, rows)
+            self._clock.watch_objects(list(map(TOPIC, messages)), rows.message, time_ns)
+            parts.append((places, time_ns, rows))
+        number = np.concatenate([here[rows.message] for here, _, rows in parts])
+        time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])
+        rows = concatenated([rows for _, _, rows in parts])
+        if len(parts) > 1:
+            order = np.argsort(number, kind="stable")
+            number, time_ns, rows = number[order], time_ns[order], rows[order]
+        wanted = self._wanted(number, time_ns, rows)
+        wanted[wanted] = self._valid(rows[wanted])
+        with np.errstate(all="ignore"):  # of a stranger's transforms; what is not finite is left out below
+            rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
+        self.drops.unplaced += int((~placed).sum())
+        near = _is_near(rows.position)
+        self.drops.invalid += int((placed & ~near).sum())
+        kept = placed & near
+        return TimedRows(time_ns[wanted][kept], rows[kept])
+
+    def _times(self, messages: Sequence[Message], rows: ObservedRows) -> IntArray:
+        """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
+        if self._time_source == "header":
+            return rows.stamp_ns
+        times = map(attrgetter(f"{self._time_source}_time_ns"), messages)
+        return signed(np.fromiter(times, np.uint64, len(messages)))[rows.message]
+
+    def _wanted(self, message: IntArray, time_ns: IntArray, rows: ObservedRows) -> BoolArray:
+        timed = time_ns != NO_TIME
+        self.drops.untimed += int(np.unique(message[~timed]).size)
+        wanted: BoolArray = timed
+        if self._start_ns is not None:
+            wanted = wanted & (time_ns >= self._start_ns)
+        if self._end_ns is not None:
+            wanted = wanted & (time_ns < self._end_ns)
+        if self._labels is not None:
+            names, of = np.unique(rows.label, return_inverse=True)
+            wanted = wanted & np.array([self._labels(name) for name in names.tolist()], np.bool_)[of]
+        if self._group is not None:
+            wanted = wanted & (rows.group == self._group)
+        return wanted
+
+    def _valid(self, rows: ObservedRows) -> BoolArray:
+        valid = _is_near(rows.position)
+        if rows.track_id.dtype.itemsize // 4 > MAX_NAME_LENGTH:
+            valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
+        self.drops.invalid += int((~valid).sum())
+        return valid
+
+
+def _is_near(position: FloatArray) -> BoolArray:
+    """(n,) where it is finite and on the Earth."""
+    return np.asarray((np.abs(position[:, 0]) <= FARTHEST_M) & (np.abs(position[:, 1]) <= FARTHEST_M))
+
+
+def log_losses(path: Path, damage: Sequence[Damage], drops: Drops, clock: ClockFaults | None = None) -> None:
+    """One warning for what of a file could not be read, one for what was left out, one for odd times."""
+    if damage:
+        more = f", and {len(damage) - 1} more" if len(damage) > 1 else ""
+        logger.warning("%s: damaged, the rest is read: %s%s", path, damage[0], more)
+    if drops.total:
+        logger.warning("%s: left out %s", path, drops)
+    if clock is not None and clock.is_odd:
+        logger.warning("%s: %s", path, clock)

@@ -1,0 +1,194 @@
+"""Objects of any schema, by the paths of their fields: `id=.objects[].id,x=.objects[].pose.position.x,...`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, Shredded
+from dirprim_filter.recording.decoding.fields import Field, Kind, steps_of
+from dirprim_filter.recording.schemas.attitude import course
+from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, rows_of
+from tessellation.arrays import AnyArray, FloatArray, IntArray
+
+_KINDS: dict[str, Kind] = {"id": "name", "frame": "name", "label": "name", "time": "time"}
+SIZE = ("length", "width", "height")
+KMH = 3.6
+FARTHEST_S = float(1 << 63) / NANOSECONDS
+"""Seconds from here on do not fit into int64 nanoseconds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldMapping:
+    """Paths of what is to be read, such as `.objects[].pose.position.x`; None for what a schema does not tell.
+
+    Paths through a repeated field all go through the same one, or stand in messages beside each other at equal
+    lengths (`.x[]` and `.y[]`); a path without `[]` holds for all objects of its message. The time is a message of
+    seconds and nanoseconds, or whole nanoseconds.
+
+    Attributes:
+        x: metres; degrees of longitude do not serve.
+        y: metres.
+        z: metres.
+        id: the vehicle's name; left out: the topic's, of single objects.
+        time: the time of the header.
+        time_s: the same in seconds.
+        frame: name of the frame that x and y are in.
+        vx: velocity over ground in that frame, m/s.
+        vy: the same along y.
+        speed: m/s.
+        speed_kmh: km/h.
+        direction: course over ground, radians counter-clockwise from x.
+        direction_deg: the same in degrees.
+        heading: yaw of the body, radians; the course is derived from positions.
+        heading_deg: the same in degrees.
+        group: a whole number.
+        label: what the object is.
+        length: of the body, metres.
+        width: the same across.
+        height: the same upwards.
+    """
+
+    x: str
+    y: str
+    z: str | None = None
+    id: str | None = None
+    time: str | None = None
+    time_s: str | None = None
+    frame: str | None = None
+    vx: str | None = None
+    vy: str | None = None
+    speed: str | None = None
+    speed_kmh: str | None = None
+    direction: str | None = None
+    direction_deg: str | None = None
+    heading: str | None = None
+    heading_deg: str | None = None
+    group: str | None = None
+    label: str | None = None
+    length: str | None = None
+    width: str | None = None
+    height: str | None = None
+
+    def __post_init__(self) -> None:
+        paths = self._paths()
+        for path in paths.values():
+            steps_of(path)
+        for one, other in (
+            ("time", "time_s"), ("speed", "speed_kmh"), ("direction", "direction_deg"), ("heading", "heading_deg")
+        ):  # fmt: skip
+            if one in paths and other in paths:
+                raise ValueError(f"fields: expected one of {one} and {other}, got both")
+        if ("vx" in paths) != ("vy" in paths):
+            raise ValueError("fields: expected vx and vy together, got one of them")
+
+    @classmethod
+    def parse(cls, text: str) -> FieldMapping:
+        """Of `name=path,name=path,...`.
+
+        Raises:
+            ValueError: names the part that is none.
+        """
+        known = [f.name for f in fields(cls)]
+        paths: dict[str, str] = {}
+        for part in text.split(","):
+            name, _, path = (word.strip() for word in part.partition("="))
+            if name not in known or not path or name in paths:
+                raise ValueError(f"fields: expected name=path, each of {', '.join(known)} once, got {part!r}")
+            paths[name] = path
+        if not {"x", "y"} <= set(paths):
+            raise ValueError(f"fields: expected x= and y= at least, got {text!r}")
+        return cls(**paths)
+
+    def __str__(self) -> str:
+        return ",".join(f"{name}={path}" for name, path in self._paths().items())
+
+    def _paths(self) -> dict[str, str]:
+        paths = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: path for name, path in paths.items() if path is not None}
+
+    def family(self) -> Family:
+        """What reads such objects, of whatever schema."""
+        wanted = {name: Field(path=path, kind=_KINDS.get(name, "number")) for name, path in self._paths().items()}
+        return Family(schemas=(), fields=wanted, objects=_objects)
+
+
+class _Rows:
+    """Columns of different tables, as columns of the rows of x."""
+
+    def __init__(self, shredded: Shredded) -> None:
+        self._shredded = shredded
+        self._table = shredded.fields["x"].table
+        self.message = shredded.message_of(self._table)
+
+    def has(self, label: str) -> bool:
+        """Whether the mapping asks for it."""
+        return label in self._shredded.fields
+
+    def spread(self, label: str, values: AnyArray, none: object) -> AnyArray:
+        """Values of the label's table, one for each row of x; messages where they do not fit fail."""
+        table = self._shredded.fields[label].table
+        if table == self._table:
+            return values
+        if table == "":
+            return values[self.message]
+        of = self._shredded.message_of(table)
+        n = np.bincount(self.message, minlength=self._shredded.n_messages)
+        has = np.bincount(of, minlength=self._shredded.n_messages)
+        unlike = np.flatnonzero(n != has)
+        if unlike.size:
+            path = self._shredded.fields[label].path
+            self._shredded.fail(unlike, f"expected as many of {path} as of {self._shredded.fields['x'].path}")
+        out = np.full(self.message.size, none, dtype=values.dtype)
+        out[~np.isin(self.message, unlike)] = values[~np.isin(of, unlike)]
+        return out
+
+    def number(self, label: str, factor: float = 1.0) -> FloatArray:
+        """A column of numbers, NaN where the mapping does not ask for it."""
+        if not self.has(label):
+            return np.full(self.message.size, np.nan)
+        return np.asarray(self.spread(label, self._shredded.numbers(label), np.nan) * factor, np.float64)
+
+    def name(self, label: str, otherwise: AnyArray) -> AnyArray:
+        """A column of names."""
+        return self.spread(label, self._shredded.names(label), "") if self.has(label) else otherwise
+
+    def time_ns(self) -> IntArray:
+        """The times of the header."""
+        if self.has("time"):
+            return self.spread("time", self._shredded.times("time"), NO_TIME)
+        seconds = self.number("time_s")
+        fits = np.abs(seconds) < FARTHEST_S
+        return np.where(fits, np.round(np.where(fits, seconds, 0.0) * 1e9).astype(np.int64), NO_TIME)
+
+
+def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
+    rows = _Rows(shredded)
+    either = {
+        "speed": np.where(rows.has("speed"), rows.number("speed"), rows.number("speed_kmh", 1 / KMH)),
+        "direction": np.where(
+            rows.has("direction"), rows.number("direction"), rows.number("direction_deg", np.pi / 180)
+        ),
+        "heading": np.where(rows.has("heading"), rows.number("heading"), rows.number("heading_deg", np.pi / 180)),
+    }
+    direction, speed = either["direction"], either["speed"]
+    if rows.has("vx"):
+        told, over_ground = course(np.column_stack([rows.number("vx"), rows.number("vy")]), either["heading"])
+        speed = np.where(np.isfinite(speed), speed, over_ground)
+        direction = np.where(np.isfinite(direction), direction, told)
+    alone = topics[rows.message] if shredded.fields["x"].table == "" else np.full(rows.message.size, "")
+    group = rows.number("group")
+    return rows_of(
+        rows.message,
+        track_id=rows.name("id", alone),
+        stamp_ns=rows.time_ns(),
+        frame_id=rows.name("frame", np.full(rows.message.size, "")),
+        place=np.column_stack([rows.number("x"), rows.number("y"), rows.number("z")]),
+        direction=direction,
+        speed=speed,
+        group=np.where(np.isfinite(group), group, 0).astype(np.int64),
+        label=rows.name("label", np.full(rows.message.size, "")),
+        size=np.column_stack([rows.number(name) for name in SIZE]) if any(map(rows.has, SIZE)) else None,
+        heading=either["heading"],
+    )

@@ -1,0 +1,163 @@
+"""Objects brought into one frame: by the log's transforms, or from satellite positions onto a plane.
+
+Source: REP 105 (names of frames: `map` and `odom` stand still, `base_link` goes with the vehicle).
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dirprim_filter.recording.errors import MissingTransformError
+from dirprim_filter.recording.schemas.location import GEODETIC
+from dirprim_filter.recording.schemas.object_rows import ObservedRows
+from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
+from dirprim_filter.recording.transforms.transform_tree import Placement, TransformTree
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+logger = logging.getLogger(__name__)
+
+FIXED = ("map", "world", "odom")
+"""Frames that stand still on the ground by name: without a transform they may be the map."""
+MOVING = ("base_link", "base_footprint")
+"""Frames that go with a vehicle."""
+MAP = "map"
+
+
+class FrameChange:
+    """Brings objects into one frame.
+
+    Attributes:
+        target: its name; empty until the first object has told its own.
+        origin: of the plane of satellite positions, which counts as the target; None until one was needed.
+        tree: the log's transforms; None until they were needed.
+    """
+
+    def __init__(self, path: Path, target: str | None, origin: Origin | None = None, *, strict: bool = False) -> None:
+        self.target = target or ""
+        self.origin = origin
+        self.tree: TransformTree | None = None
+        self._strict = strict
+        self._path = path
+        self._placed = 0
+        self._first_lost: tuple[str, int] | None = None
+
+    def apply(self, rows: ObservedRows, time_ns: IntArray) -> tuple[ObservedRows, BoolArray]:
+        """The rows in the target frame, and (n,) which of them could be brought there.
+
+        The transform of an object is that of its own stamp where it has one, else that of (n,) `time_ns`.
+
+        Raises:
+            MissingTransformError: nothing joins an object's frame to the target; or no target was named, and the root
+                of the object's frame is one that moves.
+        """
+        placed = np.ones(len(rows), np.bool_)
+        for frame in dict.fromkeys(rows.frame_id.tolist()) if not _all_equal(rows) else [str(rows.frame_id[0])]:
+            if frame in ("", self.target):
+                continue
+            here = np.flatnonzero(rows.frame_id == frame)
+            if frame == GEODETIC:
+                rows = self._on_plane(rows, here)
+                continue
+            when = np.where(rows.stamp_ns[here] > 0, rows.stamp_ns[here], time_ns[here])
+            found = self._find(frame, when)
+            if found is not None:
+                rows = _moved(rows, here, found)
+                placed[here] = found.known
+                if not found.known.all() and self._first_lost is None:
+                    self._first_lost = (frame, int(when[~found.known][0]))
+        self._placed += int(placed.sum())
+        return rows, placed
+
+    def check(self) -> None:
+        """At the end of a log: some objects could be brought into the target frame, if there were any.
+
+        Raises:
+            MissingTransformError: at no object's time was its transform known.
+        """
+        if self._first_lost is not None:
+            frame, time_ns = self._first_lost
+            if self._placed == 0:
+                raise MissingTransformError(self._path, frame=frame, target=self.target, time_ns=time_ns)
+            logger.warning(
+                "%s: no transform from %r to %r at %d ns, and at other times", self._path, frame, self.target, time_ns
+            )
+
+    def _on_plane(self, rows: ObservedRows, here: IntArray) -> ObservedRows:
+        if self.origin is None:
+            longitude, latitude = rows.position[here[0]].tolist()
+            self.origin = Origin(latitude, longitude)
+            logger.warning(
+                "%s: the plane's origin is the first fix; for the same plane in other logs say --origin %.9f,%.9f",
+                self._path, latitude, longitude,
+            )  # fmt: skip
+        place = on_plane(self.origin, np.column_stack([rows.position[here], rows.height[here]]))
+        position, height = rows.position.copy(), rows.height.copy()
+        position[here], height[here] = place[:, :2], place[:, 2]
+        return replace(rows, position=position, height=height)
+
+    def _find(self, frame: str, time_ns: IntArray) -> Placement | None:
+        """A frame in the target; None where they are the same."""
+        if self.tree is None:
+            self.tree = TransformTree.of_log(self._path, strict=self._strict)
+        self.target = self.target or self._root(self.tree, frame, int(time_ns[0]))
+        if frame == self.target:
+            return None
+        found = self.tree.placement(frame, self.target, time_ns)
+        if found is None:
+            raise MissingTransformError(self._path, frame=frame, target=self.target, time_ns=int(time_ns[0]))
+        return found
+
+    def _root(self, tree: TransformTree, frame: str, time_ns: int) -> str:
+        """The frame that all objects are brought into: where those of `frame` have come as far as the log tells."""
+        root = tree.root_of(frame)
+        if root in MOVING:
+            raise MissingTransformError(self._path, frame=root, target=MAP, time_ns=time_ns)
+        if root not in FIXED:
+            logger.warning(
+                "%s: positions are read as they stand in frame %r, which the log places in no other; --frame %s says "
+                "that this is meant", self._path, root, root,
+            )  # fmt: skip
+        return root
+
+
+def _all_equal(rows: ObservedRows) -> bool:
+    return len(rows) > 0 and bool((rows.frame_id == rows.frame_id[0]).all())
+
+
+def _moved(rows: ObservedRows, here: IntArray, found: Placement) -> ObservedRows:
+    place = np.column_stack([rows.position[here], rows.height[here]])
+    place = found.rotation.apply(place) + found.translation
+    speed, direction = rows.speed[here], rows.direction[here]
+    moving = np.where(np.isfinite(speed) & (speed > 0), speed, 1.0)
+    climb = np.where(np.isfinite(speed) & (speed > 0), rows.climb[here], 0.0)
+    velocity = found.rotation.apply(np.column_stack([moving * np.cos(direction), moving * np.sin(direction), climb]))
+    yaw = rows.heading[here]
+    forward = found.rotation.apply(np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(yaw.size)]))
+    heading = rows.heading.copy()  # of one NaN for all it makes a column
+    heading[here] = np.arctan2(forward[:, 1], forward[:, 0])
+    position, height, covariance = rows.position.copy(), rows.height.copy(), rows.covariance.copy()
+    directions, speeds, climbs = rows.direction.copy(), rows.speed.copy(), rows.climb.copy()
+    position[here], height[here] = place[:, :2], place[:, 2]
+    directions[here] = np.arctan2(velocity[:, 1], velocity[:, 0])
+    speeds[here] = np.where(speed > 0, np.hypot(velocity[:, 0], velocity[:, 1]), speed)
+    climbs[here] = np.where(speed > 0, velocity[:, 2], 0.0)
+    covariance[here] = _turned(rows.covariance[here], found.rotation)
+    return replace(
+        rows, position=position, height=height, direction=directions, speed=speeds, climb=climbs,
+        covariance=covariance, heading=heading,
+    )  # fmt: skip
+
+
+def _turned(covariance: FloatArray, rotation: Rotation) -> FloatArray:
+    """(n, 2, 2) covariances in other axes; of the height's error nothing is told, so it adds nothing."""
+    if np.isnan(covariance).all():
+        return covariance
+    plane = rotation.as_matrix()[:, :2, :2]
+    with np.errstate(invalid="ignore", over="ignore"):  # infinite ones, which nobody will believe
+        turned = plane @ covariance @ plane.transpose(0, 2, 1)
+    return np.asarray((turned + turned.transpose(0, 2, 1)) / 2)  # symmetric to the last bit
