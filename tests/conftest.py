@@ -5,11 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dirprim_filter import learn_primitives
+from dirprim_filter import learn_primitives, read_tracks, write_tracks
 from dirprim_filter.cli.warm_up import warm_up
+from dirprim_filter.detections import Detections
+from dirprim_filter.recording.reader import stream_detections
 from situations import ring_traffic
 
 ROOT = Path(__file__).parents[1]
+SECONDS = {"learn": 120.0, "track": 20.0}
+"""Of the recordings that are learned from and tracked, so much is enough to follow what is written of them."""
 
 
 def pytest_sessionstart(session):
@@ -42,3 +46,23 @@ def ring():
 def ring_map(ring):
     """What is learned from them."""
     return learn_primitives(ring, tessellation="grid", cell_size=6.0, rng=np.random.default_rng(7))
+
+
+@pytest.fixture(scope="session")
+def short_recordings(tmp_path_factory):
+    """A folder of logs of the recordings' names, cut down: the same commands on them are sooner done."""
+    folder = tmp_path_factory.mktemp("recordings")
+    for log in (ROOT / "recordings").iterdir():
+        seconds = SECONDS.get(log.stem.rpartition("_")[2])
+        if seconds is None:
+            (folder / log.name).symlink_to(log)
+            continue
+        until_ns = int(seconds * 1e9)
+        seen = (
+            [frame for frame in stream_detections(log, topics="/detections") if frame.time_ns[0] < until_ns]
+            if ("track" in log.name)
+            else []
+        )
+        tracks = read_tracks(log, end_ns=until_ns)
+        write_tracks(tracks, folder / log.name, detections=Detections.concatenate(seen) if seen else None)
+    return folder

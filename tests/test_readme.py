@@ -1,4 +1,4 @@
-"""What the README says works, word for word."""
+"""What the README says works, word for word; on cut-down logs of the recordings' names."""
 
 import re
 import shlex
@@ -16,8 +16,8 @@ BLOCKS = re.findall(r"^```(\w+)(?: (\w+))?\n(.*?)^```$", README, flags=re.MULTIL
 
 
 @pytest.fixture
-def beside_recordings(tmp_path, monkeypatch):
-    (tmp_path / "recordings").symlink_to(ROOT / "recordings")
+def beside_recordings(tmp_path, short_recordings, monkeypatch):
+    (tmp_path / "recordings").symlink_to(short_recordings)
     monkeypatch.chdir(tmp_path)
 
 

@@ -454,8 +454,9 @@ def test_logs_of_asam_osi_straight_away(name, real_data, tmp_path, capsys):
     assert score(read_estimates(tmp_path / "out.mcap"), truth).n_vehicles == truth.n_tracks
 
 
-def test_the_demo(tmp_path_factory, capsys):
-    folder = tmp_path_factory.mktemp("demo") / "demo"
+def test_the_demo(tmp_path, short_recordings, monkeypatch, capsys):
+    monkeypatch.setattr("dirprim_filter.cli.demo.recordings_folder", lambda: short_recordings)
+    folder = tmp_path / "demo"
     assert dirprim("demo", "-o", folder) == DONE
     table = capsys.readouterr().out
     for line in ("with the prior", "place-free", "constant velocity", "next: open"):
