@@ -11,6 +11,7 @@ import sys
 import typer
 
 from dirprim_filter.cli import (
+    calibrate,
     convert,
     demo,
     evaluate,
@@ -74,8 +75,8 @@ def _every_command(
 
 
 for command in (
-    info.info, convert.convert, simulate.simulate, learn.learn, track.track, forecast.forecast, plot.plot, view.view,
-    recover.recover, replay.replay, score.score, export.export, demo.demo,
+    info.info, convert.convert, simulate.simulate, learn.learn, calibrate.calibrate, track.track,
+    forecast.forecast, plot.plot, view.view, recover.recover, replay.replay, score.score, export.export, demo.demo,
 ):  # fmt: skip
     app.command()(checked(command))
 app.add_typer(evaluate.evaluate)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -29,6 +31,10 @@ def simulate(
     noise: Annotated[float, typer.Option(help="Sensor: standard deviation in each axis, metres.")] = 0.5,
     miss_rate: Annotated[float, typer.Option(help="Sensor: share of vehicles missed in a frame.")] = 0.05,
     false_per_frame: Annotated[float, typer.Option(help="Sensor: mean number of false detections.")] = 0.2,
+    sensor: Annotated[
+        Path | None,
+        typer.Option(help="A sensor.toml, as of `dirprim calibrate`, in place of the three before.", exists=True),
+    ] = None,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -36,21 +42,30 @@ def simulate(
 
     Example: dirprim simulate roundabout -o roundabout.mcap --duration 600 --seed 1
     """
+    from dataclasses import asdict
+
     import numpy as np
 
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
-    from dirprim_filter.simulation.sensor import detect
+    from dirprim_filter.recording.sensor_file import load_sensor
+    from dirprim_filter.simulation.sensor import detect, sense
     from dirprim_filter.simulation.traffic import simulate as run_traffic
 
+    model = None if sensor is None else load_sensor(sensor)
     tracks = run_traffic(scene.value, duration_s=duration, seed=seed, rate_hz=rate, demand=demand)
     reported = None
     if detections:
         rng = np.random.default_rng(seed)
-        reported = detect(tracks, noise_m=noise, miss_rate=miss_rate, false_per_frame=false_per_frame, rng=rng)
+        reported = (
+            detect(tracks, noise_m=noise, miss_rate=miss_rate, false_per_frame=false_per_frame, rng=rng)
+            if model is None
+            else sense(tracks, model, rng=rng)
+        )
     said = provenance(
         "simulate", inputs=[], scene=scene.value, duration_s=duration, rate_hz=rate, seed=seed, demand=demand,
         noise_m=noise, miss_rate=miss_rate, false_per_frame=false_per_frame,
+        **({} if model is None else {"sensor": json.dumps(asdict(model))}),
     )  # fmt: skip
     write_tracks(tracks, output, detections=reported, metadata=said, force=force)
     typer.echo(f"{output}: {counted(tracks.n_tracks, 'vehicle')}, {counted(len(tracks), 'row')}")

@@ -9,6 +9,7 @@ import numpy as np
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, Shredded
 from dirprim_filter.recording.decoding.fields import Field, Kind, steps_of
 from dirprim_filter.recording.schemas.attitude import course
+from dirprim_filter.recording.schemas.location import GEODETIC
 from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, rows_of
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -28,8 +29,10 @@ class FieldMapping:
     seconds and nanoseconds, or whole nanoseconds.
 
     Attributes:
-        x: metres; degrees of longitude do not serve.
+        x: metres; or longitude and latitude in its place and that of y.
         y: metres.
+        latitude: degrees on WGS 84, to be projected to a plane.
+        longitude: likewise.
         z: metres.
         id: the vehicle's name; left out: the topic's, of single objects.
         time: the time of the header.
@@ -50,8 +53,10 @@ class FieldMapping:
         height: the same upwards.
     """
 
-    x: str
-    y: str
+    x: str | None = None
+    y: str | None = None
+    latitude: str | None = None
+    longitude: str | None = None
     z: str | None = None
     id: str | None = None
     time: str | None = None
@@ -82,6 +87,8 @@ class FieldMapping:
                 raise ValueError(f"fields: expected one of {one} and {other}, got both")
         if ("vx" in paths) != ("vy" in paths):
             raise ValueError("fields: expected vx and vy together, got one of them")
+        if {"x", "y", "latitude", "longitude"} & set(paths) not in ({"x", "y"}, {"latitude", "longitude"}):
+            raise ValueError(f"fields: expected x= and y= at least, or latitude= and longitude=, got {self}")
 
     @classmethod
     def parse(cls, text: str) -> FieldMapping:
@@ -97,8 +104,6 @@ class FieldMapping:
             if name not in known or not path or name in paths:
                 raise ValueError(f"fields: expected name=path, each of {', '.join(known)} once, got {part!r}")
             paths[name] = path
-        if not {"x", "y"} <= set(paths):
-            raise ValueError(f"fields: expected x= and y= at least, got {text!r}")
         return cls(**paths)
 
     def __str__(self) -> str:
@@ -115,19 +120,26 @@ class FieldMapping:
 
 
 class _Rows:
-    """Columns of different tables, as columns of the rows of x."""
+    """Columns of different tables, as columns of the rows of the place."""
 
     def __init__(self, shredded: Shredded) -> None:
         self._shredded = shredded
-        self._table = shredded.fields["x"].table
+        self.is_geodetic = "longitude" in shredded.fields
+        self._place = shredded.fields["longitude" if self.is_geodetic else "x"]
+        self._table = self._place.table
         self.message = shredded.message_of(self._table)
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether a message holds one object."""
+        return self._table == ""
 
     def has(self, label: str) -> bool:
         """Whether the mapping asks for it."""
         return label in self._shredded.fields
 
     def spread(self, label: str, values: AnyArray, none: object) -> AnyArray:
-        """Values of the label's table, one for each row of x; messages where they do not fit fail."""
+        """Values of the label's table, one for each row of the place; messages where they do not fit fail."""
         table = self._shredded.fields[label].table
         if table == self._table:
             return values
@@ -139,7 +151,7 @@ class _Rows:
         unlike = np.flatnonzero(n != has)
         if unlike.size:
             path = self._shredded.fields[label].path
-            self._shredded.fail(unlike, f"expected as many of {path} as of {self._shredded.fields['x'].path}")
+            self._shredded.fail(unlike, f"expected as many of {path} as of {self._place.path}")
         out = np.full(self.message.size, none, dtype=values.dtype)
         out[~np.isin(self.message, unlike)] = values[~np.isin(of, unlike)]
         return out
@@ -177,14 +189,16 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
         told, over_ground = course(np.column_stack([rows.number("vx"), rows.number("vy")]), either["heading"])
         speed = np.where(np.isfinite(speed), speed, over_ground)
         direction = np.where(np.isfinite(direction), direction, told)
-    alone = topics[rows.message] if shredded.fields["x"].table == "" else np.full(rows.message.size, "")
+    alone = topics[rows.message] if rows.is_alone else np.full(rows.message.size, "")
+    place = ("longitude", "latitude", "z") if rows.is_geodetic else ("x", "y", "z")
+    nowhere = np.full(rows.message.size, GEODETIC if rows.is_geodetic else "")
     group = rows.number("group")
     return rows_of(
         rows.message,
         track_id=rows.name("id", alone),
         stamp_ns=rows.time_ns(),
-        frame_id=rows.name("frame", np.full(rows.message.size, "")),
-        place=np.column_stack([rows.number("x"), rows.number("y"), rows.number("z")]),
+        frame_id=nowhere if rows.is_geodetic else rows.name("frame", nowhere),
+        place=np.column_stack([rows.number(name) for name in place]),
         direction=direction,
         speed=speed,
         group=np.where(np.isfinite(group), group, 0).astype(np.int64),

@@ -1,0 +1,133 @@
+"""`dirprim calibrate`: how a sensor errs, measured against the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dirprim_filter.cli import losses
+from dirprim_filter.cli.counts import counted
+from dirprim_filter.cli.options import Force, Logs, Output, Plot
+from dirprim_filter.cli.reading import Reading, reads_logs
+from dirprim_filter.cli.results import check_plot
+
+if TYPE_CHECKING:
+    from dirprim_filter.detections import Detections
+    from dirprim_filter.evaluation.calibration import Calibration
+    from dirprim_filter.recording.container.damage import Damage
+    from dirprim_filter.tracks import Tracks
+
+UNITS = {
+    "latency_s": "s", "detection_probability": "per frame", "clutter_density": "per m2 and frame", "outlier_share": "",
+    "spread_m": "m", "bias_m": "m", "correlated_share": "of the variance", "correlation_s": "s",
+}  # fmt: skip
+
+
+@reads_logs
+def calibrate(
+    logs: Logs,
+    truth: Annotated[
+        list[Path],
+        typer.Option("--truth", help="A log of where vehicles were; again for each of several logs, or one for all."),
+    ],
+    output: Output,
+    plot: Plot = None,
+    reading: Reading = Reading(),
+    force: Force = False,
+) -> int:
+    """Measure latency, bias, spread, correlation, misses and false detections of a sensor; write them as TOML.
+
+    Not all vehicles need be in the truth. The clocks may differ by a constant, which is found. Options that choose a
+    part of a log are about the detections. `dirprim track --sensor` uses the file.
+
+    Example: dirprim calibrate detections.mcap --truth truth.mcap -o sensor.toml --plot sensor.png
+    """
+    from dirprim_filter.cli.progress import working
+    from dirprim_filter.evaluation.calibration import calibrate as measure
+    from dirprim_filter.recording.errors import OutputExistsError
+    from dirprim_filter.recording.sensor_file import save_sensor
+
+    check_plot(plot, force=force)
+    if output.exists() and not force:
+        raise OutputExistsError(output)
+    if len(truth) not in (1, len(logs)):
+        raise typer.BadParameter(f"expected one, or one for each of the {len(logs)} logs", param_hint="--truth")
+    damage: list[Damage] = []
+    lost = 0
+    seen: list[Detections] = []
+    for path in logs:
+        found, of_log, n_lost = _detections(path, reading)
+        seen.append(found)
+        damage, lost = [*damage, *of_log], lost + n_lost
+    known = [_truth(path, reading) for path in truth]
+    with working(f"measuring {', '.join(path.name for path in logs)}"):
+        measured = measure(*_paired(seen, known))
+    save_sensor(measured.sensor, output, force=force)
+    if plot is not None:
+        from dirprim_filter.viewer.figures import save_figure
+        from dirprim_filter.viewer.figures.sensor import sensor_figure
+
+        save_figure(sensor_figure(measured), plot, force=force)
+    typer.echo(calibration_text(measured))
+    return losses.exit_code(damage, lost)
+
+
+def calibration_text(measured: Calibration) -> str:
+    """A line for each number, what is not known, and what it was learned from."""
+    lines = [
+        f"{counted(measured.n_pairs, 'detection')} of {counted(measured.n_vehicles, 'true vehicle')}, of "
+        f"{measured.n_detections} in all; +- half a 99 % interval"
+    ]
+    if measured.clock_offset_s:
+        lines.append(
+            f"the detections' clock is {measured.clock_offset_s:+.3f} s ahead of the truth's, latency included"
+        )
+    for name, value in measured.sensor.numbers().items():
+        if value is not None and name in measured.sensor.uncertainty:
+            width, unit = measured.sensor.uncertainty[name], UNITS[name.rpartition(".")[2]]
+            lines.append(f"{name:<24}{value:>10.3g} +- {width:<8.2g} {unit}".rstrip())
+    return "\n".join([*lines, *(f"not known: {line}" for line in measured.unknown)])
+
+
+def _detections(path: Path, reading: Reading) -> tuple[Detections, list[Damage], int]:
+    """What a log's sensor reported, what was damaged, and how many rows were lost."""
+    from dirprim_filter.detections import Detections
+
+    stream = reading.detections(path, motion=False)
+    found = Detections.concatenate(stream)
+    reading.require_frames(len(found), path, stream.dropped)
+    return found, list(stream.damage), stream.dropped.lost
+
+
+def _truth(path: Path, reading: Reading) -> Tracks:
+    """All tracks of a log, in the frame and by the origin of the detections."""
+    of_truth = Reading(
+        time_source=reading.time_source, frame=reading.frame, origin=reading.origin, strict=reading.strict
+    )  # fmt: skip
+    return of_truth.tracks([path]).tracks
+
+
+def _paired(seen: list[Detections], known: list[Tracks]) -> tuple[Detections, Tracks]:
+    """All as one log: each pair of files a world of its own, or one truth for all."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from dirprim_filter.detections import Detections
+    from dirprim_filter.track_ids import world_names
+    from dirprim_filter.tracks import Tracks
+
+    if len(known) == 1:
+        return Detections.concatenate(seen), known[0]
+    groups = [of.group for of in seen] + [of.group for of in known]
+    apart = 1 + max(int(group.max(initial=0)) for group in groups)
+
+    def apart_by(i: int, of: Tracks | Detections) -> dict[str, Any]:
+        return {"group": of.group + i * apart, "track_id": world_names(of.track_id, np.full(len(of), i))}
+
+    return (
+        Detections.concatenate([replace(of, **apart_by(i, of)) for i, of in enumerate(seen)]),
+        Tracks.concatenate([replace(of, **apart_by(i, of)) for i, of in enumerate(known)]),
+    )

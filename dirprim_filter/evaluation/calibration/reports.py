@@ -1,0 +1,105 @@
+"""How often a sensor reports a vehicle, and how often where there is none."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from dirprim_filter.evaluation.calibration.pairing import APART_M, Scene, TruthRows
+from dirprim_filter.filtering.association import Pairs
+from tessellation.arrays import BoolArray, FloatArray, IntArray
+
+FEWEST_FRAMES = 30
+"""In which a vehicle may be seen or missed, of all vehicles together."""
+FASTEST = 20.0
+"""m/s: farther than by this from one frame to the next nobody is looked for who goes on."""
+GOING_ON = 0.3
+"""Share of the detections of nobody that go on in the next frame beyond chance, from which on they are of vehicles."""
+
+
+class Measured(NamedTuple):
+    """A number and its standard error."""
+
+    value: float
+    error: float
+
+
+class Reported:
+    """Which rows of the truth were detected, and which detections are of none of them.
+
+    Args:
+        scene: detections beside the truth.
+        rows: where vehicles were at the frames.
+        pairs: rows, each with its detection.
+
+    Attributes:
+        scene: as given.
+        rows: as given.
+        pairs: as given.
+        hits: of each vehicle whether it was seen in each of its frames, between the first and the last such one.
+        stray: detections of nobody in the truth.
+    """
+
+    def __init__(self, scene: Scene, rows: TruthRows, pairs: Pairs) -> None:
+        self.scene, self.rows, self.pairs = scene, rows, pairs
+        is_hit = np.zeros(rows.frame.size, np.bool_)
+        is_hit[pairs.one] = True
+        order = np.lexsort((rows.frame, rows.vehicle))
+        starts = np.flatnonzero(np.diff(rows.vehicle[order], prepend=-1))
+        self.hits: list[BoolArray] = []
+        for of_vehicle in np.split(is_hit[order], starts[1:]):
+            seen = np.flatnonzero(of_vehicle)
+            if seen.size > 1:  # the first and the last are where they are because they were seen
+                self.hits.append(of_vehicle[seen[0] + 1 : seen[-1]])
+        self.stray = np.setdiff1d(np.arange(len(scene.detections)), pairs.other)
+
+
+def share(n: int, of: int) -> Measured:
+    """A share by its count, with half a count to either side so that none is certain."""
+    value = (n + 0.5) / (of + 1.0)
+    return Measured(value, float(np.sqrt(value * (1.0 - value) / (of + 1.0))))
+
+
+def detection_probability(reported: Reported) -> Measured | None:
+    """Of a vehicle between its first and its last detection; misses in a row count as fewer. None of too few frames."""
+    hits = reported.hits
+    n = sum(of.size for of in hits)
+    if n < FEWEST_FRAMES:
+        return None
+    found = share(sum(int(of.sum()) for of in hits), n)
+    off = [of - found.value for of in hits]
+    variance = sum(float((of**2).sum()) for of in off) / n
+    product = sum(float((of[1:] * of[:-1]).sum()) for of in off) / max(n - len(off), 1)
+    correlation = float(np.clip(product / variance, 0.0, 0.95)) if variance > 0 else 0.0
+    return Measured(found.value, found.error * float(np.sqrt((1.0 + correlation) / (1.0 - correlation))))
+
+
+def clutter(reported: Reported) -> tuple[Measured | None, str]:
+    """Detections of nobody, per square metre of the truth's bounding box and frame; or why that is not known."""
+    scene, position = reported.scene, reported.rows.position
+    low, high = position.min(axis=0), position.max(axis=0)
+    area = float(np.prod(np.maximum(high - low, 1.0)))
+    covered = np.unique(reported.rows.frame)
+    where = scene.detections.position[reported.stray]
+    counted = ((where >= low) & (where <= high)).all(axis=1) & np.isin(scene.frame_of[reported.stray], covered)
+    stray = reported.stray[counted]
+    if _go_on(scene, scene.detections.position[stray], scene.frame_of[stray], area):
+        return None, "detections of nobody go on from frame to frame: the truth does not hold all vehicles"
+    exposure = area * covered.size
+    return Measured((stray.size + 0.5) / exposure, float(np.sqrt(stray.size + 1.0)) / exposure), ""
+
+
+def _go_on(scene: Scene, position: FloatArray, frame: IntArray, area: float) -> bool:
+    """Whether more of the detections than by chance have another near them in the next frame."""
+    if position.shape[0] < FEWEST_FRAMES:
+        return False
+    step_s = float(np.median(np.diff(scene.frame_s))) if scene.frame_s.size > 1 else 0.0
+    reach = 0.5 + FASTEST * max(step_s, 0.0)
+    tree = KDTree(np.column_stack([position, frame * APART_M]))
+    ahead = np.column_stack([position, (frame + 1) * APART_M])
+    distance, _ = tree.query(ahead, distance_upper_bound=reach)
+    per_frame = position.shape[0] / max(np.unique(frame).size, 1)
+    by_chance = 1.0 - np.exp(-per_frame * np.pi * reach**2 / area)
+    return bool(np.isfinite(distance).mean() > by_chance + GOING_ON)

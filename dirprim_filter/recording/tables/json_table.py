@@ -1,0 +1,102 @@
+"""Detections or tracks from a JSON file: an array of frames, or a frame in each line.
+
+A frame is read as a JSON message of a log is: by the paths of its fields, such as `.objs[].id`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dirprim_filter.recording.decoding.field_columns import NO_TIME
+from dirprim_filter.recording.decoding.json_plan import JsonPlan
+from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.object_rows import ObservedRows
+from dirprim_filter.recording.tables.delimited import NameTable
+from dirprim_filter.recording.tables.table import Table, TableRows, table_of
+from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
+from tessellation.arrays import FloatArray
+
+
+def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None = None) -> Table:
+    """The objects of a JSON file's frames.
+
+    Args:
+        path: the file; UTF-8.
+        mapping: where a frame tells of its objects; a time among it.
+        origin: of the plane, where places are longitudes and latitudes; left out, the first place.
+
+    Raises:
+        TableError: the file is no JSON, or no frame of it holds such objects.
+        MissingExtraError: pyproj is not installed.
+        ValueError: the mapping tells no time.
+        OSError: the file cannot be read.
+    """
+    path = Path(path)
+    if mapping.time is None and mapping.time_s is None:
+        raise ValueError(f"fields: expected time= or time_s=, got {mapping}")
+    frames = _frames(path)
+    family = mapping.family()
+    shredded = JsonPlan(family.fields).run([json.dumps(frame).encode() for frame in frames])
+    rows = family.objects(shredded, np.full(len(frames), path.stem))
+    reasons = Counter(shredded.failures.values())
+    if not len(rows):
+        got = next(iter(reasons), f"{len(frames)} frames without one")
+        raise TableError(path, 1, f"objects at {mapping}", got, "compare the paths with the file")
+    ids = NameTable()
+    return table_of(_table_rows(rows, mapping, ids, origin), ids.names, dropped=dict(reasons))
+
+
+def _table_rows(rows: ObservedRows, mapping: FieldMapping, ids: NameTable, origin: Origin | None) -> TableRows:
+    """The rows of a table, on the plane."""
+    return TableRows(
+        vehicle=ids.numbers(rows.track_id.tolist()),
+        time_ns=rows.stamp_ns,
+        time_known=rows.stamp_ns != NO_TIME,
+        position=rows.position if mapping.latitude is None else _plane(rows, origin),
+        direction=rows.direction if mapping.direction or mapping.direction_deg or mapping.vx else None,
+        speed=rows.speed if mapping.speed or mapping.speed_kmh or mapping.vx else None,
+        group=rows.group if mapping.group else None,
+        size=rows.size if mapping.length or mapping.width else None,
+        heading=rows.heading if mapping.heading or mapping.heading_deg else None,
+        label=rows.label.astype(np.str_) if mapping.label else None,
+    )
+
+
+def _plane(rows: ObservedRows, origin: Origin | None) -> FloatArray:
+    """(n, 2) metres from the origin, of rows of longitudes and latitudes; infinite where there is no such place."""
+    longitude, latitude = rows.position.T
+    exists = (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)
+    place = np.full((len(rows), 2), np.inf)
+    if exists.any():
+        first = np.argmax(exists)
+        origin = origin or Origin(float(latitude[first]), float(longitude[first]))
+        geodetic = np.column_stack([rows.position, np.zeros(len(rows))])[exists]
+        place[exists] = on_plane(origin, geodetic)[:, :2]
+    return place
+
+
+def _frames(path: Path) -> list[Any]:
+    """The elements of the array, or of the lines.
+
+    Raises:
+        TableError: neither.
+    """
+    text = path.read_text(encoding="utf-8", errors="replace")
+    if text.lstrip()[:1] == "[":
+        return list(_parsed(path, 1, text))
+    lines = enumerate(text.splitlines(), start=1)
+    return [_parsed(path, number, line) for number, line in lines if line.strip()]
+
+
+def _parsed(path: Path, line: int, text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        remedy = "a file is an array of frames, or has one in each line"
+        raise TableError(path, line, "JSON", str(error), remedy) from error

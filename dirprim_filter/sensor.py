@@ -1,0 +1,146 @@
+"""How a sensor errs: late, biased, correlated over time, and not always there.
+
+A detection z at time t is of the vehicle's position x and course at t - latency. In the vehicle's own axes, along and
+across its way, z - x = bias + c + w: w is white, and c a first-order Gauss-Markov process, so that the covariance of
+errors at times t and t' is spread^2 (share exp(-|t - t'| / correlation) + (1 - share) [t = t']).
+
+Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 8.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
+
+LATEST_S = 5.0
+"""Seconds; what is later is a clock that is wrong."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisError:
+    """The error of positions along one of the vehicle's axes.
+
+    Attributes:
+        spread_m: metres, standard deviation of the whole error.
+        bias_m: metres, its mean: forwards, or to the left.
+        correlated_share: of the variance, in [0, 1); the rest is white.
+        correlation_s: seconds in which the correlated part forgets all but 1/e of itself.
+
+    Raises:
+        ValueError: a number out of range.
+    """
+
+    spread_m: float
+    bias_m: float = 0.0
+    correlated_share: float = 0.0
+    correlation_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require(self, "spread_m", lambda v: 0 < v < math.inf, "a positive number of metres")
+        _require(self, "bias_m", math.isfinite, "a number of metres")
+        _require(self, "correlated_share", lambda v: 0 <= v < 1, "a share of at least 0 and below 1")
+        _require(self, "correlation_s", lambda v: 0 < v < math.inf, "a positive number of seconds")
+
+    @property
+    def correlated_variance(self) -> float:
+        """Of the correlated part, square metres."""
+        return self.correlated_share * self.spread_m**2
+
+    @property
+    def white_variance(self) -> float:
+        """Of the white part, square metres."""
+        return (1.0 - self.correlated_share) * self.spread_m**2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """A model of a sensor's detections; None where it is not known.
+
+    Attributes:
+        along: error along the vehicle's way, forwards.
+        across: error across it, to the left.
+        latency_s: seconds by which a detection is older than its time.
+        detection_probability: of a vehicle in sight, in each frame.
+        clutter_density: false detections per square metre in each frame.
+        outlier_share: of a vehicle's detections, those that say nothing of where it is.
+        uncertainty: half the widths of 99 % intervals, by the names of numbers, as `latency_s` or `along.bias_m`.
+
+    Raises:
+        ValueError: a number out of range, or the uncertainty of none.
+    """
+
+    along: AxisError
+    across: AxisError
+    latency_s: float = 0.0
+    detection_probability: float | None = None
+    clutter_density: float | None = None
+    outlier_share: float | None = None
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _require(self, "latency_s", lambda v: 0 <= v <= LATEST_S, f"0 to {LATEST_S:g} seconds")
+        _require(self, "detection_probability", lambda v: v is None or 0 < v < 1, "a probability between 0 and 1")
+        _require(self, "clutter_density", lambda v: v is None or 0 < v < math.inf, "a positive number per m2 and frame")
+        _require(self, "outlier_share", lambda v: v is None or 0 < v < 1, "a share between 0 and 1")
+        numbers = self.numbers()
+        for name, width in self.uncertainty.items():
+            if name not in numbers:
+                raise ValueError(f"uncertainty: {name}: expected one of {', '.join(numbers)}")
+            if not 0 <= width < math.inf:
+                raise ValueError(f"uncertainty: {name}: expected at least 0, got {width}")
+
+    @classmethod
+    def white(cls, noise_m: float) -> Self:
+        """Uncorrelated errors of the same standard deviation in both axes."""
+        return cls(along=AxisError(spread_m=noise_m), across=AxisError(spread_m=noise_m))
+
+    def numbers(self) -> dict[str, float | None]:
+        """All that it tells, by name."""
+        axes = {"along": self.along, "across": self.across}
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in (*axes, "uncertainty")}
+        return own | {f"{name}.{f.name}": getattr(axis, f.name) for name, axis in axes.items() for f in fields(axis)}
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Self:
+        """The sensor of nested tables, as a file has them.
+
+        Raises:
+            ValueError: an unknown or missing name, or a value that is no number or out of range.
+        """
+        axes = {name: _axis(name, told.get(name)) for name in ("along", "across")}
+        uncertainty = told.get("uncertainty", {})
+        if not isinstance(uncertainty, Mapping):
+            raise ValueError(f"uncertainty: expected a table, got {uncertainty!r}")  # noqa: TRY004 - a file's, no caller's
+        flat = {name: value for name, value in told.items() if name not in {*axes, "uncertainty"}}
+        known = [f.name for f in fields(cls) if f.name not in axes]
+        _check_numbers(flat, [*known, *axes], where="")
+        _check_numbers(uncertainty, list(uncertainty), where="uncertainty: ")
+        return cls(**flat, along=axes["along"], across=axes["across"], uncertainty=dict(uncertainty))
+
+
+def _axis(name: str, told: object) -> AxisError:
+    if not isinstance(told, Mapping):
+        raise ValueError(f"{name}: expected a table with spread_m, got {told!r}")  # noqa: TRY004 - a file's, no caller's
+    _check_numbers(told, [f.name for f in fields(AxisError)], where=f"{name}: ")
+    if "spread_m" not in told:
+        raise ValueError(f"{name}: expected spread_m, got {', '.join(told) or 'nothing'}")
+    try:
+        return AxisError(**told)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def _check_numbers(told: Mapping[str, Any], known: list[str], *, where: str) -> None:
+    for name, value in told.items():
+        if name not in known:
+            raise ValueError(f"{where}{name}: expected one of {', '.join(known)}")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{where}{name}: expected a number, got {value!r}")  # noqa: TRY004 - a file's
+
+
+def _require(value: object, name: str, is_good: Any, expected: str) -> None:
+    number = getattr(value, name)
+    if not is_good(number):
+        raise ValueError(f"{name}: expected {expected}, got {number}")

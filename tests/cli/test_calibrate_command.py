@@ -1,0 +1,100 @@
+"""`dirprim calibrate`, the sensor file, and JSON detections: measured, written, read again, and refused in one line."""
+
+import json
+
+import numpy as np
+import pytest
+
+from dirprim_filter import read_tracks, write_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording.sensor_file import load_sensor, save_sensor
+from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
+from dirprim_filter.simulation.sensor import sense
+from evaluation.test_calibration import BIASED, TRUTH
+
+DONE, FAILED = 0, 1
+FIELDS = "time_s=.timestamp,id=.objs[].id,latitude=.objs[].lat,longitude=.objs[].lon,label=.objs[].classType"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("calibrate") / "log.mcap"
+    write_tracks(TRUTH, path, detections=sense(TRUTH, BIASED, rng=np.random.default_rng(1)))
+    return path
+
+
+def test_a_log_is_calibrated_and_drawn(log, tmp_path, capsys):
+    sensor, plot = tmp_path / "sensor.toml", tmp_path / "sensor.png"
+    assert run(["calibrate", str(log), "--truth", str(log), "-o", str(sensor), "--plot", str(plot)]) == DONE
+    said = capsys.readouterr().out
+    assert "latency_s" in said
+    assert "of 15 true vehicles" in said
+    assert load_sensor(sensor).latency_s == pytest.approx(0.3, abs=0.03)
+    assert plot.stat().st_size > 10_000
+
+
+def test_a_sensor_file_reads_as_it_was_written(tmp_path):
+    path = tmp_path / "sensor.toml"
+    save_sensor(BIASED, path)
+    assert load_sensor(path) == BIASED
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[along]\nspread_m = -0.5\n[across]\nspread_m = 1", "along: spread_m: expected a positive number of metres"),
+        ("colour = 3\n[along]\nspread_m = 1\n[across]\nspread_m = 1", "colour: expected one of latency_s"),
+        ("[along]\nspread_m = 1\nhue = 1\n[across]\nspread_m = 1", "along: hue: expected one of spread_m"),
+        ("latency_s = -1\n[along]\nspread_m = 1\n[across]\nspread_m = 1", "latency_s: expected 0 to 5 seconds"),
+        ("[along]\nspread_m = nan\n[across]\nspread_m = 1", "spread_m: expected a positive number"),
+        ("[along]\nspread_m = 1", "across: expected a table with spread_m"),
+        ('[along]\nspread_m = "1"\n[across]\nspread_m = 1', "along: spread_m: expected a number"),
+        ("[along", "sensor.toml"),
+    ],
+)
+def test_a_bad_sensor_file_is_one_line(text, says, tmp_path):
+    path = tmp_path / "sensor.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"sensor\.toml") as error:
+        load_sensor(path)
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def frame(k):
+    objects = [{"id": "7", "classType": "2", "lat": 42.3 + 1e-6 * k, "lon": -83.7}]
+    return {"timestamp": 1688680146.5 + 0.1 * k, "objs": objects}
+
+
+@pytest.mark.parametrize("lines", [False, True], ids=["array", "lines"])
+def test_json_frames_become_a_log(lines, tmp_path):
+    pytest.importorskip("pyproj")
+    source, out = tmp_path / "dets.json", tmp_path / "dets.mcap"
+    frames = [frame(k) for k in range(3)] + [{"timestamp": 1688680147.0, "objs": []}]
+    source.write_text("\n".join(map(json.dumps, frames)) if lines else json.dumps(frames))
+    options = ["--format", "json", "--fields", FIELDS, "--origin", "42.3,-83.7"]
+    assert run(["convert", str(source), "-o", str(out), *options]) == DONE
+    tracks = read_tracks(out, labels="2")
+    assert tracks.track_id.tolist() == [7, 7, 7]
+    assert tracks.time_ns[0] == 1688680146_500000000
+    north = on_plane(Origin(42.3, -83.7), np.array([[-83.7, 42.3 + 2e-6, 0.0]]))[0, :2]
+    np.testing.assert_allclose(tracks.position[2], north, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "fields", "says"),
+    [
+        ("{nonsense", FIELDS, "line 1: expected JSON"),
+        ("[]", FIELDS, "expected objects at"),
+        (json.dumps([frame(0)]), FIELDS.replace("time_s=.timestamp,", ""), "expected time= or time_s="),
+        (json.dumps([frame(0)]), FIELDS.replace("latitude=.objs[].lat,", ""), "expected x= and y= at least, or"),
+    ],
+)
+def test_what_is_no_such_json_is_one_line(text, fields, says, tmp_path, capsys):
+    source = tmp_path / "dets.json"
+    source.write_text(text)
+    options = ["--format", "json", "--fields", fields]
+    assert run(["convert", str(source), "-o", str(tmp_path / "o.mcap"), *options]) == FAILED
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
