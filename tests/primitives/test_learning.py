@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.special import polygamma
 
-from dirprim_filter import learn_primitives
+from dirprim_filter import forecast, learn_primitives
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.von_mises import mean_resultant_length
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
+from hexagons import Hexagons
 from situations import ring_traffic, rows_of
 from tessellation import GridTessellation
 
@@ -278,3 +279,21 @@ def test_n_cells_gives_the_nearest_number_found_where_sizes_skip_the_one_asked_f
     tracks = rows_of(np.zeros(60), np.full(60, 5.0), position=position)
     learned = learn_primitives(tracks, n_cells=18, rng=np.random.default_rng(0))
     assert learned.tessellation.n_cells == pytest.approx(18, rel=0.2)
+
+
+def test_a_map_lives_in_any_cells(ring):
+    """Hexagons that know nothing of compiled code: the density is as proper as that of squares, and as high."""
+    few = ring[ring.track_id < 12]
+    maps = [
+        learn_primitives(few, tessellation=cells, rng=np.random.default_rng(0))
+        for cells in (Hexagons(few.position, width=6.0), GridTessellation.covering(few.position, cell_size=6.0))
+    ]
+    mean = [found.log_density(few.position, few.direction, few.speed).mean() for found in maps]
+    assert mean[0] == pytest.approx(mean[1], abs=0.3)
+    found = maps[0]
+    turn = np.linspace(-np.pi, np.pi, 721)[:-1]
+    at = np.broadcast_to(few.position[0], (turn.size, 2))
+    assert np.exp(found.direction_log_density(at, turn)).mean() * 2 * np.pi == pytest.approx(1.0, rel=1e-3)
+    paths = forecast(found, position=few.position[0], direction=few.direction[0], speed=few.speed[0], horizon_s=1.0,
+                     n_samples=20, rng=np.random.default_rng(0))  # fmt: skip
+    assert np.isfinite(paths).all()
