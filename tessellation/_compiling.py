@@ -1,4 +1,4 @@
-"""How kernels are compiled: once per installation, and without what nobody calls."""
+"""How kernels are compiled: once per installation, and without unused wrappers."""
 
 from typing import Any
 

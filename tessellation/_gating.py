@@ -1,4 +1,4 @@
-"""Members sorted by cell, and dealt anew: without a fold, in halves, or united."""
+"""Members sorted by cell, and redistributed: without a fold, in halves, or united."""
 
 from __future__ import annotations
 

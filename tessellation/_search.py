@@ -42,7 +42,7 @@ class Search(Generic[Data_contra, Cells]):
         row: (n,) the data that are used, ascending.
         fold: (n,) of each of them.
         group: (n,) of each of them, 0 to n_groups - 1.
-        salt: (n_all,) random numbers, by which members are told apart.
+        salt: (n_all,) random numbers that break ties between members.
     """
 
     model: CellModel[Data_contra, Cells]
@@ -189,7 +189,7 @@ class Search(Generic[Data_contra, Cells]):
     def _total_and_error(
         self, gain: FloatArray, cell: IntArray, group: IntArray, n_cells: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Gains summed over each cell, and the standard error of the sum when groups are drawn anew."""
+        """Gains summed over each cell, and the standard error of the sum over groups."""
         pair, index = np.unique(cell * (int(self.group.max()) + 1) + group, return_inverse=True)
         of_group = np.bincount(index, gain)
         owner = pair // (int(self.group.max()) + 1)

@@ -90,9 +90,9 @@ def fit_jointly(
         group: (n,) whole groups are held out, for data of one group repeat each other; each datum by itself if absent.
         reach: metres around the data that the cells cover; see `VoronoiTessellation.covering`.
         n_cells: how many cells; left out, as many as lower the held-out objective.
-        softness: of the gates; the first is begun with, the others are tried.
+        softness: softness of the gates: the first is the initial value, the others are candidates.
         max_rows: the cells are laid out by so many data at most, drawn at random; all data are then fitted.
-        progress: told the number of cells and the objective after each step.
+        progress: called with the number of cells and the objective after each step.
         rng: deals the folds and chooses the first generators.
 
     Raises:
@@ -125,16 +125,16 @@ def fit_jointly(
 
     steps: list[tuple[int, float]] = []
 
-    def tell(state: State[Cells]) -> None:
+    def report(state: State[Cells]) -> None:
         steps.append((len(state.generators), state.objective))
         if progress is not None:
             progress(*steps[-1])
 
     if search.n_folds > 1:
         state = _first(search, spread, n_cells, softness[0])
-        state = _descend(search, state, n_cells, softness, tell)
+        state = _descend(search, state, n_cells, softness, report)
         generators, chosen = state.generators, state.softness
-    else:  # nothing can be held out, so nothing tells how many cells there should be
+    else:  # nothing can be held out, so the data do not determine the number of cells
         generators, chosen = spread(n_cells or 1), softness[0]
     nearest = nearest_generators((position - origin)[weight > 0], generators, k=1)[1]
     generators = generators[np.bincount(nearest[:, 0], minlength=len(generators)) > 0]  # none that is empty
@@ -166,10 +166,10 @@ def _descend(
     state: State[Cells],
     n_cells: int | None,
     softness: tuple[float, ...],
-    tell: Callable[[State[Cells]], None],
+    report: Callable[[State[Cells]], None],
 ) -> State[Cells]:
     """Step by step, until no kind of step lowers the objective."""
-    tell(state)
+    report(state)
     for _ in range(MAX_ROUNDS):
         before = state
         split = search.split(state, n_cells)
@@ -179,7 +179,7 @@ def _descend(
             state = search.merge(state) if n_cells is None else state
             state = search.soften(state, softness)
         if state is not before:
-            tell(state)
+            report(state)
         if state.objective >= before.objective - search.least_gain and len(state.generators) == len(before.generators):
             break
     return state

@@ -15,7 +15,7 @@ SECONDS = {"demo": 45.0, "learn": 30.0, "track": 30.0, "evaluate": 60.0}
 """What compiling all that a command needs takes, on the machine of two cores that the documents speak of."""
 OTHERS_S = 10.0
 UNNOTICED_S = 1.0
-"""So long nobody asks; and a run that finds most in the cache is done with the rest by then."""
+"""Seconds without a message; a run that finds most kernels in the cache has compiled the rest by then."""
 
 
 @contextmanager

@@ -28,11 +28,11 @@ class Format(StrEnum):
 def convert(
     source: Annotated[Path, typer.Argument(help="The table.", exists=True, dir_okay=False)],
     output: Output,
-    form: Annotated[Format, typer.Option("--format", help="What the source is.")] = Format.CSV,
+    form: Annotated[Format, typer.Option("--format", help="Format of the table.")] = Format.CSV,
     metres_per_pixel: Annotated[float | None, typer.Option(help="sdd: scale of the video.")] = None,
     frames_per_second: Annotated[float, typer.Option(help="sdd: rate of the video.")] = 30.0,
     columns: Annotated[
-        str | None, typer.Option(help="csv: what the table calls columns, as x_m=Easting,y_m=Northing,...")
+        str | None, typer.Option(help="csv: names of the columns in the table, as x_m=Easting,y_m=Northing,...")
     ] = None,
     fields: Annotated[
         str | None,

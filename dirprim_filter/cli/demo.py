@@ -40,14 +40,12 @@ def recordings_folder() -> Path:
 
 
 def demo(
-    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for what the demo writes."), WRITTEN] = Path(
-        "demo"
-    ),
-    scene: Annotated[Scene, typer.Option(help="Which recordings.")] = Scene.ROUNDABOUT,
+    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the outputs."), WRITTEN] = Path("demo"),
+    scene: Annotated[Scene, typer.Option(help="Which recordings to use.")] = Scene.ROUNDABOUT,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Learn a map from a shipped log, track the vehicles of another with it, forecast them, and draw it all.
+    """Learn a map from one recording, track and forecast the vehicles of another with it, and plot the result.
 
     Example: dirprim demo --scene intersection -o demo_intersection
     """
@@ -81,7 +79,7 @@ def demo(
     compiling.wait()
     typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
     scores = _track_three_ways(learned, tracks, truth, tracking, outputs, seed=seed, force=force)
-    _tell(learned, scores, outputs, folder)
+    _print_result(learned, scores, outputs, folder)
 
 
 def _track_three_ways(
@@ -184,7 +182,7 @@ def _table(scores: Mapping[str, TrackingScore], *, markdown: bool = False) -> li
     ]
 
 
-def _tell(
+def _print_result(
     learned: PrimitiveMap, scores: Mapping[str, TrackingScore], outputs: Mapping[str, Path], folder: Path
 ) -> None:
     n_modes = (learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1)
@@ -198,4 +196,4 @@ def _tell(
     typer.echo("\nwrote " + ", ".join(str(path) for path in outputs.values()))
     typer.echo(f"next: open {outputs['demo.png']}; `dirprim view {outputs['tracks.rrd']}` plays it in rerun;")
     typer.echo(f"      {outputs['tracks.mcap']} opens in Foxglove, with the layout {outputs['layout.json']};")
-    typer.echo("      `dirprim info LOG` tells what a log of yours holds")
+    typer.echo("      `dirprim info LOG` summarises a log of yours")

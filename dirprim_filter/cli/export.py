@@ -15,14 +15,14 @@ from dirprim_filter.cli.reading import Reading, reads_logs
 
 @reads_logs
 def export(
-    estimates: Annotated[Path, typer.Argument(help="A log that `dirprim track` wrote.", exists=True, dir_okay=False)],
+    estimates: Annotated[Path, typer.Argument(help="A log of `dirprim track`.", exists=True, dir_okay=False)],
     output: Output,
     frames_of: Annotated[
         Path | None,
-        typer.Option(help="For .txt: number frames by the instants of this log; left out, those of the estimates."),
+        typer.Option(help="For .txt: number frames by the instants of this log. Default: by those of the estimates."),
     ] = None,
     smoothed: Annotated[
-        bool, typer.Option("--smoothed", help="What `track --smooth` or `--lag` wrote beside.")
+        bool, typer.Option("--smoothed", help="Export the smoothed estimates of `track --smooth` or `--lag`.")
     ] = False,
     reading: Reading = Reading(),
     force: Force = False,

@@ -30,7 +30,7 @@ def row(head: str, cells: Sequence[str], width: int = 16) -> str:
 
 
 def number(value: float) -> str:
-    """Three decimals of small numbers, none of large ones; a dash of what is not known."""
+    """Three decimals for small numbers, none for large ones; a dash if unknown."""
     if math.isnan(value):
         return UNKNOWN
     if isinstance(value, int):

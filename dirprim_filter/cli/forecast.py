@@ -34,10 +34,10 @@ def forecast(
     horizon: Annotated[float, typer.Option(help="Seconds to look ahead.")] = 5.0,
     dt: Annotated[float, typer.Option(help="Seconds between positions.")] = 0.5,
     every: Annotated[float, typer.Option(help="Seconds of the log between forecasts.")] = 1.0,
-    samples: Annotated[int, typer.Option(min=1, help="Number of futures of each vehicle.")] = 100,
+    samples: Annotated[int, typer.Option(min=1, help="Number of rollouts of each vehicle.")] = 100,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="A picture: .png, .pdf or .svg; of a log, an MCAP.", callback=named_file),
+        typer.Option("--output", "-o", help="A figure (.png, .pdf, .svg), or an MCAP with --log.", callback=named_file),
         WRITTEN,
     ] = None,
     config: Config = None,
@@ -45,7 +45,7 @@ def forecast(
     noise: Noise = None,
     no_ids: NoIds = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="All sampled positions, for machines; of a log an object for each instant.")
+        bool, typer.Option("--json", help="Print all rollouts as JSON; with --log, a line for each instant.")
     ] = False,
     seed: Seed = 0,
     reading: Reading = Reading(),
@@ -142,12 +142,12 @@ def _of_log(
 
 
 class _Lines:
-    """A `ForecastSink` that tells machines: a line of JSON for each instant with forecasts."""
+    """A `ForecastSink` that prints a line of JSON for each instant with forecasts."""
 
     def __init__(self, dt_s: float) -> None:
         self._dt_s = dt_s
 
     def write_forecast(self, forecasts: Forecasts) -> None:
-        """Tell where each vehicle may be."""
+        """Print the rollouts of one instant."""
         paths = dict(zip(forecasts.track_id, forecasts.paths.tolist(), strict=True))
         typer.echo(json.dumps({"time_ns": forecasts.time_ns, "dt_s": self._dt_s, "paths": paths}))

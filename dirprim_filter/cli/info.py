@@ -36,7 +36,7 @@ def info(
     end: End = None,
     strict: Strict = False,
 ) -> int:
-    """Tell what logs hold: topics, which of them carry tracks, times, damage, vehicles that cannot be true.
+    """Summarise logs: topics, which of them carry tracks, times, damage, implausible vehicles.
 
     Of a log of more than 32 MiB that has an index only this is read, unless with --check, --strict, --fields, --start
     or --end.

@@ -1,4 +1,4 @@
-"""What a command tells of input that was lost, and the exit code that says so."""
+"""Reports of lost input, and the exit code for it."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ app = typer.Typer(
 )
 
 
-def _tell_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 
@@ -68,7 +68,9 @@ def _tell_version(wanted: bool) -> None:
 def _every_command(
     verbose: bool = typer.Option(False, "--verbose", "-v", help="Say more on stderr; show where errors come from."),
     quiet: bool = typer.Option(False, "--quiet", "-q", help="Only errors on stderr."),
-    version: bool = typer.Option(False, "--version", is_eager=True, callback=_tell_version, help="Tell and exit."),
+    version: bool = typer.Option(
+        False, "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
+    ),
 ) -> None:
     level = logging.INFO if verbose else logging.ERROR if quiet else logging.WARNING
     logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=sys.stderr, force=True)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 WRITTEN = "written"
-"""Marks the options that name what a command writes; `outputs.checked` asks for them before the work."""
+"""Marks the options for output files, which `outputs.checked` checks before the work."""
 
 
 class Cells(StrEnum):
@@ -29,7 +29,7 @@ class WholeVehicles(StrEnum):
 
 
 class ParticleColor(StrEnum):
-    """What the colour of particles tells."""
+    """What the colour of particles encodes."""
 
     DIRECTION = "direction"
     MODE = "mode"
@@ -67,18 +67,18 @@ def time_ns(text: str | None) -> int | None:
 
 
 def former(old: str, new: str) -> Any:
-    """The former name of an option, not shown: it is still taken, with a warning, until the next release."""
+    """The former name of an option, hidden: still accepted, with a warning, until the next release."""
 
     def warn(value: Any) -> Any:
         if value not in (None, False):
-            typer.echo(f"warning: {old} is now {new}; the next release does not know {old}", err=True)
+            typer.echo(f"warning: {old} is now {new}; the next release removes {old}", err=True)
         return value
 
     return typer.Option(old, hidden=True, callback=warn)
 
 
 def _log(text: str) -> Path:
-    """A file that exists, "-", or what looks like a URL."""
+    """A file that exists, "-", or a URL."""
     path = Path(text)
     if text != "-" and "://" not in text and (not path.exists() or path.is_dir()):
         raise typer.BadParameter(f"File '{text}' does not exist." if not path.exists() else f"'{text}' is a folder.")
@@ -90,53 +90,54 @@ Logs = Annotated[list[Path], typer.Argument(help="MCAP logs; - for standard inpu
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]
-Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the table as well: a .png, .pdf or .svg."), WRITTEN]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Also draw the table: .png, .pdf or .svg."), WRITTEN]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same result.")]
 Tessellation = Annotated[
-    Cells, typer.Option(help="joint: cells learned with the primitives; voronoi: by positions alone; grid: squares.")
+    Cells,
+    typer.Option(help="joint: Voronoi cells learned with the primitives; voronoi: by positions only; grid: squares."),
 ]
 Topics = Annotated[
     str | None,
-    typer.Option("--topics", help="Topic name or regular expression; left out, the best there is."),
+    typer.Option("--topics", help="Topic name or regular expression. Default: the best available."),
 ]
-Start = Annotated[str | None, typer.Option("--start", help="First time wanted, ns or RFC 3339.")]
-End = Annotated[str | None, typer.Option("--end", help="First time no longer wanted, ns or RFC 3339.")]
+Start = Annotated[str | None, typer.Option("--start", help="Start time, ns or RFC 3339.")]
+End = Annotated[str | None, typer.Option("--end", help="End time, exclusive, ns or RFC 3339.")]
 Fields = Annotated[
     str | None,
-    typer.Option("--fields", help="Where an unknown schema tells of objects: id=.objects[].id,x=.objects[].x,..."),
+    typer.Option("--fields", help="Fields of the objects in an unknown schema: id=.objects[].id,x=.objects[].x,..."),
 ]
-Strict = Annotated[bool, typer.Option("--strict", help="Damage in a log is an error.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Treat damage in a log as an error.")]
 Config = Annotated[
     Path | None,
-    typer.Option("--config", help="TOML, or the --json or -o of an earlier run, to have it again.", exists=True),
+    typer.Option("--config", help="TOML, or the --json or -o of an earlier run, to reproduce it.", exists=True),
 ]
-Particles = Annotated[int | None, typer.Option("--particles", min=1, help="Samples for each vehicle; 1000.")]
-Noise = Annotated[float | None, typer.Option("--noise", help="Standard deviation of a measured position, metres; 0.5.")]
+Particles = Annotated[int | None, typer.Option("--particles", min=1, help="Particles for each vehicle. Default: 1000.")]
+Noise = Annotated[
+    float | None, typer.Option("--noise", help="Standard deviation of measured positions, metres. Default: 0.5.")
+]
 NoIds = Annotated[
-    bool, typer.Option("--no-ids", help="Ignore the log's ids; detections without one need no such word.")
+    bool, typer.Option("--no-ids", help="Ignore the ids of a log; not needed for detections without ids.")
 ]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
-Layout = Annotated[
-    Path | None, typer.Option("--layout", help="Write a layout of Foxglove's window for this log, .json."), WRITTEN
-]
+Layout = Annotated[Path | None, typer.Option("--layout", help="Write a Foxglove layout for this log, .json."), WRITTEN]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]
 Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]
 Bind = Annotated[
-    str, typer.Option("--bind", help="With --serve: the address to answer at; 0.0.0.0 for all who reach this machine.")
+    str, typer.Option("--bind", help="With --serve: the address to bind; 0.0.0.0: reachable from other machines.")
 ]
 Focus = Annotated[
     str | None,
-    typer.Option("--focus", help="Id of the vehicle to look at closely; left out, whichever is understood least."),
+    typer.Option("--focus", help="Id of the vehicle to follow. Default: the one with the largest innovations."),
 ]
-ColorBy = Annotated[ParticleColor, typer.Option("--color-by", help="What the colour of particles tells.")]
+ColorBy = Annotated[ParticleColor, typer.Option("--color-by", help="What the colour of particles encodes.")]
 Truth = Annotated[
     Path | None, typer.Option("--truth", help="Show the true tracks of this log, and the errors.", exists=True)
 ]
 Group = Annotated[
     int | None,
-    typer.Option("--group", help="One of the recordings that a log holds, by its number in `dirprim info`; else all."),
+    typer.Option("--group", help="Read one group of the log, by its number in `dirprim info`. Default: all."),
 ]
 Connect = Annotated[
     str | None,
-    typer.Option("--connect", help="Stream to a viewer that runs already, as rerun+http://127.0.0.1:9876/proxy."),
+    typer.Option("--connect", help="Stream to a running viewer, such as rerun+http://127.0.0.1:9876/proxy."),
 ]

@@ -1,4 +1,4 @@
-"""A place on the command line: how it is given, and whether a map knows it."""
+"""A place on the command line: its forms, and whether the map covers it."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = No
 
 @contextmanager
 def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] | None]:
-    """What a long task tells of steps done and to do; on a terminal, a bar that follows it."""
+    """Progress of a long task in steps; on a terminal, a bar."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -58,7 +58,7 @@ def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] |
 
 
 class LearningProgress(NamedTuple):
-    """What `learn_primitives` tells of its search for cells, and of its stages."""
+    """Progress of `learn_primitives`: its search for cells, and its stages."""
 
     progress: Callable[[int, float], None] | None
     stage: Callable[[int], None] | None
@@ -66,7 +66,7 @@ class LearningProgress(NamedTuple):
 
 @contextmanager
 def learning_progress() -> Iterator[LearningProgress]:
-    """What `learn_primitives` tells while it learns; on a terminal, a line that follows it.
+    """Progress of `learn_primitives`; on a terminal, a line.
 
     When the search for cells is over nobody knows before: told are which of how many stages this is, what it has
     reached, and how long it can still take, of which it mostly needs little.
@@ -117,7 +117,7 @@ def working(what: str) -> Iterator[None]:
 
 
 def _bar(counted: str, done: str) -> Progress:
-    """A bar with a count, a rate and the time that remains; only a spinner while the total is not known."""
+    """A bar with a count, a rate and the remaining time; a spinner while the total is unknown."""
     from rich.progress import BarColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.text import Text
 

@@ -30,14 +30,14 @@ Result = TypeVar("Result")
 
 
 class TimeSource(StrEnum):
-    """Which time of a message counts."""
+    """Which time of a message to use."""
 
     LOG = "log"
     PUBLISH = "publish"
     HEADER = "header"
 
 
-Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message counts.")]
+Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message to use.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,16 +47,16 @@ class Reading:
     topics: Topics = None
     time_source: Time = TimeSource.LOG
     frame: Annotated[
-        str | None, typer.Option("--frame", help="Frame of the positions; left out, the root of the log's transforms.")
+        str | None, typer.Option("--frame", help="Frame of the positions. Default: the root of the log's transforms.")
     ] = None
     fields: Fields = None
     origin: Annotated[
         str | None,
-        typer.Option("--origin", help="Latitude,longitude of the plane for satellite fixes; left out, the first."),
+        typer.Option("--origin", help="Latitude,longitude of the origin, for satellite fixes. Default: the first fix."),
     ] = None
     labels: Annotated[
         str | None,
-        typer.Option("--labels", help="What the objects are, such as car|truck; `dirprim info` tells; left out, all."),
+        typer.Option("--labels", help="Classes to read, such as car|truck; `dirprim info` lists them. Default: all."),
     ] = None
     group: Group = None
     start: Start = None

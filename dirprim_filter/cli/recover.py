@@ -24,7 +24,7 @@ def recover(
     strict: Strict = False,
     force: Force = False,
 ) -> int:
-    """Write all that can be read of a damaged log as a whole one, and tell what was lost.
+    """Write the intact part of a damaged log as a valid log, and report what was lost.
 
     A command that was killed leaves its output beside where it belongs, as NAME.PID.partial: all but its last chunk
     can be recovered. Intact chunks are taken over byte for byte; summary and indexes are written anew.

@@ -1,4 +1,4 @@
-"""What commands tell machines, and how a later one takes it up: the figures and all that they follow from."""
+"""Results as JSON: the figures, and the settings that reproduce them; reading those settings again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CONFIG_KEY = "experiment"
 def result_object(
     command: str, *, inputs: Sequence[Path], experiment: Mapping[str, Any], reading: Reading, table: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The table, and what it follows from: version, files by their checksums, experiment, options of reading."""
+    """The table, and what reproduces it: version, checksums of the files, experiment, reading options."""
     from importlib.metadata import version
 
     from dirprim_filter.cli.provenance import checksum
@@ -38,7 +38,7 @@ def result_object(
 
 
 def as_json(told: Mapping[str, Any]) -> str:
-    """One object; NaN and infinities, which JSON has no word for, become null."""
+    """One object; NaN and infinities, which JSON lacks, become null."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):

@@ -34,30 +34,28 @@ def score(
     estimates: Annotated[
         list[Path],
         typer.Argument(
-            help="Logs that `dirprim track` wrote, or .csv, .parquet or .txt like those of `dirprim export`.",
+            help="Logs of `dirprim track`, or .csv, .parquet or .txt in the formats of `dirprim export`.",
             exists=True,
             dir_okay=False,
         ),
     ],
-    truth: Annotated[Path, typer.Option("--truth", help="A log of where vehicles were.", exists=True, dir_okay=False)],
+    truth: Annotated[Path, typer.Option("--truth", help="A log with the true tracks.", exists=True, dir_okay=False)],
     smoothed: Annotated[
-        bool, typer.Option("--smoothed", help="Beside the estimates of a log those that --smooth or --lag wrote.")
+        bool, typer.Option("--smoothed", help="Also score the smoothed estimates of --smooth or --lag.")
     ] = False,
     with_ids: Annotated[
         bool,
-        typer.Option("--ids/--no-ids", help="Is an estimate of the vehicle whose id it bears, or of the nearest?"),
+        typer.Option("--ids/--no-ids", help="Assign estimates by id, or to the nearest vehicle."),
     ] = False,
-    cutoff: Annotated[float, typer.Option(help="GOSPA's cut-off, metres.")] = 5.0,
-    similarity: Annotated[float, typer.Option(help="Similarity is max(0, 1 - distance / so many metres).")] = 5.0,
+    cutoff: Annotated[float, typer.Option(help="Cut-off of GOSPA, metres.")] = 5.0,
+    similarity: Annotated[float, typer.Option(help="Distance at which similarity reaches 0, metres.")] = 5.0,
     t_gospa: Annotated[
-        bool, typer.Option("--t-gospa", help="T-GOSPA as well: small scenes, seconds to minutes.")
+        bool, typer.Option("--t-gospa", help="Also compute T-GOSPA: for small scenes; seconds to minutes.")
     ] = False,
-    penalty: Annotated[float, typer.Option(help="T-GOSPA's price of a switch, metres.")] = 2.0,
+    penalty: Annotated[float, typer.Option(help="Penalty of T-GOSPA on a switch, metres.")] = 2.0,
     reading: Reading = Reading(),
     plot: Plot = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="All figures and what they follow from, for machines.")
-    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all figures and settings as JSON.")] = False,
     force: Force = False,
 ) -> int:
     """Score what trackers wrote against the truth, a column for each file.

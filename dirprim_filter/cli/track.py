@@ -72,29 +72,36 @@ def track(
     noise: Noise = None,
     particle_stride: Annotated[
         int | None,
-        typer.Option(min=1, help="Write one particle in so many; left out, some 100 of each vehicle, 50 to rerun."),
+        typer.Option(min=1, help="Write every n-th particle. Default: about 100 a vehicle, 50 to rerun."),
     ] = None,
     in_full: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Vehicles of a crowd in rerun with particles, ellipse, name and forecast; the rest are small."
+            min=0, help="Number of vehicles drawn in full in rerun, with particles, ellipse, name and forecast."
         ),
     ] = None,
     smooth: Annotated[
-        bool, typer.Option("--smooth", help="Write also, of each instant, what is known given the whole log.")
+        bool, typer.Option("--smooth", help="Also write smoothed estimates, which use the whole log.")
     ] = False,
     lag: Annotated[
-        float | None, typer.Option(min=0.0, help="The same given so many seconds more, for streams: late by as much.")
+        float | None,
+        typer.Option(min=0.0, help="Fixed-lag smoothing for streams: estimates are this many seconds late."),
     ] = None,
-    forecast: Annotated[float, typer.Option(help="Each second forecast so many seconds ahead; 0 for none.")] = 0.0,
-    place_free: Annotated[bool, typer.Option("--place-free", help="Ignore the places: the ablation.")] = False,
+    forecast: Annotated[
+        float, typer.Option(help="Every second, forecast this many seconds ahead; 0: no forecasts.")
+    ] = 0.0,
+    place_free: Annotated[
+        bool, typer.Option("--place-free", help="Track without the map's cells: the ablation.")
+    ] = False,
     motion: Annotated[
-        bool, typer.Option("--motion", help="The log's directions and speeds were measured: use them too.")
+        bool, typer.Option("--motion", help="Use the log's directions and speeds as measurements too.")
     ] = False,
     no_ids: NoIds = False,
-    detection_probability: Annotated[float | None, typer.Option(help="Of a vehicle in sight, per frame; 0.9.")] = None,
+    detection_probability: Annotated[
+        float | None, typer.Option(help="Of a vehicle in sight, per frame. Default: 0.9.")
+    ] = None,
     clutter_density: Annotated[
-        float | None, typer.Option(help="False detections per m2 and frame; 0.0001. Of a sensor that never errs 1e-9.")
+        float | None, typer.Option(help="False detections per m2 and frame. Default: 0.0001; 1e-9 if there are none.")
     ] = None,
     seed: Seed = 0,
     reading: Reading = Reading(),
@@ -171,7 +178,7 @@ def track(
             n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.dropped)
         if viewer is not None:
-            viewer.log_run(said, {"frames": str(n_frames), "beliefs begun anew": str(worlds.recoveries)})
+            viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
             keep_serving(viewer)
     _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}")
     return losses.exit_code(stream.damage, stream.dropped.lost)
@@ -192,7 +199,7 @@ def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoo
 
 def _say(worlds: Worlds, what: str) -> None:
     if worlds.recoveries:
-        typer.echo(f"{worlds.recoveries} times a belief did not explain what was measured: begun anew", err=True)
+        typer.echo(f"{worlds.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
     typer.echo(what + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""))
 
 

@@ -41,7 +41,7 @@ OKABE_ITO: ByteArray = np.array(
     [[86, 180, 233], [233, 104, 20], [224, 141, 187], [230, 159, 0], [90, 140, 255]],
     dtype=np.uint8,
 )
-"""(5, 3) colours that tell vehicles apart (Okabe and Ito, 2008), less the greens and yellows of fast roses,
+"""(5, 3) distinguishable colours for vehicles (Okabe and Ito, 2008), less the greens and yellows of fast roses,
 and lightened for a dark ground."""
 
 FAN_OPACITY = 0.15

@@ -52,11 +52,11 @@ LITTLE_MORE = 1.6
 MARGIN = 0.06
 """Free space around a map, as a share of its longer side."""
 FLOW_LEAST = 0.05
-"""Of those who leave a cell: ways that fewer take are not drawn."""
+"""Share of the vehicles leaving a cell; rarer transitions are not drawn."""
 FLOW_LENGTH = 0.7
 """Of the way between the centres of two cells: arrows must not run into each other."""
 FLOW_WIDTH = 0.2
-"""Of a usual cell's width, an arrow's shaft that all take who leave a cell."""
+"""Width of an arrow of share 1, in widths of a median cell."""
 FLOW_HEAD = (0.4, 2.6)
 """An arrow's head: its length by the arrow's, and its width by the shaft's."""
 MIDDLING = (4.5, 1.8)
@@ -213,7 +213,7 @@ class Flow(NamedTuple):
 
     @classmethod
     def of(cls, primitives: PrimitiveMap) -> Flow:
-        """The arrows of a map; none of ways that one vehicle took, or hardly one of those who left."""
+        """The arrows of a map, without transitions of a single vehicle or of a negligible share."""
         start, end, n, share = cell_transitions(primitives)
         kept = (share >= FLOW_LEAST) & (n > 1)
         anchor = anchors(primitives.tessellation)
@@ -325,7 +325,7 @@ def vehicle_outline(position: FloatArray, heading: FloatArray, size: FloatArray)
 
 
 def _along_arc(length: FloatArray, direction: FloatArray, curvature: FloatArray) -> FloatArray:
-    """Where one gets who sets out in a direction and turns by `curvature` in each metre. (...) -> (..., 2) metres.
+    """End point of an arc that starts in a direction and turns by `curvature` per metre. (...) -> (..., 2) metres.
 
     The chord of the arc points half its turn aside, and is shorter than the arc by sinc of half its turn.
     """

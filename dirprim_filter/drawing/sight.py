@@ -1,4 +1,4 @@
-"""Which beliefs a picture shows in full: those about vehicles that do not coast, whose direction is known."""
+"""Which beliefs a picture shows in full: those of vehicles that do not coast and have a known direction."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dirprim_filter.estimates import Estimates
 from tessellation.arrays import BoolArray
 
 SURE_FROM = 0.5
-"""Resultant of a belief's direction; a forecast of a vehicle that may go anywhere tells nothing."""
+"""Resultant of a belief's direction; below it a forecast spreads in all directions and is not drawn."""
 WIDEST_COASTING = 6.0
 """Metres, standard deviation; of a coasting vehicle that may be anywhere, no ellipse is drawn."""
 
 
 def may_be_anywhere(believed: Estimates) -> BoolArray:
-    """(n,) which vehicles coast, and have for so long that an ellipse tells nothing."""
+    """(n,) which vehicles have coasted for so long that their ellipse is not drawn."""
     return np.asarray(believed.is_coasting & (reach(believed.covariance) > WIDEST_COASTING))
 
 

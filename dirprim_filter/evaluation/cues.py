@@ -6,7 +6,7 @@ cell. At each step
 - the truth is the vehicle's direction in the middle of the visit,
 - the prior is the map's direction there,
 - the observation is a von Mises around the most probable direction of the cell before (at the vehicle's last position
-  in it), as in the paper; and, beside it, around the vehicle's own direction there, as a detector would tell it,
+  in it), as in the paper; and, beside it, around the vehicle's own direction there, as a detector would report it,
 - the posterior is the product of prior and observation (Eq. 4).
 
 The paper does not say how concentrated its observation is. Ours is as good as it can be: of all concentrations it has
@@ -134,7 +134,7 @@ def evaluate_cues(
         n_folds: how many times.
         tessellation: the cells to learn, which are what vehicles step between; the paper's are "grid".
         min_speed: m/s; rows that are not faster have no direction of their own.
-        progress: told how many of how many steps are done.
+        progress: called with the number of steps done, and their total.
         rng: deals the folds and feeds the learning.
 
     Raises:
@@ -147,13 +147,13 @@ def evaluate_cues(
     parts: list[Followed] = []
     n_before = 0
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
-    told = StepCount(len(folds), progress)
+    steps = StepCount(len(folds), progress)
     for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
         learned = learn_primitives(fold.train, tessellation=tessellation, rng=child)
         followed = _follow(learned, fold)
         parts.append(followed._replace(vehicle=followed.vehicle + n_before))  # no vehicle is in two folds
         n_before += fold.test.n_tracks
-        told.add()
+        steps.add()
     joined = Followed(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     if joined.vehicle.size == 0:
         raise ValueError("tracks: expected held-out vehicles that go from one cell to another, got none")

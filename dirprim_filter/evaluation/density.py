@@ -173,7 +173,7 @@ def evaluate_density(
             body's. 0.5 in the paper; 0 leaves out the rows at rest.
         interval_s: keep only rows of a vehicle at least so far apart; left out, all.
         methods: what to compare; left out, `all_methods`.
-        progress: told how many of how many steps are done.
+        progress: called with the number of steps done, and their total.
         rng: deals the folds and feeds the methods; what one draws changes no other's.
 
     Raises:
@@ -184,10 +184,10 @@ def evaluate_density(
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
     chosen = all_methods(max_speed=float(kept.speed.max())) if methods is None else methods
     children = rng.spawn(len(chosen))
-    told = StepCount(len(chosen) * len(folds), progress)
+    steps = StepCount(len(chosen) * len(folds), progress)
     return DensityTable(
         methods=tuple(
-            row for method, child in zip(chosen, children, strict=True) for row in _scores(method, folds, child, told)
+            row for method, child in zip(chosen, children, strict=True) for row in _scores(method, folds, child, steps)
         ),
         split_by=by,
         n_folds=len(folds),
@@ -214,7 +214,7 @@ def all_methods(*, max_speed: float) -> list[Method]:
     """Every row of the table.
 
     Args:
-        max_speed: m/s, of all rows: what the uninformative baseline is told.
+        max_speed: m/s, of all rows: given to the uninformative baseline.
     """
     return [
         *(Method(f"primitive, {kind}", _learner(primitive=kind)) for kind in PRIMITIVE_KINDS),
@@ -253,13 +253,13 @@ def _fit_processes(train: Tracks, rng: np.random.Generator) -> dict[str, Directi
     }
 
 
-def _scores(method: Method, folds: Sequence[Fold], rng: np.random.Generator, told: StepCount) -> list[MethodScore]:
+def _scores(method: Method, folds: Sequence[Fold], rng: np.random.Generator, steps: StepCount) -> list[MethodScore]:
     """The rows of one method: its setting that is best in log density, and the densest if that is another."""
     found: dict[str, list[dict[Quantity, FloatArray]]] = {}
     for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
         for setting, model in method.fit(fold.train, child).items():
             found.setdefault(setting, []).append(_log_densities(model, fold.test))
-        told.add()
+        steps.add()
     direction = {setting: _summary([fold["direction"] for fold in log_p]) for setting, log_p in found.items()}
     best = max(found, key=lambda setting: direction[setting].mean_log)
     densest = max(found, key=lambda setting: direction[setting].mean)

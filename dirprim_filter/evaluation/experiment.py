@@ -58,7 +58,7 @@ class MethodResult:
 
 
 def _told(reports: Sequence[TrackingReport], figure: str) -> FloatArray:
-    """A seed may have drawn vehicles without a gap: then it tells nothing of gaps."""
+    """A run may have no vehicle with a gap: then its figures of gaps are undefined."""
     values = np.array([getattr(report, figure) for report in reports], dtype=np.float64)
     return values[~np.isnan(values)]
 
@@ -108,7 +108,7 @@ def evaluate_tracking(
         primitive_map: the prior; left out, it is learned from a part of the vehicles, and the others are tracked. Where
             it is given, the Kalman filters are fitted to the very vehicles they track, which is in their favour.
         sinks: take the frames of the first method in the first seed.
-        progress: told how many of how many steps are done.
+        progress: called with the number of steps done, and their total.
 
     Raises:
         ValueError: too few vehicles to learn from and to track, or sinks where the first method has no frames.
@@ -124,12 +124,12 @@ def evaluate_tracking(
         by_group.setdefault(name, []).append(tuple(scored([world]) for world in tracked))
 
     n_groups = n_vehicles = n_gaps = 0
-    told = StepCount(experiment.n_seeds * (2 + len(experiment.methods)), progress)
+    steps = StepCount(experiment.n_seeds * (2 + len(experiment.methods)), progress)
     for i in range(experiment.n_seeds):
         deal, learn, sense, fit, filtering = np.random.default_rng([experiment.seed, i]).spawn(5)
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
         learned = primitive_map or learn_primitives(train, rng=learn)
-        told.add()
+        steps.add()
         sensing = int(sense.integers(2**63))
         scenes = [Scene.of(world, experiment, sensor, seed=sensing) for world in test.worlds()]
         n_groups += len(scenes)
@@ -137,19 +137,19 @@ def evaluate_tracking(
         n_gaps += sum(np.unique(scene.truth.tracks.vehicle[scene.truth.is_hidden]).size for scene in scenes)
         seeds = filtering.integers(2**63, size=len(experiment.methods))
         made = filters(experiment.methods, learned, train, experiment.filter, rng=fit)
-        told.add()
+        steps.add()
         for number, method in enumerate(experiment.methods):
             listening = sinks if i == 0 and number == 0 else ()
             if method == RAW:
                 add(method, as_reported(scenes, noise_m=experiment.noise_m))
-                told.add()
+                steps.add()
                 continue
             smooth = experiment.smooth and method in SMOOTHED
             tracked = followed(scenes, made[method], experiment, listening, smooth=smooth, seed=int(seeds[number]))
             add(method, tracked.filtered)
             if smooth:
                 add(f"{method} smoothed", tracked.smoothed)
-            told.add()
+            steps.add()
         if experiment.smooth:
             add(BEST, best_in_hindsight(scenes, experiment, acceleration_density=acceleration_density(train)))
     return TrackingTable(

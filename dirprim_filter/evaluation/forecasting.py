@@ -82,7 +82,7 @@ class ForecastTable:
         split_by: how vehicles were held out.
         n_folds: so many times in each split, another part of the vehicles each time.
         n_seeds: how many splits, each with random numbers of its own.
-        n_samples: futures for each case.
+        n_samples: rollouts for each case.
         n_vehicles: held-out vehicles with a forecast, over all seeds.
     """
 
@@ -118,10 +118,10 @@ def evaluate_forecasts(
         split_by: whether vehicles are held out one by one or with their group.
         horizons_s: ascending, seconds ahead.
         n_folds: in how many parts they are dealt; each is held out once.
-        n_seeds: how many times they are dealt anew.
-        n_samples: futures for each case, at least 20.
+        n_seeds: number of random splits.
+        n_samples: rollouts for each case, at least 20.
         methods: what to compare.
-        progress: told how many of how many steps are done.
+        progress: called with the number of steps done, and their total.
         rng: deals the splits and feeds the methods; what one draws changes no other's.
 
     Raises:
@@ -135,12 +135,12 @@ def evaluate_forecasts(
     found: dict[str, list[FloatArray]] = {}
     clusters: list[AnyArray] = []
     n_vehicles = 0
-    told: StepCount | None = None
+    steps: StepCount | None = None
     for child in rng.spawn(n_seeds):
         of_seed: dict[str, list[FloatArray]] = {}
         clusters_of_seed: list[AnyArray] = []
         dealt = split(tracks, by=split_by, n_folds=n_folds, rng=child)
-        told = told or StepCount(n_seeds * len(dealt) * len(methods), progress)
+        steps = steps or StepCount(n_seeds * len(dealt) * len(methods), progress)
         for fold in dealt:
             cases = Cases.of(fold.test, horizons_s=horizons)
             clusters_of_seed.append(cases.group if split_by == "group" else cases.name)
@@ -149,7 +149,7 @@ def evaluate_forecasts(
                 for name, sample in fit(fold.train, horizons, own).items():
                     scores = score_cases(sample(cases, n_samples, own), cases.later)
                     of_seed.setdefault(name, []).append(scores)
-                told.add()
+                steps.add()
         clusters.append(np.concatenate(clusters_of_seed))
         for name, folds in of_seed.items():
             found.setdefault(name, []).append(np.concatenate(folds))
@@ -227,7 +227,7 @@ def standard_error(seeds: Sequence[FloatArray], clusters: Sequence[AnyArray]) ->
 
     Args:
         seeds: a score of each case, (n,) in each seed.
-        clusters: (n,) whose each is, by the same names in every seed.
+        clusters: (n,) name of each case's cluster, the same in every seed.
 
     Returns:
         NaN of a single cluster.

@@ -33,7 +33,7 @@ SMOOTHED: tuple[Method, ...] = ("prior", "place-free", "constant velocity")
 MakeFilter = Callable[[], BayesFilter]
 
 SCALES = (0.1, 0.3, 1.0, 3.0)
-"""Of the noise that the training vehicles' motion tells: the one that foresees their measurements best is taken."""
+"""Factors on the noise estimated from the training vehicles, chosen by the likelihood of their measurements."""
 TURNS = (0.003, 0.03, 0.3)
 """rad^2/s^3, noise of the rate of turn to choose among likewise."""
 MAX_FITTED = 10

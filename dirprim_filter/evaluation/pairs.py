@@ -11,17 +11,17 @@ from dirprim_filter.evaluation.experiment import MethodResult
 N_REDRAWN = 2000
 INTERVAL = (0.025, 0.975)
 SEED = 0
-"""Of the redrawing: the same results are told in the same words."""
+"""Seed of the bootstrap: the same results give the same interval."""
 
 
 class GapComparison(NamedTuple):
     """One method beside another.
 
     Attributes:
-        n: gaps in which both told where the vehicle was.
+        n: gaps in which both had an estimate.
         nearer: share of them in which the first has the smaller root mean square error.
         less_m: metres by which its root mean square error over all of them is smaller.
-        low_m: the same, of 95 % of as many gaps drawn anew from these (the bootstrap of Efron 1979), from
+        low_m: the same, the 95 % interval of the bootstrap over gaps (Efron 1979), from
         high_m: and to. Gaps of one group share its traffic: between groups the spread is wider.
     """
 

@@ -43,7 +43,7 @@ def gaps(tracks: Tracks, *, gap_s: float, rng: np.random.Generator) -> BoolArray
 
 
 def honest_tracking(tracks: Tracks, experiment: TrackingExperiment) -> TrackingConfig:
-    """The association's knobs as they are true of the sensor in one group, the same for every method."""
+    """The true parameters of the sensor in one group, for the association of every method."""
     area = float(np.prod(np.ptp(tracks.position, axis=0)))
     instants = np.unique(tracks.time_ns).size
     occlusion = 1.0 / 20.0 if experiment.gap_s > 0 else 1e-3
@@ -63,7 +63,7 @@ class Scene(NamedTuple):
         group: its number.
         truth: where its vehicles were, and where the sensor did not see them.
         seen: what the sensor reports.
-        tracking: the association's knobs.
+        tracking: parameters of the association.
     """
 
     group: int

@@ -43,7 +43,7 @@ class ScoreTable:
         n_groups: of the truth, each a world of its own.
         n_vehicles: of the truth.
         n_rows: of the truth.
-        with_ids: whether an estimate is of the vehicle whose id it bears.
+        with_ids: whether estimates were assigned to vehicles by id.
         scales: of the metrics.
         penalty_m: T-GOSPA's, metres; None where it was not asked for.
         scores: of each tracker.
@@ -72,15 +72,15 @@ def score_rows(
     Args:
         results: what each says, in the groups of the truth.
         truth: where vehicles were.
-        with_ids: whether an estimate is of the vehicle whose id it bears; else it is of the one that GOSPA gives it to.
+        with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         scales: of the metrics.
         penalty_m: T-GOSPA's price of a switch, metres; None: no T-GOSPA.
-        progress: told how many of how many results are scored.
+        progress: called with the number of results scored, and their total.
 
     Raises:
         ValueError: a result has no row at any instant of the truth, a length is not positive, or T-GOSPA is too large.
     """
-    told = StepCount(len(results), progress)
+    steps = StepCount(len(results), progress)
     scores = []
     for name, rows in results.items():
         kept = rows.at_instants_of(truth)
@@ -99,7 +99,7 @@ def score_rows(
                 report=TrackingReport.of(kept, truth, is_hidden=None, with_ids=with_ids, scales=scales),
             )
         )  # fmt: skip
-        told.add()
+        steps.add()
     return ScoreTable(
         n_groups=int(np.unique(truth.group).size),
         n_vehicles=truth.n_tracks, n_rows=len(truth),

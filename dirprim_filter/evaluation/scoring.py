@@ -35,7 +35,7 @@ def report(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) ->
 
     Args:
         worlds: groups, at least one.
-        with_ids: whether an estimate is of the vehicle whose id it bears; else it is of the one that GOSPA gives it to.
+        with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         scales: of the metrics.
     """
     believed = [world.estimates.all() for world in worlds]

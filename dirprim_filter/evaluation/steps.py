@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 
 class StepCount:
-    """Counts steps, and tells who wants to know.
+    """Counts steps and reports them.
 
     Args:
         total: how many steps there will be.
-        progress: told how many of how many are done; None: nobody asks.
+        progress: called with the number of steps done, and their total; None: not reported.
     """
 
     def __init__(self, total: int, progress: Callable[[int, int], None] | None) -> None:

@@ -26,7 +26,7 @@ class TrackingScore:
         position_rmse: metres, root mean square distance.
         direction_rmse: radians, of vehicles in motion.
         speed_rmse: m/s.
-        nees: mean normalised estimation error squared of the position: 2 where covariances tell the truth, above it
+        nees: mean normalised estimation error squared of the position: 2 where covariances are right, above it
             where they are too small.
         coverage_50: share of the rows whose true position lies in the ellipse that should hold half of them.
         coverage_90: likewise, nine tenths.

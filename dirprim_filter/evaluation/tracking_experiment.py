@@ -27,14 +27,14 @@ class TrackingExperiment:
             two seconds before and after it have no gap.
         with_ids: the sensor names its vehicles; false detections then have names of their own.
         learn: share of the vehicles, or groups, that a map is learned from where none is given; the others are tracked.
-        n_seeds: how many times all is drawn anew.
+        n_seeds: number of runs, each with random numbers of its own.
         seed: of the first.
         cutoff_m: metres, farther than which an estimate is not of a vehicle, in GOSPA.
         similarity_m: metres, from which an estimate and a vehicle are not similar at all, in HOTA, IDF1 and CLEAR MOT.
         methods: which are compared.
         smooth: beside each method that has a smoother what that says, and the best smoother of constant velocity.
-        filter: knobs of the filters; its noise is the sensor's, and its beliefs outlast a gap.
-        tracking: knobs of association; left out, what is true of the sensor.
+        filter: parameters of the filters; the noise is the sensor's, and tracks survive a gap.
+        tracking: parameters of association. Default: the true ones of the sensor.
     """
 
     noise_m: float = 0.5
@@ -76,13 +76,13 @@ class TrackingExperiment:
         return Scales(cutoff_m=self.cutoff_m, similarity_m=self.similarity_m)
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> TrackingExperiment:
+    def of(cls, given: Mapping[str, Any]) -> TrackingExperiment:
         """The experiment of a configuration file: its names are the attributes', `filter` and `tracking` are tables.
 
         Raises:
             ValueError: an unknown name, or a value out of range.
         """
-        plain = dict(told)
+        plain = dict(given)
         for name, kind in (("filter", FilterConfig), ("tracking", TrackingConfig)):
             if plain.get(name) is not None:
                 plain[name] = config_of(kind, plain[name], where=name)
@@ -90,22 +90,22 @@ class TrackingExperiment:
         return made
 
 
-def config_of(kind: type[Any], told: object, *, where: str) -> Any:
+def config_of(kind: type[Any], given: object, *, where: str) -> Any:
     """A configuration from the names and values of a file.
 
     Raises:
-        ValueError: a name that is none of its knobs, or a value of another type.
+        ValueError: an unknown parameter, or a value of another type.
     """
-    if not isinstance(told, Mapping):
-        raise ValueError(f"{where}: expected a table of names and values, got {told!r}")  # noqa: TRY004 - a file's, no caller's
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{where}: expected a table of names and values, got {given!r}")  # noqa: TRY004 - a file's, no caller's
     known = {f.name: f.type for f in fields(kind)}
-    for name, value in told.items():
+    for name, value in given.items():
         if name not in known:
             raise ValueError(f"{where}: {name}: expected one of {', '.join(known)}")
         plain = {"float": (int, float), "int": (int,), "bool": (bool,)}.get(str(known[name]), (object,))
         if not isinstance(value, plain) or (isinstance(value, bool) and bool not in plain and object not in plain):
             raise ValueError(f"{where}: {name}: expected a value of type {known[name]}, got {value!r}")
-    return kind(**told)
+    return kind(**given)
 
 
 class Sensor(Protocol):

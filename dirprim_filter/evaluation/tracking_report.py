@@ -17,7 +17,7 @@ from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 SETTLED_S = 1.0
-"""So long after a vehicle came into sight its estimate has settled."""
+"""Seconds after a vehicle came into sight before its estimate counts as settled, past the initial transient."""
 GAP_FROM_S = 0.5
 """Where only the tracker says when a vehicle was measured: unseen for longer is a gap, for less a missed frame."""
 
@@ -51,14 +51,14 @@ class Scales:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingReport:
-    """One tracker's figures in one run; NaN where nothing tells.
+    """One tracker's figures in one run; NaN where undefined.
 
     Attributes:
         rmse: metres, of all estimates of vehicles.
         seen_rmse: metres, of vehicles in sight.
         settled_rmse: metres, of vehicles that have been in sight for a second, since they appeared or were found again.
         hidden_rmse: metres, inside gaps.
-        seen_nees: mean normalised squared error; 2 where the covariances tell the truth.
+        seen_nees: mean normalised squared error; 2 where the covariances are right.
         hidden_nees: inside gaps.
         coverage_50: share of the true positions in the ellipses that should hold half of them, seen and hidden.
         coverage_90: likewise, nine tenths.
@@ -111,7 +111,7 @@ class TrackingReport:
             rows: at instants of the truth.
             truth: where vehicles were.
             is_hidden: (n,) rows of the truth that the sensor did not see; None: as `unseen_s` of the rows says.
-            with_ids: whether an estimate is of the vehicle whose id it bears; else it is of the one that GOSPA gives it
+            with_ids: assign estimates to vehicles by id; else by GOSPA's assignment
                 to.
             scales: of the metrics.
 
@@ -192,7 +192,7 @@ def _by_name(rows: TrackedRows, truth: Tracks) -> tuple[IntArray, IntArray]:
 
 
 def _as_said(rows: TrackedRows, track: IntArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """(m,) estimates in sight, in gaps, and settled, as the tracker says; none where it does not."""
+    """(m,) estimates in sight, in gaps, and settled, by the tracker's `unseen_s`; none without it."""
     hidden = rows.unseen_s > GAP_FROM_S
     seen = rows.unseen_s <= GAP_FROM_S
     return seen, hidden, seen & (_in_sight_s(track, rows.time_ns, hidden) >= SETTLED_S)

@@ -215,7 +215,7 @@ def test_former_names_of_options_are_taken_with_a_warning_and_not_shown(log, cap
     assert formerly.out == told.out
     assert (tmp_path / "c.png").exists()
     for old, new in (("--misses", "--miss-rate"), ("--clutter", "--false-per-frame"), ("--chart", "--plot")):
-        assert f"warning: {old} is now {new}; the next release does not know {old}" in formerly.err
+        assert f"warning: {old} is now {new}; the next release removes {old}" in formerly.err
     assert evaluate("forecast", log, "--by-group") == FAILED
     assert "--by-group is now --split group" in capsys.readouterr().err
     for command, old in (("tracking", ("--misses", "--clutter", "--chart")), ("forecast", ("--by-group",))):

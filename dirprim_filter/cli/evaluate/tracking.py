@@ -28,26 +28,28 @@ def tracking(
     logs: Logs,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", help="Track with this map; left out, learn one from a part of the log.", exists=True),
+        typer.Option("--map", help="Track with this map. Default: learn one from a part of the log.", exists=True),
     ] = None,
     config: Config = None,
     noise: Annotated[float | None, typer.Option(help="Standard deviation of reported positions, metres.")] = None,
-    gap: Annotated[float | None, typer.Option(help="Seconds each vehicle is out of sight once; 0 for never.")] = None,
+    gap: Annotated[
+        float | None, typer.Option(help="Seconds for which each vehicle is out of sight once; 0: never.")
+    ] = None,
     miss_rate: Annotated[float | None, typer.Option(help="Share of the frames in which a vehicle is missed.")] = None,
     false_per_frame: Annotated[float | None, typer.Option(help="Mean number of false detections in a frame.")] = None,
-    with_ids: Annotated[bool | None, typer.Option("--ids/--no-ids", help="Does the sensor name vehicles?")] = None,
+    with_ids: Annotated[bool | None, typer.Option("--ids/--no-ids", help="Whether the sensor reports ids.")] = None,
     learn: Annotated[float | None, typer.Option(help="Share of the vehicles, or groups, to learn from.")] = None,
-    method: Annotated[list[str] | None, typer.Option(help="Compare only this one; may be given again.")] = None,
+    method: Annotated[list[str] | None, typer.Option(help="Compare only this method; may be repeated.")] = None,
     smooth: Annotated[
         bool | None,
-        typer.Option("--smooth/--no-smooth", help="Beside the filters their smoothers, which know the whole log."),
+        typer.Option("--smooth/--no-smooth", help="Also evaluate the smoothers, which use the whole log."),
     ] = None,
     particles: Annotated[int | None, typer.Option(min=1, help="Samples for each vehicle.")] = None,
-    cutoff: Annotated[float | None, typer.Option(help="GOSPA's cut-off, metres.")] = None,
-    similarity: Annotated[
-        float | None, typer.Option(help="Similarity is max(0, 1 - distance / so many metres).")
+    cutoff: Annotated[float | None, typer.Option(help="Cut-off of GOSPA, metres.")] = None,
+    similarity: Annotated[float | None, typer.Option(help="Distance at which similarity reaches 0, metres.")] = None,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, help="Number of runs, each with random numbers of its own.")
     ] = None,
-    seeds: Annotated[int | None, typer.Option(min=1, help="How many times all is drawn anew.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
     output: Annotated[
         Path | None,
@@ -148,7 +150,6 @@ def _gap_lines(table: TrackingTable) -> list[str]:
         if found is not None:
             lines.append(
                 f"of {counted(found.n, 'gap')} {first.name} is nearer than {other.name} in {found.nearer:.0%}, its "
-                f"RMSE smaller by {found.less_m:.2f} m ({found.low_m:.2f} to {found.high_m:.2f} in 95 % of gaps drawn "
-                "anew)"
+                f"RMSE smaller by {found.less_m:.2f} m (95 % bootstrap: {found.low_m:.2f} to {found.high_m:.2f})"
             )
     return ["", *lines] if lines else []

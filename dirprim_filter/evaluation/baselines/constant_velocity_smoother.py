@@ -13,7 +13,7 @@ from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import ConstantVelocityKalman
 
 SCALES = (1.0, 3.0, 10.0, 30.0)
-"""Of the noise that the training vehicles' motion tells."""
+"""Factors on the noise estimated from the training vehicles."""
 
 
 def best_in_hindsight(

@@ -59,7 +59,7 @@ class DirectionalGaussianProcess:
             direction: (n,) radians.
             n_rows: the most rows to take.
             subset: how they are chosen. The kernel's parameters are learned from `KERNEL_ROWS` random rows in either
-                case: the informative ones lie too far apart to tell the noise.
+                case: the informative ones lie too far apart to estimate the noise.
             rng: chooses.
 
         Raises:

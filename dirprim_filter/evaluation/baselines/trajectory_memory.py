@@ -2,7 +2,7 @@
 
 All training tracks are kept, and a vehicle replays the way of one of them: neighbours of its state, weighed by a
 Gaussian kernel, each with its own future. The memory learns nothing of what vehicles have in common and grows with the
-log; a map of primitives must come near to it while it forgets who drove there.
+log; a map of primitives should come close to it without remembering single vehicles.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ DIRECTION_RATE, SPEED_RATE = 1.0, 0.2
 DIRECTION_SPREAD, SPEED_SPREAD, DRIFT = 0.05, 0.05, 0.005
 """Radians, share of the speed, and m^2/s, by which vehicles of one way differ."""
 LIKE_SPEEDS = 0.025
-"""Share of all rows, to either side in order of speed, among which a stranger finds one."""
+"""Share of all rows, to either side in order of speed, from which a vehicle unlike all others draws one."""
 STRAIGHT_SHARE = 0.15
-"""Of strangers, who go straight on at an even speed instead."""
+"""Share of those that go straight on at constant speed instead."""
 STEP_S = 0.5
 LEAST_AHEAD = 3
-"""Rows: a track that ends sooner tells little of what comes next."""
+"""Rows: a track that ends sooner says little about what comes next."""
 NEIGHBOURS = 64
 """Rows that are weighed: the nearest."""
 FORGET_RATE = 0.1
 """1/s, how often a vehicle goes over to another track that it has come to be like."""
 CANDIDATES = {"nearness": (0.5, 0.35, 1.0, 1.4), "strength": (0.03, 0.3, 1.0)}
-"""Beside the defaults, those that held-out vehicles choose among, one knob after the other."""
+"""Alternatives to the defaults, chosen on held-out vehicles, one parameter after the other."""
 LAGS_S = (0.5, 1.0, 2.0, 3.0, 5.0)
 MOST_STARTS, FEWEST_STARTS, N_SAMPLES = 300, 20, 32
 
@@ -66,7 +66,7 @@ class States(NamedTuple):
         return States(*(column[rows] for column in self))
 
     def features(self) -> FloatArray:
-        """(n, 5) numbers whose Euclidean distance is how far apart vehicles are alike; who stands has no direction."""
+        """(n, 5) features whose Euclidean distance measures similarity; standing vehicles have no direction."""
         turned = np.minimum(self.speed, 1.0) / DIRECTION
         compass = turned[:, None] * np.column_stack([np.cos(self.direction), np.sin(self.direction)])
         pace = np.log(SPEED + SPEED_SHARE * self.speed) / SPEED_SHARE
@@ -74,7 +74,7 @@ class States(NamedTuple):
 
 
 class Following(NamedTuple):
-    """What particles follow: fractional rows of a memory, NaN for straight on; strangers in their own direction."""
+    """What particles follow: fractional rows of a memory; NaN for straight on, in the own direction."""
 
     row: FloatArray  # (n,)
     is_stranger: BoolArray  # (n,)
@@ -85,11 +85,11 @@ class TrajectoryMemory:
     """Tracks of vehicles, a row each `ROW_S`, one track after the other.
 
     Attributes:
-        vehicle: (n,) whose.
+        vehicle: (n,) number of each row's vehicle.
         states: n rows; directions are continuous along a track, and turn evenly while a vehicle stands.
         last: (n,) the last row of each row's track.
         nearness: how near is alike, in units of `PLACE_M`, `DIRECTION` and `SPEED`.
-        strength: so many alike rows weigh as much as strangers.
+        strength: number of similar rows that weighs as much as the dissimilar ones.
     """
 
     vehicle: IntArray
@@ -159,7 +159,7 @@ class TrajectoryMemory:
         return path.reshape(n, n_samples, len(time_s), 2)
 
     def found(self, start: States, but: IntArray, n_samples: int, *, rng: np.random.Generator) -> Following:
-        """What vehicles may go on along: (n n_samples,) by weights e^{-d^2 / 2}, strangers' against them."""
+        """Rows to continue along: (n n_samples,), by weights e^{-d^2 / 2} against the weight of dissimilar rows."""
         n = but.size
         row, weight = self._alike(start, but)
         so_far = np.cumsum(weight, axis=1)
@@ -204,7 +204,7 @@ class TrajectoryMemory:
         return np.where(straight | (self.vehicle[row] == but), np.nan, row + rng.random(speed.size))
 
     def chosen(self, *, rng: np.random.Generator) -> Self:
-        """The same with the knobs that forecast its vehicles best, each from all others.
+        """The same with the parameters that forecast its vehicles best, each from all others.
 
         The energy score (Gneiting and Raftery 2007, Eq. 22) is proper: too wide a net and too narrow a one both cost.
         """

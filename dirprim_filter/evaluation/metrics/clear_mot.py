@@ -16,7 +16,7 @@ from tessellation.arrays import FloatArray, IntArray
 MATCH_FROM = 0.5
 """Similarity from which a vehicle and an estimate may be matched."""
 EPSILON = float(np.finfo(np.float64).eps)
-NOBODY = -1
+UNMATCHED = -1
 
 
 class ClearMot(NamedTuple):
@@ -59,16 +59,16 @@ def _matched(comparison: Comparison, valid: Pairs, similarity: FloatArray) -> tu
     instants = np.intersect1d(comparison.row_instant, comparison.column_instant)
     starts = np.searchsorted(comparison.row_instant[valid.row], instants, side="left")
     ends = np.searchsorted(comparison.row_instant[valid.row], instants, side="right")
-    before, last = (np.full(comparison.n_vehicles, NOBODY) for _ in range(2))
+    before, last = (np.full(comparison.n_vehicles, UNMATCHED) for _ in range(2))
     n_matched = switches = 0
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         pairs = slice(start, end)
         chosen = start + _of_instant(vehicle[pairs], track[pairs], similarity[pairs], before)
-        whose, by = vehicle[chosen], track[chosen]
-        switches += int(((last[whose] != NOBODY) & (last[whose] != by)).sum())
-        before[:] = NOBODY
-        before[whose] = last[whose] = by
-        n_matched += whose.size
+        who, by = vehicle[chosen], track[chosen]
+        switches += int(((last[who] != UNMATCHED) & (last[who] != by)).sum())
+        before[:] = UNMATCHED
+        before[who] = last[who] = by
+        n_matched += who.size
     return n_matched, switches
 
 
