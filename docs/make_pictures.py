@@ -1,15 +1,22 @@
-"""Makes README's pictures from the recordings that ship: `python docs/make_pictures.py`, in the repository's root.
+"""Makes the pictures of README and the site from the recordings that ship: `python docs/make_pictures.py`, in the root.
 
 `recordings/roundabout.png` is what `dirprim demo` draws. `recordings/viewer.png` is the rerun viewer, without a screen,
 in the middle of a tracked intersection; it needs a Vulkan driver (Debian: mesa-vulkan-drivers). `recordings/gap.png`
-shows what filter and smoother say of vehicles that are out of sight for three seconds.
+compares filter and smoother on vehicles that are out of sight for three seconds.
+
+`recordings/foxglove.png` is the demo in Lichtblick, the open fork of Foxglove. The environment variable
+FOXGLOVE_PICTURE names a program that opens a log there and writes its window to a PNG of 1600 x 1000, called as
+`PROGRAM LOG PNG --layout LAYOUT --at SECONDS`. Without it that picture stays as it is.
 """
 
 from __future__ import annotations
 
 import io
+import os
+import shlex
 import shutil
 import socket
+import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -37,6 +44,9 @@ SHOWN_NS = 55_000_000_000
 MENU = 36
 """Rows of the window's own bar, which says nothing."""
 WIDTH = 1600
+FOXGLOVE_AT_S = 45.0
+FOXGLOVE_PANELS = (320, 44, 1600, 920)
+"""Left, top, right and bottom of the panels in the window, pixels."""
 RESTING_S = 1.5
 MOST_LOOKS = 60
 
@@ -45,6 +55,19 @@ def demo(folder: Path) -> None:
     """The picture of the demo."""
     succeed("demo", "-o", folder / "demo")
     shutil.copy(folder / "demo" / "demo.png", RECORDINGS / "roundabout.png")
+    foxglove(folder / "demo" / "tracks.mcap", folder / "demo" / "layout.json")
+
+
+def foxglove(log: Path, layout: Path) -> None:
+    """The panels of Foxglove's window, where a program draws them."""
+    program = shlex.split(os.environ.get("FOXGLOVE_PICTURE", ""))
+    if not program:
+        return
+    window = log.with_suffix(".png")
+    options = ["--layout", str(layout), "--at", str(FOXGLOVE_AT_S)]
+    subprocess.run([*program, str(log), str(window), *options], check=True)  # noqa: S603 (the caller's own program)
+    panels = Image.open(window).convert("RGB").crop(FOXGLOVE_PANELS)
+    panels.quantize(colors=256).save(RECORDINGS / "foxglove.png", optimize=True)
 
 
 def viewer(folder: Path) -> None:

@@ -51,7 +51,7 @@ def forecast(
     reading: Reading = Reading(),
     force: Force = False,
 ) -> int:
-    """Sample the futures of a vehicle from a map, or of the vehicles of a log from what is believed of them.
+    """Sample rollouts of a vehicle on a map, or of the vehicles of a log from the filter's beliefs.
 
     Example: dirprim forecast --map map.mcap --at -30 -1.5 --direction-deg 0 --speed 10 -o forecast.png
     """

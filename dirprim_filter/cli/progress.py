@@ -23,7 +23,7 @@ def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = No
     Args:
         frames: ascending in time.
         what: is being done to them.
-        end_ns: of the log, where that is known: without it nobody knows what remains.
+        end_ns: of the log, if known: without it the remaining time is unknown.
     """
     if not sys.stderr.isatty():
         yield from frames
@@ -36,7 +36,7 @@ def with_progress(frames: Iterable[Frame], *, what: str, end_ns: int | None = No
             now_ns = frame.time_ns if isinstance(frame.time_ns, int) else int(frame.time_ns[0])
             if first_ns is None:
                 first_ns = now_ns
-                # A log of one instant, or one whose end is told wrongly, must not be done before it is.
+                # A log of one instant, or with a wrong end time, must not appear done early.
                 lasts_ns = None if end_ns is None or end_ns <= now_ns else end_ns - now_ns
                 progress.update(task, total=None if lasts_ns is None else lasts_ns / NS_PER_S)
             progress.update(task, completed=(now_ns - first_ns) / NS_PER_S, done=done)
@@ -51,10 +51,10 @@ def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] |
     with _bar("{task.completed:.0f} of {task.total:.0f} " + unit, "") as progress:
         task = progress.add_task(what, total=None, done=0)
 
-        def tell(done: int, of: int) -> None:
+        def report(done: int, of: int) -> None:
             progress.update(task, completed=done, total=of)
 
-        yield tell
+        yield report
 
 
 class LearningProgress(NamedTuple):
@@ -86,12 +86,12 @@ def learning_progress() -> Iterator[LearningProgress]:
     )
     with _on_stderr(*columns) as progress:
         task = progress.add_task("learning", total=len(STAGES), number=0, reached="")
-        rounds, began_s = -1, 0.0  # what is told first are the cells that the search begins with
+        rounds, began_s = -1, 0.0  # the first call reports the initial cells
 
         def begin(number: int) -> None:
             progress.update(task, completed=number, number=number + 1, description=STAGES[number], reached="")
 
-        def tell(n_cells: int, objective: float) -> None:
+        def report(n_cells: int, objective: float) -> None:
             nonlocal rounds, began_s
             rounds += 1
             now_s = progress.tasks[0].elapsed or 0.0
@@ -100,7 +100,7 @@ def learning_progress() -> Iterator[LearningProgress]:
             left = f", at most {(MAX_ROUNDS - rounds) * each_s:.0f} s left" if rounds else ""
             progress.update(task, reached=f": {n_cells}, log density {-objective:.3f}, round {rounds}{left}")
 
-        yield LearningProgress(tell, begin)
+        yield LearningProgress(report, begin)
 
 
 @contextmanager

@@ -64,7 +64,7 @@ class Reading:
     strict: Strict = False
 
     def tracks(self, logs: list[Path]) -> TrackLog:
-        """The tracks of logs, and what was lost; on a terminal, with a bar for each log. Faults of them are told.
+        """The tracks of logs, and what was lost; reports implausible vehicles. On a terminal, a bar for each log.
 
         Raises:
             RecordingError: as the reader; or nothing is left of what was asked for.
@@ -100,7 +100,7 @@ class Reading:
 
         return RecordingError(
             f"{', '.join(map(str, logs))}: expected moving objects{self._asked()}, got none; left out: {dropped}; "
-            "`dirprim info` tells times, labels and groups"
+            "`dirprim info` lists times, labels and groups"
         )
 
     def detections(self, log: Path, *, motion: bool) -> DetectionStream:

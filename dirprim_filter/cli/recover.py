@@ -27,7 +27,7 @@ def recover(
     """Write the intact part of a damaged log as a valid log, and report what was lost.
 
     A command that was killed leaves its output beside where it belongs, as NAME.PID.partial: all but its last chunk
-    can be recovered. Intact chunks are taken over byte for byte; summary and indexes are written anew.
+    can be recovered. Intact chunks are taken over byte for byte; the Summary section and the indexes are rewritten.
 
     Example: dirprim recover tracks.mcap.4711.partial -o tracks.mcap
     """

@@ -37,7 +37,7 @@ def result_object(
     } | {name: value for name, value in table.items() if name != CONFIG_KEY}
 
 
-def as_json(told: Mapping[str, Any]) -> str:
+def as_json(result: Mapping[str, Any]) -> str:
     """One object; NaN and infinities, which JSON lacks, become null."""
 
     def plain(value: Any) -> Any:
@@ -49,7 +49,7 @@ def as_json(told: Mapping[str, Any]) -> str:
             return None
         return value
 
-    return json.dumps(plain(dict(told)))
+    return json.dumps(plain(dict(result)))
 
 
 def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:

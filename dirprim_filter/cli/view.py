@@ -138,7 +138,7 @@ def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str 
 
 
 def _titles(runs: Sequence[Path]) -> list[str]:
-    """The files' names, as much of their paths as tells them apart."""
+    """The files' names, with enough of their paths to be distinct."""
     a, b = (run.resolve().with_suffix("").parts for run in runs)
     if a == b:
         return [runs[0].name, runs[1].name]

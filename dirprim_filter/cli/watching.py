@@ -27,7 +27,7 @@ def open_viewer(
     truth: Path | None = None,
     group: int | None = None,
 ) -> RerunSink:
-    """A stream to all of these, with the true tracks of a log or of its group; where it is served is told on stderr.
+    """A stream to all of these, with the true tracks of a log or group; prints the address of a served one.
 
     What is shown of one `place` shares the layout of a viewer that stays open.
     """

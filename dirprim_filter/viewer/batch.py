@@ -28,7 +28,7 @@ class FrameBatch:
 
     Args:
         particle_stride: one particle in so many is kept.
-        particle_color: what their colour tells.
+        particle_color: what their colour encodes.
         primitives: the map, for what the prior says of the vehicle to look at.
         depth: metres of ground in view: labels and rings keep their size on the screen.
     """
@@ -64,7 +64,7 @@ class FrameBatch:
         look: Look | None,
         metrics: Mapping[str, tuple[float, ...]],
     ) -> None:
-        """Take a frame and what is told of it.
+        """Take a frame and what is drawn of it.
 
         Args:
             frame: of vehicles.

@@ -23,7 +23,7 @@ LAYERS = (
 """Entities of the map view: each can be switched off by its path."""
 TRAILS = ("/tracks/trails", "/smoothed/trails", "/truth/trails")
 FLOW = "/map/flow"
-"""Shown of a map alone; under tracked vehicles, whose arrows it would mingle with, it waits to be switched on."""
+"""Visible for a map alone; hidden by default under tracked vehicles, whose arrows it would obscure."""
 EYE_HEIGHT = 1.02
 """Height of the eye as a share of the depth of ground to be seen; the view's opening angle is fixed."""
 VIEW_ASPECT = {1: 1.35, 2: 1.2}
@@ -104,7 +104,7 @@ class Layout:
         )
 
     def _lanes(self) -> rrb.View:
-        return rrb.StateTimelineView(origin="/vehicles", name="Vehicles: grey out of sight, yellow begun anew")
+        return rrb.StateTimelineView(origin="/vehicles", name="Vehicles: grey coasting, yellow reinitialised")
 
     def _plots(self) -> Sequence[rrb.View | rrb.Container]:
         speed, consistency, innovation, evidence, ess, existence = (self._plot(path) for path in PLOTS)

@@ -1,4 +1,4 @@
-"""Charts of tracking and of forecasts, in colours that the colour-blind tell apart (Okabe and Ito, 2008)."""
+"""Charts of tracking and of forecasts, in colours safe for colour blindness (Okabe and Ito, 2008)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ LINE_STYLES = (
     ("#0072B2", "-", "o"), ("#D55E00", "--", "s"), ("#009E73", "-.", "^"), ("#CC79A7", ":", "D"),
     ("#E69F00", "--", "v"), ("#56B4E9", "-.", "P"), ("#000000", ":", "x"),
 )  # fmt: skip
-"""Colour, dashes and mark of each method's line: any one of the three tells it apart."""
+"""Colour, dashes and mark of each method's line: any one of the three identifies it."""
 
 
 def forecast_chart(table: ForecastTable) -> Figure:

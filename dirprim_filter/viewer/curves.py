@@ -44,7 +44,7 @@ PLOTS: Mapping[str, Curves] = {
     "/metrics/log_evidence": Curves("Log evidence", ("mean",), (BLUE,)),
     "/metrics/ess": Curves("Effective sample size: mean blue, lowest grey", ("mean", "lowest"), (BLUE, GREY)),
     "/metrics/existence": Curves(
-        "Existence: told of grey, expected orange, measured blue", ("told of", "expected", "measured"),
+        "Vehicles: reported grey, expected orange, measured blue", ("reported", "expected", "measured"),
         (GREY, ORANGE, BLUE),
     ),
 }  # fmt: skip

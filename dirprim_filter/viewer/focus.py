@@ -1,6 +1,6 @@
-"""The vehicle to look at: the one asked for, else the one that the filter understands least; and what is told of it.
+"""The vehicle in focus: the one asked for, else the one with the largest innovations; and the curves shown of it.
 
-Of a crowd only a few are drawn in full, by the same measure: with a thousand ellipses nobody sees one.
+In dense traffic only a few are drawn in full, by the same measure: a thousand ellipses would hide each other.
 
 Told are its speed between the quantiles of the prior's speeds, and Eq. 4 around the circle: what is usual at the place
 (the prior), what its course says (the cue), and both together.
@@ -27,7 +27,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation.arrays import BoolArray, FloatArray
 
 KEPT_S = 8.0
-"""So long a vehicle stays the one to look at: a plot of one after the other would tell of none."""
+"""Seconds for which a vehicle stays in focus: quick changes would make its plots useless."""
 MEMORY_S = 2.0
 """Over which a vehicle's log evidence is averaged."""
 COURSE_S = 1.0
@@ -88,7 +88,7 @@ class Focus:
     """Follows the vehicle to look at from frame to frame.
 
     Args:
-        chosen: its id; None for whichever is understood least.
+        chosen: its id; None: the one with the largest innovations.
         most_in_full: vehicles of a crowd that are drawn with all that is known of them.
     """
 
@@ -186,7 +186,7 @@ class Focus:
 
 
 def speed_rows(looks: list[Look | None], primitives: PrimitiveMap | None) -> FloatArray:
-    """(n, 6) estimate, less and plus its deviation, the quantiles of the prior; NaN where nobody is looked at.
+    """(n, 6) estimate, less and plus its deviation, the quantiles of the prior; NaN without a vehicle in focus.
 
     The prior is p(speed | position, direction) of vehicles in motion: each mode's gamma, weighed by how well the
     direction fits the mode; those that stand have no direction.

@@ -29,7 +29,7 @@ CONFIDENCE = 0.9
 MAX_GAP_S = 2.0
 """A vehicle unseen for longer is drawn as two lines."""
 ROOT_DIAMETER = 0.09
-"""Of the dot at a rose's root, as a share of its cell's width: it tells which way the petals point."""
+"""Of the dot at a rose's root, as a share of its cell's width: it shows which way the petals point."""
 ROW_SIZE = 1.2
 """Square points of a row's dot."""
 STANDING_SPEED = LearningConfig().standing_speed
@@ -80,7 +80,7 @@ def draw_cells(axes: Axes, tessellation: Tessellation) -> None:
 
 
 def draw_flow(axes: Axes, primitives: PrimitiveMap) -> None:
-    """Arrows from cell to cell, as wide as their share of those who leave the first, coloured by direction."""
+    """Arrows from cell to cell, as wide as their share of the vehicles leaving the cell, coloured by direction."""
     ways = shapes.Flow.of(primitives)
     order = np.argsort(-ways.share, kind="stable")  # the narrower lies above
     usual = float(np.sqrt(np.median(primitives.tessellation.area))) if primitives.tessellation.n_cells else 0.0
@@ -132,7 +132,7 @@ def draw_estimates(axes: Axes, estimates: Estimates, color: Mapping[str, str]) -
 
 
 def draw_forecast(axes: Axes, paths: FloatArray, color: str, *, opacity: float) -> None:
-    """Sampled futures of one vehicle, (n_samples, n_steps, 2) metres, as thin lines with a dot at their ends."""
+    """Rollouts of one vehicle, (n_samples, n_steps, 2) metres, as thin lines with a dot at their ends."""
     axes.add_collection(LineCollection(list(paths), colors=color, linewidths=0.7, alpha=opacity, zorder=5))
     axes.plot(
         *paths[:, -1].T, ".", color=color, markersize=3.5, alpha=min(1.0, 2 * opacity), markeredgewidth=0, zorder=5

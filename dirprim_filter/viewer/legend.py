@@ -25,26 +25,26 @@ CORNER = (0.35, 0.1)
 """Width and height of what the bar and its numbers hide, as shares of the view's."""
 
 TEXT = """\
-**Roses**: how vehicles move in a cell. A petal points where they go and bends as they do; its area is their share; its
-colour is their mean speed, from violet (0 m/s) to yellow ({fastest:g} m/s and more). A violet disc: they stand there.
+**Roses**: how vehicles move in a cell. A petal points and bends in their direction; its area is their probability; its
+colour is their mean speed, from violet (0 m/s) to yellow ({fastest:g} m/s and more). A violet disc: standing vehicles.
 
-**Orange arrows**: ways from cell to cell, as thick as vehicles took them, as bright as their share of all who left.
+**Orange arrows**: transitions from cell to cell: thickness is the count, brightness the share of the cell.
 
 **White dots**: detections. **White outlines**: true vehicles, where known.
 
 **Large dots, arrows, ellipses**: estimates, where they will be in one second, and the region that holds the vehicle
-with 90 % probability. Dark: out of sight. **Lines behind**: the last five seconds; bold and with
-ellipses of their own, with `--smooth`: what is known once the rest of the log is.
+with 90 % probability. Dark: coasting. **Lines behind**: the last five seconds. With `--smooth`, bold lines with
+ellipses: the smoothed estimates.
 
-**Fans, thin lines**: where it may be next, with 90 and 50 % probability, and some sampled futures.
+**Fans, thin lines**: forecast regions of 90 and 50 % probability, and some rollouts.
 
 **Small dots**: particles. By direction: amber east, green north, blue west, magenta south.
 
-**White ring**: the vehicle that the filter understands least, or the one asked for. Its speed and its direction are
-plotted: the prior of its place, the cue (its course of the last second), and both together, Eq. 4.
+**White ring**: the vehicle with the largest innovations, or the one asked for. Its speed and its direction are
+plotted: the prior of its place, the cue (its course of the last second), and the posterior, Eq. 4.
 
-**A crowd**: of more than {crowd} vehicles only {few}, or as many as `--in-full` says, have a name, particles, an
-ellipse and a fan: those understood least. The others are small.
+**Dense traffic**: of more than {crowd} vehicles only {few}, or the number of `--in-full`, have a name, particles, an
+ellipse and a fan: those with the largest innovations. The others are small.
 
 Layers are switched on and off in the panel on the left.
 """

@@ -1,4 +1,4 @@
-"""Births, sights lost, recoveries and deaths of tracked vehicles: a chart of who is tracked when, and a diary.
+"""Initiation, coasting, reinitialisation and end of tracks: a chart of when each is tracked, and a diary.
 
 A lane is one entity, and the viewer slows down with hundreds of them: so there are few, and a vehicle takes the lowest
 that is free. Whoever finds none stands in the diary alone.
@@ -57,7 +57,7 @@ class Lifelines:
         coasting = dict(zip(frame.names, believed.is_coasting.tolist(), strict=True))
         taken = set(self._lane.values())  # a lane that is left now is free from the next frame on
         for name in [name for name in self._state if name not in coasting]:
-            self._tell(time_ns, name, "", "INFO", f"{name} ended")
+            self._log(time_ns, name, "", "INFO", f"{name} ended")
             self._state.pop(name)
             self._lane.pop(name, None)
         free = (lane for lane in range(N_LANES) if lane not in taken)
@@ -69,16 +69,16 @@ class Lifelines:
                 lane = next(free, None)
                 if lane is not None:
                     self._lane[name] = lane
-                self._tell(time_ns, name, name, "INFO", f"{name} begun")
+                self._log(time_ns, name, name, "INFO", f"{name} initialised")
                 self._state[name] = name
             for level, state, text in self._news(name, is_coasting=is_coasting, is_anew=name in anew):
-                self._tell(time_ns, name, state, level, text)
+                self._log(time_ns, name, state, level, text)
                 self._state[name] = state
 
     def _news(self, name: str, *, is_coasting: bool, is_anew: bool) -> Iterator[tuple[str, str, str]]:
         state = self._state[name]
         if is_anew:
-            yield "WARN", f"{name} anew", f"{name} begun anew: its belief did not explain what was measured"
+            yield "WARN", f"{name} anew", f"{name} reinitialised: its belief did not explain its measurements"
         elif is_coasting:
             if state != f"{name} unseen":
                 yield "INFO", f"{name} unseen", f"{name} out of sight"
@@ -87,7 +87,7 @@ class Lifelines:
         elif state == f"{name} anew":
             yield "INFO", name, f"{name} explained again"
 
-    def _tell(self, time_ns: int, name: str, state: str, level: str, text: str) -> None:
+    def _log(self, time_ns: int, name: str, state: str, level: str, text: str) -> None:
         self.entries.append(Entry(time_ns, level, text))
         lane = self._lane.get(name)
         if lane is None:

@@ -91,7 +91,7 @@ STYLES: Mapping[str, rr.AsComponents] = {
 
 
 def in_crowd(n: IntArray) -> FloatArray:
-    """How large and how light each of n vehicles is drawn of which there is no more to tell, 1 unless they are many."""
+    """Size and lightness of n vehicles that are not drawn in full, 1 unless they are many."""
     return np.asarray(np.minimum(1.0, (CROWD / np.maximum(n, 1)) ** FADING))
 
 
@@ -112,7 +112,7 @@ def roses(petals: shapes.Petals, *, fastest: float) -> rr.Mesh3D:
 
 
 def flow(ways: shapes.Flow) -> rr.Arrows3D:
-    """An arrow from cell to cell, as bright as its share of those who leave the first, as thick as they are many."""
+    """An arrow from cell to cell, brightness is its share of the vehicles leaving the cell, thickness their number."""
     many = np.sqrt(ways.n / ways.n.max(initial=1.0))
     color = np.full((many.size, 4), 255, np.uint8)
     color[:, :3] = np.rint(np.array(FLOW_COLOR) * (0.35 + 0.65 * ways.share[:, None]))
@@ -241,7 +241,7 @@ def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
 
 
 class Forecast(NamedTuple):
-    """One vehicle's futures as they are drawn.
+    """The forecast of one vehicle as it is drawn.
 
     Attributes:
         paths: (n, n_steps, 2) metres, some of them.
@@ -253,7 +253,7 @@ class Forecast(NamedTuple):
 
     @classmethod
     def of(cls, paths: FloatArray, regions: Sequence[Region]) -> Forecast:
-        """Of sampled futures from the vehicle on, (n_samples, n_steps, 2) metres, and of their regions."""
+        """From rollouts that start at the vehicle, (n_samples, n_steps, 2) metres, and of their regions."""
         last = paths.shape[1] - 1
         kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
         return cls(paths[:PATHS_DRAWN, kept], regions)

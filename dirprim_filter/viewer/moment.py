@@ -17,7 +17,7 @@ SURE_FROM = 0.9
 EVIDENCE_FROM = -3.0
 """Natural log per square metre; a report that surprised the filter more is an outlier, or the belief is about to go."""
 BEND_FROM = np.radians(10.0)
-"""A vehicle that has turned by so much within `BEND_S` is on a bend: there a map tells more than a straight line."""
+"""A vehicle that turned by so much within `BEND_S` is on a bend, where a map beats a straight line."""
 BEND_S = 1.0
 COMPANY = 4
 """So many vehicles within `COMPANY_WITHIN` metres of the centre are traffic; more make the picture no better."""
@@ -25,9 +25,9 @@ COMPANY_WITHIN = 40.0
 
 
 class Moment:
-    """An `EstimateSink` that keeps the frame, and names the vehicle in it, that tell most about tracking at a place.
+    """An `EstimateSink` that keeps the frame, and names the vehicle in it, that show tracking on the map best.
 
-    Only vehicles that move, and whose belief is sure and explains the report, come into question. A frame with more
+    Candidates are moving vehicles whose belief is narrow and explains the detection. A frame with more
     company is better, up to `COMPANY`; then a vehicle on a bend is better than one on a straight way; then nearer to
     the centre is better.
 
@@ -47,7 +47,7 @@ class Moment:
         self._before: list[tuple[int, dict[str, float]]] = []
 
     def write(self, frame: TrackedFrame) -> None:
-        """Keep the frame if a vehicle of it tells more than any before."""
+        """Keep the frame if it has a better vehicle than all before."""
         believed = frame.estimates
         distance = np.hypot(*(believed.position - self._center).T)
         company = min(int((distance <= COMPANY_WITHIN).sum()), COMPANY)

@@ -36,7 +36,7 @@ def viewer_program() -> str | None:
 def show_files(paths: list[Path]) -> None:
     """Open recordings in a new viewer, and leave it open.
 
-    What answers at the usual port is left alone: it may be somebody else's, or a server that nobody looks at.
+    A viewer at the default port is left alone: it may belong to another program.
 
     Raises:
         ConnectionError: no viewer could be started.
@@ -60,7 +60,7 @@ def show_files(paths: list[Path]) -> None:
 def spawn_viewer() -> str:
     """Start a viewer on this machine, and leave it open; -> the address to stream to.
 
-    It is always a new one: what answers at the usual port may be somebody else's, or a server that nobody looks at.
+    It is always a new one: a viewer at the default port may belong to another program.
 
     Raises:
         ConnectionError: none could be started.

@@ -6,14 +6,14 @@ import json
 from collections.abc import Mapping
 
 LONGEST = 64
-"""Characters of a value: a checksum fits, a configuration is told knob by knob."""
+"""Characters of a value: longer values, such as configurations, are split by parameter."""
 
 
 def run_report(made_with: Mapping[str, str], results: Mapping[str, str], *, title: str = "Run") -> str:
     """Markdown: a table of results, and one of the run's metadata.
 
     Args:
-        made_with: as it stands in the metadata record of a log: values that are JSON objects are told one by one.
+        made_with: the metadata record of a log; values that are JSON objects are listed item by item.
         results: what came out, and its value.
         title: the heading.
     """

@@ -50,8 +50,8 @@ class RerunSink:
     Args:
         outlet: where they go.
         particle_stride: show one particle in so many.
-        particle_color: what the colour of particles tells.
-        focus: id of the vehicle to look at closely; None for whichever is understood least.
+        particle_color: what the colour of particles encodes.
+        focus: id of the vehicle to follow; None: the one with the largest innovations.
         most_in_full: vehicles of a crowd that are drawn with particles, ellipse, name and forecast.
 
     Attributes:
@@ -133,7 +133,7 @@ class RerunSink:
         self._box = box
 
     def log_truth(self, tracks: Tracks) -> None:
-        """Outlines and trails of the vehicles where they truly were, by which the estimates' errors are told."""
+        """Outlines and trails of the vehicles from the truth, to which the estimates are compared."""
         if len(tracks) == 0:
             return
         self._truth = Truth(tracks)
@@ -152,7 +152,7 @@ class RerunSink:
             self.stream.send_columns("/truth/trails", [time_column(when.tolist())], trails.partition(counts))
 
     def log_detections(self, detections: Detections) -> None:
-        """Where vehicles were reported, of a log that nobody has tracked."""
+        """Detections of a log without estimates."""
         frames = list(detections.frames())
         if not frames:
             return
@@ -200,9 +200,9 @@ class RerunSink:
             self._send_smoothed()
 
     def write_forecast(self, forecasts: Forecasts) -> None:
-        """Sampled futures and their fans; a vehicle's stay until it goes or forecasts of another time come.
+        """Rollouts and their regions; shown until the vehicle ends or forecasts of another time come.
 
-        Vehicles that are out of sight, of which nobody knows yet where they head, or of a crowd get none.
+        Vehicles that coast, whose direction is not yet known, or that are not drawn in full have none.
 
         Args:
             forecasts: of one shape for one time; after `write` of the frame of that time.

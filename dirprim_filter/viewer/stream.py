@@ -40,8 +40,8 @@ def open_stream(
         serve: an address of this machine, such as 127.0.0.1, at which browsers find the stream until it is closed.
         force: overwrite `save`.
         particle_stride: show one particle in so many.
-        particle_color: what the colour of particles tells.
-        focus: id of the vehicle to look at closely; left out, whichever is understood least.
+        particle_color: what the colour of particles encodes.
+        focus: id of the vehicle to follow. Default: the one with the largest innovations.
         most_in_full: vehicles of a crowd that are drawn with particles, ellipse, name and forecast.
 
     Raises:

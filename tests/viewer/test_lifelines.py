@@ -39,7 +39,7 @@ def test_a_life_is_told_from_its_first_estimate_to_its_end() -> None:
     told = [(change.time_ns // STEP_NS, change.state) for change in lines.changes[0]]
     assert told == [(0, "a"), (3, "a unseen"), (4, "a"), (5, "a anew"), (6, "a"), (7, "")]
     assert [entry.text.split(":")[0] for entry in lines.entries] == [
-        "a begun", "a out of sight", "a in sight again", "a begun anew", "a explained again", "a ended",
+        "a initialised", "a out of sight", "a in sight again", "a reinitialised", "a explained again", "a ended",
     ]  # fmt: skip
     assert [entry.level for entry in lines.entries].count("WARN") == 1
     assert set(lines.states[0]) == {"a", "a unseen", "a anew"}

@@ -164,7 +164,7 @@ def test_lanes_and_diary_tell_when_a_vehicle_comes_and_goes(
         (scene_frames[0].time_ns, ["7"]), (scene_frames[-1].time_ns, []),
     ]  # fmt: skip
     diary = [str(v[0]) for _, v in rows_of(tmp_path / "run.rrd", "/events", "TextLog:text")]
-    assert diary == ["7 begun", "8 begun", "7 ended", "8 ended"]
+    assert diary == ["7 initialised", "8 initialised", "7 ended", "8 ended"]
 
 
 def test_true_trails_join_the_rows_of_one_vehicle(tmp_path: Path, scene_tracks: Tracks) -> None:

@@ -139,7 +139,7 @@ def test_every_kind_of_recording_opens_without_a_complaint(
     views = {
         "log": {"Map, north up"},
         "run": {"Map, north up", "Direction of the ringed vehicle (Eq. 4)", "Run", "Diary",
-                "Vehicles: grey out of sight, yellow begun anew", *(curves.title for curves in PLOTS.values())},
+                "Vehicles: grey coasting, yellow reinitialised", *(curves.title for curves in PLOTS.values())},
         "both": {"run (blue)", "other (orange)"},
     }  # fmt: skip
     for name, expected in views.items():

@@ -44,7 +44,7 @@ from tessellation import OUTSIDE, Tessellation
 from tessellation.arrays import FloatArray, IntArray
 
 Forecasts = Mapping[str, FloatArray]
-"""Sampled futures by track id, (n_samples, n_steps, 2) metres each."""
+"""Rollouts by track id, (n_samples, n_steps, 2) metres each."""
 
 MAP_WIDTH = 6.5
 """Inches across a map; as tall as the map asks for."""

@@ -22,7 +22,7 @@ from tessellation.anchors import anchors
 from tessellation.arrays import FloatArray
 
 LEAST_WEIGHT = 0.01
-"""Modes of less weight are told with the rest."""
+"""Modes of less weight are summed up as the rest."""
 
 AROUND = 4.0
 """The surroundings of a place reach so many cells to each side."""

@@ -49,8 +49,8 @@ def direction_figure(
 
     Args:
         primitives: the map.
-        position: (2,) metres; left out, the centre of the cell that has most to tell.
-        tracks: rows whose directions are drawn as a histogram, those that move in the same cell.
+        position: (2,) metres; default: the centre of the cell with the most different directions.
+        tracks: moving rows in the same cell, drawn as a histogram of direction.
 
     Raises:
         ValueError: no cell covers the position.
@@ -95,8 +95,8 @@ def speed_figure(
 
     Args:
         primitives: the map.
-        position: (2,) metres; left out, the centre of the cell that has most to tell.
-        tracks: rows whose speeds are drawn as a histogram, those that move in the same cell.
+        position: (2,) metres; default: the centre of the cell with the most different directions.
+        tracks: moving rows in the same cell, drawn as a histogram of speed.
 
     Raises:
         ValueError: no cell covers the position.
@@ -226,8 +226,8 @@ def _moving(rows: Tracks) -> Tracks:
     return rows[rows.speed >= STANDING_SPEED]
 
 
-def _mode_mark(mode: Mode, told: str) -> Patch:
-    label = f"mode {mode.number}: {mode.weight:.1%}, {mode.degrees}, {told}"
+def _mode_mark(mode: Mode, speed: str) -> Patch:
+    label = f"mode {mode.number}: {mode.weight:.1%}, {mode.degrees}, {speed}"
     shade = to_rgba(mode.color, OPACITY)
     return Patch(facecolor=shade, edgecolor=mode.color, linestyle=mode.dashes, label=label)
 

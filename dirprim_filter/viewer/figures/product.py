@@ -51,7 +51,7 @@ KERNEL_CONCENTRATIONS = np.geomspace(2.0, 5000.0, 60)
 
 
 class Signal(NamedTuple):
-    """A vehicle at a place that tells where it will turn."""
+    """A vehicle at a place, with a turn signal."""
 
     place: Place
     heading: float
@@ -62,7 +62,7 @@ class Signal(NamedTuple):
     def given(cls, primitives: PrimitiveMap, cue: Cue, position: npt.ArrayLike | None, heading: float | None) -> Self:
         """A cue at a position (2,) on a heading; what is left out is taken where going on and turning are usual.
 
-        Where nobody turns, it is the place where vehicles go most different ways, and the heading of most.
+        Without turns, it is the place where directions differ most, and the most frequent heading.
 
         Raises:
             ValueError: no cell covers the position, or the map has none.
@@ -109,7 +109,7 @@ def rejection_figure(
 
     Args:
         primitives: the map.
-        cue: what the vehicle tells.
+        cue: the turn signal.
         position: (2,) metres; left out, where going on and turning are both most usual.
         heading: radians; left out, of the mode for which that holds at the place.
         rng: what is drawn from.
@@ -160,7 +160,7 @@ def product_figure(
 
     Args:
         primitives: the map.
-        cue: what the vehicle tells.
+        cue: the turn signal.
         position: (2,) metres; left out, where going on and turning are both most usual.
         heading: radians; left out, of the mode for which that holds at the place.
         rng: what the samples are drawn from.
