@@ -7,9 +7,11 @@ from dataclasses import asdict, dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+from mcap.records import Statistics
+
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.source import mapped
-from dirprim_filter.recording.container.summary_section import Index, read_index
+from dirprim_filter.recording.container.summary_section import Summary, read_summary
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.losses import ClockFaults
@@ -110,16 +112,16 @@ def summarise_by_index(
         OSError: it cannot be opened.
     """
     with mapped(path) as file:
-        index = read_index(file) if len(file) >= from_bytes else None
-    return None if index is None or index.counts is None else _of(index, index.counts, topics)
+        section = read_summary(file) if len(file) >= from_bytes else None
+    return None if section is None or section.statistics is None else _of(section, section.statistics, topics)
 
 
-def _of(index: Index, counts: Mapping[int, int], wanted: Callable[[str], bool] | None) -> LogSummary:
+def _of(section: Summary, statistics: Statistics, wanted: Callable[[str], bool] | None) -> LogSummary:
     messages: dict[tuple[str, str, str], int] = {}
-    for channel_id, channel in index.channels.items():
+    for channel_id, channel in section.channels.items():
         if wanted is None or wanted(channel.topic):
             key = (channel.topic, channel.schema.name, channel.message_encoding)
-            messages[key] = messages.get(key, 0) + counts.get(channel_id, 0)
+            messages[key] = messages.get(key, 0) + statistics.channel_message_counts.get(channel_id, 0)
     topics = tuple(
         TopicSummary(name=name, schema=schema, encoding=encoding, messages=n, tracks=None)
         for (name, schema, encoding), n in sorted(messages.items())
@@ -127,6 +129,7 @@ def _of(index: Index, counts: Mapping[int, int], wanted: Callable[[str], bool] |
     n_messages = sum(messages.values())
     return LogSummary(
         topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={}, groups={}, sizes={},
-        start_ns=index.start_ns if n_messages else None, end_ns=index.end_ns if n_messages else None,
-        attachments=tuple(index.attachments), metadata=tuple(index.metadata),
+        start_ns=statistics.message_start_time if n_messages else None,
+        end_ns=statistics.message_end_time if n_messages else None,
+        attachments=tuple(section.attachments), metadata=tuple(section.metadata),
     )  # fmt: skip

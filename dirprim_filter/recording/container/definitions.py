@@ -6,19 +6,19 @@ from collections.abc import Iterator
 from contextlib import suppress
 from mmap import mmap
 
+from mcap.opcode import Opcode
+
 from dirprim_filter.recording.container.chunk import read_contents
 from dirprim_filter.recording.container.outline import Layout
 from dirprim_filter.recording.container.records import (
-    CHANNEL,
     RECORD_HEADER_SIZE,
-    SCHEMA,
-    U64,
     Channel,
     MalformedRecordError,
     Schema,
     UndefinedSchemaError,
     parse_channel,
     parse_schema,
+    record_end,
 )
 
 
@@ -36,23 +36,22 @@ class Definitions:
         self._channels: dict[int, Channel] = {**layout.summary_channels, **layout.channels}
         self._has_all = False
 
-    def take(self, contents: bytes, at: int, end: int) -> bool:
-        """Learn from the record `contents[at:end]`; whether it changed the channels.
+    def take(self, contents: bytes, at: int) -> bool:
+        """Learn from the record at `at`; whether it changed the channels.
 
         Raises:
             MalformedRecordError: it is a schema or a channel that cannot be parsed.
         """
-        body = at + RECORD_HEADER_SIZE
-        if contents[at] == SCHEMA:
-            schema_id, schema = parse_schema(contents, body, end)
+        if contents[at] == Opcode.SCHEMA:
+            schema_id, schema = parse_schema(contents, at)
             if self._schemas.get(schema_id) != schema:
                 self._schemas[schema_id] = schema
-        elif contents[at] == CHANNEL:
+        elif contents[at] == Opcode.CHANNEL:
             try:
-                channel_id, channel = parse_channel(contents, body, end, self._schemas)
+                channel_id, channel = parse_channel(contents, at, self._schemas)
             except UndefinedSchemaError:
                 self._look_everywhere()
-                channel_id, channel = parse_channel(contents, body, end, self._schemas)
+                channel_id, channel = parse_channel(contents, at, self._schemas)
             if self._channels.get(channel_id) != channel:
                 self._channels[channel_id] = channel
                 return True
@@ -91,16 +90,16 @@ class Definitions:
         for chunk in self._layout.chunks:
             if chunk.data_offset > chunk.offset:  # else a run of bare messages
                 contents, _ = read_contents(self._file, chunk)
-                for at, end in definition_records(contents):
+                for at in definition_records(contents):
                     with suppress(MalformedRecordError):  # reported when its chunk's messages are read
-                        self.take(contents, at, end)
+                        self.take(contents, at)
 
 
-def definition_records(contents: bytes) -> Iterator[tuple[int, int]]:
-    """First byte of each schema and channel record in a chunk's contents, and the byte after it."""
+def definition_records(contents: bytes) -> Iterator[int]:
+    """First byte of each schema and channel record in a chunk's contents."""
     at = 0
     while at + RECORD_HEADER_SIZE <= len(contents):
-        end = at + RECORD_HEADER_SIZE + int(U64.unpack_from(contents, at + 1)[0])
-        if contents[at] in (SCHEMA, CHANNEL) and end <= len(contents):
-            yield at, end
+        end = record_end(contents, at)
+        if contents[at] in (Opcode.SCHEMA, Opcode.CHANNEL) and end <= len(contents):
+            yield at
         at = end

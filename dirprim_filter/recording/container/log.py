@@ -25,14 +25,7 @@ from dirprim_filter.recording.container.definitions import Definitions
 from dirprim_filter.recording.container.merge import TimeMerge
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.outline import read_layout
-from dirprim_filter.recording.container.records import (
-    RECORD_HEADER_SIZE,
-    U64,
-    Attachment,
-    Channel,
-    MalformedRecordError,
-    Message,
-)
+from dirprim_filter.recording.container.records import Attachment, Channel, MalformedRecordError, Message
 from dirprim_filter.recording.container.source import let_go, mapped
 from tessellation.arrays import AnyArray
 
@@ -159,13 +152,13 @@ class Scan:
     def is_beside(self, chunk: Chunk) -> bool:
         """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
         told = self.layout.index.get(chunk.offset)
-        if told is None or (told.start_ns, told.end_ns) != (chunk.start_ns, chunk.end_ns):
+        if told is None or (told.message_start_time, told.message_end_time) != (chunk.start_ns, chunk.end_ns):
             return False
-        if told.channels and (chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]):
+        if told.message_index_offsets and (chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]):
             return True  # a chunk without messages may state any times, and define channels
-        if self._topics is None or not told.channels:
+        if self._topics is None or not told.message_index_offsets:
             return False
-        channels = [self.layout.summary_channels.get(channel_id) for channel_id in told.channels]
+        channels = [self.layout.summary_channels.get(channel_id) for channel_id in told.message_index_offsets]
         return all(channel is not None and not self.is_wanted(channel.topic) for channel in channels)
 
     def wanted(self, columns: MessageColumns) -> MessageColumns:
@@ -238,12 +231,11 @@ class _Pass:
         index = np.empty(len(channel_id), np.int32)
         done = 0
         for at in others.tolist():
-            end = at + RECORD_HEADER_SIZE + int(U64.unpack_from(contents, at + 1)[0])
             upto = int(np.searchsorted(start, at))  # the messages before it are of the channel as it was
             index[done:upto] = self._indices(channel_id[done:upto])
             done = upto
             try:
-                if self.definitions.take(contents, at, end):
+                if self.definitions.take(contents, at):
                     self._lookup[:] = UNSEEN
             except MalformedRecordError as error:
                 self._damaged("definition", chunk, None, str(error))

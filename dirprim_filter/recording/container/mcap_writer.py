@@ -1,37 +1,35 @@
-"""Writing MCAP: messages into chunks, indexes behind them, a summary at the end.
+"""Writing MCAP by the records of the `mcap` package: messages into chunks, indexes behind them, a summary at the end.
 
-Each chunk goes to the operating system when it is closed, so that it outlives the process. Chunks of another file can
-be taken over byte for byte. The same calls give the same bytes.
-
-Source: the MCAP specification, version 0 (https://mcap.dev/spec).
+Its own writer knows no way to take over a chunk of another file byte for byte, nor to choose the compression's level.
+Each chunk goes to the operating system when it is closed, so that it outlives the process. The same calls give the
+same bytes.
 """
 
 from __future__ import annotations
 
 import zlib
+from collections import Counter
 from collections.abc import Mapping
 from io import FileIO
 
 import numpy as np
 import zstandard
+from mcap import records as fields
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
 
-from dirprim_filter.recording.container import encoding
 from dirprim_filter.recording.container.records import (
-    ATTACHMENT_INDEX,
-    CHANNEL,
-    CHUNK_INDEX,
     MAGIC,
-    MESSAGE,
     MESSAGE_HEADER,
-    METADATA_INDEX,
     NO_SCHEMA,
     RECORD_HEADER_SIZE,
-    SCHEMA,
-    STATISTICS,
     U32,
     Attachment,
     Channel,
     Schema,
+    channel_record,
+    schema_record,
+    written,
 )
 from tessellation.arrays import AnyArray
 
@@ -40,7 +38,6 @@ LEVEL = 3
 """Of zstd: its own default."""
 FIELDS_SIZE = MESSAGE_HEADER.size - RECORD_HEADER_SIZE
 N_IDS = 1 << 16
-NO_TIME = (1 << 64) - 1
 
 
 class McapWriter:
@@ -64,14 +61,13 @@ class McapWriter:
         self._compressor = zstandard.ZstdCompressor(level=level)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, tuple[int, Channel]] = {}
-        self._counts: dict[int, int] = {}
-        self._times = (NO_TIME, 0)
-        self._chunk_indexes: list[bytes] = []
-        self._attachment_indexes: list[bytes] = []
-        self._metadata_indexes: list[bytes] = []
+        self._counts: Counter[int] = Counter()
+        self._chunks: list[fields.ChunkIndex] = []
+        self._attachments: list[fields.AttachmentIndex] = []
+        self._metadata: list[fields.MetadataIndex] = []
         self._buffer = bytearray()
         self._entries: list[int] = []  # channel, log time, offset; again and again
-        self._put(MAGIC + encoding.header(profile, library))
+        self._put(MAGIC + written(fields.Header(profile, library)))
 
     def define(self, channel: Channel, channel_id: int | None = None, schema_id: int | None = None) -> int:
         """Write a channel and its schema into the open chunk. -> its id.
@@ -85,9 +81,9 @@ class McapWriter:
             ValueError: all ids are taken.
         """
         schema_id = 0 if channel.schema == NO_SCHEMA else self.define_schema(channel.schema, schema_id)
-        channel_id = _free_id(self.channels, channel_id, first=1)
-        self._buffer += encoding.channel(channel_id, schema_id, channel)
-        self.adopt_channel(channel_id, schema_id, channel)
+        channel_id = _free_id(self.channels, channel_id)
+        self._buffer += written(channel_record(channel_id, schema_id, channel))
+        self.channels[channel_id] = (schema_id, channel)
         return channel_id
 
     def define_schema(self, schema: Schema, schema_id: int | None = None) -> int:
@@ -95,24 +91,17 @@ class McapWriter:
         for known_id, known in self.schemas.items():
             if known == schema:
                 return known_id
-        schema_id = _free_id(self.schemas, schema_id or None, first=1)
-        self._buffer += encoding.schema(schema_id, schema)
+        schema_id = _free_id(self.schemas, schema_id or None)
+        self._buffer += written(schema_record(schema_id, schema))
         self.schemas[schema_id] = schema
         return schema_id
-
-    def adopt_channel(self, channel_id: int, schema_id: int, channel: Channel) -> None:
-        """Take note of a channel that is defined in the file already; its schema too."""
-        if schema_id:
-            self.schemas[schema_id] = channel.schema
-        self.channels[channel_id] = (schema_id, channel)
-        self._counts.setdefault(channel_id, 0)
 
     def add(self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: bytes) -> None:
         """Append a message of a channel that is defined."""
         buffer = self._buffer
         self._entries += (channel_id, log_time_ns, len(buffer))
         buffer += MESSAGE_HEADER.pack(
-            MESSAGE, FIELDS_SIZE + len(data), channel_id, sequence, log_time_ns, publish_time_ns
+            Opcode.MESSAGE, FIELDS_SIZE + len(data), channel_id, sequence, log_time_ns, publish_time_ns
         )
         buffer += data
         if len(buffer) >= self._chunk_bytes:
@@ -128,76 +117,98 @@ class McapWriter:
         self._entries.clear()
         first, last = (int(entries[:, 1].min()), int(entries[:, 1].max())) if len(entries) else (0, 0)
         data = self._compressor.compress(contents)
-        chunk = encoding.ChunkRecord.of(contents, data, start_ns=first, end_ns=last, compression="zstd")
-        self.put_chunk(chunk, entries[:, 0], entries[:, 1:])
+        chunk = fields.Chunk(
+            compression="zstd", data=data, message_start_time=first, message_end_time=last,
+            uncompressed_crc=zlib.crc32(contents), uncompressed_size=len(contents),
+        )  # fmt: skip
+        index = fields.ChunkIndex(
+            message_start_time=first, message_end_time=last, compression="zstd", compressed_size=len(data),
+            uncompressed_size=len(contents), chunk_start_offset=0, chunk_length=0, message_index_length=0,
+            message_index_offsets={},
+        )  # fmt: skip
+        self.put_chunk(written(chunk), index, entries[:, 0], entries[:, 1:])
 
-    def put_chunk(self, chunk: encoding.ChunkRecord, channel_id: AnyArray, entries: AnyArray) -> None:
+    def put_chunk(self, chunk: bytes, index: fields.ChunkIndex, channel_id: AnyArray, entries: AnyArray) -> None:
         """Write a whole chunk and its message indexes, behind what was appended so far.
 
         Args:
             chunk: the record.
+            index: what the summary is to say of it; where it stands is filled in.
             channel_id: (n) of its messages.
             entries: (n, 2) uint64, their log times and their offsets in the contents.
         """
         order = np.argsort(channel_id, kind="stable")
         ids, starts = np.unique(channel_id[order], return_index=True)
         packed = np.ascontiguousarray(entries[order].astype("<u8", copy=False))
-        indexes, places, index_start = [], {}, self._at + len(chunk.written)
-        at = index_start
+        index.chunk_start_offset, index.chunk_length = self._at, len(chunk)
+        builder = RecordBuilder()
         for one, rows in zip(ids.tolist(), np.split(packed, starts[1:]), strict=False):
-            indexes.append(encoding.message_index(one, rows.tobytes()))
-            places[one] = at
-            at += len(indexes[-1])
+            index.message_index_offsets[one] = self._at + len(chunk) + builder.count
+            builder.start_record(Opcode.MESSAGE_INDEX)
+            builder.write2(one)
+            builder.write4(rows.nbytes)
+            builder.write(rows.tobytes())
+            builder.finish_record()
             self._counts[one] += len(rows)
-        if len(channel_id):
-            self._times = (min(self._times[0], chunk.start_ns), max(self._times[1], chunk.end_ns))
-        self._chunk_indexes.append(encoding.chunk_index(chunk, self._at, places, at - index_start))
-        self._put(chunk.written + b"".join(indexes))
+        index.message_index_length = builder.count
+        self._chunks.append(index)
+        self._put(chunk + builder.end())
 
     def add_metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """Write a metadata record."""
-        written = encoding.metadata(name, entries)
-        self._metadata_indexes.append(encoding.metadata_index(self._at, len(written), name))
-        self._put(written)
+        data = written(fields.Metadata(name=name, metadata=dict(entries)))
+        self._metadata.append(fields.MetadataIndex(offset=self._at, length=len(data), name=name))
+        self._put(data)
 
-    def add_attachment(self, attachment: Attachment, written: bytes) -> None:
+    def add_attachment(self, attachment: Attachment, data: bytes) -> None:
         """Take over an attachment: its record as it stands in another file."""
-        self._attachment_indexes.append(encoding.attachment_index(attachment, self._at))
-        self._put(written)
+        index = fields.AttachmentIndex(
+            offset=self._at, length=len(data), log_time=attachment.log_time_ns, create_time=attachment.create_time_ns,
+            data_size=attachment.size, name=attachment.name, media_type=attachment.media_type,
+        )  # fmt: skip
+        self._attachments.append(index)
+        self._put(data)
 
-    def add_private(self, written: bytes) -> None:
+    def add_private(self, data: bytes) -> None:
         """Take over a record of a private opcode."""
-        self._put(written)
+        self._put(data)
 
     def finish(self) -> None:
         """Close the last chunk; write the summary and the footer."""
         self.close_chunk()
-        self._put(encoding.data_end(self._crc))
-        times = self._times if self._times[0] != NO_TIME else (0, 0)
-        statistics = encoding.statistics(
-            {i: self._counts[i] for i in self.channels}, times, n_schemas=len(self.schemas),
-            n_attachments=len(self._attachment_indexes), n_metadata=len(self._metadata_indexes),
-            n_chunks=len(self._chunk_indexes),
-        )  # fmt: skip
-        channels = [encoding.channel(i, schema_id, channel) for i, (schema_id, channel) in self.channels.items()]
-        groups = {
-            SCHEMA: [encoding.schema(i, schema) for i, schema in self.schemas.items()],
-            CHANNEL: channels,
-            STATISTICS: [statistics],
-            CHUNK_INDEX: self._chunk_indexes,
-            ATTACHMENT_INDEX: self._attachment_indexes,
-            METADATA_INDEX: self._metadata_indexes,
+        self._put(written(fields.DataEnd(self._crc)))
+        groups: dict[Opcode, list[fields.McapRecord]] = {
+            Opcode.SCHEMA: [schema_record(*schema) for schema in self.schemas.items()],
+            Opcode.CHANNEL: [channel_record(i, *channel) for i, channel in self.channels.items()],
+            Opcode.STATISTICS: [self._statistics()],
+            Opcode.CHUNK_INDEX: [*self._chunks],
+            Opcode.ATTACHMENT_INDEX: [*self._attachments],
+            Opcode.METADATA_INDEX: [*self._metadata],
         }
-        summary_start = at = self._at
-        offsets = []
+        summary, offsets = b"", []
         for opcode, records in groups.items():
-            length = sum(map(len, records))
+            group = written(*records)
             if records:
-                offsets.append(encoding.summary_offset(opcode, at, length))
-            at += length
-        summary = b"".join(part for records in groups.values() for part in records) + b"".join(offsets)
-        summary += encoding.footer_before_crc(summary_start, at)
-        self._put(summary + U32.pack(zlib.crc32(summary)) + MAGIC)
+                offsets.append(
+                    fields.SummaryOffset(
+                        group_opcode=opcode, group_start=self._at + len(summary), group_length=len(group)
+                    )
+                )
+            summary += group
+        footer = fields.Footer(self._at, self._at + len(summary), 0)
+        end = (summary + written(*offsets, footer))[: -U32.size]
+        self._put(end + U32.pack(zlib.crc32(end)) + MAGIC)
+
+    def _statistics(self) -> fields.Statistics:
+        with_messages = [chunk for chunk in self._chunks if chunk.message_index_offsets]
+        return fields.Statistics(
+            message_count=self._counts.total(),
+            channel_message_counts={i: self._counts[i] for i in self.channels},
+            message_start_time=min((chunk.message_start_time for chunk in with_messages), default=0),
+            message_end_time=max((chunk.message_end_time for chunk in with_messages), default=0),
+            schema_count=len(self.schemas), channel_count=len(self.channels), chunk_count=len(self._chunks),
+            attachment_count=len(self._attachments), metadata_count=len(self._metadata),
+        )  # fmt: skip
 
     def _put(self, data: bytes) -> None:
         view = memoryview(data)
@@ -207,10 +218,10 @@ class McapWriter:
             view = view[self._file.write(view) :]
 
 
-def _free_id(taken: Mapping[int, object], wanted: int | None, *, first: int) -> int:
+def _free_id(taken: Mapping[int, object], wanted: int | None) -> int:
     if wanted is not None and wanted not in taken:
         return wanted
-    free = next((i for i in range(first, N_IDS) if i not in taken), None)
+    free = next((i for i in range(1, N_IDS) if i not in taken), None)
     if free is None:
         raise ValueError(f"expected fewer than {N_IDS} channels and schemas in one file")
     return free

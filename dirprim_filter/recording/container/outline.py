@@ -13,47 +13,30 @@ from dataclasses import dataclass, field, replace
 from mmap import mmap
 
 import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex
 
 from dirprim_filter.recording.container._kernels import index_run, message_run
 from dirprim_filter.recording.container.chunk import Chunk, chunk_at
 from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.records import (
-    ATTACHMENT,
-    CHANNEL,
-    CHUNK,
-    CHUNK_INDEX,
-    DATA_END,
-    FOOTER,
-    HEADER,
     MAGIC,
-    MESSAGE,
-    MESSAGE_INDEX,
-    METADATA,
+    PRIVATE,
     RECORD_HEADER_SIZE,
-    SCHEMA,
     U32,
-    U64,
     Attachment,
     Channel,
     MalformedRecordError,
     Schema,
     UndefinedSchemaError,
+    parse,
     parse_attachment,
     parse_channel,
-    parse_header,
-    parse_metadata,
     parse_schema,
+    record_end,
 )
-from dirprim_filter.recording.container.resync import (
-    PRIVATE,
-    ChunkFinder,
-    is_record,
-    legal_end,
-    salvageable,
-    starts_record,
-)
+from dirprim_filter.recording.container.resync import ChunkFinder, is_record, salvageable, starts_record
 from dirprim_filter.recording.container.source import let_go
-from dirprim_filter.recording.container.summary_section import ChunkIndex, parse_chunk_index
 
 RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
@@ -133,17 +116,17 @@ class _Walk:
             self.ended_early(at)
             return None
         opcode, after_index = self.file[at], self.after_index
-        self.after_index = opcode in (CHUNK, MESSAGE_INDEX)
-        end = legal_end(self.file, at)
-        if opcode == CHUNK:
+        self.after_index = opcode in (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+        end = record_end(self.file, at)
+        if opcode == Opcode.CHUNK:
             return self.take_chunk(at, end)
         after = at
         may_be_message = self.data_end is None and not (after_index and self.is_message_index(at, end))
-        if opcode == MESSAGE and may_be_message:
+        if opcode == Opcode.MESSAGE and may_be_message:
             if after_index and (found := self.swallowed(at)) is not None:
                 return found  # no bare messages: the rest of a chunk that the one before reaches into
             after = self.take_messages(at)
-        elif opcode == MESSAGE_INDEX:
+        elif opcode == Opcode.MESSAGE_INDEX:
             after, _ = index_run(np.frombuffer(self.file, np.uint8), at)
         elif is_record(self.chunks, at, end):
             return self.take_small(opcode, at, end)
@@ -181,63 +164,61 @@ class _Walk:
 
     def take_small(self, opcode: int, at: int, end: int) -> int | None:
         """A record that is no message, chunk or message index; the byte after it, None behind the last footer."""
-        if opcode == FOOTER:
+        if opcode == Opcode.FOOTER:
             self.take_footer(at, end)
             return self.chunks.next_chunk(end, self.size)  # of a log that goes on, this was not the end
         try:
             self.learn(opcode, at, end)
         except MalformedRecordError as error:
-            self.damaged("attachment" if opcode == ATTACHMENT else "definition", at, end - at, None, str(error))
+            self.damaged("attachment" if opcode == Opcode.ATTACHMENT else "definition", at, end - at, None, str(error))
         return end
 
     def learn(self, opcode: int, at: int, end: int) -> None:
-        body = at + RECORD_HEADER_SIZE
-        if opcode == HEADER:
-            self.layout.profile, self.layout.library = parse_header(self.file, body, end)
-        elif opcode == SCHEMA:
-            schema_id, schema = parse_schema(self.file, body, end)
-            self.layout.schemas[schema_id] = schema
-        elif opcode == CHANNEL:
-            self.take_channel(body, end)
-        elif opcode == METADATA:
-            self.layout.metadata.append(parse_metadata(self.file, body, end))
-        elif opcode == ATTACHMENT:
-            self.take_attachment(body, end)
-        elif opcode == CHUNK_INDEX:
-            chunk = parse_chunk_index(self.file, body, end)
-            self.layout.index[chunk.offset] = chunk
-        elif opcode == DATA_END:
-            self.check_data(body)
+        layout, file = self.layout, self.file
+        if opcode == Opcode.HEADER:
+            header = parse(file, at)
+            layout.profile, layout.library = header.profile, header.library
+        elif opcode == Opcode.SCHEMA:
+            schema_id, layout.schemas[schema_id] = parse_schema(file, at)
+        elif opcode == Opcode.CHANNEL:
+            self.take_channel(at)
+        elif opcode == Opcode.METADATA:
+            record = parse(file, at)
+            layout.metadata.append((record.name, record.metadata))
+        elif opcode == Opcode.ATTACHMENT:
+            self.take_attachment(at)
+        elif opcode == Opcode.CHUNK_INDEX:
+            index = parse(file, at)
+            layout.index[index.chunk_start_offset] = index
+        elif opcode == Opcode.DATA_END:
+            self.check_data(at, parse(file, at).data_section_crc)
             self.data_end = end
         elif opcode >= PRIVATE:
-            self.layout.private.append((at, end))
+            layout.private.append((at, end))
 
-    def take_attachment(self, body: int, end: int) -> None:
-        attachment = parse_attachment(self.file, body, end)
+    def take_attachment(self, at: int) -> None:
+        attachment = parse_attachment(self.file, at)
         crc_at = attachment.data_offset + attachment.size
         with memoryview(self.file) as view:
-            if attachment.crc not in (0, zlib.crc32(view[body:crc_at])):
-                detail = f"attachment {attachment.name!r}: its checksum does not hold"
-                self.damaged("attachment", attachment.offset, end - attachment.offset, 0, detail)
+            if attachment.crc in (0, zlib.crc32(view[at + RECORD_HEADER_SIZE : crc_at])):
+                self.layout.attachments.append(attachment)
                 return
-        self.layout.attachments.append(attachment)
+        detail = f"attachment {attachment.name!r}: its checksum does not hold"
+        self.damaged("attachment", at, attachment.end - at, 0, detail)
 
-    def take_channel(self, body: int, end: int) -> None:
-        if self.data_end is None:
-            channel_id, channel = parse_channel(self.file, body, end, self.layout.schemas)
-            self.layout.channels[channel_id] = channel
-            return
+    def take_channel(self, at: int) -> None:
+        is_data = self.data_end is None
         try:
-            channel_id, channel = parse_channel(self.file, body, end, self.layout.schemas)
+            channel_id, channel = parse_channel(self.file, at, self.layout.schemas)
         except UndefinedSchemaError:
+            if is_data:
+                raise
             self.layout.is_summarised = False  # a summary need not repeat the schemas that stand in chunks
             return
-        self.layout.summary_channels[channel_id] = channel
+        (self.layout.channels if is_data else self.layout.summary_channels)[channel_id] = channel
 
-    def check_data(self, body: int) -> None:
+    def check_data(self, start: int, expected: int) -> None:
         """Messages in chunks have their own checksums; for those outside only this one vouches."""
-        expected = int(U32.unpack_from(self.file, body)[0])
-        start = body - RECORD_HEADER_SIZE
         if expected and self.has_unchunked:
             found = zlib.crc32(memoryview(self.file)[:start])
             if found != expected:
@@ -245,16 +226,15 @@ class _Walk:
                 self.damaged("data_crc", 0, start, None, detail)
 
     def take_footer(self, at: int, end: int) -> None:
-        body = at + RECORD_HEADER_SIZE
-        start = int(U64.unpack_from(self.file, body)[0])
-        expected = int(U32.unpack_from(self.file, body + 16)[0])
+        footer = parse(self.file, at)
+        start, expected = footer.summary_start, footer.summary_crc
         if self.data_end is None:
             self.damaged("record", at, end - at, None, "expected a DataEnd record before the footer, got none")
         elif start not in (0, self.data_end):
             detail = f"the footer puts the summary at byte {start}, it starts at {self.data_end}"
             self.damaged("summary", at, end - at, 0, detail)
         elif expected and start:
-            found = zlib.crc32(memoryview(self.file)[start : body + 16])
+            found = zlib.crc32(memoryview(self.file)[start : at + RECORD_HEADER_SIZE + 16])
             self.summary_crc_holds = found == expected
             if found != expected:
                 detail = f"expected CRC {expected:#010x}, got {found:#010x}"
@@ -270,7 +250,7 @@ class _Walk:
         """Go on after a record that makes no sense: with the chunk it may still be, or the next one."""
         if (swallowed := self.swallowed(at)) is not None:
             return swallowed
-        end = legal_end(self.file, at)
+        end = record_end(self.file, at)
         got = f"opcode {self.file[at]:#04x}, length {end - at - RECORD_HEADER_SIZE}"
         if chunk := salvageable(self.chunks, at):
             self.damaged("record", at, RECORD_HEADER_SIZE, 0, f"{got}; by its fields a chunk, and read as one")
@@ -281,7 +261,7 @@ class _Walk:
             self.damaged("record", at, end - at, None, f"{got}; skipped")
             return end
         found = self.chunks.next_chunk(at + 1, self.size)
-        is_cut = found is None and HEADER <= self.file[at] <= DATA_END
+        is_cut = found is None and Opcode.HEADER <= self.file[at] <= Opcode.DATA_END
         kind: DamageKind = "truncated" if is_cut else "record"
         until = self.size if found is None else found
         self.damaged(kind, at, until - at, None, f"{got}; {until - at} bytes from there on cannot be read")
@@ -325,8 +305,8 @@ class _Walk:
         layout = self.layout
         for i, chunk in enumerate(layout.chunks):  # no checksum protects a chunk's times; one of the two may be right
             told = layout.index.get(chunk.offset)
-            if told and told.start_ns < chunk.start_ns:
-                layout.chunks[i] = replace(chunk, start_ns=told.start_ns)
+            if told and told.message_start_time < chunk.start_ns:
+                layout.chunks[i] = replace(chunk, start_ns=told.message_start_time)
         found = {chunk.offset for chunk in layout.chunks}
         missing = [offset for offset in layout.index if offset not in found]
         if missing and not layout.damage:

@@ -1,4 +1,4 @@
-"""The records of an MCAP file that matter here, and how their bytes are laid out.
+"""The records of an MCAP file: the `mcap` package reads and writes their fields, here they are checked.
 
 Source: the MCAP specification, version 0 (https://mcap.dev/spec): little endian; a record is an opcode, a
 length of 64 bits, and that many bytes; strings and maps carry a length of 32 bits in front.
@@ -8,22 +8,48 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from io import BytesIO
 from mmap import mmap
-from typing import NamedTuple
+from typing import IO, Any, NamedTuple, cast
+
+from mcap import records as fields
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.well_known import MessageEncoding
+from mcap.writer import MCAP0_MAGIC
 
 Bytes = bytes | mmap
 
-ENCODINGS = ("protobuf", "cdr", "json")
+ENCODINGS = (MessageEncoding.Protobuf, MessageEncoding.CDR, MessageEncoding.JSON)
 """Of messages, those that can be read as objects."""
-MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
-ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(9, 16)
+MAGIC = MCAP0_MAGIC
+PRIVATE = 0x80
+"""The first of the opcodes that anybody may use."""
 RECORD_HEADER_SIZE = 9
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")
 """Opcode, length, channel, sequence, log time, publish time."""
 U16 = struct.Struct("<H")
 U32 = struct.Struct("<I")
 U64 = struct.Struct("<Q")
+TEXT, DATA = -4, -8
+"""A field that carries its length in front, in 4 or 8 bytes; other fields are given by their size."""
+FIELDS: dict[int, tuple[int, ...]] = {
+    Opcode.HEADER: (TEXT, TEXT),
+    Opcode.FOOTER: (20,),
+    Opcode.SCHEMA: (2, TEXT, TEXT, TEXT),
+    Opcode.CHANNEL: (4, TEXT, TEXT, TEXT),
+    Opcode.MESSAGE_INDEX: (2, TEXT),
+    Opcode.CHUNK_INDEX: (32, TEXT, 8, TEXT, 16),
+    Opcode.ATTACHMENT: (16, TEXT, TEXT, DATA, 4),
+    Opcode.ATTACHMENT_INDEX: (40, TEXT, TEXT),
+    Opcode.STATISTICS: (42, TEXT),
+    Opcode.METADATA: (TEXT, TEXT),
+    Opcode.METADATA_INDEX: (16, TEXT),
+    Opcode.SUMMARY_OFFSET: (17,),
+    Opcode.DATA_END: (4,),
+}
+"""Of all records but messages and chunks."""
 
 
 class MalformedRecordError(ValueError):
@@ -118,119 +144,125 @@ class Message(NamedTuple):
         return self.channel.schema.data
 
 
-def parse_schema(buffer: Bytes, start: int, end: int) -> tuple[int, Schema]:
+def record_end(buffer: Bytes, at: int) -> int:
+    """The byte after the record at `at`, by its length alone."""
+    return at + RECORD_HEADER_SIZE + int(U64.unpack_from(buffer, at + 1)[0])
+
+
+def fields_end(buffer: Bytes, at: int, end: int) -> int | None:
+    """The byte after the fields that this version knows of the record at `at`; None where they do not fit."""
+    opcode, at = buffer[at], at + RECORD_HEADER_SIZE
+    for size in FIELDS[opcode]:
+        if size > 0:
+            at += size
+        elif at - size > end:
+            return None
+        else:
+            at += -size + int((U32 if size == TEXT else U64).unpack_from(buffer, at)[0])
+    return at if at <= end else None
+
+
+class _Fields(ReadDataStream):
+    """The fields of one record: what is cut is no field."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) < length:
+            raise EndOfFile
+        return data
+
+
+def parse(buffer: Bytes, at: int) -> Any:
+    """The record at `at` as the mcap package has it; no message, chunk or attachment.
+
+    Raises:
+        MalformedRecordError: its fields do not fit, or a text is no UTF-8.
+    """
+    body, end = at + RECORD_HEADER_SIZE, record_end(buffer, at)
+    stop = fields_end(buffer, at, end) if end <= len(buffer) else None
+    opcode = Opcode(buffer[at])
+    if stop is None:
+        raise MalformedRecordError(f"the fields of a {opcode.name} record end past it")
+    stream = _Fields(BytesIO(buffer[body:stop]))
+    try:
+        record = getattr(fields, opcode.name.title().replace("_", "")).read(stream)
+    except (EndOfFile, UnicodeDecodeError) as error:
+        why = "is not UTF-8" if isinstance(error, UnicodeDecodeError) else "ends past its record"
+        raise MalformedRecordError(f"a field of a {opcode.name} record {why}") from error
+    if stream.count != stop - body:
+        raise MalformedRecordError(f"a map of a {opcode.name} record does not end where it says")
+    return record
+
+
+def parse_schema(buffer: Bytes, at: int) -> tuple[int, Schema]:
     """A schema record's id and contents.
 
     Raises:
         MalformedRecordError: its fields do not fit.
     """
-    schema_id = _u16(buffer, start, end)
-    name, at = parse_text(buffer, start + 2, end)
-    encoding, at = parse_text(buffer, at, end)
-    data, _ = _bytes(buffer, at, end)
-    return schema_id, Schema(name=name, encoding=encoding, data=data)
+    record = parse(buffer, at)
+    return record.id, Schema(name=record.name, encoding=record.encoding, data=record.data)
 
 
-def parse_channel(buffer: Bytes, start: int, end: int, schemas: dict[int, Schema]) -> tuple[int, Channel]:
+def parse_channel(buffer: Bytes, at: int, schemas: dict[int, Schema]) -> tuple[int, Channel]:
     """A channel record's id and contents; schema id 0 is no schema.
 
     Raises:
         MalformedRecordError: its fields do not fit.
         UndefinedSchemaError: its schema is not among `schemas`.
     """
-    channel_id, schema_id = _u16(buffer, start, end), _u16(buffer, start + 2, end)
-    topic, at = parse_text(buffer, start + 4, end)
-    encoding, at = parse_text(buffer, at, end)
-    metadata, _ = _text_map(buffer, at, end)
-    schema = schemas.get(schema_id) if schema_id else NO_SCHEMA
+    record = parse(buffer, at)
+    schema = schemas.get(record.schema_id) if record.schema_id else NO_SCHEMA
     if schema is None:
-        raise UndefinedSchemaError(f"channel {channel_id} ({topic}) names schema {schema_id}, which is not defined")
-    return channel_id, Channel(topic=topic, message_encoding=encoding, schema=schema, metadata=tuple(metadata.items()))
+        raise UndefinedSchemaError(
+            f"channel {record.id} ({record.topic}) names schema {record.schema_id}, which is not defined"
+        )
+    metadata = tuple(record.metadata.items())
+    return record.id, Channel(
+        topic=record.topic, message_encoding=record.message_encoding, schema=schema, metadata=metadata
+    )
 
 
-def parse_header(buffer: Bytes, start: int, end: int) -> tuple[str, str]:
-    """A header record's profile and library.
-
-    Raises:
-        MalformedRecordError: its fields do not fit.
-    """
-    profile, at = parse_text(buffer, start, end)
-    return profile, parse_text(buffer, at, end)[0]
-
-
-def parse_attachment(buffer: Bytes, start: int, end: int) -> Attachment:
+def parse_attachment(file: mmap, at: int) -> Attachment:
     """An attachment record, without its data.
 
     Raises:
         MalformedRecordError: its fields do not fit.
     """
-    log_time_ns, create_time_ns = _u64(buffer, start, end), _u64(buffer, start + 8, end)
-    name, at = parse_text(buffer, start + 16, end)
-    media_type, at = parse_text(buffer, at, end)
-    size = _u64(buffer, at, end)
-    data_offset = at + 8
-    crc = _u32(buffer, data_offset + size, end)
+    body, end = at + RECORD_HEADER_SIZE, record_end(file, at)
+    if fields_end(file, at, end) is None:
+        raise MalformedRecordError("the fields of an ATTACHMENT record end past it")
+    file.seek(body)
+    stream = _Fields(cast("IO[bytes]", file))
+    log_time_ns, create_time_ns = stream.read8(), stream.read8()
+    try:
+        name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
+    except UnicodeDecodeError as error:
+        raise MalformedRecordError("a field of an ATTACHMENT record is not UTF-8") from error
+    size = stream.read8()
+    data_offset = body + stream.count
     return Attachment(
-        name=name, media_type=media_type, log_time_ns=log_time_ns, create_time_ns=create_time_ns,
-        data_offset=data_offset, size=size, crc=crc, offset=start - RECORD_HEADER_SIZE, end=end,
+        name=name, media_type=media_type, log_time_ns=log_time_ns, create_time_ns=create_time_ns, size=size,
+        data_offset=data_offset, crc=int(U32.unpack_from(file, data_offset + size)[0]), offset=at, end=end,
     )  # fmt: skip
 
 
-def parse_metadata(buffer: Bytes, start: int, end: int) -> tuple[str, dict[str, str]]:
-    """A metadata record's name and entries.
-
-    Raises:
-        MalformedRecordError: its fields do not fit.
-    """
-    name, at = parse_text(buffer, start, end)
-    return name, _text_map(buffer, at, end)[0]
+def written(*records: fields.McapRecord) -> bytes:
+    """Records as they stand in a file."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())
 
 
-def parse_text(buffer: Bytes, start: int, end: int) -> tuple[str, int]:
-    """A string and where the next field starts.
-
-    Raises:
-        MalformedRecordError: it does not fit, or is no UTF-8.
-    """
-    data, at = _bytes(buffer, start, end)
-    try:
-        return data.decode(), at
-    except UnicodeDecodeError as error:
-        raise MalformedRecordError(f"text at byte {start} of the record's section is not UTF-8") from error
+def schema_record(schema_id: int, schema: Schema) -> fields.Schema:
+    """A schema to be written."""
+    return fields.Schema(id=schema_id, name=schema.name, encoding=schema.encoding, data=schema.data)
 
 
-def _text_map(buffer: Bytes, start: int, end: int) -> tuple[dict[str, str], int]:
-    stop = start + 4 + _u32(buffer, start, end)
-    if stop > end:
-        raise MalformedRecordError(f"a map ends {stop - end} bytes past its record")
-    entries: dict[str, str] = {}
-    at = start + 4
-    while at < stop:
-        key, at = parse_text(buffer, at, stop)
-        entries[key], at = parse_text(buffer, at, stop)
-    return entries, stop
-
-
-def _bytes(buffer: Bytes, start: int, end: int) -> tuple[bytes, int]:
-    stop = start + 4 + _u32(buffer, start, end)
-    if stop > end:
-        raise MalformedRecordError(f"a field ends {stop - end} bytes past its record")
-    return bytes(buffer[start + 4 : stop]), stop
-
-
-def _u16(buffer: Bytes, start: int, end: int) -> int:
-    if start + 2 > end:
-        raise MalformedRecordError("the record ends inside a number")
-    return int(U16.unpack_from(buffer, start)[0])
-
-
-def _u32(buffer: Bytes, start: int, end: int) -> int:
-    if start + 4 > end:
-        raise MalformedRecordError("the record ends inside a number")
-    return int(U32.unpack_from(buffer, start)[0])
-
-
-def _u64(buffer: Bytes, start: int, end: int) -> int:
-    if start + 8 > end:
-        raise MalformedRecordError("the record ends inside a number")
-    return int(U64.unpack_from(buffer, start)[0])
+def channel_record(channel_id: int, schema_id: int, channel: Channel) -> fields.Channel:
+    """A channel to be written; schema id 0 is none."""
+    return fields.Channel(
+        id=channel_id, topic=channel.topic, message_encoding=channel.message_encoding,
+        metadata=dict(channel.metadata), schema_id=schema_id,
+    )  # fmt: skip

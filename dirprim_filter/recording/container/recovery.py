@@ -13,19 +13,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex
 
 from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.definitions import definition_records
-from dirprim_filter.recording.container.encoding import ChunkRecord
 from dirprim_filter.recording.container.errors import DamagedRecordingError
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.partial_file import PartialFile
 from dirprim_filter.recording.container.records import (
-    CHANNEL,
-    CHUNK,
     MESSAGE_HEADER,
     RECORD_HEADER_SIZE,
     U16,
@@ -33,8 +32,8 @@ from dirprim_filter.recording.container.records import (
     Schema,
     parse_channel,
     parse_schema,
+    record_end,
 )
-from dirprim_filter.recording.container.resync import legal_end
 from tessellation.arrays import AnyArray
 
 CHANNEL_ID_BEHIND = MESSAGE_HEADER.size - RECORD_HEADER_SIZE
@@ -154,8 +153,8 @@ class _Copier:
     def _is_whole(self, chunk: Chunk) -> bool:
         """Whether it stands in the file as one record whose two lengths agree."""
         file = self.log.file
-        is_record = chunk.data_offset > chunk.offset and file[chunk.offset] == CHUNK and not chunk.is_cut
-        return is_record and chunk.end == chunk.claimed_end == legal_end(file, chunk.offset)
+        is_record = chunk.data_offset > chunk.offset and file[chunk.offset] == Opcode.CHUNK and not chunk.is_cut
+        return is_record and chunk.end == chunk.claimed_end == record_end(file, chunk.offset)
 
     def _copy(self, chunk: Chunk, columns: MessageColumns) -> bool:
         """Take it over as it stands; False where its times, or an id in it, say something else than they should."""
@@ -176,14 +175,17 @@ class _Copier:
             self.writer.define(used[one], one, self.log.definitions.schema_id(used[one].schema))
         self.writer.close_chunk()
         self.writer.schemas.update(schemas)
-        for channel_id, (schema_id, channel) in channels.items():
-            self.writer.adopt_channel(channel_id, schema_id, channel)
-        record = ChunkRecord(
-            start_ns=chunk.start_ns, end_ns=chunk.end_ns, compression=chunk.compression, size=chunk.size,
-            compressed_size=chunk.data_length, written=self.log.file[chunk.offset : chunk.end],
+        for schema_id, channel in channels.values():
+            if schema_id:
+                self.writer.schemas[schema_id] = channel.schema
+        self.writer.channels.update(channels)
+        index = ChunkIndex(
+            message_start_time=chunk.start_ns, message_end_time=chunk.end_ns, compression=chunk.compression,
+            compressed_size=chunk.data_length, uncompressed_size=chunk.size, chunk_start_offset=0, chunk_length=0,
+            message_index_length=0, message_index_offsets={},
         )  # fmt: skip
         offsets = (columns.start - MESSAGE_HEADER.size).astype(np.uint64)
-        self.writer.put_chunk(record, ids, np.column_stack([times, offsets]))
+        self.writer.put_chunk(self.log.file[chunk.offset : chunk.end], index, ids, np.column_stack([times, offsets]))
         return True
 
     def _fits(
@@ -229,12 +231,11 @@ def _definitions(contents: bytes, known: dict[int, Schema]) -> tuple[dict[int, S
     """The schemas and channels that a chunk defines itself; its scan has found them sound."""
     schemas: dict[int, Schema] = {}
     channels: dict[int, tuple[int, Channel]] = {}
-    for at, end in definition_records(contents):
-        body = at + RECORD_HEADER_SIZE
-        if contents[at] == CHANNEL:
-            channel_id, channel = parse_channel(contents, body, end, {**known, **schemas})
-            channels[channel_id] = (int(U16.unpack_from(contents, body + 2)[0]), channel)
+    for at in definition_records(contents):
+        if contents[at] == Opcode.CHANNEL:
+            channel_id, channel = parse_channel(contents, at, {**known, **schemas})
+            channels[channel_id] = (int(U16.unpack_from(contents, at + RECORD_HEADER_SIZE + 2)[0]), channel)
         else:
-            schema_id, schema = parse_schema(contents, body, end)
+            schema_id, schema = parse_schema(contents, at)
             schemas[schema_id] = schema
     return schemas, channels

@@ -16,55 +16,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 from mmap import mmap
 
-from dirprim_filter.recording.container.chunk import FIXED_SIZE, Chunk, chunk_at, read_contents
-from dirprim_filter.recording.container.records import (
-    ATTACHMENT,
-    ATTACHMENT_INDEX,
-    CHANNEL,
-    CHUNK_INDEX,
-    DATA_END,
-    FOOTER,
-    HEADER,
-    MESSAGE_INDEX,
-    METADATA,
-    METADATA_INDEX,
-    RECORD_HEADER_SIZE,
-    SCHEMA,
-    STATISTICS,
-    SUMMARY_OFFSET,
-    U32,
-    U64,
-)
+from mcap.opcode import Opcode
 
-PRIVATE = 0x80
+from dirprim_filter.recording.container.chunk import FIXED_SIZE, Chunk, chunk_at, read_contents
+from dirprim_filter.recording.container.records import FIELDS, PRIVATE, RECORD_HEADER_SIZE, fields_end, record_end
+
 MAX_CHECKS = 8
 """So many times the bytes of the file are checked at most to tell chunks from noise."""
-TEXT, DATA = -4, -8
-"""A field that carries its length in front, in 4 or 8 bytes; other fields are given by their size."""
-FIELDS: dict[int, tuple[int, ...]] = {
-    HEADER: (TEXT, TEXT),
-    FOOTER: (20,),
-    SCHEMA: (2, TEXT, TEXT, TEXT),
-    CHANNEL: (4, TEXT, TEXT, TEXT),
-    MESSAGE_INDEX: (2, TEXT),
-    CHUNK_INDEX: (32, TEXT, 8, TEXT, 16),
-    ATTACHMENT: (16, TEXT, TEXT, DATA, 4),
-    ATTACHMENT_INDEX: (40, TEXT, TEXT),
-    STATISTICS: (42, TEXT),
-    METADATA: (TEXT, TEXT),
-    METADATA_INDEX: (16, TEXT),
-    SUMMARY_OFFSET: (17,),
-    DATA_END: (4,),
-}
 CHUNK_HEADER = re.compile(
     rb"\x06(?=.{6}\0\0.{16}.{6}\0\0.{4}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0).{6}\0\0)", re.DOTALL
 )
 """The start of what may be a chunk: lengths below 2^48, a known compression. `chunk_at` then checks the lengths."""
-
-
-def legal_end(file: mmap, at: int) -> int:
-    """The byte after the record at `at`, by its length alone."""
-    return at + RECORD_HEADER_SIZE + int(U64.unpack_from(file, at + 1)[0])
 
 
 def is_record(chunks: ChunkFinder, at: int, end: int) -> bool:
@@ -78,29 +40,17 @@ def is_record(chunks: ChunkFinder, at: int, end: int) -> bool:
         return False
     if opcode >= PRIVATE:
         return starts_record(file, end)
-    told = fields_end(file, opcode, body, end)
+    told = fields_end(file, at, end)
     if told is None or told == end:
         return told == end
-    return (opcode == FOOTER or starts_record(file, end)) and chunks.next_chunk(told, end) is None
-
-
-def fields_end(file: mmap, opcode: int, at: int, end: int) -> int | None:
-    """The byte after the fields that this version knows; None where they do not fit."""
-    for size in FIELDS[opcode]:
-        if size > 0:
-            at += size
-        elif at - size > end:
-            return None
-        else:
-            at += -size + int((U32 if size == TEXT else U64).unpack_from(file, at)[0])
-    return at if at <= end else None
+    return (opcode == Opcode.FOOTER or starts_record(file, end)) and chunks.next_chunk(told, end) is None
 
 
 def starts_record(file: mmap, at: int) -> bool:
     """Whether a known record that fits in the file starts at `at`, or the file ends there."""
     if at + RECORD_HEADER_SIZE > len(file):
         return at == len(file)
-    return (HEADER <= file[at] <= DATA_END or file[at] >= PRIVATE) and legal_end(file, at) <= len(file)
+    return (Opcode.HEADER <= file[at] <= Opcode.DATA_END or file[at] >= PRIVATE) and record_end(file, at) <= len(file)
 
 
 class ChunkFinder:
@@ -165,7 +115,7 @@ class ChunkFinder:
             if at >= until:
                 return
             chunk = chunk_at(file, at)
-            if chunk and legal_end(file, at) == chunk.claimed_end:
+            if chunk and record_end(file, at) == chunk.claimed_end:
                 yield at, chunk.is_cut
             at += 1
 
@@ -184,7 +134,7 @@ def salvageable(chunks: ChunkFinder, at: int) -> Chunk | None:
         return None
     if not chunk.is_cut and starts_record(file, chunk.end):
         return chunk if chunks.is_sound(chunk) or chunks.next_chunk(at + 1, chunk.end) is None else None
-    end = legal_end(file, at)
+    end = record_end(file, at)
     if chunk.crc and chunk.data_offset < end < len(file) and starts_record(file, end):
         by_record = replace(chunk, data_length=end - chunk.data_offset, is_cut=False)
         return by_record if chunks.is_sound(by_record) else None
