@@ -112,9 +112,9 @@ def read_filter(path: Path | None, **given: Any) -> tuple[FilterConfig, Tracking
 
 
 def _metadata(path: Path) -> dict[str, str]:
-    from dirprim_filter.recording.container.log import Scan
+    from dirprim_filter.recording.scan import scan
 
-    with Scan(path) as log:
+    with scan(path) as log:
         return {key: value for _, entries in log.metadata for key, value in entries.items()}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from os import fspath
 from typing import Self
 
@@ -14,8 +14,9 @@ from dirprim_filter.recording.container.errors import (
     Path,
     RecordingError,
 )
+from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.other_formats import unread_encodings
-from dirprim_filter.recording.container.records import Channel, Message
+from dirprim_filter.recording.container.records import Channel
 
 __all__ = [
     "DamagedRecordingError", "DecodeError", "MissingExtraError", "MissingTransformError", "NoRoomError",
@@ -51,10 +52,12 @@ class DecodeError(RecordingError):
         )
 
     @classmethod
-    def of(cls, path: Path, message: Message, reason: str) -> Self:
-        """Of a message that cannot be read, and why."""
-        expected = f"a message of {message.schema_name}"
-        return cls(path, topic=message.topic, time_ns=message.log_time_ns, expected=expected, got=reason)
+    def of(cls, path: Path, messages: MessageColumns, failures: Mapping[int, str]) -> Self:
+        """Of the first that cannot be read among some messages, by number why."""
+        i, reason = next(iter(failures.items()))
+        channel = messages.channels[int(messages.channel[i])]
+        expected = f"a message of {channel.schema.name}"
+        return cls(path, topic=channel.topic, time_ns=int(messages.log_time_ns[i]), expected=expected, got=reason)
 
 
 class MissingTransformError(RecordingError):

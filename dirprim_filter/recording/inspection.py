@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import logging
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.records import Channel, Message
+from dirprim_filter.recording.container.records import Channel
 from dirprim_filter.recording.decoding.field_columns import signed
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.losses import Clock
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
-from dirprim_filter.recording.schemas.decoders import TOPIC, Decoders, by_schema
+from dirprim_filter.recording.schemas.decoders import Decoders, by_schema
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, SizeSummary, TopicSummary
@@ -62,13 +62,13 @@ def inspect(
         DamagedRecordingError: strict, and the log is damaged.
         OSError: it cannot be opened.
     """
-    with Scan(path, topics, start_ns=start_ns, end_ns=end_ns) as log:
+    with Log(path).scan(topics, start_ns=start_ns, end_ns=end_ns) as log:
         reading = _Inspection(log, Decoders(mapping))
         for _, columns in log.parts():
             if len(columns):
                 reading.take(columns)
         damage = tuple(log.damage)
-        attachments = tuple(attachment.name for attachment in log.layout.attachments)
+        attachments = tuple(attachment.name for attachment in log.log.outline.attachments)
         metadata = tuple(name for name, _ in log.metadata)
     if strict and damage:
         raise DamagedRecordingError(path, damage)
@@ -142,7 +142,7 @@ class _Inspection:
 
     def take(self, columns: MessageColumns) -> None:
         """The messages of a chunk, of which there is at least one."""
-        channels = self._log.channel_list
+        channels = columns.channels
         first_ns, last_ns = int(columns.log_time_ns[0]), int(columns.log_time_ns[-1])
         self.start_ns = first_ns if self.start_ns is None else min(self.start_ns, first_ns)
         self.end_ns = last_ns if self.end_ns is None else max(self.end_ns, last_ns)
@@ -153,8 +153,8 @@ class _Inspection:
         for channel, n in zip(channels, counts, strict=True):
             self._tally(channel).messages += n
         carrying = np.array([self._tally(channel).track_ids is not None for channel in channels])
-        for _, messages in by_schema(list(columns[carrying[columns.channel]].messages(channels))):
-            if messages[0].schema_name == ESTIMATES_SCHEMA:
+        for _, messages in by_schema(columns[carrying[columns.channel]]):
+            if messages.first_channel.schema.name == ESTIMATES_SCHEMA:
                 self._take_estimates(messages)
             else:
                 self._take_objects(messages)
@@ -168,15 +168,15 @@ class _Inspection:
     def _has_tracks(self, channel: Channel) -> bool:
         return channel.schema.name == ESTIMATES_SCHEMA or self._decoders.carries_objects(channel)
 
-    def _take_objects(self, messages: Sequence[Message]) -> None:
+    def _take_objects(self, messages: MessageColumns) -> None:
         rows, failures = self._decoders.rows(messages)
-        topics = list(map(TOPIC, messages))
-        names = [self._tally(message.channel).track_ids for message in messages]
+        known = [self._tally(channel).track_ids for channel in messages.channels]
+        names = [known[i] for i in messages.channel.tolist()]
         for number, name in zip(rows.message.tolist(), rows.track_id.tolist(), strict=True):
-            if (known := names[number]) is not None:
-                known.add(name)
-        self.clocks["header"].watch_objects(topics, rows.message, rows.stamp_ns)
-        topic_of = np.array(topics)[rows.message]
+            if (ids := names[number]) is not None:
+                ids.add(name)
+        self.clocks["header"].watch_objects(messages, rows.message, rows.stamp_ns)
+        topic_of = messages.topic[rows.message]
         for topic in np.unique(topic_of).tolist():
             labels, n = np.unique(rows.label[topic_of == topic], return_counts=True)
             counts = dict(zip(labels.tolist(), n.tolist(), strict=True))
@@ -188,8 +188,8 @@ class _Inspection:
                 self.sizes[topic].add(size)
         self.undecodable += len(failures)
 
-    def _take_estimates(self, messages: Sequence[Message]) -> None:
-        for message in messages:
+    def _take_estimates(self, messages: MessageColumns) -> None:
+        for message in messages.messages():
             known = self._tally(message.channel).track_ids
             try:
                 names = decode_estimates(message.data).track_id.tolist()

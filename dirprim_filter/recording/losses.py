@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 
+from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.track_ids import Numbers
 from tessellation.arrays import IntArray
@@ -128,17 +129,17 @@ class Clock:
         self._topics = Numbers()
         self._last_ns = np.empty(0, np.int64)
 
-    def watch_objects(self, topics: Sequence[str], message: IntArray, time_ns: IntArray) -> None:
+    def watch_objects(self, messages: MessageColumns, message: IntArray, time_ns: IntArray) -> None:
         """Count what is odd in the times of objects, of which those of a message share one.
 
         Args:
-            topics: of each message.
+            messages: of which the objects are.
             message: (n,) which message each object is of, ascending.
             time_ns: (n,) nanoseconds, `NO_TIME` where there is none.
         """
         of, first = np.unique(message, return_index=True)
-        numbers = map(self._topics.__getitem__, map(topics.__getitem__, of.tolist()))
-        self.watch(np.fromiter(numbers, np.int64, of.size), time_ns[first])
+        numbers = np.array([self._topics[channel.topic] for channel in messages.channels], np.int64)
+        self.watch(numbers[messages.channel[of]], time_ns[first])
 
     def watch(self, topic: IntArray, time_ns: IntArray) -> None:
         """Count what is odd in the next times of topics.

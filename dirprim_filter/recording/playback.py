@@ -15,10 +15,11 @@ from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.losses import Drops
-from dirprim_filter.recording.objects.observations import Reading, log_losses
+from dirprim_filter.recording.objects.observations import log_losses
+from dirprim_filter.recording.objects.options import Reading
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -68,8 +69,8 @@ class Playback:
         self._strict = reading.get("strict", False)
         self.damage: list[Damage] = []
         self.dropped = Drops()
-        with Scan(path, end_ns=reading.get("end_ns")) as log:
-            self.end_ns = log.end_ns
+        with Log(path) as log:
+            self.end_ns = log.scan(end_ns=reading.get("end_ns")).end_ns
             named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
         topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
         self._is_estimated = topic in named and topics in (None, topic)
@@ -91,8 +92,7 @@ class Playback:
     def _estimated(self) -> Iterator[TrackedFrame]:
         start_ns, end_ns = self._times
         self.dropped = Drops()
-        with Scan(self.path, self.topics.__contains__, start_ns=start_ns, end_ns=end_ns) as log:
-            self.damage = log.damage
+        with Log(self.path).scan(self.topics.__contains__, start_ns=start_ns, end_ns=end_ns) as log:
             for message in log:
                 self.damage = log.damage
                 if self._strict and log.damage:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Unpack
@@ -13,12 +14,13 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import ClockFaults, Drops
 from dirprim_filter.recording.objects.detection_stream import DetectionStream
-from dirprim_filter.recording.objects.observations import Observations, Reading, TimedRows, TimeSource, log_losses
+from dirprim_filter.recording.objects.observations import Observations, TimedRows, log_losses
+from dirprim_filter.recording.objects.options import Reading, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
 from dirprim_filter.recording.objects.tracks import Columns, TrackLog
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
@@ -94,22 +96,23 @@ def read_track_logs(
     dropped, clock = Drops(), ClockFaults()
     damage: list[tuple[Path, Damage]] = []
     columns: list[Columns] = []
+    options = ReadOptions(**reading)
     for path in paths:
-        chosen = choose_topics(path, topics, strict=reading.get("strict", False), mapping=reading.get("mapping"))
-        with _scan(path, chosen, reading) as log:
-            observations = Observations(log, **reading)
-            rows = observations if progress is None else _telling(observations, log.end_ns, progress)
+        with Log(path) as log:
+            scan = _wanted(log, choose_topics(log, topics, options), options)
+            observations = Observations(scan, options)
+            rows = observations if progress is None else _reporting(observations, scan.end_ns, progress)
             columns.append(Columns.of_rows(rows).without_repeats(observations.drops))
-            damage += [(path, broken) for broken in log.damage]
-            log_losses(path, log.damage, observations.drops, observations.clock)
+            damage += [(path, broken) for broken in scan.damage]
+            log_losses(path, scan.damage, observations.drops, observations.clock)
         dropped += observations.drops
         clock += observations.clock
-        reading["origin"] = observations.origin  # one plane for all logs
+        options = replace(options, origin=observations.origin)  # one plane for all logs
     tracks = Columns.of_logs(columns, [path.stem for path in paths]).as_tracks(dropped)
     return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
 
 
-def _telling(
+def _reporting(
     observations: Iterable[TimedRows], end_ns: int | None, progress: Callable[[int, int], None]
 ) -> Iterator[TimedRows]:
     """The same, and after each part how far that is."""
@@ -142,21 +145,17 @@ def stream_detections(
         NoTracksError: the log has no such topic, or none with moving objects.
         ValueError: `topics` is neither a name nor a regular expression.
     """
-    chosen = choose_topics(
-        Path(path),
-        topics,
-        prefer_detections=True,
-        strict=reading.get("strict", False),
-        mapping=reading.get("mapping"),
-    )
-    return DetectionStream(_scan(Path(path), chosen, reading), topics=chosen, motion=motion, **reading)
+    options = ReadOptions(**reading)
+    log = Log(path)
+    chosen = choose_topics(log, topics, options, prefer_detections=True)
+    return DetectionStream(_wanted(log, chosen, options), options, topics=chosen, motion=motion)
 
 
-def _scan(path: Path, topics: frozenset[str], reading: Reading) -> Scan:
+def _wanted(log: Log, topics: frozenset[str], options: ReadOptions) -> Scan:
     """The messages of topics; chunks of log times that are not wanted stay closed."""
-    if reading.get("time_source", "log") != "log":
-        return Scan(path, topics.__contains__)
-    return Scan(path, topics.__contains__, start_ns=reading.get("start_ns"), end_ns=reading.get("end_ns"))
+    if options.time_source != "log":
+        return log.scan(topics.__contains__)
+    return log.scan(topics.__contains__, start_ns=options.start_ns, end_ns=options.end_ns)
 
 
 def read_estimates(path: PathOrText, *, smoothed: bool = False, topic: str | None = None) -> Estimates:
@@ -174,11 +173,12 @@ def read_estimates(path: PathOrText, *, smoothed: bool = False, topic: str | Non
     """
     topic = topic or (topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES)
     parts = []
-    with Scan(Path(path), lambda name: name == topic) as log:
+    with Log(path) as log:
+        scan = log.scan(lambda name: name == topic)
         if not any(c.topic == topic and c.schema.name == ESTIMATES_SCHEMA for c in log.channels()):
             wanted = f"topic {topic!r} of {ESTIMATES_SCHEMA}"
-            raise NoTracksError(log.path, has=log.channels(), wanted=wanted, damage=log.damage)
-        for message in log:
+            raise NoTracksError(log.path, has=log.channels(), wanted=wanted, damage=scan.damage)
+        for message in scan:
             if message.schema_name == ESTIMATES_SCHEMA:
                 try:
                     parts.append(decode_estimates(message.data))
@@ -187,5 +187,5 @@ def read_estimates(path: PathOrText, *, smoothed: bool = False, topic: str | Non
                         log.path, topic=topic, time_ns=message.log_time_ns,
                         expected=f"a message of {ESTIMATES_SCHEMA}", got=str(error),
                     ) from error  # fmt: skip
-        log_losses(log.path, log.damage, Drops())
+        log_losses(log.path, scan.damage, Drops())
     return Estimates.concatenate(parts)

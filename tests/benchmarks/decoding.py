@@ -32,9 +32,10 @@ except ImportError as error:
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from ros_messages import full_definition, header, write_ros2_log
 
-from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.objects.observations import Observations
+from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.objects.tracks import Columns
+from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 
 N_POSES, N_FRAMES, N_OBJECTS = 200_000, 1500, 30
@@ -135,15 +136,15 @@ def _row(time_ns: int, one: Any) -> tuple[Any, ...]:
 
 def ours(path: Path) -> int:
     """All that `read_tracks` does up to the columns."""
-    with Scan(path) as log:
-        return int(Columns.of_rows(Observations(log)).time_ns.size)
+    with scan(path) as log:
+        return int(Columns.of_rows(Observations(log, ReadOptions())).time_ns.size)
 
 
 def plans_alone(path: Path) -> Callable[[], int]:
     """Our decoding without the scan: what the plans and the families cost."""
     decoders = Decoders()
-    with Scan(path) as log:
-        groups = [messages for batch in batches(log, decoders) for _, messages in by_schema(batch)]
+    with scan(path) as log:
+        groups = [messages for batch in batches(log.columns(), decoders) for _, messages in by_schema(batch)]
     return lambda: sum(len(decoders.rows(messages)[0]) for messages in groups)
 
 

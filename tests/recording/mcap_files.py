@@ -8,9 +8,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
+
+from dirprim_filter.recording.container.message_columns import MessageColumns
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 RECORD = struct.Struct("<BQ")
@@ -76,3 +79,13 @@ def write_protobuf_log(path: Path, messages: Iterable[tuple[str, int, Any]], **o
             writer.add_message(channels[topic], time_ns, data, time_ns)
         writer.finish()
     return path
+
+
+def columns_of(channel, payloads):
+    """Messages of one channel that stand in no file, at times 0, 1, ..."""
+    n, length = len(payloads), np.array([len(payload) for payload in payloads], np.int64)
+    stop, times = np.cumsum(length), np.arange(n, dtype=np.uint64)
+    return MessageColumns(
+        log_time_ns=times, publish_time_ns=times, sequence=np.zeros(n, np.uint32), channel=np.zeros(n, np.int32),
+        start=stop - length, stop=stop, contents=b"".join(payloads), channels=[channel],
+    )  # fmt: skip

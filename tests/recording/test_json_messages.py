@@ -8,9 +8,10 @@ import pytest
 from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap_files import columns_of
 from test_foxglove_schemas import PLACE, TIMES, N, json_log
 
-from dirprim_filter.recording.container.records import Channel, Message, Schema
+from dirprim_filter.recording.container.records import Channel, Schema
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME
 from dirprim_filter.recording.decoding.fields import EACH, Field, wanted
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
@@ -110,10 +111,10 @@ def test_nasty_messages_of_every_schema_never_end_the_read(schema):
     )
     tree = wanted(family.fields)
     payloads = [json.dumps(nasty(tree, rng)).encode() for _ in range(800)]
-    messages = [Message(i, i, i, channel, payload) for i, payload in enumerate(payloads)]
+    messages = columns_of(channel, payloads)
     rows, failures = Decoders().rows(messages)
     assert 0 < len(failures) < len(messages)
-    alone = [Decoders().rows([message]) for message in messages]
+    alone = [Decoders().rows(messages[i : i + 1]) for i in range(len(messages))]
     assert [i for i, (_, failed) in enumerate(alone) if failed] == sorted(failures)
     assert len(rows) == sum(len(one) for one, _ in alone)
 

@@ -11,10 +11,11 @@ from google.protobuf.message import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap_files import columns_of
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from dirprim_filter.detections import Detections
-from dirprim_filter.recording.container.records import Channel, Message, Schema
+from dirprim_filter.recording.container.records import Channel, Schema
 from dirprim_filter.recording.errors import OutputExistsError
 from dirprim_filter.recording.foxglove.frames import scene_transform
 from dirprim_filter.recording.log_writer import McapLog
@@ -39,7 +40,10 @@ DECODERS = Decoders()
 
 
 def decode_observations(data):
-    return DECODERS.decode(Message(0, 0, 0, OBSERVATIONS, data))
+    rows, failures = DECODERS.rows(columns_of(OBSERVATIONS, [data]))
+    if failures:
+        raise DecodeError(failures[0])
+    return rows
 
 
 COLUMNS = ("track_id", "time_ns", "position", "direction", "speed", "group")

@@ -16,6 +16,7 @@ from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
 
+from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.scan import scan
@@ -127,7 +128,7 @@ def test_the_tree_agrees_with_pytransform3d(tmp_path):
             one.translation.x, one.translation.y, one.translation.z = p
             one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = q
             messages.append((f"/{child}", t, FrameTransforms(transforms=[one]) if child == "head" else one))
-    tree = TransformTree.of_log(write_protobuf_log(tmp_path / "tf.mcap", sorted(messages, key=lambda m: m[1])))
+    tree = TransformTree.of_log(Log(write_protobuf_log(tmp_path / "tf.mcap", sorted(messages, key=lambda m: m[1]))))
     assert tree.root_of("camera") == "map"
     # at the times of the transforms no interpolation enters, where pytransform3d's (screws) differs from ours
     manager = TemporalTransformManager()
@@ -149,7 +150,7 @@ def test_rotation_is_at_a_constant_rate_the_short_way(tmp_path):
         one.translation.x = yaw
         one.rotation.z, one.rotation.w = np.sin(yaw / 2), np.cos(yaw / 2)
         messages.append(("/tf", time_ns, one))
-    tree = TransformTree.of_log(write_protobuf_log(tmp_path / "tf.mcap", messages))
+    tree = TransformTree.of_log(Log(write_protobuf_log(tmp_path / "tf.mcap", messages)))
     at = tree.placement("car", "map", 10**9 + np.array([250_000_000, 1_050_000_000, 1_200_000_000, -200_000_000]))
     yaw = at.rotation.as_euler("ZYX")[:, 0] % (2 * np.pi)
     turn = 2 * np.pi - 6.0
@@ -303,11 +304,11 @@ def test_many_transforms_of_long_names_take_little_memory(tmp_path):
         one.timestamp.FromNanoseconds(1 + k)
         one.rotation.w, one.translation.x = 1.0, k
         messages.append(("/tf", k, one))
-    path = write_protobuf_log(tmp_path / "log.mcap", messages)
-    TransformTree.of_log(path)
+    log = Log(write_protobuf_log(tmp_path / "log.mcap", messages))
+    TransformTree.of_log(log)
     tracemalloc.start()
     try:
-        tree = TransformTree.of_log(path)
+        tree = TransformTree.of_log(log)
         held, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

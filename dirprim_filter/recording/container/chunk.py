@@ -73,6 +73,10 @@ class Chunk:
         """Byte after its record."""
         return self.data_offset + self.data_length
 
+    def damaged(self, kind: DamageKind, messages: int | None, detail: str) -> Damage:
+        """Damage of all of it."""
+        return Damage(kind=kind, offset=self.offset, length=self.end - self.offset, messages=messages, detail=detail)
+
 
 def chunk_at(file: mmap, offset: int) -> Chunk | None:
     """The chunk record that starts at `offset`, by its own fields alone; None where these make no sense."""
@@ -115,29 +119,18 @@ def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
         return b"", _lost(file, chunk, "chunk_data", f"its data cannot be decompressed: {error}")
     if chunk.is_cut:
         detail = f"the file ends inside a chunk; {len(contents)} of {chunk.size} bytes are read unchecked"
-        return contents, Damage(
-            kind="truncated",
-            offset=chunk.offset,
-            length=chunk.end - chunk.offset,
-            messages=None,
-            detail=detail,
-        )
+        return contents, chunk.damaged("truncated", None, detail)
     found = zlib.crc32(contents)
     if chunk.crc not in (0, found):
         return b"", _lost(file, chunk, "chunk_crc", f"expected CRC {chunk.crc:#010x}, got {found:#010x}")
-    told = None
-    if len(contents) != chunk.size:
-        told = f"expected {chunk.size} bytes of contents, got {len(contents)}"
-    elif not is_ended:
-        told = "its compressed data do not end"
-    if told is None:
+    if len(contents) == chunk.size and is_ended:
         return contents, None
+    wrong = "its compressed data do not end"
+    if len(contents) != chunk.size:
+        wrong = f"expected {chunk.size} bytes of contents, got {len(contents)}"
     if not chunk.crc:
-        return b"", _lost(file, chunk, "chunk_header", told)
-    return contents, Damage(
-        kind="chunk_header", offset=chunk.offset, length=chunk.end - chunk.offset, messages=0,
-        detail=f"{told}; the checksum confirms the contents",
-    )  # fmt: skip
+        return b"", _lost(file, chunk, "chunk_header", wrong)
+    return contents, chunk.damaged("chunk_header", 0, f"{wrong}; the checksum confirms the contents")
 
 
 class _TooLargeError(ValueError):
@@ -180,16 +173,6 @@ def _lz4_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
 
 
 def _lost(file: mmap, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:
-    return Damage(
-        kind=kind,
-        offset=chunk.offset,
-        length=chunk.end - chunk.offset,
-        messages=_indexed_messages(file, chunk.end),
-        detail=detail,
-    )
-
-
-def _indexed_messages(file: mmap, at: int) -> int | None:
-    """Messages that the indexes behind a chunk count; None where there is no index."""
-    end, n_messages = index_run(np.frombuffer(file, np.uint8), at)
-    return n_messages if end > at else None
+    """All of a chunk, with as many messages as the indexes behind it count; None where there is no index."""
+    end, n_messages = index_run(np.frombuffer(file, np.uint8), chunk.end)
+    return chunk.damaged(kind, n_messages if end > chunk.end else None, detail)

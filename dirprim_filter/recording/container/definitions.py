@@ -9,7 +9,7 @@ from mmap import mmap
 from mcap.opcode import Opcode
 
 from dirprim_filter.recording.container.chunk import read_contents
-from dirprim_filter.recording.container.outline import Layout
+from dirprim_filter.recording.container.outline import Outline
 from dirprim_filter.recording.container.records import (
     RECORD_HEADER_SIZE,
     Channel,
@@ -27,13 +27,17 @@ class Definitions:
 
     Chunks are read in order of time, definitions stand in order of the file: one that is missing is looked
     for in all chunks, once.
+
+    Attributes:
+        schemas: those known so far, by id.
+        channels: likewise.
     """
 
-    def __init__(self, file: mmap, layout: Layout) -> None:
+    def __init__(self, file: mmap, outline: Outline) -> None:
         self._file = file
-        self._layout = layout
-        self._schemas: dict[int, Schema] = dict(layout.schemas)
-        self._channels: dict[int, Channel] = {**layout.summary_channels, **layout.channels}
+        self._outline = outline
+        self.schemas: dict[int, Schema] = dict(outline.schemas)
+        self.channels: dict[int, Channel] = {**outline.summary_channels, **outline.channels}
         self._has_all = False
 
     def take(self, contents: bytes, at: int) -> bool:
@@ -44,50 +48,37 @@ class Definitions:
         """
         if contents[at] == Opcode.SCHEMA:
             schema_id, schema = parse_schema(contents, at)
-            if self._schemas.get(schema_id) != schema:
-                self._schemas[schema_id] = schema
+            if self.schemas.get(schema_id) != schema:
+                self.schemas[schema_id] = schema
         elif contents[at] == Opcode.CHANNEL:
             try:
-                channel_id, channel = parse_channel(contents, at, self._schemas)
+                channel_id, channel = parse_channel(contents, at, self.schemas)
             except UndefinedSchemaError:
                 self._look_everywhere()
-                channel_id, channel = parse_channel(contents, at, self._schemas)
-            if self._channels.get(channel_id) != channel:
-                self._channels[channel_id] = channel
+                channel_id, channel = parse_channel(contents, at, self.schemas)
+            if self.channels.get(channel_id) != channel:
+                self.channels[channel_id] = channel
                 return True
         return False
 
     def channel(self, channel_id: int) -> Channel | None:
         """The channel of that id; None where no readable part of the file defines it."""
-        if channel_id not in self._channels:
+        if channel_id not in self.channels:
             self._look_everywhere()
-        return self._channels.get(channel_id)
-
-    @property
-    def schemas(self) -> dict[int, Schema]:
-        """Those known so far, by id."""
-        return self._schemas
-
-    def channel_id(self, channel: Channel) -> int | None:
-        """An id under which that channel is defined."""
-        return next((channel_id for channel_id, known in self._channels.items() if known == channel), None)
-
-    def schema_id(self, schema: Schema) -> int:
-        """An id under which that schema is defined; 0 for none."""
-        return next((schema_id for schema_id, known in self._schemas.items() if known == schema), 0)
+        return self.channels.get(channel_id)
 
     def all_channels(self) -> list[Channel]:
         """Every channel; read from the summary alone where that is whole and repeats them."""
-        layout = self._layout
-        if not layout.summary_channels or not layout.is_summarised or layout.damage:
+        outline = self._outline
+        if not outline.summary_channels or not outline.is_summarised or outline.damage:
             self._look_everywhere()
-        return list(dict.fromkeys(self._channels.values()))
+        return list(dict.fromkeys(self.channels.values()))
 
     def _look_everywhere(self) -> None:
         if self._has_all:
             return
         self._has_all = True
-        for chunk in self._layout.chunks:
+        for chunk in self._outline.chunks:
             if chunk.data_offset > chunk.offset:  # else a run of bare messages
                 contents, _ = read_contents(self._file, chunk)
                 for at in definition_records(contents):

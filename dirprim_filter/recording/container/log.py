@@ -24,7 +24,7 @@ from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.definitions import Definitions
 from dirprim_filter.recording.container.merge import TimeMerge
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.outline import read_layout
+from dirprim_filter.recording.container.outline import read_outline
 from dirprim_filter.recording.container.records import Attachment, Channel, MalformedRecordError, Message
 from dirprim_filter.recording.container.source import let_go, mapped
 from tessellation.arrays import AnyArray
@@ -57,40 +57,27 @@ def scan(
         RecordingError: a URL that cannot be read here.
         OSError: it cannot be opened.
     """
-    return Scan(path, topics, start_ns=start_ns, end_ns=end_ns)
+    return Log(path).scan(topics, start_ns=start_ns, end_ns=end_ns)
 
 
-class Scan:
-    """The messages of one log; iterate it, as often as needed, also at once, then look at `damage`.
-
-    Messages of one log time come in the order of the file. Beyond the chunks that overlap in time nothing is
-    held, and of these no more than `merge.HELD_BYTES` in memory.
+class Log:
+    """An MCAP log that is opened once, however often it is then read; a context manager.
 
     Attributes:
         path: the file, as it was named.
         file: its bytes.
-        layout: where everything stands in it.
-        metadata: name and entries of each metadata record.
+        outline: where everything stands in it, and what of that is broken.
+
+    Raises:
+        NotMcapError: the file is empty, or no MCAP log.
+        RecordingError: a URL that cannot be read here.
+        OSError: it cannot be opened.
     """
 
-    def __init__(
-        self,
-        path: str | PathLike[str],
-        topics: Callable[[str], bool] | None = None,
-        *,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-    ) -> None:
+    def __init__(self, path: str | PathLike[str]) -> None:
         self.path = Path(path)
-        self._topics = topics
-        self._times = (
-            NO_TIMES[0] if start_ns is None else max(start_ns, NO_TIMES[0]),
-            NO_TIMES[1] if end_ns is None else max(min(end_ns, NO_TIMES[1]), NO_TIMES[0]),
-        )
         self.file = mapped(path)
-        self.layout = read_layout(self.file)
-        self.metadata = self.layout.metadata
-        self._latest = _Pass(self)
+        self.outline = read_outline(self.file)
 
     def __enter__(self) -> Self:
         return self
@@ -104,25 +91,80 @@ class Scan:
         """Let go of the file; no more messages come."""
         self.file.close()
 
+    def scan(
+        self, topics: Callable[[str], bool] | None = None, *, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Scan:
+        """The messages of topics and times; what is left out means all, as for `scan`."""
+        return Scan(self, topics, start_ns=start_ns, end_ns=end_ns)
+
+    def channels(self) -> list[Channel]:
+        """All channels, from the summary where it repeats them, else from within the chunks."""
+        return Definitions(self.file, self.outline).all_channels()
+
+
+class Scan:
+    """The messages of one log; iterate it, as often as needed, also at once, then look at `damage`.
+
+    Messages of one log time come in the order of the file. Beyond the chunks that overlap in time nothing is
+    held, and of these no more than `merge.HELD_BYTES` in memory. As a context manager it closes the log.
+
+    Attributes:
+        log: what is read.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        topics: Callable[[str], bool] | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> None:
+        self.log = log
+        self._topics = topics
+        self._times = (
+            NO_TIMES[0] if start_ns is None else max(start_ns, NO_TIMES[0]),
+            NO_TIMES[1] if end_ns is None else max(min(end_ns, NO_TIMES[1]), NO_TIMES[0]),
+        )
+        self._latest = _Pass(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.log.close()
+
+    @property
+    def path(self) -> Path:
+        """The log, as it was named."""
+        return self.log.path
+
     @property
     def end_ns(self) -> int | None:
         """The last log time to come, as the chunks say; None of an empty log."""
-        last = max((chunk.end_ns for chunk in self.layout.chunks), default=None)
+        last = max((chunk.end_ns for chunk in self.log.outline.chunks), default=None)
         return last if last is None else min(last, self._times[1])
+
+    @property
+    def metadata(self) -> list[tuple[str, dict[str, str]]]:
+        """Name and entries of each metadata record."""
+        return self.log.outline.metadata
 
     def is_wanted(self, topic: str) -> bool:
         """Whether messages of a topic are delivered."""
         return self._topics is None or self._topics(topic)
 
     def channels(self) -> list[Channel]:
-        """All channels of the log, from the summary where it repeats them, else from within the chunks."""
-        return self.definitions.all_channels()
+        """All channels of the log, wanted or not."""
+        return self.log.channels()
 
     def attachments(self) -> list[tuple[Attachment, bytes]]:
         """The files attached to the log whose checksum holds, and their contents."""
         return [
-            (attachment, self.file[attachment.data_offset : attachment.data_offset + attachment.size])
-            for attachment in self.layout.attachments
+            (attachment, self.log.file[attachment.data_offset : attachment.data_offset + attachment.size])
+            for attachment in self.log.outline.attachments
         ]
 
     @property
@@ -135,14 +177,13 @@ class Scan:
         """Schemas and channels by their ids, as far as the iteration that was begun last knows them."""
         return self._latest.definitions
 
-    @property
-    def channel_list(self) -> list[Channel]:
-        """What the channel indices of the `parts` that were begun last mean."""
-        return self._latest.channel_list
-
     def __iter__(self) -> Iterator[Message]:
+        return chain.from_iterable(map(MessageColumns.messages, self.columns()))
+
+    def columns(self) -> Iterator[MessageColumns]:
+        """The messages in order of log time, some at a time, as columns."""
         self._latest = _Pass(self)
-        return chain.from_iterable(self._latest.blocks())
+        return self._latest.columns()
 
     def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
         """Each chunk and its messages, in the order of the file; `damage` grows as they come."""
@@ -151,14 +192,14 @@ class Scan:
 
     def is_beside(self, chunk: Chunk) -> bool:
         """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
-        told = self.layout.index.get(chunk.offset)
-        if told is None or (told.message_start_time, told.message_end_time) != (chunk.start_ns, chunk.end_ns):
+        said = self.log.outline.index.get(chunk.offset)
+        if said is None or (said.message_start_time, said.message_end_time) != (chunk.start_ns, chunk.end_ns):
             return False
-        if told.message_index_offsets and (chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]):
+        if said.message_index_offsets and (chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]):
             return True  # a chunk without messages may state any times, and define channels
-        if self._topics is None or not told.message_index_offsets:
+        if self._topics is None or not said.message_index_offsets:
             return False
-        channels = [self.layout.summary_channels.get(channel_id) for channel_id in told.message_index_offsets]
+        channels = map(self.log.outline.summary_channels.get, said.message_index_offsets)
         return all(channel is not None and not self.is_wanted(channel.topic) for channel in channels)
 
     def wanted(self, columns: MessageColumns) -> MessageColumns:
@@ -175,21 +216,22 @@ class Scan:
 class _Pass:
     """One iteration: what it has learnt of channels so far, and what it could not read."""
 
-    def __init__(self, log: Scan) -> None:
-        self.damage: list[Damage] = list(log.layout.damage)
-        self.definitions = Definitions(log.file, log.layout)
-        self.channel_list: list[Channel] = []
-        self._log = log
+    def __init__(self, wanted: Scan) -> None:
+        self._scan = wanted
+        self._file, self._outline = wanted.log.file, wanted.log.outline
+        self.damage: list[Damage] = list(self._outline.damage)
+        self.definitions = Definitions(self._file, self._outline)
+        self._channels: list[Channel] = []
         self._index_of: dict[Channel, int] = {}
         self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
 
-    def blocks(self) -> Iterator[Iterator[Message]]:
+    def columns(self) -> Iterator[MessageColumns]:
         """The messages in order of log time, some at a time."""
-        chunks = self._log.layout.chunks
-        with TimeMerge(self.channel_list) as merge:
+        chunks = self._outline.chunks
+        with TimeMerge() as merge:
             for position in sorted(range(len(chunks)), key=lambda i: chunks[i].start_ns):
                 chunk = chunks[position]
-                if self._log.is_beside(chunk):
+                if self._scan.is_beside(chunk):
                     continue
                 yield from merge.release((chunk.start_ns, position))
                 merge.hold(position, self._messages(chunk))
@@ -197,13 +239,13 @@ class _Pass:
 
     def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
         """Each chunk and its messages, in the order of the file."""
-        for chunk in self._log.layout.chunks:
+        for chunk in self._outline.chunks:
             yield chunk, self._messages(chunk)
 
     def _messages(self, chunk: Chunk) -> MessageColumns:
         """The wanted messages of a chunk, sorted by log time, stably."""
-        contents, damage = read_contents(self._log.file, chunk)
-        let_go(self._log.file, chunk.offset, chunk.end)
+        contents, damage = read_contents(self._file, chunk)
+        let_go(self._file, chunk.offset, chunk.end)
         if damage:
             self.damage.append(damage)
         buffer = np.frombuffer(contents, np.uint8)
@@ -215,9 +257,9 @@ class _Pass:
         columns = MessageColumns(
             log_time_ns=log_time, publish_time_ns=publish_time, sequence=sequence,
             channel=self._resolved(chunk, contents, channel_id, start, others),
-            start=start, stop=stop, contents=contents,
+            start=start, stop=stop, contents=contents, channels=self._channels,
         )  # fmt: skip
-        columns = self._log.wanted(columns).sorted()
+        columns = self._scan.wanted(columns).sorted()
         if len(columns) and columns.log_time_ns[0] < chunk.start_ns:
             first_ns = int(columns.log_time_ns[0])
             detail = f"expected no message before {chunk.start_ns} ns, got one at {first_ns} ns; it may come late"
@@ -260,20 +302,12 @@ class _Pass:
         channel = self.definitions.channel(channel_id)
         if channel is None:
             return UNKNOWN
-        if not self._log.is_wanted(channel.topic):
+        if not self._scan.is_wanted(channel.topic):
             return UNWANTED
         if channel not in self._index_of:
-            self._index_of[channel] = len(self.channel_list)
-            self.channel_list.append(channel)
+            self._index_of[channel] = len(self._channels)
+            self._channels.append(channel)
         return self._index_of[channel]
 
     def _damaged(self, kind: DamageKind, chunk: Chunk, messages: int | None, detail: str) -> None:
-        self.damage.append(
-            Damage(
-                kind=kind,
-                offset=chunk.offset,
-                length=chunk.end - chunk.offset,
-                messages=messages,
-                detail=detail,
-            )
-        )
+        self.damage.append(chunk.damaged(kind, messages, detail))

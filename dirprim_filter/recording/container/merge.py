@@ -15,7 +15,6 @@ from typing import BinaryIO
 import numpy as np
 
 from dirprim_filter.recording.container.message_columns import MessageColumns, interleaved
-from dirprim_filter.recording.container.records import Channel, Message
 
 HELD_BYTES = 1 << 25
 """Chunks that overlap in time are held in memory up to this size."""
@@ -45,14 +44,9 @@ class _Part:
 
 
 class TimeMerge:
-    """Takes chunks in order of their start time, gives messages in order of log time; a context manager.
+    """Takes chunks in order of their start time, gives messages in order of log time; a context manager."""
 
-    Args:
-        channels: what the columns' channel indices mean.
-    """
-
-    def __init__(self, channels: list[Channel]) -> None:
-        self._channels = channels
+    def __init__(self) -> None:
         self._parts: list[_Part] = []
         self._in_memory = 0
         self._windows = 0
@@ -76,12 +70,8 @@ class TimeMerge:
         if self._in_memory > HELD_BYTES and len(self._parts) > 1:
             self._put_on_disk()
 
-    def release(self, before: tuple[int, int] | None) -> Iterator[Iterator[Message]]:
-        """What comes before all that is not yet held: before a chunk of that start time and position; None: all.
-
-        It comes in blocks, to be used up one after the other: a message that had to climb through the generators
-        one by one would cost twice as much.
-        """
+    def release(self, before: tuple[int, int] | None) -> Iterator[MessageColumns]:
+        """What comes before all that is not yet held: before a chunk of that start time and position; None: all."""
         while self._parts:
             stops = [self._final(part, before) for part in self._parts]
             if all(stop == part.start for stop, part in zip(stops, self._parts, strict=True)):
@@ -99,25 +89,25 @@ class TimeMerge:
         start_ns, position = before
         return part.until(start_ns, inclusive=part.position < position)
 
-    def _window(self, stops: list[int]) -> Iterator[Iterator[Message]]:
+    def _window(self, stops: list[int]) -> Iterator[MessageColumns]:
         """The next messages of all parts, about `WINDOW_ROWS`, or one whole part if it stands alone."""
         open_parts = [(part, stop) for part, stop in zip(self._parts, stops, strict=True) if stop > part.start]
         if len(open_parts) == 1:
             part, stop = open_parts[0]
-            yield part.take(min(stop, part.start + WINDOW_ROWS)).messages(self._channels)
+            yield part.take(min(stop, part.start + WINDOW_ROWS))
             return
         step = max(WINDOW_ROWS // len(open_parts), 16)
         last_ns = min(int(part.columns.log_time_ns[min(part.start + step, stop) - 1]) for part, stop in open_parts)
         ends = [min(part.until(last_ns, inclusive=True), stop) for part, stop in open_parts]
         if sum(end - part.start for end, (part, _) in zip(ends, open_parts, strict=True)) <= 4 * WINDOW_ROWS:
-            yield interleaved([part.take(end) for end, (part, _) in zip(ends, open_parts, strict=True)], self._channels)
+            yield from interleaved([part.take(end) for end, (part, _) in zip(ends, open_parts, strict=True)])
             return
         before = [part.take(part.until(last_ns, inclusive=False)) for part, _ in open_parts]
         if any(map(len, before)):
-            yield interleaved(before, self._channels)
+            yield from interleaved(before)
         for end, (part, _) in zip(ends, open_parts, strict=True):  # many of one time: in the order of the file
             while part.start < end:
-                yield part.take(min(end, part.start + WINDOW_ROWS)).messages(self._channels)
+                yield part.take(min(end, part.start + WINDOW_ROWS))
 
     def _put_on_disk(self) -> None:
         if self._spill is None:

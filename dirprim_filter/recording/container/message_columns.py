@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from io import BytesIO
 from itertools import repeat
-from operator import getitem
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO, Self, cast
 
 import numpy as np
 
@@ -29,10 +28,11 @@ class MessageColumns:
         log_time_ns: (n,) uint64.
         publish_time_ns: (n,) uint64.
         sequence: (n,) uint32.
-        channel: (n,) int32, index into the scan's list of channels.
+        channel: (n,) int32, index into `channels`.
         start: (n,) int64, first byte of the data in `contents`.
         stop: (n,) int64, the byte after them.
         contents: what the data are slices of.
+        channels: of the iteration that these are of; the list grows as it meets more.
     """
 
     log_time_ns: AnyArray
@@ -42,12 +42,14 @@ class MessageColumns:
     start: AnyArray
     stop: AnyArray
     contents: Bytes
+    channels: list[Channel]
 
     def __len__(self) -> int:
         return len(self.log_time_ns)
 
     def __getitem__(self, rows: slice | AnyArray) -> Self:
-        return type(self)(**{name: column[rows] for name, column in self._columns().items()}, contents=self.contents)
+        columns: dict[str, Any] = {name: column[rows] for name, column in self._columns().items()}
+        return replace(self, **columns)
 
     @property
     def nbytes(self) -> int:
@@ -62,9 +64,40 @@ class MessageColumns:
             return self
         return self[np.argsort(times, kind="stable")]
 
-    def messages(self, channels: list[Channel]) -> Iterator[Message]:
-        """The messages in the order of these columns."""
-        return _made([self], slice(None), channels)
+    @property
+    def first_channel(self) -> Channel:
+        """That of the first message."""
+        return self.channels[int(self.channel[0])]
+
+    @property
+    def topic(self) -> AnyArray:
+        """(n,) str, of each message."""
+        return np.array([channel.topic for channel in self.channels], np.str_)[self.channel]
+
+    def messages(self) -> Iterator[Message]:
+        """The messages in the order of these columns, made one by one, without a step of Python for each.
+
+        Many tuples at a time would keep the garbage collector busy.
+        """
+        whole = (self.log_time_ns, self.publish_time_ns, self.sequence)
+        of = map(self.channels.__getitem__, self.channel.tolist())
+        columns = zip(*(column.tolist() for column in whole), of, self._data(), strict=True)
+        return map(tuple.__new__, repeat(Message), columns)
+
+    def _data(self) -> Iterator[bytes]:
+        """The messages' data.
+
+        Short ones are first put side by side: read one after the other they need no slice, which saves half of the
+        time.
+        """
+        length = self.stop - self.start
+        if length.sum() > SHORT_BYTES * length.size:
+            slices = map(slice, self.start.tolist(), self.stop.tolist())
+            return map(cast("Any", self.contents).__getitem__, slices)
+        beside = self if (self.start[1:] == self.stop[:-1]).all() else gathered([self], slice(None))
+        data = BytesIO(beside.contents)
+        data.seek(int(beside.start[0]) if len(beside) else 0)
+        return map(data.read, length.tolist())
 
     def spilled(self, file: BinaryIO) -> Self:
         """The same on disk: appended to `file` and mapped, so that the system may take the memory back."""
@@ -79,11 +112,11 @@ class MessageColumns:
         file.write(own)
         file.flush()
         mapped = mmap.mmap(file.fileno(), head + len(own), access=mmap.ACCESS_READ, offset=base)
-        at, again = 0, {}
+        at, again = 0, dict[str, Any]()
         for name, column in columns.items():
             again[name] = np.frombuffer(mapped, column.dtype, len(column), at)
             at += _padded(column.nbytes)
-        return type(self)(**again, contents=mapped if own else self.contents)
+        return replace(self, **again, contents=mapped if own else self.contents)
 
     def let_go(self) -> None:
         """What is on disk leaves this process's memory until it is read again."""
@@ -91,49 +124,46 @@ class MessageColumns:
             let_go(self.contents, 0, len(self.contents))
 
     def _columns(self) -> dict[str, AnyArray]:
-        return {f.name: getattr(self, f.name) for f in fields(self)[:-1]}
+        return {f.name: getattr(self, f.name) for f in fields(self)[:-2]}
 
 
-def interleaved(parts: Sequence[MessageColumns], channels: list[Channel]) -> Iterator[Message]:
-    """The messages of several parts in order of log time; those of one time in the order of the parts."""
-    return _made(parts, np.argsort(np.concatenate([part.log_time_ns for part in parts]), kind="stable"), channels)
-
-
-def _made(parts: Sequence[MessageColumns], order: AnyArray | slice, channels: list[Channel]) -> Iterator[Message]:
-    """The messages of all parts in an order, made one by one, without a step of Python for each.
-
-    Many tuples at a time would keep the garbage collector busy.
-    """
-    told = [
-        np.concatenate([getattr(part, name) for part in parts])[order].tolist()
+def gathered(parts: Sequence[MessageColumns], order: AnyArray | slice) -> MessageColumns:
+    """The messages of all parts in an order, their data side by side in it."""
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in parts])[order]
         for name in ("log_time_ns", "publish_time_ns", "sequence", "channel")
-    ]
-    of = map(channels.__getitem__, told.pop())
-    return map(tuple.__new__, repeat(Message), zip(*told, of, _data(parts, order), strict=True))
-
-
-def _data(parts: Sequence[MessageColumns], order: AnyArray | slice) -> Iterator[bytes]:
-    """The messages' data in an order.
-
-    Short ones are first put side by side: read one after the other they need no slice, which saves half of the time.
-    """
+    }
     length = np.concatenate([part.stop - part.start for part in parts])
-    if length.sum() > SHORT_BYTES * length.size:
-        part_of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order].tolist()
-        start, stop = (
-            np.concatenate([getattr(part, at) for part in parts])[order].tolist() for at in ("start", "stop")
-        )
-        contents: list[Any] = [part.contents for part in parts]
-        return map(getitem, map(contents.__getitem__, part_of), map(slice, start, stop))
     lengths = length[order]
+    stop = np.cumsum(lengths)
     at = np.empty_like(length)
-    at[order] = np.cumsum(lengths) - lengths
+    at[order] = stop - lengths
     beside = bytearray(int(lengths.sum()))
     out, first = np.frombuffer(beside, np.uint8), 0
     for part in parts:
         gather(np.frombuffer(part.contents, np.uint8), part.start, part.stop, at[first : first + len(part)], out)
         first += len(part)
-    return map(BytesIO(beside).read, lengths.tolist())
+    return MessageColumns(
+        **columns, start=stop - lengths, stop=stop, contents=cast("bytes", beside), channels=parts[0].channels
+    )
+
+
+def interleaved(parts: Sequence[MessageColumns]) -> Iterator[MessageColumns]:
+    """The messages of several parts in order of log time; those of one time in the order of the parts.
+
+    Long ones stay where they are: each run out of one part comes by itself.
+    """
+    order = np.argsort(np.concatenate([part.log_time_ns for part in parts]), kind="stable")
+    n_bytes = sum(int((part.stop - part.start).sum()) for part in parts)
+    if n_bytes <= SHORT_BYTES * order.size:
+        yield gathered(parts, order)
+        return
+    part_of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[order]
+    done = [0] * len(parts)
+    for run in np.split(part_of, np.flatnonzero(np.diff(part_of)) + 1):
+        part = int(run[0])
+        yield parts[part][done[part] : done[part] + run.size]
+        done[part] += run.size
 
 
 def _padded(n_bytes: int, to: int = 8) -> int:

@@ -1,6 +1,6 @@
 """The first pass over an MCAP file: record headers only, so that the second can read chunks in order of time.
 
-Nothing here is decompressed, and the summary is not needed: it helps with channels that stand in chunks, and tells
+Nothing here is decompressed, and the summary is not needed: it helps with channels that stand in chunks, and says
 which chunks need not be opened.
 
 Source: the MCAP specification, version 0.
@@ -45,7 +45,7 @@ HELD_BYTES = 1 << 28
 
 
 @dataclass(slots=True, kw_only=True)
-class Layout:
+class Outline:
     """Where everything stands.
 
     Attributes:
@@ -77,8 +77,8 @@ class Layout:
     damage: list[Damage] = field(default_factory=list)
 
 
-def read_layout(file: mmap) -> Layout:
-    """The layout of a file that starts like an MCAP log."""
+def read_outline(file: mmap) -> Outline:
+    """The outline of a file that starts like an MCAP log."""
     walk = _Walk(file)
     walk.check_opening()
     at, held = len(MAGIC), 0
@@ -89,7 +89,7 @@ def read_layout(file: mmap) -> Layout:
             held = at
     walk.check_summary()
     let_go(file, held, len(file))
-    return walk.layout
+    return walk.outline
 
 
 class _Walk:
@@ -99,7 +99,7 @@ class _Walk:
         self.file = file
         self.size = len(file)
         self.chunks = ChunkFinder(file)
-        self.layout = Layout()
+        self.outline = Outline()
         self.has_unchunked = False
         self.data_end: int | None = None  # the byte after the DataEnd record
         self.summary_crc_holds = False
@@ -144,7 +144,7 @@ class _Walk:
         end, first_ns, last_ns = message_run(np.frombuffer(self.file, np.uint8), at, RUN_BYTES)
         if end > at:
             self.has_unchunked = True
-            self.layout.chunks.append(
+            self.outline.chunks.append(
                 Chunk(
                     offset=at, data_offset=at, data_length=end - at, size=end - at,
                     start_ns=int(first_ns), end_ns=int(last_ns), crc=0, compression="",
@@ -159,7 +159,7 @@ class _Walk:
             return self.recover(at)
         if chunk.is_cut and self.chunks.next_chunk(chunk.data_offset, self.size) is not None:
             return self.recover(at)  # the file goes on: not its end, but the chunk's length is wrong
-        self.layout.chunks.append(chunk)
+        self.outline.chunks.append(chunk)
         return chunk.end if not chunk.is_cut else None
 
     def take_small(self, opcode: int, at: int, end: int) -> int | None:
@@ -174,34 +174,34 @@ class _Walk:
         return end
 
     def learn(self, opcode: int, at: int, end: int) -> None:
-        layout, file = self.layout, self.file
+        outline, file = self.outline, self.file
         if opcode == Opcode.HEADER:
             header = parse(file, at)
-            layout.profile, layout.library = header.profile, header.library
+            outline.profile, outline.library = header.profile, header.library
         elif opcode == Opcode.SCHEMA:
-            schema_id, layout.schemas[schema_id] = parse_schema(file, at)
+            schema_id, outline.schemas[schema_id] = parse_schema(file, at)
         elif opcode == Opcode.CHANNEL:
             self.take_channel(at)
         elif opcode == Opcode.METADATA:
             record = parse(file, at)
-            layout.metadata.append((record.name, record.metadata))
+            outline.metadata.append((record.name, record.metadata))
         elif opcode == Opcode.ATTACHMENT:
             self.take_attachment(at)
         elif opcode == Opcode.CHUNK_INDEX:
             index = parse(file, at)
-            layout.index[index.chunk_start_offset] = index
+            outline.index[index.chunk_start_offset] = index
         elif opcode == Opcode.DATA_END:
             self.check_data(at, parse(file, at).data_section_crc)
             self.data_end = end
         elif opcode >= PRIVATE:
-            layout.private.append((at, end))
+            outline.private.append((at, end))
 
     def take_attachment(self, at: int) -> None:
         attachment = parse_attachment(self.file, at)
         crc_at = attachment.data_offset + attachment.size
         with memoryview(self.file) as view:
             if attachment.crc in (0, zlib.crc32(view[at + RECORD_HEADER_SIZE : crc_at])):
-                self.layout.attachments.append(attachment)
+                self.outline.attachments.append(attachment)
                 return
         detail = f"attachment {attachment.name!r}: its checksum does not hold"
         self.damaged("attachment", at, attachment.end - at, 0, detail)
@@ -209,13 +209,13 @@ class _Walk:
     def take_channel(self, at: int) -> None:
         is_data = self.data_end is None
         try:
-            channel_id, channel = parse_channel(self.file, at, self.layout.schemas)
+            channel_id, channel = parse_channel(self.file, at, self.outline.schemas)
         except UndefinedSchemaError:
             if is_data:
                 raise
-            self.layout.is_summarised = False  # a summary need not repeat the schemas that stand in chunks
+            self.outline.is_summarised = False  # a summary need not repeat the schemas that stand in chunks
             return
-        (self.layout.channels if is_data else self.layout.summary_channels)[channel_id] = channel
+        (self.outline.channels if is_data else self.outline.summary_channels)[channel_id] = channel
 
     def check_data(self, start: int, expected: int) -> None:
         """Messages in chunks have their own checksums; for those outside only this one vouches."""
@@ -254,7 +254,7 @@ class _Walk:
         got = f"opcode {self.file[at]:#04x}, length {end - at - RECORD_HEADER_SIZE}"
         if chunk := salvageable(self.chunks, at):
             self.damaged("record", at, RECORD_HEADER_SIZE, 0, f"{got}; by its fields a chunk, and read as one")
-            self.layout.chunks.append(chunk)
+            self.outline.chunks.append(chunk)
             return chunk.end
         is_skipped = end > at + RECORD_HEADER_SIZE and starts_record(self.file, end)
         if is_skipped and self.chunks.next_chunk(at + 1, end) is None:
@@ -271,7 +271,7 @@ class _Walk:
         """A chunk within the record before, of which bytes are missing: its length then reaches beyond its end."""
         start = self.previous
         found = self.chunks.next_chunk(start + 1, at) if start < at else None
-        last = self.layout.chunks[-1] if self.layout.chunks else None
+        last = self.outline.chunks[-1] if self.outline.chunks else None
         if found is None or (last and last.offset == start and self.chunks.is_sound(last)):
             return None
         self.damaged("record", start, found - start, None, f"a record of {at - start} bytes holds the chunk behind it")
@@ -286,32 +286,32 @@ class _Walk:
         if self.summary_crc_holds:
             self.check_channels()
         self.check_chunk_indexes()
-        if any(damage.kind in ("summary", "truncated", "magic") for damage in self.layout.damage):
-            self.layout.index.clear()
+        if any(damage.kind in ("summary", "truncated", "magic") for damage in self.outline.damage):
+            self.outline.index.clear()
 
     def check_channels(self) -> None:
         """No checksum protects what stands outside of chunks; what the summary's vouches for goes before."""
-        for channel_id, channel in self.layout.summary_channels.items():
-            own = self.layout.channels.get(channel_id, channel)
+        for channel_id, channel in self.outline.summary_channels.items():
+            own = self.outline.channels.get(channel_id, channel)
             if own != channel:
                 detail = (
                     f"channel {channel_id}: {own.topic!r} in the data, {channel.topic!r} in the summary, which holds"
                 )
                 self.damaged("definition", 0, 0, 0, detail)
-                self.layout.channels[channel_id] = channel
+                self.outline.channels[channel_id] = channel
 
     def check_chunk_indexes(self) -> None:
         """Take the earlier of two start times; find chunks that only the summary knows."""
-        layout = self.layout
-        for i, chunk in enumerate(layout.chunks):  # no checksum protects a chunk's times; one of the two may be right
-            told = layout.index.get(chunk.offset)
-            if told and told.message_start_time < chunk.start_ns:
-                layout.chunks[i] = replace(chunk, start_ns=told.message_start_time)
-        found = {chunk.offset for chunk in layout.chunks}
-        missing = [offset for offset in layout.index if offset not in found]
-        if missing and not layout.damage:
-            detail = f"{len(missing)} of {len(layout.index)} chunk indexes point where no chunk is"
+        outline = self.outline
+        for i, chunk in enumerate(outline.chunks):  # no checksum protects a chunk's times; one of the two may be right
+            said = outline.index.get(chunk.offset)
+            if said and said.message_start_time < chunk.start_ns:
+                outline.chunks[i] = replace(chunk, start_ns=said.message_start_time)
+        found = {chunk.offset for chunk in outline.chunks}
+        missing = [offset for offset in outline.index if offset not in found]
+        if missing and not outline.damage:
+            detail = f"{len(missing)} of {len(outline.index)} chunk indexes point where no chunk is"
             self.damaged("summary", missing[0], 0, None, detail)
 
     def damaged(self, kind: DamageKind, offset: int, length: int, messages: int | None, detail: str) -> None:
-        self.layout.damage.append(Damage(kind=kind, offset=offset, length=length, messages=messages, detail=detail))
+        self.outline.damage.append(Damage(kind=kind, offset=offset, length=length, messages=messages, detail=detail))

@@ -6,7 +6,7 @@ made. Attachments whose checksum holds, metadata and private records stay.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
@@ -20,7 +20,7 @@ from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.definitions import definition_records
 from dirprim_filter.recording.container.errors import DamagedRecordingError
-from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.partial_file import PartialFile
@@ -103,10 +103,10 @@ def recover(
         OutputExistsError: the output exists, and `force` is not set.
         OSError: a file cannot be read or written.
     """
-    with Scan(path) as log, PartialFile(output, force=force) as file:
-        layout = log.layout
-        writer = McapWriter(file, profile=layout.profile, library=layout.library)
-        for name, entries in layout.metadata:
+    with Log(path) as opened, PartialFile(output, force=force) as file:
+        log, outline = opened.scan(), opened.outline
+        writer = McapWriter(file, profile=outline.profile, library=outline.library)
+        for name, entries in outline.metadata:
             writer.add_metadata(name, entries)
         copier = _Copier(log, writer)
         for done, (chunk, columns) in enumerate(log.parts(), start=1):
@@ -114,33 +114,33 @@ def recover(
                 raise DamagedRecordingError(log.path, log.damage)
             copier.take(chunk, columns)
             if progress is not None:
-                progress(done, len(layout.chunks))
+                progress(done, len(outline.chunks))
         if strict and log.damage:
             raise DamagedRecordingError(log.path, log.damage)
-        for attachment in layout.attachments:
-            writer.add_attachment(attachment, log.file[attachment.offset : attachment.end])
-        for start, end in layout.private:
-            writer.add_private(log.file[start:end])
+        for attachment in outline.attachments:
+            writer.add_attachment(attachment, opened.file[attachment.offset : attachment.end])
+        for start, end in outline.private:
+            writer.add_private(opened.file[start:end])
         writer.finish()
         return Recovery(
             saved=copier.saved, chunks_copied=copier.copied, chunks_rewritten=copier.rewritten,
-            attachments=len(layout.attachments), metadata=len(layout.metadata), damage=tuple(log.damage),
+            attachments=len(outline.attachments), metadata=len(outline.metadata), damage=tuple(log.damage),
         )  # fmt: skip
 
 
 class _Copier:
     """Takes over chunk after chunk, and counts."""
 
-    def __init__(self, log: Scan, writer: McapWriter) -> None:
-        self.log = log
+    def __init__(self, scan: Scan, writer: McapWriter) -> None:
+        self.scan = scan
         self.writer = writer
         self.saved = self.copied = self.rewritten = 0
         self._seen_damage = 0
 
     def take(self, chunk: Chunk, columns: MessageColumns) -> None:
         self.saved += len(columns)
-        is_clean = len(self.log.damage) == self._seen_damage or not self._is_hit(chunk)
-        self._seen_damage = len(self.log.damage)
+        is_clean = len(self.scan.damage) == self._seen_damage or not self._is_hit(chunk)
+        self._seen_damage = len(self.scan.damage)
         if is_clean and self._is_whole(chunk) and self._copy(chunk, columns):
             self.copied += 1
         elif len(columns):
@@ -148,11 +148,11 @@ class _Copier:
             self.rewritten += 1
 
     def _is_hit(self, chunk: Chunk) -> bool:
-        return any(damage.offset == chunk.offset for damage in self.log.damage[self._seen_damage :])
+        return any(damage.offset == chunk.offset for damage in self.scan.damage[self._seen_damage :])
 
     def _is_whole(self, chunk: Chunk) -> bool:
         """Whether it stands in the file as one record whose two lengths agree."""
-        file = self.log.file
+        file = self.scan.log.file
         is_record = chunk.data_offset > chunk.offset and file[chunk.offset] == Opcode.CHUNK and not chunk.is_cut
         return is_record and chunk.end == chunk.claimed_end == record_end(file, chunk.offset)
 
@@ -163,8 +163,8 @@ class _Copier:
             return False
         ids = _channel_ids(columns)
         pairs = np.unique(np.column_stack([ids, columns.channel]), axis=0).tolist()
-        used = {channel_id: self.log.channel_list[index] for channel_id, index in pairs}
-        schemas, channels = _definitions(bytes(columns.contents), self.log.definitions.schemas)
+        used = {channel_id: columns.channels[index] for channel_id, index in pairs}
+        schemas, channels = _definitions(bytes(columns.contents), self.scan.definitions.schemas)
         if len(used) < len(pairs) or not self._fits(used, schemas, channels):
             return False
         for schema_id, channel in channels.values():
@@ -172,7 +172,7 @@ class _Copier:
             if is_missing and self.writer.define_schema(channel.schema, schema_id) != schema_id:
                 return False
         for one in used.keys() - channels.keys() - self.writer.channels.keys():
-            self.writer.define(used[one], one, self.log.definitions.schema_id(used[one].schema))
+            self.writer.define(used[one], one, _key_of(self.scan.definitions.schemas, used[one].schema))
         self.writer.close_chunk()
         self.writer.schemas.update(schemas)
         for schema_id, channel in channels.values():
@@ -185,7 +185,8 @@ class _Copier:
             message_index_length=0, message_index_offsets={},
         )  # fmt: skip
         offsets = (columns.start - MESSAGE_HEADER.size).astype(np.uint64)
-        self.writer.put_chunk(self.log.file[chunk.offset : chunk.end], index, ids, np.column_stack([times, offsets]))
+        record = self.scan.log.file[chunk.offset : chunk.end]
+        self.writer.put_chunk(record, index, ids, np.column_stack([times, offsets]))
         return True
 
     def _fits(
@@ -204,19 +205,24 @@ class _Copier:
     def _rewrite(self, columns: MessageColumns) -> None:
         writer, ids = self.writer, {}
         for index in np.unique(columns.channel).tolist():
-            ids[self.log.channel_list[index]] = self._id_of(self.log.channel_list[index])
-        for message in columns.messages(self.log.channel_list):
+            ids[columns.channels[index]] = self._id_of(columns.channels[index])
+        for message in columns.messages():
             writer.add(
                 ids[message.channel], message.sequence, message.log_time_ns, message.publish_time_ns, message.data
             )
         writer.close_chunk()
 
     def _id_of(self, channel: Channel) -> int:
-        for known_id, (_, known) in self.writer.channels.items():
-            if known == channel:
-                return known_id
-        wanted = self.log.definitions.channel_id(channel)
-        return self.writer.define(channel, wanted, self.log.definitions.schema_id(channel.schema))
+        written = {known: known_id for known_id, (_, known) in self.writer.channels.items()}
+        if channel in written:
+            return written[channel]
+        wanted = _key_of(self.scan.definitions.channels, channel)
+        return self.writer.define(channel, wanted, _key_of(self.scan.definitions.schemas, channel.schema))
+
+
+def _key_of(known: Mapping[int, Schema] | Mapping[int, Channel], value: Schema | Channel) -> int | None:
+    """An id under which it is defined."""
+    return next((number for number, one in known.items() if one == value), None)
 
 
 def _channel_ids(columns: MessageColumns) -> AnyArray:

@@ -27,12 +27,15 @@ LOOP, END_LOOP, UNLESS_SELECTED, JUMP, MARK = range(7, 12)
 
 
 @njit(**COMPILED)
-def walk_cdr(data: AnyArray, starts: IntArray, tables: Tables, status: IntArray, ops: IntArray, n_loops: int) -> bool:
+def walk_cdr(
+    data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, ops: IntArray, n_loops: int
+) -> bool:
     """Run the program `ops` over each message; whether a table was too small: then nothing counts.
 
     Args:
-        data: (n_bytes,) uint8, the messages one after the other.
-        starts: (n_messages + 1,) where each starts.
+        data: (n_bytes,) uint8.
+        starts: (n_messages,) where each message starts.
+        stops: (n_messages,) where it ends.
         tables: out.
         status: (n_messages,) out.
         ops: (n_ops, 6) operation and its numbers, see `cdr_plan`.
@@ -45,8 +48,8 @@ def walk_cdr(data: AnyArray, starts: IntArray, tables: Tables, status: IntArray,
     left = np.zeros(n_loops + 1, np.int64)
     index = np.zeros(n_loops + 1, np.int64)
     outer = np.zeros(n_loops + 1, np.int64)  # the table that the loop was entered from
-    for message in range(starts.size - 1):
-        at, end = starts[message], starts[message + 1]
+    for message in range(starts.size):
+        at, end = starts[message], stops[message]
         for table in range(n_tables):
             before[table] = n_rows[table]
         row[0] = new_row(tables, 0, message, message)

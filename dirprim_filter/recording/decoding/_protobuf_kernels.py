@@ -68,6 +68,7 @@ def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
 def walk_protobuf(
     data: AnyArray,
     starts: IntArray,
+    stops: IntArray,
     tables: Tables,
     status: IntArray,
     entries: IntArray,
@@ -77,8 +78,9 @@ def walk_protobuf(
     """Read the wanted fields of each message; whether a table was too small: then nothing counts.
 
     Args:
-        data: (n_bytes,) uint8, the messages one after the other.
-        starts: (n_messages + 1,) where each starts.
+        data: (n_bytes,) uint8.
+        starts: (n_messages,) where each message starts.
+        stops: (n_messages,) where it ends.
         tables: out.
         status: (n_messages,) out.
         entries: (n_entries, 8) field number, wire type, action, form, table, column, child node or number wanted,
@@ -93,7 +95,7 @@ def walk_protobuf(
     nodes = np.zeros(depth_max + 2, np.int64)
     rows = np.zeros(depth_max + 2, np.int64)  # cell where the row of that level starts
     numbers = np.zeros(depth_max + 2, np.int64)  # and its number in its table
-    for message in range(starts.size - 1):
+    for message in range(starts.size):
         at = starts[message]
         for table in range(n_tables):
             before[table] = n_rows[table]
@@ -102,7 +104,7 @@ def walk_protobuf(
             return True
         before[0] += 1
         depth = 0
-        ends[0], nodes[0], rows[0], numbers[0] = starts[message + 1], 0, base[0] + made * width[0], made
+        ends[0], nodes[0], rows[0], numbers[0] = stops[message], 0, base[0] + made * width[0], made
         state = OK
         while True:
             end = ends[depth]

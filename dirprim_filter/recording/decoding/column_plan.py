@@ -30,9 +30,15 @@ _NOWHERE: tuple[int, int, Form] = (-1, 0, "int")
 class Plan(Protocol):
     """Reads the wanted fields out of messages of one schema."""
 
-    def run(self, payloads: Sequence[bytes], /) -> Shredded:
-        """The columns of a batch."""
+    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> Shredded:
+        """The columns of the messages that stand in (n_bytes,) uint8 `data`, from (n,) `start` to (n,) `stop`."""
         ...
+
+    def run(self, payloads: Sequence[bytes]) -> Shredded:
+        """The columns of these messages."""
+        length = np.fromiter(map(len, payloads), np.int64, len(payloads))
+        stop = np.cumsum(length)
+        return self.read(np.frombuffer(b"".join(payloads), np.uint8), stop - length, stop)
 
 
 class Layout:
@@ -120,10 +126,10 @@ class Layout:
 
 
 Walk = Callable[..., bool]
-"""A kernel: of data, starts, tables, status, and its program."""
+"""A kernel: of data, starts, stops, tables, status, and its program."""
 
 
-class ColumnPlan:
+class ColumnPlan(Plan):
     """A compiled plan: a walk, and the tables that it writes."""
 
     def __init__(self, layout: Layout, walk: Walk, *program: AnyArray | int) -> None:
@@ -133,12 +139,9 @@ class ColumnPlan:
         self._defaults, self._default_base, self._width = layout.default_rows()
         self._capacity = np.full(self._width.size, 64, np.int64)
 
-    def run(self, payloads: Sequence[bytes], /) -> Shredded:
-        """The columns of a batch; messages that cannot be read are told in its `failures`."""
-        n = len(payloads)
-        starts = np.zeros(n + 1, np.int64)
-        np.cumsum(np.fromiter(map(len, payloads), np.int64, n), out=starts[1:])
-        data = np.frombuffer(b"".join(payloads), np.uint8)
+    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> Shredded:
+        """The columns of messages; `failures` says which cannot be read."""
+        n = len(start)
         status = np.zeros(n, np.int64)
         count = np.zeros(self._width.size, np.int64)
         self._capacity[0] = max(self._capacity[0], n)
@@ -149,7 +152,7 @@ class ColumnPlan:
             count[:] = 0
             status[:] = 0
             tables = kernels.Tables(cells, base, self._width, self._capacity, count, self._defaults, self._default_base)
-            if not self._walk(data, starts, tables, status, *self._program):
+            if not self._walk(data, start, stop, tables, status, *self._program):
                 break
             self._capacity[count >= self._capacity] *= 2
         written = [

@@ -11,16 +11,17 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dirprim_filter.recording.decoding._kernels import MAX_ELEMENTS
-from dirprim_filter.recording.decoding.column_plan import CLOCKS
+from dirprim_filter.recording.decoding.column_plan import CLOCKS, Plan
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, Column, Shredded
 from dirprim_filter.recording.decoding.fields import EACH, Field, Kind, Wanted, wanted
+from tessellation.arrays import AnyArray, IntArray
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FRACTION_DIGITS = 9
@@ -34,28 +35,28 @@ class _UnlikeError(ValueError):
     """A value is not of the kind that is wanted there."""
 
 
-class JsonPlan:
+class JsonPlan(Plan):
     """Reads the wanted fields of JSON messages; those that a message lacks are missing."""
 
     def __init__(self, fields: Mapping[str, Field]) -> None:
         self._fields = fields
         self._wanted = wanted(fields)
 
-    def run(self, payloads: Sequence[bytes], /) -> Shredded:
-        """The columns of a batch."""
+    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> Shredded:
+        """The columns of messages."""
         walk = _Walk(self._fields)
         failures: dict[int, str] = {}
-        for message, payload in enumerate(payloads):
+        for message, (first, end) in enumerate(zip(start.tolist(), stop.tolist(), strict=True)):
             kept = walk.sizes()
             try:
-                walk.enter(self._wanted, json.loads(payload), "", message, message)
+                walk.enter(self._wanted, json.loads(data[first:end].tobytes()), "", message, message)
             except (ValueError, OverflowError, RecursionError) as error:
                 failures[message] = f"no JSON of its schema: {error}"
                 walk.cut(kept)
             walk.ensure_message(message)
         return Shredded(
             fields=self._fields,
-            n_messages=len(payloads),
+            n_messages=len(start),
             rows={path: (np.array(m, np.int64), np.array(p, np.int64)) for path, (m, p) in walk.rows.items()},
             columns={label: _column(self._fields[label].kind, values) for label, values in walk.values.items()},
             data=np.empty(0, np.uint8),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Unpack
 
 import numpy as np
 
@@ -12,7 +11,8 @@ from dirprim_filter.detections import NO_ID, Detections, is_covariance
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.losses import ClockFaults, Drops
-from dirprim_filter.recording.objects.observations import Observations, Reading, TimedRows, log_losses
+from dirprim_filter.recording.objects.observations import Observations, TimedRows, log_losses
+from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 
@@ -25,31 +25,24 @@ class DetectionStream:
         clock: what is odd about the times of the messages so far.
     """
 
-    def __init__(
-        self,
-        log: Scan,
-        *,
-        topics: frozenset[str],
-        motion: bool,
-        **reading: Unpack[Reading],
-    ) -> None:
-        self._log = log
+    def __init__(self, scan: Scan, options: ReadOptions, *, topics: frozenset[str], motion: bool) -> None:
+        self._scan = scan
+        self._options = options
         self.topics = topics
         self._motion = motion
-        self._reading = reading
         self.dropped = Drops()
         self.clock = ClockFaults()
 
     @property
     def end_ns(self) -> int | None:
         """The last log time to come, as the chunks say; None of an empty log."""
-        last, asked = self._log.end_ns, self._reading.get("end_ns")
+        last, asked = self._scan.end_ns, self._options.end_ns
         return last if last is None or asked is None else min(last, asked)
 
     @property
     def damage(self) -> list[Damage]:
         """What of the file could not be read so far."""
-        return self._log.damage
+        return self._scan.damage
 
     def __iter__(self) -> Iterator[Detections]:
         """The instants.
@@ -58,7 +51,7 @@ class DetectionStream:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
         """
-        observations = Observations(self._log, **self._reading)
+        observations = Observations(self._scan, self._options)
         self.dropped, self.clock = observations.drops, observations.clock
         came_ns = -(1 << 63)
         rest = Detections.none()
@@ -72,12 +65,12 @@ class DetectionStream:
             yield from whole
         if len(rest):
             yield rest
-        log_losses(self._log.path, self.damage, self.dropped, self.clock)
+        log_losses(self._scan.path, self.damage, self.dropped, self.clock)
 
     def _detections(self, batch: TimedRows) -> Detections:
         """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
         rows = batch.rows
-        is_one_world = self._reading.get("group") is not None  # the group that was asked for goes under its own ids
+        is_one_world = self._options.group is not None  # the group that was asked for goes under its own ids
         seen = Detections(
             track_id=rows.track_id,
             time_ns=batch.time_ns,

@@ -4,44 +4,26 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from operator import attrgetter
 from pathlib import Path
-from typing import Literal, NamedTuple, TypedDict
+from typing import NamedTuple
 
 import numpy as np
 
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import Scan
-from dirprim_filter.recording.container.records import Message
+from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.losses import Clock, ClockFaults, Drops
 from dirprim_filter.recording.name_patterns import matching
-from dirprim_filter.recording.schemas.decoders import TOPIC, Decoders, batches, by_schema
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.objects.options import ReadOptions
+from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 from dirprim_filter.recording.schemas.object_rows import ObservedRows, concatenated
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
 from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
-
-TimeSource = Literal["log", "publish", "header"]
-"""Which of a message's times counts: of logging, of publishing, or the one its contents carry."""
-
-
-class Reading(TypedDict, total=False):
-    """How the objects of a log are read; what is left out is as `Observations` has it."""
-
-    time_source: TimeSource
-    start_ns: int | None
-    end_ns: int | None
-    strict: bool
-    frame: str | None
-    mapping: FieldMapping | None
-    origin: Origin | None
-    labels: str | None
-    group: int | None
 
 
 class TimedRows(NamedTuple):
@@ -54,36 +36,18 @@ class TimedRows(NamedTuple):
 class Observations:
     """Reads the objects of one log once through, and counts what it leaves out.
 
-    What its arguments mean is told by `read_tracks`.
-
     Attributes:
         drops: what was left out so far.
     """
 
-    def __init__(
-        self,
-        log: Scan,
-        *,
-        time_source: TimeSource = "log",
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        strict: bool = False,
-        frame: str | None = None,
-        mapping: FieldMapping | None = None,
-        origin: Origin | None = None,
-        labels: str | None = None,
-        group: int | None = None,
-    ) -> None:
+    def __init__(self, scan: Scan, options: ReadOptions) -> None:
         self.drops = Drops()
         self._clock = Clock()
-        self._log = log
-        self._time_source = time_source
-        self._start_ns, self._end_ns = start_ns, end_ns
-        self._strict = strict
-        self._decoders = Decoders(mapping)
-        self._labels = None if labels is None else matching(labels, of="labels")
-        self._group = group
-        self._frame = FrameChange(log.path, frame, origin, strict=strict)
+        self._scan = scan
+        self._options = options
+        self._decoders = Decoders(options.mapping)
+        self._is_label = None if options.labels is None else matching(options.labels, of="labels")
+        self._frame = FrameChange(scan.log, options.frame, options.origin, strict=options.strict)
 
     @property
     def clock(self) -> ClockFaults:
@@ -103,7 +67,7 @@ class Observations:
             DecodeError: strict, and a message is not what its schema says.
             MissingTransformError: nothing joins the frame of objects to the one asked for.
         """
-        for batch in batches(self._log, self._decoders):
+        for batch in batches(self._scan.columns(), self._decoders):
             self._check_intact()
             timed = self._timed(batch)
             if timed.rows.message.size:
@@ -111,24 +75,23 @@ class Observations:
         self._frame.check()
         if self._frame.tree is not None:
             self.drops += self._frame.tree.dropped
-            self._log.damage.extend(broken for broken in self._frame.tree.damage if broken not in self._log.damage)
+            self._scan.damage.extend(broken for broken in self._frame.tree.damage if broken not in self._scan.damage)
         self._check_intact()
 
     def _check_intact(self) -> None:
-        if self._strict and self._log.damage:
-            raise DamagedRecordingError(self._log.path, self._log.damage)
+        if self._options.strict and self._scan.damage:
+            raise DamagedRecordingError(self._scan.path, self._scan.damage)
 
-    def _timed(self, batch: Sequence[Message]) -> TimedRows:
+    def _timed(self, batch: MessageColumns) -> TimedRows:
         """The valid objects of a batch within the wanted time."""
         parts = []
         for places, messages in by_schema(batch):
             rows, failures = self._decoders.rows(messages)
-            if self._strict and failures:
-                i, reason = next(iter(failures.items()))
-                raise DecodeError.of(self._log.path, messages[i], reason)
+            if self._options.strict and failures:
+                raise DecodeError.of(self._scan.path, messages, failures)
             self.drops.fail(failures.values())
             time_ns = self._times(messages, rows)
-            self._clock.watch_objects(list(map(TOPIC, messages)), rows.message, time_ns)
+            self._clock.watch_objects(messages, rows.message, time_ns)
             parts.append((places, time_ns, rows))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
         time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])
@@ -146,26 +109,26 @@ class Observations:
         kept = placed & near
         return TimedRows(time_ns[wanted][kept], rows[kept])
 
-    def _times(self, messages: Sequence[Message], rows: ObservedRows) -> IntArray:
+    def _times(self, messages: MessageColumns, rows: ObservedRows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
-        if self._time_source == "header":
+        if self._options.time_source == "header":
             return rows.stamp_ns
-        times = map(attrgetter(f"{self._time_source}_time_ns"), messages)
-        return signed(np.fromiter(times, np.uint64, len(messages)))[rows.message]
+        times = messages.log_time_ns if self._options.time_source == "log" else messages.publish_time_ns
+        return signed(times)[rows.message]
 
     def _wanted(self, message: IntArray, time_ns: IntArray, rows: ObservedRows) -> BoolArray:
         timed = time_ns != NO_TIME
         self.drops.untimed += int(np.unique(message[~timed]).size)
         wanted: BoolArray = timed
-        if self._start_ns is not None:
-            wanted = wanted & (time_ns >= self._start_ns)
-        if self._end_ns is not None:
-            wanted = wanted & (time_ns < self._end_ns)
-        if self._labels is not None:
+        if self._options.start_ns is not None:
+            wanted = wanted & (time_ns >= self._options.start_ns)
+        if self._options.end_ns is not None:
+            wanted = wanted & (time_ns < self._options.end_ns)
+        if self._is_label is not None:
             names, of = np.unique(rows.label, return_inverse=True)
-            wanted = wanted & np.array([self._labels(name) for name in names.tolist()], np.bool_)[of]
-        if self._group is not None:
-            wanted = wanted & (rows.group == self._group)
+            wanted = wanted & np.array([self._is_label(name) for name in names.tolist()], np.bool_)[of]
+        if self._options.group is not None:
+            wanted = wanted & (rows.group == self._options.group)
         return wanted
 
     def _valid(self, rows: ObservedRows) -> BoolArray:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import logging
 from collections import Counter, deque
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import Scan
+from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.name_patterns import matching
+from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas import KINDS
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, schema_name
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 
 logger = logging.getLogger(__name__)
 
@@ -26,12 +25,7 @@ OUTPUT_PREFIX = "/dirprim/"
 
 
 def choose_topics(
-    path: Path,
-    topics: str | None,
-    *,
-    prefer_detections: bool = False,
-    strict: bool = False,
-    mapping: FieldMapping | None = None,
+    log: Log, topics: str | None, options: ReadOptions, *, prefer_detections: bool = False
 ) -> frozenset[str]:
     """The topics to read objects from.
 
@@ -46,8 +40,7 @@ def choose_topics(
         DamagedRecordingError: strict, there is none, and the log is damaged.
         ValueError: `topics` is no name in the log and no regular expression.
     """
-    with Scan(path) as log:
-        channels = log.channels()
+    channels, mapping = log.channels(), options.mapping
     decoders = Decoders(mapping)
     schema_of = {c.topic: schema_name(c) for c in channels if decoders.reads(c)}
     looked_for = f" (fields {mapping})" if mapping else ""
@@ -58,13 +51,13 @@ def choose_topics(
     else:
         inputs = {t: s for t, s in schema_of.items() if not t.startswith(OUTPUT_PREFIX)}
         kinds = [set(inputs.values())] if mapping else _KINDS
-        chosen = _default(path, inputs, decoders, kinds, prefer_detections=prefer_detections)
+        chosen = _default(log, inputs, decoders, kinds, prefer_detections=prefer_detections)
         wanted = f"a topic with moving objects{looked_for}"
     if not chosen:
-        damage = _damage(path)
-        if strict and damage:
-            raise DamagedRecordingError(path, damage)
-        raise NoTracksError(path, has=channels, wanted=wanted + why, damage=damage)
+        damage = _damage(log)
+        if options.strict and damage:
+            raise DamagedRecordingError(log.path, damage)
+        raise NoTracksError(log.path, has=channels, wanted=wanted + why, damage=damage)
     return chosen
 
 
@@ -75,51 +68,45 @@ def _named(topics: str, schema_of: dict[str, str]) -> list[str]:
 
 
 def _default(
-    path: Path,
-    schema_of: dict[str, str],
-    decoders: Decoders,
-    kinds: Sequence[set[str]],
-    *,
-    prefer_detections: bool,
+    log: Log, schema_of: dict[str, str], decoders: Decoders, kinds: Sequence[set[str]], *, prefer_detections: bool
 ) -> frozenset[str]:
     if prefer_detections and topic_names.DETECTIONS in schema_of:
         return frozenset({topic_names.DETECTIONS})
     for names in kinds:
-        carrying = _carrying_objects(path, decoders, {topic for topic, schema in schema_of.items() if schema in names})
+        carrying = _carrying_objects(log, decoders, {topic for topic, schema in schema_of.items() if schema in names})
         true = {topic for topic in carrying if not topic.startswith(topic_names.DETECTIONS)} or carrying
         if len(true) > 1:
-            return frozenset({_longest(path, true)})
+            return frozenset({_longest(log, true)})
         if true:
             return frozenset(true)
     return frozenset()
 
 
-def _carrying_objects(path: Path, decoders: Decoders, topics: set[str]) -> set[str]:
+def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str]:
     """Those of the topics in which some message holds an object; reads no further than needed to know."""
     carrying: set[str] = set()
     if topics:
-        with Scan(path, topics.__contains__) as log:
-            for batch in batches(log, decoders):
-                for _, messages in by_schema(batch):
-                    rows, _ = decoders.rows(messages)
-                    carrying |= {
-                        messages[i].topic for i in np.unique(rows.message[np.isfinite(rows.position[:, 0])]).tolist()
-                    }
-                if carrying == topics:
-                    break
+        for batch in batches(log.scan(topics.__contains__).columns(), decoders):
+            for _, messages in by_schema(batch):
+                rows, _ = decoders.rows(messages)
+                of = messages.channel[rows.message[np.isfinite(rows.position[:, 0])]]
+                carrying |= {messages.channels[i].topic for i in np.unique(of).tolist()}
+            if carrying == topics:
+                break
     return carrying
 
 
-def _damage(path: Path) -> list[Damage]:
+def _damage(log: Log) -> list[Damage]:
     """All that is broken, which is known once all chunks were read."""
-    with Scan(path) as log:
-        deque(log, maxlen=0)
-        return log.damage
+    scan = log.scan()
+    deque(scan.parts(), maxlen=0)
+    return scan.damage
 
 
-def _longest(path: Path, topics: set[str]) -> str:
-    with Scan(path, topics.__contains__) as log:
-        n_messages = Counter(message.topic for message in log)
+def _longest(log: Log, topics: set[str]) -> str:
+    n_messages: Counter[str] = Counter()
+    for _, columns in log.scan(topics.__contains__).parts():
+        n_messages.update(columns.topic.tolist())
     chosen = min(topics, key=lambda topic: (-n_messages[topic], topic))
-    logger.info("%s: of the topics %s, %s is read", path, ", ".join(sorted(topics)), chosen)
+    logger.info("%s: of the topics %s, %s is read", log.path, ", ".join(sorted(topics)), chosen)
     return chosen

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
-from operator import attrgetter
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
 
 import numpy as np
 
-from dirprim_filter.recording.container.records import ENCODINGS, Channel, Message, Schema
+from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
+from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan, full_name
 from dirprim_filter.recording.decoding.column_plan import Plan
 from dirprim_filter.recording.decoding.field_columns import Shredded
@@ -23,12 +23,6 @@ from tessellation.arrays import IntArray
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
 """Messages are decoded together up to about so many: memory is bounded by a batch."""
-CHANNEL, DATA, TOPIC = attrgetter("channel"), attrgetter("data"), attrgetter("channel.topic")
-"""Of a message; mapped over many, faster than a loop."""
-
-
-class PayloadError(SchemaError):
-    """A message is not what its schema says."""
 
 
 def family_of(channel: Channel) -> Family | None:
@@ -95,7 +89,7 @@ class Decoders:
     def _family(self, channel: Channel) -> Family:
         return self._mapped or FAMILIES[schema_name(channel)]
 
-    def rows(self, messages: Sequence[Message]) -> tuple[ObservedRows, dict[int, str]]:
+    def rows(self, messages: MessageColumns) -> tuple[ObservedRows, dict[int, str]]:
         """The objects of messages, and by number why a message cannot be read.
 
         Args:
@@ -105,73 +99,55 @@ class Decoders:
             shredded = self.shredded(messages)
         except SchemaError as error:
             return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
-        topics = np.array(list(map(TOPIC, messages)), dtype=np.str_)
-        with np.errstate(
-            all="ignore"
-        ):  # of a stranger's numbers, what is not finite is left out where rows are checked
-            rows = self._family(messages[0].channel).objects(shredded, topics)
+        with np.errstate(all="ignore"):  # of a stranger's numbers; where rows are checked, only finite ones stay
+            rows = self._family(messages.first_channel).objects(shredded, messages.topic)
         if shredded.failures:
             rows = rows[~np.isin(rows.message, list(shredded.failures))]
         return rows, shredded.failures
 
-    def shredded(self, messages: Sequence[Message]) -> Shredded:
+    def shredded(self, messages: MessageColumns) -> Shredded:
         """The wanted fields of messages, of one schema and encoding.
 
         Raises:
             SchemaError: the definition cannot be read, or lacks a field.
         """
-        plan = self._plan(messages[0].channel)
+        plan = self._plan(messages.first_channel)
         if isinstance(plan, SchemaError):
             raise plan
-        return plan.run(list(map(DATA, messages)))
-
-    def decode(self, message: Message) -> ObservedRows:
-        """The objects of one message whose channel it `reads`.
-
-        Raises:
-            PayloadError: the message or its schema is not what it should be.
-        """
-        rows, failures = self.rows([message])
-        if failures:
-            raise PayloadError(f"{message.schema_name}: {failures[0]}")
-        return rows
+        return plan.read(np.frombuffer(messages.contents, np.uint8), messages.start, messages.stop)
 
 
-def batches(messages: Iterable[Message], decoders: Decoders) -> Iterator[list[Message]]:
+def batches(columns: Iterable[MessageColumns], decoders: Decoders) -> Iterator[MessageColumns]:
     """The messages that can be decoded, some together."""
-    batch: list[Message] = []
-    size, n = 0, 1
-    readable: dict[int, tuple[Channel, bool]] = {}  # by identity: hashing the channels themselves is slow
-    messages = iter(messages)
-    while block := list(islice(messages, n)):  # blocks grow while they are small: a step for each message is slow
-        channels = list(map(CHANNEL, block))
-        numbers = list(map(id, channels))
-        for number in set(numbers) - readable.keys():
-            channel = channels[numbers.index(number)]
-            readable[number] = (channel, decoders.reads(channel))
-        length = sum(map(len, map(DATA, block)))
-        n = max(1, min(2 * n, BATCH_MESSAGES // 4, BATCH_BYTES // 4 * len(block) // max(length, 1)))
-        if not all(readable[number][1] for number in set(numbers)):
-            block = [message for message, number in zip(block, numbers, strict=True) if readable[number][1]]
-        batch += block
-        size += length
-        if size >= BATCH_BYTES or len(batch) >= BATCH_MESSAGES:
-            if batch:
-                yield batch
-            batch, size = [], 0
-    if batch:
-        yield batch
+    batch: list[MessageColumns] = []
+    size = n = 0
+    for part in columns:
+        readable = np.array([decoders.reads(channel) for channel in part.channels])[part.channel]
+        kept = part if readable.all() else part[readable]
+        through = np.cumsum(kept.stop - kept.start) // BATCH_BYTES + np.arange(len(kept)) // BATCH_MESSAGES
+        cuts = [0, *(np.flatnonzero(np.diff(through)) + 1).tolist(), len(kept)]
+        for first, last in pairwise(cuts):
+            piece = kept[first:last]
+            batch.append(piece)
+            n += len(piece)
+            size += int((piece.stop - piece.start).sum())
+            if size >= BATCH_BYTES or n >= BATCH_MESSAGES:
+                yield joined(batch)
+                batch, size, n = [], 0, 0
+    if n:
+        yield joined(batch)
 
 
-def by_schema(batch: Sequence[Message]) -> Iterator[tuple[IntArray, list[Message]]]:
+def joined(parts: list[MessageColumns]) -> MessageColumns:
+    """The messages of all parts, one after the other."""
+    return parts[0] if len(parts) == 1 else gathered(parts, slice(None))
+
+
+def by_schema(batch: MessageColumns) -> Iterator[tuple[IntArray, MessageColumns]]:
     """The messages of each schema and encoding together, with where they stand in the batch."""
-    channels = list(map(CHANNEL, batch))
-    number = np.fromiter(map(id, channels), np.int64, len(batch))  # hashing the channels themselves is slow
-    _, first, of = np.unique(number, return_index=True, return_inverse=True)
     keys: dict[tuple[str, Schema], int] = {}
-    group = np.array(
-        [keys.setdefault((channels[i].message_encoding, channels[i].schema), len(keys)) for i in first], np.int64
-    )[of]
-    for k in range(len(keys)):
-        places = np.flatnonzero(group == k)
-        yield places, [batch[i] for i in places.tolist()] if len(keys) > 1 else list(batch)
+    number = [keys.setdefault((c.message_encoding, c.schema), len(keys)) for c in batch.channels]
+    group = np.array(number, np.int64)[batch.channel]
+    for key in np.unique(group).tolist():
+        places = np.flatnonzero(group == key)
+        yield places, batch if len(places) == len(batch) else batch[places]

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import MissingTransformError
 from dirprim_filter.recording.schemas.location import GEODETIC
 from dirprim_filter.recording.schemas.object_rows import ObservedRows
@@ -37,12 +37,12 @@ class FrameChange:
         tree: the log's transforms; None until they were needed.
     """
 
-    def __init__(self, path: Path, target: str | None, origin: Origin | None = None, *, strict: bool = False) -> None:
+    def __init__(self, log: Log, target: str | None, origin: Origin | None = None, *, strict: bool = False) -> None:
         self.target = target or ""
         self.origin = origin
         self.tree: TransformTree | None = None
         self._strict = strict
-        self._path = path
+        self._log = log
         self._placed = 0
         self._first_lost: tuple[str, int] | None = None
 
@@ -82,9 +82,13 @@ class FrameChange:
         if self._first_lost is not None:
             frame, time_ns = self._first_lost
             if self._placed == 0:
-                raise MissingTransformError(self._path, frame=frame, target=self.target, time_ns=time_ns)
+                raise MissingTransformError(self._log.path, frame=frame, target=self.target, time_ns=time_ns)
             logger.warning(
-                "%s: no transform from %r to %r at %d ns, and at other times", self._path, frame, self.target, time_ns
+                "%s: no transform from %r to %r at %d ns, and at other times",
+                self._log.path,
+                frame,
+                self.target,
+                time_ns,
             )
 
     def _on_plane(self, rows: ObservedRows, here: IntArray) -> ObservedRows:
@@ -93,7 +97,7 @@ class FrameChange:
             self.origin = Origin(latitude, longitude)
             logger.warning(
                 "%s: the plane's origin is the first fix; for the same plane in other logs say --origin %.9f,%.9f",
-                self._path, latitude, longitude,
+                self._log.path, latitude, longitude,
             )  # fmt: skip
         place = on_plane(self.origin, np.column_stack([rows.position[here], rows.height[here]]))
         position, height = rows.position.copy(), rows.height.copy()
@@ -103,24 +107,24 @@ class FrameChange:
     def _find(self, frame: str, time_ns: IntArray) -> Placement | None:
         """A frame in the target; None where they are the same."""
         if self.tree is None:
-            self.tree = TransformTree.of_log(self._path, strict=self._strict)
+            self.tree = TransformTree.of_log(self._log, strict=self._strict)
         self.target = self.target or self._root(self.tree, frame, int(time_ns[0]))
         if frame == self.target:
             return None
         found = self.tree.placement(frame, self.target, time_ns)
         if found is None:
-            raise MissingTransformError(self._path, frame=frame, target=self.target, time_ns=int(time_ns[0]))
+            raise MissingTransformError(self._log.path, frame=frame, target=self.target, time_ns=int(time_ns[0]))
         return found
 
     def _root(self, tree: TransformTree, frame: str, time_ns: int) -> str:
         """The frame that all objects are brought into: where those of `frame` have come as far as the log tells."""
         root = tree.root_of(frame)
         if root in MOVING:
-            raise MissingTransformError(self._path, frame=root, target=MAP, time_ns=time_ns)
+            raise MissingTransformError(self._log.path, frame=root, target=MAP, time_ns=time_ns)
         if root not in FIXED:
             logger.warning(
                 "%s: positions are read as they stand in frame %r, which the log places in no other; --frame %s says "
-                "that this is meant", self._path, root, root,
+                "that this is meant", self._log.path, root, root,
             )  # fmt: skip
         return root
 

@@ -20,8 +20,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import Scan
-from dirprim_filter.recording.container.records import Message
+from dirprim_filter.recording.container.log import Log
+from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, signed
 from dirprim_filter.recording.decoding.fields import SchemaError
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
@@ -118,39 +118,38 @@ class TransformTree:
         self.dropped = dropped or Drops()
 
     @classmethod
-    def of_log(cls, path: Path, *, strict: bool = False) -> TransformTree:
+    def of_log(cls, log: Log, *, strict: bool = False) -> TransformTree:
         """All transforms of a log; those that cannot be decoded, or are none, are left out and counted.
 
         A stamp of zero is none: the message's log time stands in.
 
         Args:
-            path: the log.
+            log: the log.
             strict: raise at the first damage, or message that is not what its schema says.
 
         Raises:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
         """
-        with Scan(path) as log:
-            topics = frozenset(channel.topic for channel in log.channels() if family_of(channel) in FAMILIES)
+        topics = frozenset(channel.topic for channel in log.channels() if family_of(channel) in FAMILIES)
         if not topics:
             return cls({})
         decoders, dropped, transforms = Decoders(), Drops(), _Transforms()
-        with Scan(path, topics.__contains__) as log:
-            told = (message for message in log if family_of(message.channel) in FAMILIES)
-            for batch in batches(told, decoders):
-                for _, messages in by_schema(batch):
-                    rows, failures = _decoded(decoders, messages)
-                    if strict and failures:
-                        i, reason = next(iter(failures.items()))
-                        raise DecodeError.of(path, messages[i], reason)
-                    dropped.fail(failures.values())
-                    valid = _valid(rows)
-                    dropped.transforms += int((~valid).sum())
-                    transforms.extend(rows.of(valid))
-            if strict and log.damage:
-                raise DamagedRecordingError(path, log.damage)
-            return cls(transforms.edges(path), log.damage, dropped)
+        scan = log.scan(topics.__contains__)
+        for batch in batches(scan.columns(), decoders):
+            for _, messages in by_schema(batch):
+                if family_of(messages.first_channel) not in FAMILIES:
+                    continue
+                rows, failures = _decoded(decoders, messages)
+                if strict and failures:
+                    raise DecodeError.of(log.path, messages, failures)
+                dropped.fail(failures.values())
+                valid = _valid(rows)
+                dropped.transforms += int((~valid).sum())
+                transforms.extend(rows.of(valid))
+        if strict and scan.damage:
+            raise DamagedRecordingError(log.path, scan.damage)
+        return cls(transforms.edges(log.path), scan.damage, dropped)
 
     def chain(self, frame: str) -> list[str]:
         """The frame, its parent, and so on up to the root."""
@@ -185,7 +184,7 @@ class TransformTree:
         return placed
 
 
-def _decoded(decoders: Decoders, messages: Sequence[Message]) -> tuple[TransformRows, dict[int, str]]:
+def _decoded(decoders: Decoders, messages: MessageColumns) -> tuple[TransformRows, dict[int, str]]:
     """The transforms of messages of one schema, each with a time, and by number why a message cannot be read."""
     try:
         shredded = decoders.shredded(messages)
@@ -193,7 +192,7 @@ def _decoded(decoders: Decoders, messages: Sequence[Message]) -> tuple[Transform
         return NO_TRANSFORMS, dict.fromkeys(range(len(messages)), str(error))
     rows = transforms_of(shredded)
     rows = rows.of(~np.isin(rows.message, list(shredded.failures)))
-    log_ns = signed(np.array([message.log_time_ns for message in messages], np.uint64))[rows.message]
+    log_ns = signed(messages.log_time_ns)[rows.message]
     is_stamped = (rows.stamp_ns != NO_TIME) & (rows.stamp_ns != 0)
     return rows._replace(stamp_ns=np.where(is_stamped, rows.stamp_ns, log_ns)), shredded.failures
 
