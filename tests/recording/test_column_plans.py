@@ -246,7 +246,7 @@ def test_protobuf_of_any_kind_reads_as_the_stock_parser_reads_it(kind, data):
         paths["packed"] = f".packed_{kind}[]"
     paths = {label: path for label, path in paths.items() if data.draw(st.booleans())}
     fields = {label: Field(path=path, kind=form) for label, path in paths.items()}
-    fields["is_set"] = Field(path=".one", kind="mark")
+    fields["is_set"] = Field(path=".one", kind="presence")
     expected = {
         "top": [getattr(m, kind) for m in written],
         "many": [v for m in written for v in getattr(m, f"many_{kind}")],
@@ -261,7 +261,7 @@ def test_protobuf_of_any_kind_reads_as_the_stock_parser_reads_it(kind, data):
         expected[label] = [([*getattr(m, f"many_{kind}"), none, none])[k] for m in written]
     read = protobuf_plan("p.M", DEFINITION, fields).run([m.SerializeToString() for m in written])
     assert read.failures == {}
-    assert read.marks("is_set").tolist() == [m.HasField("one") for m in written]
+    assert read.is_set("is_set").tolist() == [m.HasField("one") for m in written]
     for label in paths:
         got = read.names(label) if form == "name" else read.numbers(label)
         np.testing.assert_array_equal(got, np.array(expected[label], dtype=got.dtype))
@@ -343,7 +343,7 @@ def test_a_protobuf_schema_that_cannot_be_read_says_why():
 def test_json_reads_what_is_there_and_says_what_is_not():
     fields = {
         "id": Field(path=".objects[].id", kind="name"), "x": Field(path=".objects[].at[0]"),
-        "t": Field(path=".stamp", kind="time"), "set": Field(path=".more", kind="mark"),
+        "t": Field(path=".stamp", kind="time"), "set": Field(path=".more", kind="presence"),
         "deep": Field(path=".objects[].parts[].y"),
     }  # fmt: skip
     told = [
@@ -366,7 +366,7 @@ def test_json_reads_what_is_there_and_says_what_is_not():
     np.testing.assert_array_equal(read.numbers("deep"), [2.0, 5.0, math.nan])
     assert read.parent_of(".objects[].parts[]").tolist() == [1, 2, 2]
     assert read.times("t").tolist()[:4] == [10**9 + 5, 1_577_836_800_000_000_001, 12, NO_TIME]
-    assert read.marks("set").tolist()[:3] == [True, False, False]
+    assert read.is_set("set").tolist()[:3] == [True, False, False]
     assert read.message_of("").tolist() == list(range(9))
 
 

@@ -33,9 +33,9 @@ NASTY = [
 def read(kind, *values):
     """The column of the values, and the numbers of the messages that failed."""
     payloads = [json.dumps({"v": value}).encode() for value in values]
-    shredded = JsonPlan({"v": Field(path=".v", kind=kind)}).run(payloads)
-    column = {"time": shredded.times, "number": shredded.numbers, "name": shredded.names}[kind]("v")
-    return column.tolist(), sorted(shredded.failures)
+    columns = JsonPlan({"v": Field(path=".v", kind=kind)}).run(payloads)
+    column = {"time": columns.times, "number": columns.numbers, "name": columns.names}[kind]("v")
+    return column.tolist(), sorted(columns.failures)
 
 
 @settings(max_examples=300, deadline=None)

@@ -23,7 +23,7 @@ from tessellation._compiling import COMPILED
 from tessellation.arrays import AnyArray, IntArray
 
 END, SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE = range(7)
-LOOP, END_LOOP, UNLESS_SELECTED, JUMP, MARK = range(7, 12)
+LOOP, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(7, 12)
 
 
 @njit(**COMPILED)
@@ -170,7 +170,7 @@ def walk_cdr(
                     op = b
             elif code == JUMP:
                 op = a
-            elif code == MARK:
+            elif code == PRESENT:
                 cells[base[table] + row[table] * width[table] + a] = 1
             else:
                 break

@@ -84,7 +84,7 @@ def walk_protobuf(
         tables: out.
         status: (n_messages,) out.
         entries: (n_entries, 8) field number, wire type, action, form, table, column, child node or number wanted,
-            mark or counter; those of a node one after the other, sorted.
+            presence or counter; those of a node one after the other, sorted.
         node_start: (n_nodes + 1,) where the entries of each node start.
         depth_max: how deep wanted messages nest.
     """
@@ -149,7 +149,7 @@ def walk_protobuf(
             descended = False
             while entry < last and entries[entry, 0] == number and not descended:
                 want, action, form = entries[entry, 1], entries[entry, 2], entries[entry, 3]
-                table, column, child, mark = (
+                table, column, child, presence = (
                     entries[entry, 4], entries[entry, 5], entries[entry, 6], entries[entry, 7],
                 )  # fmt: skip
                 entry += 1
@@ -179,10 +179,10 @@ def walk_protobuf(
                                 return True
                             cells[base[table] + made * width[table] + column] = bits
                         else:
-                            seen = cells[rows[depth] + mark]
+                            seen = cells[rows[depth] + presence]
                             if seen == child:
                                 cells[cell] = bits
-                            cells[rows[depth] + mark] = seen + 1
+                            cells[rows[depth] + presence] = seen + 1
                     if after < 0 or state != OK:
                         break
                 elif wire != 2:
@@ -190,10 +190,10 @@ def walk_protobuf(
                 elif action == TEXT:
                     cells[cell] = (at << 32) | length
                 elif action == ONE_TEXT:
-                    seen = cells[rows[depth] + mark]
+                    seen = cells[rows[depth] + presence]
                     if seen == child:
                         cells[cell] = (at << 32) | length
-                    cells[rows[depth] + mark] = seen + 1
+                    cells[rows[depth] + presence] = seen + 1
                 elif action in (EACH_TEXT, EACH_MESSAGE):
                     if n_rows[table] - before[table] >= MAX_ELEMENTS:
                         state = TOO_MANY
@@ -215,8 +215,8 @@ def walk_protobuf(
                         cells[cell] = seen + 1
                         if seen != form:
                             continue
-                    if mark >= 0:
-                        cells[rows[depth] + mark] = 1
+                    if presence >= 0:
+                        cells[rows[depth] + presence] = 1
                     rows[depth + 1], numbers[depth + 1] = rows[depth], numbers[depth]
                     depth += 1
                     ends[depth], nodes[depth] = after, child

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.recording.decoding import _cdr_kernels as kernels
-from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, Layout
+from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, OutputTables
 from dirprim_filter.recording.decoding.fields import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
 
 _SIZES: dict[str, tuple[int, Form]] = {
@@ -49,11 +49,11 @@ def cdr_plan(schema: str, encoding: str, definition: bytes, fields: Mapping[str,
     Raises:
         SchemaError: the definition cannot be read, or lacks a field.
     """
-    program = _Program(Layout(schema, fields), _types_of(schema, encoding, definition))
+    program = _Program(OutputTables(schema, fields), _types_of(schema, encoding, definition))
     program.structure(full_name(schema), wanted(fields), Place())
     program.emit(kernels.END)
-    check_found(schema, fields, program.layout.found())
-    return ColumnPlan(program.layout, kernels.walk_cdr, np.array(program.ops, np.int64), program.deepest)
+    check_found(schema, fields, program.output.found())
+    return ColumnPlan(program.output, kernels.walk_cdr, np.array(program.ops, np.int64), program.deepest)
 
 
 def full_name(schema: str) -> str:
@@ -88,10 +88,10 @@ def _types_of(schema: str, encoding: str, definition: bytes) -> dict[str, list[t
 class _Program:
     """The operations of a walk over one schema, emitted type by type."""
 
-    def __init__(self, layout: Layout, types: Mapping[str, list[tuple[str, Description]]]) -> None:
+    def __init__(self, output: OutputTables, types: Mapping[str, list[tuple[str, Description]]]) -> None:
         from rosbags.interfaces import Nodetype  # noqa: PLC0415
 
-        self.layout = layout
+        self.output = output
         self.ops: list[list[int]] = []
         self.deepest = 0
         self._types = types
@@ -110,7 +110,7 @@ class _Program:
                 last[2] += numbers[1]
                 return len(self.ops) - 1
         if len(self.ops) >= MAX_OPERATIONS:
-            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_OPERATIONS} fields, all written out")
+            raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} fields, all written out")
         self.ops.append([code, *numbers, *[0] * (5 - len(numbers))])
         return len(self.ops) - 1
 
@@ -118,20 +118,20 @@ class _Program:
         """Walk a message; `want` is what is wanted of it, None for nothing."""
         if name not in self._types:
             raise SchemaError(
-                f"{self.layout.schema}: expected a definition of {name}, which is missing or not supported"
+                f"{self.output.schema}: expected a definition of {name}, which is missing or not supported"
             )
         self._nesting += 1
         self._check_depth(self._nesting)
         self._entered += 1
         if self._entered > MAX_OPERATIONS:  # skips of messages without fields are one operation, however many
-            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_OPERATIONS} messages, all written out")
+            raise SchemaError(f"{self.output.schema}: expected at most {MAX_OPERATIONS} messages, all written out")
         members = self._types[name]
         below = dict(want.below) if want else {}
-        if want and any(kind == "mark" for _, kind in want.labels):  # in CDR all that is defined is set
-            self.emit(kernels.MARK, self.layout.value(want, at, "mark"))
+        if want and any(kind == "presence" for _, kind in want.labels):  # in CDR all that is defined is set
+            self.emit(kernels.PRESENT, self.output.value(want, at, "presence"))
         elif want:
             for label, _ in want.labels:
-                self.layout.clock(label, [member for member, _ in members], below)
+                self.output.clock(label, [member for member, _ in members], below)
         for member, description in members:
             self._member(description, below.get(member), at.at(f".{member}"))
         if not members:
@@ -140,7 +140,7 @@ class _Program:
 
     def _check_depth(self, depth: int) -> None:
         if depth > MAX_DEPTH:
-            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_DEPTH} messages within each other")
+            raise SchemaError(f"{self.output.schema}: expected at most {MAX_DEPTH} messages within each other")
 
     def _member(self, description: Description, want: dict[int | None, Wanted] | None, at: Place) -> None:
         node, arguments = description
@@ -154,20 +154,20 @@ class _Program:
             self._array(description, want, at)
         else:
             raise SchemaError(
-                f"{self.layout.schema}: expected {at.path} to be otherwise built than its definition says"
+                f"{self.output.schema}: expected {at.path} to be otherwise built than its definition says"
             )
 
     def _value(self, base: tuple[str, int], want: Wanted, at: Place) -> None:
         name, bound = base
         if name == "string":
-            self.emit(kernels.READ_TEXT, bound, self.layout.value(want, at, "cells"))
+            self.emit(kernels.READ_TEXT, bound, self.output.value(want, at, "cells"))
             return
         size, form = self._number(name)
-        self.emit(kernels.READ, size, self.layout.value(want, at, form), int(form == "int"))
+        self.emit(kernels.READ, size, self.output.value(want, at, form), int(form == "int"))
 
     def _number(self, name: str) -> tuple[int, Form]:
         if name not in _SIZES:
-            raise SchemaError(f"{self.layout.schema}: expected numbers and strings, got {name}, which is not supported")
+            raise SchemaError(f"{self.output.schema}: expected numbers and strings, got {name}, which is not supported")
         return _SIZES[name]
 
     def _array(self, description: Description, want: dict[int | None, Wanted], at: Place) -> None:
@@ -175,15 +175,15 @@ class _Program:
         fixed = description[0] == self._node.ARRAY
         is_bytes = element[0] == self._node.BASE and element[1][0] in _BYTES
         if set(want) == {None} and is_bytes and not want[None].below:
-            column = self.layout.value(want[None], at, "bytes")
+            column = self.output.value(want[None], at, "bytes")
             self.emit(kernels.READ_BYTES, length if fixed else -1, column, 0 if fixed else length)
             return
         if None in want or (EACH in want and len(want) > 1):
             raise SchemaError(
-                f"{self.layout.schema}: expected [], or numbers in brackets, behind the repeated {at.path}"
+                f"{self.output.schema}: expected [], or numbers in brackets, behind the repeated {at.path}"
             )
         if EACH in want:
-            inner = Place(self.layout.table(f"{at.path}[]"), f"{at.path}[]")
+            inner = Place(self.output.table(f"{at.path}[]"), f"{at.path}[]")
             start = self._open_loop(description, inner.table, at.path)
             self._member(element, {None: want[EACH]}, inner)
             self._close_loop(start)
@@ -192,14 +192,14 @@ class _Program:
         if fixed and self._evenly(description) and max(chosen) < length:
             self._elements(element, length, chosen, at)
             return
-        selected = {k: self.layout.column(at.table) for k in chosen}
+        selected = {k: self.output.column(at.table) for k in chosen}
         start = self._open_loop(description, -1, at.path)
         jumps = []
-        for k, mark in selected.items():
+        for k, presence in selected.items():
             unless = self.emit(kernels.UNLESS_SELECTED, k, 0)
             self._target = len(self.ops)
-            self.emit(kernels.MARK, mark)
-            self._member(element, {None: want[k]}, at.at(f"[{k}]", mark))
+            self.emit(kernels.PRESENT, presence)
+            self._member(element, {None: want[k]}, at.at(f"[{k}]", presence))
             jumps.append(self.emit(kernels.JUMP, 0))
             self.ops[unless][2] = self._target = len(self.ops)
         self._skip(element, at.path)
@@ -222,7 +222,7 @@ class _Program:
         length = description[1][1]
         fixed = description[0] == self._node.ARRAY
         if fixed and not 0 < length <= MAX_FIXED:
-            raise SchemaError(f"{self.layout.schema}: expected at most {MAX_FIXED} elements of {path}, got {length}")
+            raise SchemaError(f"{self.output.schema}: expected at most {MAX_FIXED} elements of {path}, got {length}")
         self._loops += 1
         self.deepest = max(self.deepest, self._loops)
         self._target = len(self.ops) + 1

@@ -8,11 +8,11 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from dirprim_filter.recording.decoding import _kernels as kernels
-from dirprim_filter.recording.decoding.field_columns import Column, Shredded, nanoseconds
+from dirprim_filter.recording.decoding.field_columns import Column, FieldColumns, nanoseconds
 from dirprim_filter.recording.decoding.fields import Field, Place, SchemaError, Wanted
 from tessellation.arrays import AnyArray, IntArray
 
-Form = Literal["int", "unsigned", "float", "double", "cells", "bytes", "mark"]
+Form = Literal["int", "unsigned", "float", "double", "cells", "bytes", "presence"]
 """How the 64 bits of a cell are to be read."""
 REASONS = {
     kernels.CUT: "a message that ends within a field",
@@ -30,18 +30,18 @@ _NOWHERE: tuple[int, int, Form] = (-1, 0, "int")
 class Plan(Protocol):
     """Reads the wanted fields out of messages of one schema."""
 
-    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> Shredded:
+    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
         """The columns of the messages that stand in (n_bytes,) uint8 `data`, from (n,) `start` to (n,) `stop`."""
         ...
 
-    def run(self, payloads: Sequence[bytes]) -> Shredded:
+    def run(self, payloads: Sequence[bytes]) -> FieldColumns:
         """The columns of these messages."""
         length = np.fromiter(map(len, payloads), np.int64, len(payloads))
         stop = np.cumsum(length)
         return self.read(np.frombuffer(b"".join(payloads), np.uint8), stop - length, stop)
 
 
-class Layout:
+class OutputTables:
     """Which tables and columns a program writes; given out while the program is made.
 
     Attributes:
@@ -50,7 +50,7 @@ class Layout:
         tables: number by path.
         columns: by label, table, column and form.
         clocks: by label, the same of seconds and of nanoseconds.
-        marks: by table and column, the columns that say whether its value is there.
+        presence: by table and column, the columns that say whether its value is there.
         enough: by table and column, the column that counts, and which element its value is.
     """
 
@@ -61,7 +61,7 @@ class Layout:
         self._defaults: list[list[int]] = [[0, 0]]  # a row of each: the message, the row above, then its columns
         self.columns: dict[str, tuple[int, int, Form]] = {}
         self.clocks: dict[str, tuple[tuple[int, int, Form], tuple[int, int, Form]]] = {}
-        self.marks: dict[tuple[int, int], list[int]] = {}
+        self.presence: dict[tuple[int, int], list[int]] = {}
         self.enough: dict[tuple[int, int], tuple[int, int]] = {}
 
     def table(self, path: str) -> int:
@@ -77,7 +77,7 @@ class Layout:
         return len(self._defaults[table]) - 1
 
     def value(self, want: Wanted, at: Place, form: Form, default: int = 0) -> int:
-        """A column for a value that is there when all of the place's marks are set; its number."""
+        """A column for a value that is there when all of the place's presence are set; its number."""
         column = self.column(at.table, default)
         place = (at.table, column, form)
         for label, kind in want.labels:
@@ -88,13 +88,13 @@ class Layout:
                 continue
             if kind == "time" and form not in ("int", "unsigned"):
                 raise SchemaError(f"{self.schema}: expected a time at {self.fields[label].path}, got a {form}")
-            if kind == "mark" and form != "mark":
+            if kind == "presence" and form != "presence":
                 raise SchemaError(f"{self.schema}: expected a message at {self.fields[label].path}, got a {form}")
             if kind == "number" and form in ("cells", "bytes"):
                 raise SchemaError(f"{self.schema}: expected a number at {self.fields[label].path}, got text")
             self.columns[label] = place
-        if at.marks:
-            self.marks[at.table, column] = list(at.marks)
+        if at.presence:
+            self.presence[at.table, column] = list(at.presence)
         return column
 
     def clock(self, label: str, members: Container[str], below: dict[str, dict[int | None, Wanted]]) -> None:
@@ -132,14 +132,14 @@ Walk = Callable[..., bool]
 class ColumnPlan(Plan):
     """A compiled plan: a walk, and the tables that it writes."""
 
-    def __init__(self, layout: Layout, walk: Walk, *program: AnyArray | int) -> None:
-        self._layout = layout
+    def __init__(self, output: OutputTables, walk: Walk, *program: AnyArray | int) -> None:
+        self._output = output
         self._walk = walk
         self._program = program
-        self._defaults, self._default_base, self._width = layout.default_rows()
+        self._defaults, self._default_base, self._width = output.default_rows()
         self._capacity = np.full(self._width.size, 64, np.int64)
 
-    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> Shredded:
+    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
         """The columns of messages; `failures` says which cannot be read."""
         n = len(start)
         status = np.zeros(n, np.int64)
@@ -160,26 +160,26 @@ class ColumnPlan(Plan):
             for b, c, w in zip(base, count, self._width.tolist(), strict=True)
         ]
         failed = np.flatnonzero(status)
-        shredded = Shredded(
-            fields=self._layout.fields,
+        columns = FieldColumns(
+            fields=self._output.fields,
             n_messages=n,
-            rows={path: (written[i][0], written[i][1]) for path, i in self._layout.tables.items()},
-            columns={label: self._column(written, *place) for label, place in self._layout.columns.items()},
+            rows={path: (written[i][0], written[i][1]) for path, i in self._output.tables.items()},
+            columns={label: self._column(written, *place) for label, place in self._output.columns.items()},
             data=data,
             failures={int(i): REASONS[int(status[i])] for i in failed},
         )
-        for label, clock in self._layout.clocks.items():
+        for label, clock in self._output.clocks.items():
             seconds, nanos = (self._column(written, *place) for place in clock)
             time_ns = nanoseconds(seconds.values.astype(np.int64), nanos.values.astype(np.int64))
-            shredded.columns[label] = Column(form="time", values=time_ns, missing=seconds.missing)
-        return shredded
+            columns.columns[label] = Column(form="time", values=time_ns, missing=seconds.missing)
+        return columns
 
     def _column(self, tables: Sequence[AnyArray], table: int, column: int, form: Form) -> Column:
         cells = tables[table][column]
-        marks = self._layout.marks.get((table, column))
-        missing = (tables[table][marks] == 0).any(axis=0) if marks else None
-        if (table, column) in self._layout.enough:
-            seen, wanted = self._layout.enough[table, column]
+        presence = self._output.presence.get((table, column))
+        missing = (tables[table][presence] == 0).any(axis=0) if presence else None
+        if (table, column) in self._output.enough:
+            seen, wanted = self._output.enough[table, column]
             too_few = tables[table][seen] <= wanted
             missing = too_few if missing is None else missing | too_few
         values: Any = cells

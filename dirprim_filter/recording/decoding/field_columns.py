@@ -1,4 +1,4 @@
-"""Columns of wanted fields, shredded out of a batch of messages: what every encoding's plan gives.
+"""Columns of wanted fields, taken out of a batch of messages: what every encoding's plan gives.
 
 Source: the record shredding of Melnik et al., "Dremel: Interactive Analysis of Web-Scale Datasets", 2010, with
 row numbers of the parent in place of repetition levels.
@@ -6,7 +6,7 @@ row numbers of the parent in place of repetition levels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -43,7 +43,7 @@ class Column:
 
 
 @dataclass(slots=True, kw_only=True)
-class Shredded:
+class FieldColumns:
     """Tables of a batch; labels that the schema lacks read as missing.
 
     Attributes:
@@ -96,7 +96,11 @@ class Shredded:
             values[column.missing] = default
         return values
 
-    def marks(self, label: str, default: bool = True) -> BoolArray:
+    def vectors(self, labels: Sequence[str]) -> FloatArray:
+        """(n, k) float64, some columns of one table beside each other; NaN where missing."""
+        return np.stack([self.numbers(label) for label in labels], axis=-1)
+
+    def is_set(self, label: str, default: bool = True) -> BoolArray:
         """(n,) whether the message is set; `default` where the schema does not have it."""
         column = self.columns.get(label)
         return np.full(self._size(label), default) if column is None else column.values.astype(np.bool_)

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 from google.protobuf.message import DecodeError
 
-Kind = Literal["number", "name", "time", "mark"]
+Kind = Literal["number", "name", "time", "presence"]
 """What is wanted of a field: a number; a text, whatever it is; a time; or whether a message is set at all."""
 
 EACH = -1
@@ -64,16 +64,16 @@ class Place(NamedTuple):
     Attributes:
         table: the table whose row is written.
         path: from the message to here.
-        marks: columns of the table that all are set when what stands here is there.
+        presence: columns of the table that all are set when what stands here is there.
     """
 
     table: int = 0
     path: str = ""
-    marks: tuple[int, ...] = ()
+    presence: tuple[int, ...] = ()
 
-    def at(self, step: str, *marks: int) -> Place:
+    def at(self, step: str, *presence: int) -> Place:
         """A step on in the same row."""
-        return Place(self.table, f"{self.path}{step}", (*self.marks, *marks))
+        return Place(self.table, f"{self.path}{step}", (*self.presence, *presence))
 
 
 def steps_of(path: str) -> list[tuple[str, int | None]]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from dirprim_filter.recording.decoding._kernels import MAX_ELEMENTS
 from dirprim_filter.recording.decoding.column_plan import CLOCKS, Plan
-from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, Column, Shredded
+from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, Column, FieldColumns
 from dirprim_filter.recording.decoding.fields import EACH, Field, Kind, Wanted, wanted
 from tessellation.arrays import AnyArray, IntArray
 
@@ -42,7 +42,7 @@ class JsonPlan(Plan):
         self._fields = fields
         self._wanted = wanted(fields)
 
-    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> Shredded:
+    def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
         """The columns of messages."""
         walk = _Walk(self._fields)
         failures: dict[int, str] = {}
@@ -54,7 +54,7 @@ class JsonPlan(Plan):
                 failures[message] = f"no JSON of its schema: {error}"
                 walk.cut(kept)
             walk.ensure_message(message)
-        return Shredded(
+        return FieldColumns(
             fields=self._fields,
             n_messages=len(start),
             rows={path: (np.array(m, np.int64), np.array(p, np.int64)) for path, (m, p) in walk.rows.items()},
@@ -144,7 +144,7 @@ class _Walk:
 
 def _converted(kind: Kind, value: Any) -> Any:
     """A value as its column holds it; None where it is missing."""
-    if kind == "mark":
+    if kind == "presence":
         return value is not None
     if value is None:
         return None

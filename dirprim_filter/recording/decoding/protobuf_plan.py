@@ -17,7 +17,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.recording.decoding import _protobuf_kernels as kernels
-from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, Layout
+from dirprim_filter.recording.decoding.column_plan import ColumnPlan, Form, OutputTables
 from dirprim_filter.recording.decoding.fields import EACH, Field, Place, SchemaError, Wanted, check_found, wanted
 
 _F = FieldDescriptor
@@ -52,13 +52,13 @@ def protobuf_plan(schema: str, definition: bytes, fields: Mapping[str, Field]) -
     Raises:
         SchemaError: the definition cannot be read, or lacks a field.
     """
-    program = _Program(Layout(schema, fields))
+    program = _Program(OutputTables(schema, fields))
     program.message(message_descriptor(schema, definition), wanted(fields), Place(), 0)
-    check_found(schema, fields, program.layout.found())
+    check_found(schema, fields, program.output.found())
     nodes = [sorted(node, key=lambda entry: entry[0]) for node in program.nodes]
     entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 8)
     starts = np.cumsum([0, *(len(node) for node in nodes)])
-    return ColumnPlan(program.layout, kernels.walk_protobuf, entries, starts.astype(np.int64), program.deepest)
+    return ColumnPlan(program.output, kernels.walk_protobuf, entries, starts.astype(np.int64), program.deepest)
 
 
 def message_descriptor(name: str, descriptors: bytes) -> Descriptor:
@@ -88,8 +88,8 @@ def message_descriptor(name: str, descriptors: bytes) -> Descriptor:
 class _Program:
     """Nodes of wanted fields: one for each message that is entered on the way to them."""
 
-    def __init__(self, layout: Layout) -> None:
-        self.layout = layout
+    def __init__(self, output: OutputTables) -> None:
+        self.output = output
         self.nodes: list[list[list[int]]] = []
         self.deepest = 0
 
@@ -112,7 +112,7 @@ class _Program:
         return node
 
     def _check(self, found: FieldDescriptor, selectors: set[int | None], *, is_repeated: bool) -> None:
-        told = f"{self.layout.schema}: {found.full_name} is"
+        told = f"{self.output.schema}: {found.full_name} is"
         if is_repeated == (None in selectors):
             raise SchemaError(f"{told} {'repeated: expected' if is_repeated else 'single: expected no'} [] behind it")
         if found.message_type and len(selectors) > 1:
@@ -124,40 +124,40 @@ class _Program:
         descriptor = cast("Descriptor", found.message_type)
         if selector == EACH:
             path = f"{at.path}.{found.name}[]"
-            inner = Place(self.layout.table(path), path)
+            inner = Place(self.output.table(path), path)
             child = self.message(descriptor, want, inner, depth + 1)
             return [found.number, 2, kernels.EACH_MESSAGE, 0, inner.table, 0, child, -1]
         clocks = [label for label, kind in want.labels if kind == "time"]
-        mark = self.layout.column(at.table) if selector is not None or want.labels else -1
+        presence = self.output.column(at.table) if selector is not None or want.labels else -1
         for label, kind in want.labels:
-            if kind == "mark":
-                self.layout.columns[label] = (at.table, mark, "mark")
+            if kind == "presence":
+                self.output.columns[label] = (at.table, presence, "presence")
             else:
-                self.layout.clock(label, descriptor.fields_by_name, want.below)
+                self.output.clock(label, descriptor.fields_by_name, want.below)
         step = f".{found.name}" if selector is None else f".{found.name}[{selector}]"
-        below = at.at(step, *([mark] if selector is not None or clocks else []))
+        below = at.at(step, *([presence] if selector is not None or clocks else []))
         child = self.message(descriptor, want, below, depth + 1)
         if selector is None:
-            return [found.number, 2, kernels.MESSAGE, 0, at.table, 0, child, mark]
-        return [found.number, 2, kernels.ONE_MESSAGE, selector, at.table, self.layout.column(at.table), child, mark]
+            return [found.number, 2, kernels.MESSAGE, 0, at.table, 0, child, presence]
+        return [found.number, 2, kernels.ONE_MESSAGE, selector, at.table, self.output.column(at.table), child, presence]
 
     def _value(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place) -> list[int]:
         if want.below:
-            raise SchemaError(f"{self.layout.schema}: expected a message at {found.full_name}, got a value")
+            raise SchemaError(f"{self.output.schema}: expected a message at {found.full_name}, got a value")
         is_text = found.type in _TEXTS
         wire, bits, form = (2, 0, _TEXTS[found.type]) if is_text else _SCALARS[found.type]
         if selector == EACH:
             path = f"{at.path}.{found.name}[]"
-            inner = Place(self.layout.table(path), path)
+            inner = Place(self.output.table(path), path)
             action = kernels.EACH_TEXT if is_text else kernels.EACH_SCALAR
-            return [found.number, wire, action, bits, inner.table, self.layout.value(want, inner, form), -1, -1]
+            return [found.number, wire, action, bits, inner.table, self.output.value(want, inner, form), -1, -1]
         if selector is None:
             action = kernels.TEXT if is_text else kernels.SCALAR
-            column = self.layout.value(want, at, form, 0 if is_text else _default_bits(found, form))
+            column = self.output.value(want, at, form, 0 if is_text else _default_bits(found, form))
             return [found.number, wire, action, bits, at.table, column, -1, -1]
         action = kernels.ONE_TEXT if is_text else kernels.ONE_SCALAR
-        seen, column = self.layout.column(at.table), self.layout.value(want, at, form)
-        self.layout.enough[at.table, column] = (seen, selector)
+        seen, column = self.output.column(at.table), self.output.value(want, at, form)
+        self.output.enough[at.table, column] = (seen, selector)
         return [found.number, wire, action, bits, at.table, column, selector, seen]
 
 

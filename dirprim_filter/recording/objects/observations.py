@@ -18,7 +18,7 @@ from dirprim_filter.recording.losses import Clock, ClockFaults, Drops
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
-from dirprim_filter.recording.schemas.object_rows import ObservedRows, concatenated
+from dirprim_filter.recording.schemas.object_rows import ObjectRows, concatenated
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
 from tessellation.arrays import BoolArray, FloatArray, IntArray
@@ -30,7 +30,7 @@ class TimedRows(NamedTuple):
     """Objects, and the time of each."""
 
     time_ns: IntArray
-    rows: ObservedRows
+    rows: ObjectRows
 
 
 class Observations:
@@ -109,14 +109,14 @@ class Observations:
         kept = placed & near
         return TimedRows(time_ns[wanted][kept], rows[kept])
 
-    def _times(self, messages: MessageColumns, rows: ObservedRows) -> IntArray:
+    def _times(self, messages: MessageColumns, rows: ObjectRows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
         if self._options.time_source == "header":
             return rows.stamp_ns
         times = messages.log_time_ns if self._options.time_source == "log" else messages.publish_time_ns
         return signed(times)[rows.message]
 
-    def _wanted(self, message: IntArray, time_ns: IntArray, rows: ObservedRows) -> BoolArray:
+    def _wanted(self, message: IntArray, time_ns: IntArray, rows: ObjectRows) -> BoolArray:
         timed = time_ns != NO_TIME
         self.drops.untimed += int(np.unique(message[~timed]).size)
         wanted: BoolArray = timed
@@ -131,7 +131,7 @@ class Observations:
             wanted = wanted & (rows.group == self._options.group)
         return wanted
 
-    def _valid(self, rows: ObservedRows) -> BoolArray:
+    def _valid(self, rows: ObjectRows) -> BoolArray:
         valid = _is_near(rows.position)
         if rows.track_id.dtype.itemsize // 4 > MAX_NAME_LENGTH:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)

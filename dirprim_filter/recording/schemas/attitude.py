@@ -5,31 +5,12 @@ Body axes: x forward, y left, z up (REP 103); the heading is the direction of x 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from dirprim_filter.recording.decoding.fields import Field
 from tessellation.arrays import FloatArray
 
 STANDING_SPEED = 1e-3
 """Below this speed, m/s, the direction of a velocity is rounding error."""
-
-
-def xyz(prefix: str, path: str) -> Mapping[str, Field]:
-    """The three numbers of a point or a vector, under labels such as `v.x`."""
-    return {f"{prefix}.{axis}": Field(path=f"{path}.{axis}") for axis in "xyz"}
-
-
-def pose(path: str) -> Mapping[str, Field]:
-    """Position `p.x` to `p.z` and orientation `q.x` to `q.w` of a pose."""
-    turned = {f"q.{axis}": Field(path=f"{path}.orientation.{axis}") for axis in "xyzw"}
-    return {**xyz("p", f"{path}.position"), **turned}
-
-
-POSITION = ("p.x", "p.y", "p.z")
-ORIENTATION = ("q.x", "q.y", "q.z", "q.w")
-VELOCITY = ("v.x", "v.y", "v.z")
 
 
 def rotated(orientation: FloatArray, vector: FloatArray) -> FloatArray:
@@ -47,11 +28,6 @@ def rotated(orientation: FloatArray, vector: FloatArray) -> FloatArray:
     # v + 2 u x (u x v + w v), written out: numpy's cross is slow
     p, q, r = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
     return np.stack([a + 2 * (y * r - z * q), b + 2 * (z * p - x * r), c + 2 * (x * q - y * p)], axis=-1)
-
-
-def orientation(path: str) -> Mapping[str, Field]:
-    """Labels `q.x` to `q.w` of a quaternion; a definition may lack it."""
-    return {label: Field(path=f"{path}.{label[-1]}", optional=True) for label in ORIENTATION}
 
 
 def heading(orientation: FloatArray) -> FloatArray:

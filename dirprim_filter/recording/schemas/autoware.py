@@ -15,22 +15,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import (
+from dirprim_filter.recording.schemas.attitude import heading
+from dirprim_filter.recording.schemas.field_groups import (
     ORIENTATION,
-    POSITION,
-    VELOCITY,
-    course,
-    heading,
+    SIZE,
+    UNLABELLED,
+    covariance,
+    covariances,
+    extents,
+    header,
+    label_names,
+    most_probable,
     pose,
-    rotated,
     xyz,
 )
-from dirprim_filter.recording.schemas.covariances import covariance, covariances
-from dirprim_filter.recording.schemas.extents import extents, sizes
-from dirprim_filter.recording.schemas.labels import UNTOLD, label_names, most_probable
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, motion, object_rows
 from tessellation.arrays import AnyArray, FloatArray
 
 _PACKAGES = ("autoware_perception_msgs", "autoware_auto_perception_msgs")
@@ -45,11 +46,10 @@ _BOX, _CYLINDER, _POLYGON = 0, 1, 2
 
 def _fields(pose_name: str, twist_name: str) -> dict[str, Field]:
     return {
-        "stamp": Field(path=".header.stamp", kind="time"),
-        "frame": Field(path=".header.frame_id", kind="name"),
+        **header(),
         "id": Field(path=".objects[].object_id.uuid", kind="name", optional=True),
         "known": Field(path=f"{_KINEMATICS}.orientation_availability", optional=True),
-        "moves": Field(path=f"{_KINEMATICS}.has_twist", optional=True),
+        "has_twist": Field(path=f"{_KINEMATICS}.has_twist", optional=True),
         "unsure": Field(path=f"{_KINEMATICS}.has_position_covariance", optional=True),
         "label": Field(path=f"{_GUESSES}.label", optional=True),
         "probability": Field(path=f"{_GUESSES}.probability", optional=True),
@@ -61,40 +61,29 @@ def _fields(pose_name: str, twist_name: str) -> dict[str, Field]:
     }
 
 
-def _sizes(shredded: Shredded) -> FloatArray:
-    kind = shredded.integers("shape", default=_BOX)[:, None]
-    told = sizes(shredded)
+def _sizes(columns: FieldColumns) -> FloatArray:
+    kind = columns.integers("shape", default=_BOX)[:, None]
+    dimensions = columns.vectors(SIZE)
     if (kind == _BOX).all():  # as is usual
-        return told
-    round_one = told[:, [0, 0, 2]]
-    outlined = told * [np.nan, np.nan, 1.0]
-    return np.select([kind == _BOX, kind == _CYLINDER, kind == _POLYGON], [told, round_one, outlined], np.nan)
+        return dimensions
+    round_one = dimensions[:, [0, 0, 2]]
+    outlined = dimensions * [np.nan, np.nan, 1.0]
+    return np.select([kind == _BOX, kind == _CYLINDER, kind == _POLYGON], [dimensions, round_one, outlined], np.nan)
 
 
-def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-    message = shredded.message_of(".objects[]")
-    orientation = numbers(shredded, *ORIENTATION)
-    standing = np.where(shredded.integers("known", default=2) == UNAVAILABLE, np.nan, heading(orientation))
-    velocity = rotated(orientation, numbers(shredded, *VELOCITY))
-    direction, speed = course(velocity, standing)
-    untold = shredded.integers("moves", default=1) == 0
-    label = np.full(message.size, UNTOLD)
-    guesses, objects = most_probable(shredded, "label", "probability")
-    label[objects] = shredded.integers("label")[guesses]
-    return rows_of(
-        message,
-        track_id=shredded.names("id"),
-        stamp_ns=shredded.times("stamp")[message],
-        frame_id=shredded.names("frame")[message],
-        place=numbers(shredded, *POSITION),
-        direction=np.where(untold, np.nan, direction),
-        speed=np.where(untold, np.nan, speed),
-        climb=velocity[:, 2],
-        covariance=covariances(shredded, shredded.integers("unsure", default=1) > 0),
-        label=label_names(label, LABELS),
-        size=_sizes(shredded),
-        heading=standing,
-    )
+def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
+    is_turned = columns.integers("known", default=2) != UNAVAILABLE
+    yaw = np.where(is_turned, heading(columns.vectors(ORIENTATION)), np.nan)
+    moving = motion(columns, yaw, in_body=True)
+    has_twist = columns.integers("has_twist", default=1) != 0
+    moving |= {name: np.where(has_twist, moving[name], np.nan) for name in ("direction", "speed")}
+    label = np.full(yaw.size, UNLABELLED)
+    guesses, objects = most_probable(columns, "label", "probability")
+    label[objects] = columns.integers("label")[guesses]
+    return object_rows(
+        columns, ".objects[]", **moving, heading=yaw, label=label_names(label, LABELS), size=_sizes(columns),
+        covariance=covariances(columns, columns.integers("unsure", default=1) > 0),
+    )  # fmt: skip
 
 
 TRACKED = Family(

@@ -11,13 +11,13 @@ from dirprim_filter.recording.container.message_columns import MessageColumns, g
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan, full_name
 from dirprim_filter.recording.decoding.column_plan import Plan
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import SchemaError
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.schemas import FAMILIES, KINDS
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
-from dirprim_filter.recording.schemas.object_rows import NO_ROWS, Family, ObservedRows
+from dirprim_filter.recording.schemas.object_rows import NO_ROWS, Family, ObjectRows
 from tessellation.arrays import IntArray
 
 BATCH_MESSAGES = 1 << 14
@@ -89,23 +89,23 @@ class Decoders:
     def _family(self, channel: Channel) -> Family:
         return self._mapped or FAMILIES[schema_name(channel)]
 
-    def rows(self, messages: MessageColumns) -> tuple[ObservedRows, dict[int, str]]:
+    def rows(self, messages: MessageColumns) -> tuple[ObjectRows, dict[int, str]]:
         """The objects of messages, and by number why a message cannot be read.
 
         Args:
             messages: of one schema and encoding, that it `reads`; of one channel or of several.
         """
         try:
-            shredded = self.shredded(messages)
+            columns = self.columns(messages)
         except SchemaError as error:
             return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
         with np.errstate(all="ignore"):  # of a stranger's numbers; where rows are checked, only finite ones stay
-            rows = self._family(messages.first_channel).objects(shredded, messages.topic)
-        if shredded.failures:
-            rows = rows[~np.isin(rows.message, list(shredded.failures))]
-        return rows, shredded.failures
+            rows = self._family(messages.first_channel).objects(columns, messages.topic)
+        if columns.failures:
+            rows = rows[~np.isin(rows.message, list(columns.failures))]
+        return rows, columns.failures
 
-    def shredded(self, messages: MessageColumns) -> Shredded:
+    def columns(self, messages: MessageColumns) -> FieldColumns:
         """The wanted fields of messages, of one schema and encoding.
 
         Raises:

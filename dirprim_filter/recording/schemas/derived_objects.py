@@ -8,13 +8,21 @@ Source: https://github.com/astuff/astuff_sensor_msgs, derived_object_msgs; carla
 
 from __future__ import annotations
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, VELOCITY, course, heading, pose, xyz
-from dirprim_filter.recording.schemas.covariances import covariance, covariances
-from dirprim_filter.recording.schemas.extents import solid, solid_sizes
-from dirprim_filter.recording.schemas.labels import UNTOLD, label_names
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.attitude import heading
+from dirprim_filter.recording.schemas.field_groups import (
+    ORIENTATION,
+    UNLABELLED,
+    covariance,
+    header,
+    label_names,
+    pose,
+    solid,
+    solid_sizes,
+    xyz,
+)
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, motion, object_rows
 from tessellation.arrays import AnyArray
 
 LABELS = (
@@ -24,33 +32,17 @@ LABELS = (
 """Object.msg, `classification`."""
 
 
-def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-    message = shredded.message_of(".objects[]")
-    velocity = numbers(shredded, *VELOCITY)
-    yaw = heading(numbers(shredded, *ORIENTATION))
-    direction, speed = course(velocity, yaw)
-    return rows_of(
-        message,
-        track_id=shredded.names("id"),
-        stamp_ns=shredded.times("stamp")[message],
-        frame_id=shredded.names("frame")[message],
-        place=numbers(shredded, *POSITION),
-        direction=direction,
-        speed=speed,
-        climb=velocity[:, 2],
-        covariance=covariances(shredded),
-        label=label_names(shredded.integers("label", default=UNTOLD), LABELS),
-        size=solid_sizes(shredded),
-        heading=yaw,
-    )
+def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
+    label = label_names(columns.integers("label", default=UNLABELLED), LABELS)
+    moving = motion(columns, heading(columns.vectors(ORIENTATION)))
+    return object_rows(columns, ".objects[]", **moving, label=label, size=solid_sizes(columns))
 
 
 def _family(schema: str, pose_path: str, twist_path: str) -> Family:
     return Family(
         schemas=(schema,),
         fields={
-            "stamp": Field(path=".header.stamp", kind="time"),
-            "frame": Field(path=".header.frame_id", kind="name"),
+            **header(),
             "id": Field(path=".objects[].id", kind="name"),
             "label": Field(path=".objects[].classification", optional=True),
             **pose(f".objects[]{pose_path}"),

@@ -12,11 +12,11 @@ from google.protobuf.message import DecodeError, Message
 
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.optional_columns import is_held
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas import dirprim_pb2
-from dirprim_filter.recording.schemas.covariances import matrices
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, rows_of
+from dirprim_filter.recording.schemas.field_groups import matrices
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, FloatArray, IntArray
@@ -148,48 +148,39 @@ _OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE, "heading")
 _COLUMNS = ("x", "y", *_OPTIONAL)
 
 
-def _observed(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
+def _observed(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
     """Columns of unlike lengths fail their message; those of `_OPTIONAL` may be left out."""
-    message = shredded.message_of(".track_id[]")
-    n = np.bincount(message, minlength=shredded.n_messages)
-    names = shredded.names("id")
+    message = columns.message_of(".track_id[]")
+    n = np.bincount(message, minlength=columns.n_messages)
     kept = np.ones(message.size, np.bool_)
-    columns: dict[str, FloatArray] = {}
+    floats: dict[str, FloatArray] = {}
     group = np.zeros(message.size, np.int64)
     kinds = np.full(message.size, "")
     for label in (*_COLUMNS, "label"):
-        of = shredded.message_of(f".{label}[]")
-        has = np.bincount(of, minlength=shredded.n_messages)
-        is_told = has > 0 if label in (*_OPTIONAL, "label") else np.ones(has.size, np.bool_)
-        unlike = np.flatnonzero(is_told & (has != n))
+        of = columns.message_of(f".{label}[]")
+        has = np.bincount(of, minlength=columns.n_messages)
+        may_lack = label in (*_OPTIONAL, "label")
+        unlike = np.flatnonzero((has != n) & ((has > 0) | (not may_lack)))
         for i in unlike.tolist():
-            shredded.fail(np.array([i]), f"{_OBSERVATIONS}.{label}: expected {n[i]} numbers, got {has[i]}")
+            columns.fail(np.array([i]), f"{_OBSERVATIONS}.{label}: expected {n[i]} numbers, got {has[i]}")
         kept &= ~np.isin(message, unlike)
-        fits = np.isin(message, np.flatnonzero(has == n))
-        taken = np.isin(of, np.flatnonzero(has == n))
+        fits, taken = (np.isin(rows, np.flatnonzero(has == n)) for rows in (message, of))
         if label == "group":
-            group[fits] = shredded.integers(label)[taken]
+            group[fits] = columns.integers(label)[taken]
         elif label == "label":
-            told = shredded.names(label)[taken]
-            kinds = np.full(message.size, "", dtype=told.dtype)
-            kinds[fits] = told
+            names = columns.names(label)[taken]
+            kinds = np.full(message.size, "", dtype=names.dtype)
+            kinds[fits] = names
         else:
-            columns[label] = np.full(message.size, np.nan)
-            columns[label][fits] = shredded.numbers(label)[taken]
-    return rows_of(
-        message,
-        track_id=names,
-        stamp_ns=shredded.times("stamp")[message],
-        frame_id=shredded.names("frame")[message],
-        place=np.stack([columns["x"], columns["y"], np.zeros(message.size)], axis=-1),
-        direction=columns["direction"],
-        speed=columns["speed"],
-        group=group,
-        covariance=matrices(*(columns[label] for label in _COVARIANCE)),
-        size=np.stack([columns[label] for label in _SIZE], axis=-1),
-        heading=columns["heading"],
-        label=kinds,
-    )[kept]
+            floats[label] = np.full(message.size, np.nan)
+            floats[label][fits] = columns.numbers(label)[taken]
+    return object_rows(
+        columns, ".track_id[]",
+        place=np.stack([floats["x"], floats["y"], np.zeros(message.size)], axis=-1),
+        direction=floats["direction"], speed=floats["speed"], group=group, label=kinds, heading=floats["heading"],
+        covariance=matrices(*(floats[label] for label in _COVARIANCE)),
+        size=np.stack([floats[label] for label in _SIZE], axis=-1),
+    )[kept]  # fmt: skip
 
 
 _OBSERVATIONS = "dirprim.Observations"

@@ -6,11 +6,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, Shredded
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, FieldColumns
 from dirprim_filter.recording.decoding.fields import Field, Kind, steps_of
 from dirprim_filter.recording.schemas.attitude import course
 from dirprim_filter.recording.schemas.location import GEODETIC
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, rows_of
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, rows_of
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 _KINDS: dict[str, Kind] = {"id": "name", "frame": "name", "label": "name", "time": "time"}
@@ -122,12 +122,12 @@ class FieldMapping:
 class _Rows:
     """Columns of different tables, as columns of the rows of the place."""
 
-    def __init__(self, shredded: Shredded) -> None:
-        self._shredded = shredded
-        self.is_geodetic = "longitude" in shredded.fields
-        self._place = shredded.fields["longitude" if self.is_geodetic else "x"]
+    def __init__(self, columns: FieldColumns) -> None:
+        self._columns = columns
+        self.is_geodetic = "longitude" in columns.fields
+        self._place = columns.fields["longitude" if self.is_geodetic else "x"]
         self._table = self._place.table
-        self.message = shredded.message_of(self._table)
+        self.message = columns.message_of(self._table)
 
     @property
     def is_alone(self) -> bool:
@@ -136,22 +136,22 @@ class _Rows:
 
     def has(self, label: str) -> bool:
         """Whether the mapping asks for it."""
-        return label in self._shredded.fields
+        return label in self._columns.fields
 
     def spread(self, label: str, values: AnyArray, none: object) -> AnyArray:
         """Values of the label's table, one for each row of the place; messages where they do not fit fail."""
-        table = self._shredded.fields[label].table
+        table = self._columns.fields[label].table
         if table == self._table:
             return values
         if table == "":
             return values[self.message]
-        of = self._shredded.message_of(table)
-        n = np.bincount(self.message, minlength=self._shredded.n_messages)
-        has = np.bincount(of, minlength=self._shredded.n_messages)
+        of = self._columns.message_of(table)
+        n = np.bincount(self.message, minlength=self._columns.n_messages)
+        has = np.bincount(of, minlength=self._columns.n_messages)
         unlike = np.flatnonzero(n != has)
         if unlike.size:
-            path = self._shredded.fields[label].path
-            self._shredded.fail(unlike, f"expected as many of {path} as of {self._place.path}")
+            path = self._columns.fields[label].path
+            self._columns.fail(unlike, f"expected as many of {path} as of {self._place.path}")
         out = np.full(self.message.size, none, dtype=values.dtype)
         out[~np.isin(self.message, unlike)] = values[~np.isin(of, unlike)]
         return out
@@ -160,23 +160,23 @@ class _Rows:
         """A column of numbers, NaN where the mapping does not ask for it."""
         if not self.has(label):
             return np.full(self.message.size, np.nan)
-        return np.asarray(self.spread(label, self._shredded.numbers(label), np.nan) * factor, np.float64)
+        return np.asarray(self.spread(label, self._columns.numbers(label), np.nan) * factor, np.float64)
 
     def name(self, label: str, otherwise: AnyArray) -> AnyArray:
         """A column of names."""
-        return self.spread(label, self._shredded.names(label), "") if self.has(label) else otherwise
+        return self.spread(label, self._columns.names(label), "") if self.has(label) else otherwise
 
     def time_ns(self) -> IntArray:
         """The times of the header."""
         if self.has("time"):
-            return self.spread("time", self._shredded.times("time"), NO_TIME)
+            return self.spread("time", self._columns.times("time"), NO_TIME)
         seconds = self.number("time_s")
         fits = np.abs(seconds) < FARTHEST_S
         return np.where(fits, np.round(np.where(fits, seconds, 0.0) * 1e9).astype(np.int64), NO_TIME)
 
 
-def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
-    rows = _Rows(shredded)
+def _objects(columns: FieldColumns, topics: AnyArray) -> ObjectRows:
+    rows = _Rows(columns)
     either = {
         "speed": np.where(rows.has("speed"), rows.number("speed"), rows.number("speed_kmh", 1 / KMH)),
         "direction": np.where(
@@ -186,9 +186,9 @@ def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
     }
     direction, speed = either["direction"], either["speed"]
     if rows.has("vx"):
-        told, over_ground = course(np.column_stack([rows.number("vx"), rows.number("vy")]), either["heading"])
+        moving, over_ground = course(np.column_stack([rows.number("vx"), rows.number("vy")]), either["heading"])
         speed = np.where(np.isfinite(speed), speed, over_ground)
-        direction = np.where(np.isfinite(direction), direction, told)
+        direction = np.where(np.isfinite(direction), direction, moving)
     alone = topics[rows.message] if rows.is_alone else np.full(rows.message.size, "")
     place = ("longitude", "latitude", "z") if rows.is_geodetic else ("x", "y", "z")
     nowhere = np.full(rows.message.size, GEODETIC if rows.is_geodetic else "")

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.covariances import covariance, covariances
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.field_groups import covariance, covariances
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
 from tessellation.arrays import AnyArray
 
 GEODETIC = "WGS 84"
@@ -24,22 +24,19 @@ UNKNOWN = 0
 """COVARIANCE_TYPE_UNKNOWN."""
 
 
-def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
-    message = shredded.message_of(shredded.fields["latitude"].table)
-    stamp = shredded.times("stamp")
-    place = numbers(shredded, "longitude", "latitude", "altitude")
+def _objects(columns: FieldColumns, topics: AnyArray) -> ObjectRows:
+    table = columns.fields["latitude"].table
+    message = columns.message_of(table)
+    place = columns.vectors(("longitude", "latitude", "altitude"))
     longitude, latitude = place[:, 0], place[:, 1]
     is_set = (latitude != 0) | (longitude != 0)
-    is_fix = (shredded.integers("status") >= 0) & is_set & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)
+    is_fix = (columns.integers("status") >= 0) & is_set & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)
     place[~is_fix] = np.nan
-    return rows_of(
-        message,
-        track_id=topics[message],
-        stamp_ns=stamp,
-        frame_id=np.full(message.size, GEODETIC),
-        place=place,
-        covariance=covariances(shredded, shredded.integers("covariance_type") != UNKNOWN),
-    )
+    known = columns.integers("covariance_type") != UNKNOWN
+    return object_rows(
+        columns, table, track_id=topics[message], frame_id=np.full(message.size, GEODETIC), place=place,
+        covariance=covariances(columns, known),
+    )  # fmt: skip
 
 
 def _family(*schemas: str, at: str, stamp: str) -> Family:

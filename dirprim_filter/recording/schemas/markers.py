@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, heading, orientation, xyz
-from dirprim_filter.recording.schemas.extents import extents, sizes
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.field_groups import SIZE, extents, header, pose
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
 from tessellation.arrays import AnyArray
 
 BODIES = (1, 2, 3, 10)  # CUBE, SPHERE, CYLINDER, MESH_RESOURCE
@@ -23,33 +22,23 @@ MESH = 10
 ADD = 0
 
 
-def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-    kind = shredded.integers("type")
-    is_body = np.isin(kind, BODIES) & (shredded.integers("action") == ADD)
-    message = shredded.message_of(".markers[]")
-    space, number = shredded.names("space"), shredded.names("id")
-    return rows_of(
-        message,
-        track_id=np.char.add(np.char.add(space, "/"), number),
-        stamp_ns=shredded.times("stamp"),
-        frame_id=shredded.names("frame"),
-        place=numbers(shredded, *POSITION),
-        size=np.where((kind == MESH)[:, None], np.nan, sizes(shredded)),
-        heading=heading(numbers(shredded, *ORIENTATION)),
-    )[is_body]
+def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
+    kind = columns.integers("type")
+    is_body = np.isin(kind, BODIES) & (columns.integers("action") == ADD)
+    names = np.char.add(np.char.add(columns.names("space"), "/"), columns.names("id"))
+    size = np.where((kind == MESH)[:, None], np.nan, columns.vectors(SIZE))
+    return object_rows(columns, ".markers[]", track_id=names, size=size)[is_body]
 
 
 MARKERS = Family(
     schemas=("visualization_msgs/msg/MarkerArray",),
     fields={
-        "stamp": Field(path=".markers[].header.stamp", kind="time"),
-        "frame": Field(path=".markers[].header.frame_id", kind="name"),
+        **header(".markers[]"),
         "space": Field(path=".markers[].ns", kind="name"),
         "id": Field(path=".markers[].id", kind="name"),
         "type": Field(path=".markers[].type"),
         "action": Field(path=".markers[].action"),
-        **xyz("p", ".markers[].pose.position"),
-        **orientation(".markers[].pose.orientation"),
+        **pose(".markers[].pose", optional=True),
         **extents(".markers[].scale"),
     },
     objects=_objects,

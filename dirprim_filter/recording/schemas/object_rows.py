@@ -9,8 +9,17 @@ from typing import Any, Self
 import numpy as np
 
 from dirprim_filter.optional_columns import chosen, joined, unknown
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
+from dirprim_filter.recording.schemas.attitude import course, heading, rotated
+from dirprim_filter.recording.schemas.field_groups import (
+    COVARIANCE,
+    ORIENTATION,
+    POSITION,
+    SIZE,
+    VELOCITY,
+    covariances,
+)
 from dirprim_filter.sizes import known_sizes
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -18,24 +27,24 @@ _OPTIONAL = ("size", "heading")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ObservedRows:
+class ObjectRows:
     """The objects of a batch of messages, those of a message together and in its order.
 
     Attributes:
         message: (n,) which message of the batch each is of, ascending.
         track_id: (n,) str; empty where the message knows the object by no name.
         stamp_ns: (n,) the time that the message itself carries, nanoseconds; `NO_TIME` where it carries none.
-        frame_id: (n,) str, in whose axes position and direction are; empty: not told, so the map's.
+        frame_id: (n,) str, in whose axes position and direction are; empty where unknown, so the map's.
         position: (n, 2) metres.
-        height: (n,) metres, the third coordinate; 0 where the message tells none.
-        direction: (n,) course over ground, radians; NaN where the message does not tell.
-        speed: (n,) over ground, m/s; NaN where the message does not tell.
-        climb: (n,) velocity along the third axis, m/s; 0 where the message tells none.
+        height: (n,) metres, the third coordinate; 0 where unknown.
+        direction: (n,) course over ground, radians; NaN where unknown.
+        speed: (n,) over ground, m/s; NaN where unknown.
+        climb: (n,) velocity along the third axis, m/s; 0 where unknown.
         group: (n,) int64; 0 where the message knows no groups.
-        covariance: (n, 2, 2) of the position's error, square metres; NaN where the message does not tell.
-        label: (n,) str, what the object is in the words of its schema; empty where the message does not tell.
-        size: (n, 3) length, width and height of the body, metres; NaN where the message does not tell.
-        heading: (n,) yaw of the body, radians; NaN where the message does not tell.
+        covariance: (n, 2, 2) of the position's error, square metres; NaN where unknown.
+        label: (n,) str, what the object is in the words of its schema; empty where unknown.
+        size: (n, 3) length, width and height of the body, metres; NaN where unknown.
+        heading: (n,) yaw of the body, radians; NaN where unknown.
     """
 
     message: IntArray
@@ -65,20 +74,20 @@ class ObservedRows:
         return replace(self, **columns)
 
 
-def concatenated(parts: Sequence[ObservedRows]) -> ObservedRows:
+def concatenated(parts: Sequence[ObjectRows]) -> ObjectRows:
     """All rows of all parts, of which there is at least one; `message` stays as it is."""
     if len(parts) == 1:
         return parts[0]
     columns: dict[str, Any] = {}
-    for f in fields(ObservedRows):
+    for f in fields(ObjectRows):
         join = joined if f.name in _OPTIONAL else np.concatenate
         columns[f.name] = join([getattr(part, f.name) for part in parts])
-    return ObservedRows(**columns)
+    return ObjectRows(**columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Family:
-    """Schemas that tell the same in the same fields, and how their objects are read.
+    """Schemas that say the same in the same fields, and how their objects are read.
 
     Attributes:
         schemas: names, of whatever encoding.
@@ -88,12 +97,58 @@ class Family:
 
     schemas: tuple[str, ...]
     fields: Mapping[str, Field]
-    objects: Callable[[Shredded, AnyArray], ObservedRows]
+    objects: Callable[[FieldColumns, AnyArray], ObjectRows]
 
 
-def numbers(shredded: Shredded, *labels: str) -> FloatArray:
-    """(n, k) some columns of one table beside each other; NaN where missing."""
-    return np.stack([shredded.numbers(label) for label in labels], axis=-1)
+def object_rows(columns: FieldColumns, table: str, **known: Any) -> ObjectRows:
+    """The objects that are the rows of a table.
+
+    What is not `known` is read from the fields of the usual labels, as `field_groups` has them: `stamp`, `frame`, `id`,
+    `p`, `c`, `size` and, for the heading, `q`; a value for each message holds for all objects in it.
+
+    Args:
+        columns: of the fields.
+        table: whose rows are objects; empty where a message is one object.
+        known: columns of `ObjectRows`, and `place` (n, 3) metres, as `rows_of` takes them.
+    """
+    message = columns.message_of(table)
+
+    def read(label: str, values: AnyArray) -> AnyArray:
+        return values[message] if table and columns.fields[label].table == "" else values
+
+    has = columns.fields.__contains__
+    if "stamp_ns" not in known:
+        known["stamp_ns"] = read("stamp", columns.times("stamp"))
+    if "frame_id" not in known:
+        known["frame_id"] = read("frame", columns.names("frame")) if has("frame") else np.full(message.size, "")
+    if "track_id" not in known:
+        known["track_id"] = read("id", columns.names("id"))
+    if "place" not in known:
+        known["place"] = columns.vectors(POSITION)
+    if "covariance" not in known and has(COVARIANCE[0]):
+        known["covariance"] = covariances(columns)
+    if "size" not in known and has(SIZE[0]):
+        known["size"] = columns.vectors(SIZE)
+    if "heading" not in known and has(ORIENTATION[0]):
+        known["heading"] = heading(columns.vectors(ORIENTATION))
+    return rows_of(message, **known)
+
+
+def motion(columns: FieldColumns, yaw: FloatArray, *, in_body: bool = False) -> dict[str, FloatArray]:
+    """Direction, speed and climb by the velocity under label `v`, NaN where its message is not set (label `moves`).
+
+    Args:
+        columns: of the fields.
+        yaw: (n,) radians, the course of who stands.
+        in_body: the velocity is in the axes of the body, that `q` turns.
+    """
+    velocity = columns.vectors(VELOCITY)
+    if in_body:
+        velocity = rotated(columns.vectors(ORIENTATION), velocity)
+    if "moves" in columns.fields:
+        velocity[~columns.is_set("moves")] = np.nan
+    direction, speed = course(velocity, yaw)
+    return {"direction": direction, "speed": speed, "climb": velocity[:, 2]}
 
 
 def rows_of(
@@ -111,30 +166,15 @@ def rows_of(
     label: AnyArray | None = None,
     size: FloatArray | None = None,
     heading: FloatArray | None = None,
-) -> ObservedRows:
+) -> ObjectRows:
     """Rows of which all but the place may be unknown.
 
-    Args:
-        message: (n,) ascending.
-        track_id: (n,) str.
-        stamp_ns: (n,) nanoseconds.
-        frame_id: (n,) str.
-        place: (n, 3) metres; an unknown height counts as 0.
-        direction: (n,) radians.
-        speed: (n,) m/s.
-        climb: (n,) m/s.
-        group: (n,) int64.
-        covariance: (n, 2, 2) square metres.
-        label: (n,) str.
-        size: (n, 3) metres; what is not positive is unknown: a field that nobody set reads as 0.
-        heading: (n,) radians; what is not finite is unknown.
+    The place is (n, 3) metres, of which an unknown height counts as 0; a size that is not positive is unknown, as a
+    field that nobody set reads as 0; so is a heading that is not finite. All else is as in `ObjectRows`.
     """
     none = np.full(message.size, np.nan)
-    return ObservedRows(
-        message=message,
-        track_id=track_id,
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
+    return ObjectRows(
+        message=message, track_id=track_id, stamp_ns=stamp_ns, frame_id=frame_id,
         position=np.ascontiguousarray(place[:, :2]),
         height=np.where(np.isfinite(place[:, 2]), place[:, 2], 0.0),
         direction=none if direction is None else direction,
@@ -145,14 +185,11 @@ def rows_of(
         label=np.full(message.size, "") if label is None else label,
         size=unknown(message.size, 3) if size is None else known_sizes(size),
         heading=unknown(message.size) if heading is None else np.where(np.isfinite(heading), heading, np.nan),
-    )
+    )  # fmt: skip
 
 
 NO_ROWS = rows_of(
-    np.empty(0, np.int64),
-    track_id=np.empty(0, np.str_),
-    stamp_ns=np.empty(0, np.int64),
-    frame_id=np.empty(0, np.str_),
-    place=np.empty((0, 3)),
-)
+    np.empty(0, np.int64), track_id=np.empty(0, np.str_), stamp_ns=np.empty(0, np.int64),
+    frame_id=np.empty(0, np.str_), place=np.empty((0, 3)),
+)  # fmt: skip
 """Nothing observed."""

@@ -10,51 +10,33 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import (
+from dirprim_filter.recording.schemas.attitude import heading
+from dirprim_filter.recording.schemas.field_groups import (
     ORIENTATION,
-    POSITION,
-    VELOCITY,
-    course,
-    heading,
+    covariance,
+    foxglove_header,
+    header,
     pose,
-    rotated,
     xyz,
 )
-from dirprim_filter.recording.schemas.covariances import covariance, covariances
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, motion, object_rows
 from tessellation.arrays import AnyArray
 
 
-def _objects(shredded: Shredded, topics: AnyArray) -> ObservedRows:
-    body = shredded.names("id")
-    orientation = numbers(shredded, *ORIENTATION)
-    velocity = rotated(orientation, numbers(shredded, *VELOCITY))
-    velocity[~shredded.marks("moves")] = np.nan
-    yaw = heading(orientation)
-    direction, speed = course(velocity, yaw)
-    return rows_of(
-        shredded.message_of(""),
-        track_id=np.where(body == "", topics, body),
-        stamp_ns=shredded.times("stamp"),
-        frame_id=shredded.names("frame"),
-        place=numbers(shredded, *POSITION),
-        direction=direction,
-        speed=speed,
-        climb=velocity[:, 2],
-        covariance=covariances(shredded),
-        heading=yaw,
-    )
+def _objects(columns: FieldColumns, topics: AnyArray) -> ObjectRows:
+    body = columns.names("id")
+    moving = motion(columns, heading(columns.vectors(ORIENTATION)), in_body=True)
+    return object_rows(columns, "", **moving, track_id=np.where(body == "", topics, body))
 
 
 ROS = Family(
     schemas=("nav_msgs/msg/Odometry",),
     fields={
-        "stamp": Field(path=".header.stamp", kind="time"),
-        "frame": Field(path=".header.frame_id", kind="name"),
+        **header(),
         "id": Field(path=".child_frame_id", kind="name"),
-        "moves": Field(path=".twist", kind="mark"),
+        "moves": Field(path=".twist", kind="presence"),
         **pose(".pose.pose"),
         **covariance(".pose.covariance", n_rows=6),
         **xyz("v", ".twist.twist.linear"),
@@ -64,10 +46,9 @@ ROS = Family(
 FOXGLOVE = Family(
     schemas=("foxglove.Odometry", "foxglove_msgs/msg/Odometry"),
     fields={
-        "stamp": Field(path=".timestamp", kind="time"),
-        "frame": Field(path=".frame_id", kind="name"),
+        **foxglove_header(),
         "id": Field(path=".body_frame_id", kind="name"),
-        "moves": Field(path=".linear_velocity", kind="mark"),
+        "moves": Field(path=".linear_velocity", kind="presence"),
         **pose(".pose"),
         **covariance(".pose_covariance", n_rows=6),
         **xyz("v", ".linear_velocity"),

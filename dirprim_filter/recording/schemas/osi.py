@@ -12,12 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import POSITION, VELOCITY, course, xyz
-from dirprim_filter.recording.schemas.extents import extents, sizes
-from dirprim_filter.recording.schemas.labels import UNTOLD, label_names
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.field_groups import UNLABELLED, VELOCITY, extents, label_names, xyz
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, motion, object_rows
 from tessellation.arrays import AnyArray
 
 LABELS = ("unknown", "other", "vehicle", "pedestrian", "animal")
@@ -32,34 +30,22 @@ VEHICLES = (
 """`MovingObject.VehicleClassification.Type`; of those that are unknown or other no more is known than of the object."""
 
 
-def _labels(shredded: Shredded) -> AnyArray:
-    kind = shredded.integers("type", default=UNTOLD)
-    vehicle = label_names(shredded.integers("vehicle"), VEHICLES)
+def _labels(columns: FieldColumns) -> AnyArray:
+    kind = columns.integers("type", default=UNLABELLED)
+    vehicle = label_names(columns.integers("vehicle"), VEHICLES)
     return np.where(kind == VEHICLE, vehicle, label_names(kind, LABELS))
 
 
 def _family(schema: str, truth: str) -> Family:
     movers = f"{truth}.moving_object[]"
 
-    def objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-        message = shredded.message_of(movers)
-        velocity = numbers(shredded, *VELOCITY)
-        yaw = np.where(shredded.marks("turned"), shredded.numbers("yaw"), np.nan)
+    def objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
+        velocity = columns.vectors(VELOCITY)
+        yaw = np.where(columns.is_set("turned"), columns.numbers("yaw"), np.nan)
         standing = np.where(np.isnan(yaw), np.arctan2(velocity[:, 1], velocity[:, 0]), yaw)
-        velocity[~shredded.marks("moves")] = np.nan
-        direction, speed = course(velocity, standing)
-        return rows_of(
-            message,
-            track_id=shredded.names("id"),
-            stamp_ns=shredded.times("stamp")[message],
-            frame_id=np.full(message.size, ""),
-            place=numbers(shredded, *POSITION),
-            direction=direction,
-            speed=speed,
-            label=_labels(shredded),
-            size=sizes(shredded),
-            heading=yaw,
-        )[shredded.marks("placed")]
+        moving = motion(columns, standing) | {"climb": None}
+        rows = object_rows(columns, movers, **moving, heading=yaw, label=_labels(columns))
+        return rows[columns.is_set("placed")]
 
     return Family(
         schemas=(schema,),
@@ -68,9 +54,9 @@ def _family(schema: str, truth: str) -> Family:
             "id": Field(path=f"{movers}.id.value", kind="name"),
             "type": Field(path=f"{movers}.type", optional=True),
             "vehicle": Field(path=f"{movers}.vehicle_classification.type", optional=True),
-            "placed": Field(path=f"{movers}.base.position", kind="mark"),
-            "moves": Field(path=f"{movers}.base.velocity", kind="mark"),
-            "turned": Field(path=f"{movers}.base.orientation", kind="mark"),
+            "placed": Field(path=f"{movers}.base.position", kind="presence"),
+            "moves": Field(path=f"{movers}.base.velocity", kind="presence"),
+            "turned": Field(path=f"{movers}.base.orientation", kind="presence"),
             "yaw": Field(path=f"{movers}.base.orientation.yaw"),
             **xyz("p", f"{movers}.base.position"),
             **xyz("v", f"{movers}.base.velocity"),

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import NO_TIME, Shredded
+from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import POSITION, rotated, xyz
-from dirprim_filter.recording.schemas.extents import extents, sizes
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.attitude import rotated
+from dirprim_filter.recording.schemas.field_groups import POSITION, SIZE, extents, xyz
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, rows_of
 from dirprim_filter.recording.schemas.osi import DIMENSION
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -37,46 +37,46 @@ def _quaternion(angles: FloatArray) -> FloatArray:
     return np.stack([x, y, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy], axis=-1)
 
 
-def _vector(shredded: Shredded, prefix: str) -> FloatArray:
+def _vector(columns: FieldColumns, prefix: str) -> FloatArray:
     """(n, 3); 0 where it is not told."""
-    return np.nan_to_num(numbers(shredded, *(f"{prefix}.{axis}" for axis in "xyz")))
+    return np.nan_to_num(columns.vectors([f"{prefix}.{axis}" for axis in "xyz"]))
 
 
-def _angles(shredded: Shredded, prefix: str) -> FloatArray:
-    return _quaternion(numbers(shredded, *(f"{prefix}.{angle}" for angle in _ANGLES)))
+def _angles(columns: FieldColumns, prefix: str) -> FloatArray:
+    return _quaternion(columns.vectors([f"{prefix}.{angle}" for angle in _ANGLES]))
 
 
-def _hosts(shredded: Shredded) -> IntArray:
+def _hosts(columns: FieldColumns) -> IntArray:
     """(n_messages,) the row of the host vehicle among the movers; -1 where there is none."""
-    of = shredded.message_of(_MOVERS)
-    is_host = shredded.names("mover") == shredded.names("host")[of]
-    hosts = np.full(shredded.n_messages, -1, np.int64)
+    of = columns.message_of(_MOVERS)
+    is_host = columns.names("mover") == columns.names("host")[of]
+    hosts = np.full(columns.n_messages, -1, np.int64)
     hosts[of[is_host]] = np.flatnonzero(is_host)
     return hosts
 
 
-def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-    message = shredded.message_of(".moving_object[]")
-    hosts = _hosts(shredded)
+def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
+    message = columns.message_of(".moving_object[]")
+    hosts = _hosts(columns)
     lost = np.unique(message[hosts[message] < 0])
-    shredded.fail(lost, f"{_TRUTH} without the host vehicle, so it is unknown where the sensor is")
-    placed = shredded.marks("placed") & (hosts[message] >= 0)
+    columns.fail(lost, f"{_TRUTH} without the host vehicle, so it is unknown where the sensor is")
+    placed = columns.is_set("placed") & (hosts[message] >= 0)
     message = message[placed]
-    mounted, turned = _angles(shredded, "mounted")[message], _angles(shredded, "turned")[hosts[message]]
-    in_vehicle = rotated(mounted, numbers(shredded, *POSITION)[placed])
-    in_vehicle += _vector(shredded, "mount")[message] + _vector(shredded, "rear")[hosts[message]]
-    place = rotated(turned, in_vehicle) + _vector(shredded, "at")[hosts[message]]
-    ahead = rotated(_angles(shredded, "body")[placed], np.broadcast_to([1.0, 0.0, 0.0], place.shape))
+    mounted, turned = _angles(columns, "mounted")[message], _angles(columns, "turned")[hosts[message]]
+    in_vehicle = rotated(mounted, columns.vectors(POSITION)[placed])
+    in_vehicle += _vector(columns, "mount")[message] + _vector(columns, "rear")[hosts[message]]
+    place = rotated(turned, in_vehicle) + _vector(columns, "at")[hosts[message]]
+    ahead = rotated(_angles(columns, "body")[placed], np.broadcast_to([1.0, 0.0, 0.0], place.shape))
     ahead = rotated(turned, rotated(mounted, ahead))
-    measured, sent = shredded.times("measured"), shredded.times("stamp")
+    measured, sent = columns.times("measured"), columns.times("stamp")
     return rows_of(
         message,
-        track_id=shredded.names("id")[placed],
+        track_id=columns.names("id")[placed],
         stamp_ns=np.where(measured == NO_TIME, sent, measured)[message],
         frame_id=np.full(message.size, ""),
         place=place,
-        size=sizes(shredded)[placed],
-        heading=np.where(shredded.marks("faces")[placed], np.arctan2(ahead[:, 1], ahead[:, 0]), np.nan),
+        size=columns.vectors(SIZE)[placed],
+        heading=np.where(columns.is_set("faces")[placed], np.arctan2(ahead[:, 1], ahead[:, 0]), np.nan),
     )
 
 
@@ -86,8 +86,8 @@ SENSOR_DATA = Family(
         "stamp": Field(path=".timestamp", kind="time"),
         "measured": Field(path=".last_measurement_time", kind="time", optional=True),
         "id": Field(path=".moving_object[].header.tracking_id.value", kind="name"),
-        "placed": Field(path=".moving_object[].base.position", kind="mark"),
-        "faces": Field(path=".moving_object[].base.orientation", kind="mark"),
+        "placed": Field(path=".moving_object[].base.position", kind="presence"),
+        "faces": Field(path=".moving_object[].base.orientation", kind="presence"),
         **xyz("p", ".moving_object[].base.position"),
         **_turn("body", ".moving_object[].base.orientation"),
         **extents(".moving_object[].base.dimension", DIMENSION),

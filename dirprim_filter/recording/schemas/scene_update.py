@@ -17,11 +17,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, heading, orientation, xyz
-from dirprim_filter.recording.schemas.extents import SIZE, extents
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.attitude import heading
+from dirprim_filter.recording.schemas.field_groups import (
+    ORIENTATION,
+    POSITION,
+    SIZE,
+    extents,
+    foxglove_header,
+    pose,
+    xyz,
+)
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 INT64_TEXT_LENGTH = 20
@@ -35,49 +43,41 @@ HEADING_NOTE = "heading_rad"
 """In the metadata: of what was observed, where the cube may be turned into the course."""
 
 
-def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-    message = shredded.message_of(_ENTITIES)
-    notes = _Notes(shredded, message.size)
-    is_body = shredded.marks("cube")
+def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
+    message = columns.message_of(_ENTITIES)
+    notes = _Notes(columns, message.size)
+    is_body = columns.is_set("cube")
     for other in ("cylinder", "model"):
-        is_body = is_body | shredded.marks(other, default=False)
-    return rows_of(
-        message,
-        track_id=shredded.names("id"),
-        stamp_ns=shredded.times("stamp"),
-        frame_id=shredded.names("frame"),
-        place=_of_body(shredded, *_PLACES),
-        direction=notes.numbers("direction_rad"),
-        speed=notes.numbers("speed_mps"),
-        group=notes.groups(),
-        label=notes.texts("category"),
-        size=_sizes(shredded, notes),
-        heading=_headings(shredded, notes),
-    )[is_body]
+        is_body = is_body | columns.is_set(other, default=False)
+    return object_rows(
+        columns, _ENTITIES, place=_of_body(columns, *_PLACES), direction=notes.numbers("direction_rad"),
+        speed=notes.numbers("speed_mps"), group=notes.groups(), label=notes.texts("category"),
+        size=_sizes(columns, notes), heading=_headings(columns, notes),
+    )[is_body]  # fmt: skip
 
 
-def _of_body(shredded: Shredded, cube: Sequence[str], cylinder: Sequence[str], model: Sequence[str]) -> FloatArray:
+def _of_body(columns: FieldColumns, cube: Sequence[str], cylinder: Sequence[str], model: Sequence[str]) -> FloatArray:
     """(n, 3) of the cube where there is one, else of the cylinder, else of the model, by the labels of each."""
-    is_cube, is_cylinder = shredded.marks("cube"), shredded.marks("cylinder", default=False)
-    found = numbers(shredded, *cube)
+    is_cube, is_cylinder = columns.is_set("cube"), columns.is_set("cylinder", default=False)
+    found = columns.vectors(cube)
     for here, labels in ((~is_cube & is_cylinder, cylinder), (~is_cube & ~is_cylinder, model)):
         if here.any():  # rarely: most logs draw cubes alone
-            found[here] = numbers(shredded, *labels)[here]
+            found[here] = columns.vectors(labels)[here]
     return found
 
 
-def _sizes(shredded: Shredded, notes: _Notes) -> FloatArray:
+def _sizes(columns: FieldColumns, notes: _Notes) -> FloatArray:
     """(n, 3) metres."""
-    drawn = _of_body(shredded, SIZE, _ROUND, SIZE)  # who has a model alone has no cube, so none of its size
+    drawn = _of_body(columns, SIZE, _ROUND, SIZE)  # who has a model alone has no cube, so none of its size
     told = notes.has("speed_mps")
     if told.any():
         drawn[told] = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)[told]
     return drawn
 
 
-def _headings(shredded: Shredded, notes: _Notes) -> FloatArray:
+def _headings(columns: FieldColumns, notes: _Notes) -> FloatArray:
     """(n,) radians; of who is no cube unknown."""
-    drawn = np.where(shredded.marks("cube"), heading(numbers(shredded, *ORIENTATION)), np.nan)
+    drawn = np.where(columns.is_set("cube"), heading(columns.vectors(ORIENTATION)), np.nan)
     told = notes.has("speed_mps")
     return np.where(told, notes.numbers(HEADING_NOTE), drawn) if told.any() else drawn
 
@@ -85,11 +85,11 @@ def _headings(shredded: Shredded, notes: _Notes) -> FloatArray:
 class _Notes:
     """The metadata of the entities."""
 
-    def __init__(self, shredded: Shredded, n: int) -> None:
+    def __init__(self, columns: FieldColumns, n: int) -> None:
         self._n = n
-        self._entity = shredded.parent_of(_NOTES)
-        self._key = shredded.names("key")
-        self._value = shredded.names("value")
+        self._entity = columns.parent_of(_NOTES)
+        self._key = columns.names("key")
+        self._value = columns.names("value")
 
     def has(self, key: str) -> BoolArray:
         """(n,) which entities have a note."""
@@ -132,25 +132,19 @@ def _group(text: str) -> int:
     return int(text) if is_number else 0
 
 
-def _elsewhere(prefix: str, path: str) -> dict[str, Field]:
-    return {f"{prefix}.{axis}": Field(path=f"{_ENTITIES}.{path}.{axis}", optional=True) for axis in "xyz"}
-
-
 SCENE_UPDATE = Family(
     schemas=("foxglove.SceneUpdate", "foxglove_msgs/msg/SceneUpdate"),
     fields={
-        "stamp": Field(path=f"{_ENTITIES}.timestamp", kind="time"),
-        "frame": Field(path=f"{_ENTITIES}.frame_id", kind="name"),
+        **foxglove_header(_ENTITIES),
         "id": Field(path=f"{_ENTITIES}.id", kind="name"),
-        "cube": Field(path=f"{_ENTITIES}.cubes[0]", kind="mark"),
-        "cylinder": Field(path=f"{_ENTITIES}.cylinders[0]", kind="mark", optional=True),
-        "model": Field(path=f"{_ENTITIES}.models[0]", kind="mark", optional=True),
-        **xyz("p", f"{_ENTITIES}.cubes[0].pose.position"),
-        **orientation(f"{_ENTITIES}.cubes[0].pose.orientation"),
-        **_elsewhere("r", "cylinders[0].pose.position"),
-        **_elsewhere("m", "models[0].pose.position"),
+        "cube": Field(path=f"{_ENTITIES}.cubes[0]", kind="presence"),
+        "cylinder": Field(path=f"{_ENTITIES}.cylinders[0]", kind="presence", optional=True),
+        "model": Field(path=f"{_ENTITIES}.models[0]", kind="presence", optional=True),
+        **pose(f"{_ENTITIES}.cubes[0].pose", optional=True),
+        **xyz("r", f"{_ENTITIES}.cylinders[0].pose.position", optional=True),
+        **xyz("m", f"{_ENTITIES}.models[0].pose.position", optional=True),
         **extents(f"{_ENTITIES}.cubes[0].size"),
-        **_elsewhere("round", "cylinders[0].size"),
+        **xyz("round", f"{_ENTITIES}.cylinders[0].size", optional=True),
         "key": Field(path=f"{_NOTES}.key", kind="name"),
         "value": Field(path=f"{_NOTES}.value", kind="name"),
     },

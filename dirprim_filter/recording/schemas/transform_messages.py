@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, xyz
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.field_groups import ORIENTATION, POSITION, header, orientation, xyz
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
 from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
@@ -42,34 +42,30 @@ NO_TRANSFORMS = TransformRows(
 """None at all."""
 
 
-def transforms_of(shredded: Shredded) -> TransformRows:
+def transforms_of(columns: FieldColumns) -> TransformRows:
     """The transforms of messages of one of `FAMILIES`."""
     return TransformRows(
-        message=shredded.message_of(shredded.fields["child"].table),
-        stamp_ns=shredded.times("stamp"),
-        parent=shredded.names("frame"),
-        child=shredded.names("child"),
-        translation=numbers(shredded, *POSITION),
-        rotation=numbers(shredded, *ORIENTATION),
+        message=columns.message_of(columns.fields["child"].table),
+        stamp_ns=columns.times("stamp"),
+        parent=columns.names("frame"),
+        child=columns.names("child"),
+        translation=columns.vectors(POSITION),
+        rotation=columns.vectors(ORIENTATION),
     )
 
 
-def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-    rows = transforms_of(shredded)
-    return rows_of(
-        rows.message, track_id=rows.child, stamp_ns=rows.stamp_ns, frame_id=rows.parent, place=rows.translation
-    )
+def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
+    return object_rows(columns, columns.fields["child"].table, track_id=columns.names("child"), heading=None)
 
 
 def _family(*schemas: str, stamp: str, parent: str, at: str, pose: str) -> Family:
     return Family(
         schemas=schemas,
         fields={
-            "stamp": Field(path=f"{at}{stamp}", kind="time"),
-            "frame": Field(path=f"{at}{parent}", kind="name"),
+            **header(at, stamp=stamp, frame=parent),
             "child": Field(path=f"{at}.child_frame_id", kind="name"),
             **xyz("p", f"{at}{pose}.translation"),
-            **{f"q.{axis}": Field(path=f"{at}{pose}.rotation.{axis}") for axis in "xyzw"},
+            **orientation(f"{at}{pose}.rotation", optional=False),
         },
         objects=_objects,
     )

@@ -11,43 +11,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import Shredded
+from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import ORIENTATION, POSITION, heading, orientation, xyz
-from dirprim_filter.recording.schemas.extents import extents, sizes
-from dirprim_filter.recording.schemas.labels import most_probable
-from dirprim_filter.recording.schemas.object_rows import Family, ObservedRows, numbers, rows_of
+from dirprim_filter.recording.schemas.field_groups import extents, header, most_probable, pose
+from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
 from tessellation.arrays import AnyArray
 
 
-def _objects(shredded: Shredded, _topics: AnyArray) -> ObservedRows:
-    message = shredded.message_of(".detections[]")
-    guesses, objects = most_probable(shredded, "label", "score")
-    named = shredded.names("label")[guesses]
-    label = np.full(message.size, "", dtype=named.dtype)
+def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
+    guesses, objects = most_probable(columns, "label", "score")
+    named = columns.names("label")[guesses]
+    label = np.full(columns.message_of(".detections[]").size, "", dtype=named.dtype)
     label[objects] = named
-    return rows_of(
-        message,
-        track_id=shredded.names("id"),
-        stamp_ns=shredded.times("stamp")[message],
-        frame_id=shredded.names("frame")[message],
-        place=numbers(shredded, *POSITION),
-        label=label,
-        size=sizes(shredded),
-        heading=heading(numbers(shredded, *ORIENTATION)),
-    )
+    return object_rows(columns, ".detections[]", label=label)
 
 
 DETECTIONS_3D = Family(
     schemas=("vision_msgs/msg/Detection3DArray",),
     fields={
-        "stamp": Field(path=".header.stamp", kind="time"),
-        "frame": Field(path=".header.frame_id", kind="name"),
+        **header(),
         "id": Field(path=".detections[].id", kind="name", optional=True),
         "label": Field(path=".detections[].results[].hypothesis.class_id", kind="name", optional=True),
         "score": Field(path=".detections[].results[].hypothesis.score", optional=True),
-        **xyz("p", ".detections[].bbox.center.position"),
-        **orientation(".detections[].bbox.center.orientation"),
+        **pose(".detections[].bbox.center", optional=True),
         **extents(".detections[].bbox.size"),
     },
     objects=_objects,

@@ -9,7 +9,7 @@ import numpy as np
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.reader import read_estimates
-from dirprim_filter.recording.schemas.covariances import matrices
+from dirprim_filter.recording.schemas.field_groups import matrices
 from dirprim_filter.recording.tables.csv_table import REQUIRED, check_header
 from dirprim_filter.recording.tables.delimited import Block, DelimitedText
 from dirprim_filter.recording.tables.estimate_table import pyarrow

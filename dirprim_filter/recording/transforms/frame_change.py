@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import MissingTransformError
 from dirprim_filter.recording.schemas.location import GEODETIC
-from dirprim_filter.recording.schemas.object_rows import ObservedRows
+from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.recording.transforms.transform_tree import Placement, TransformTree
 from tessellation.arrays import BoolArray, FloatArray, IntArray
@@ -46,7 +46,7 @@ class FrameChange:
         self._placed = 0
         self._first_lost: tuple[str, int] | None = None
 
-    def apply(self, rows: ObservedRows, time_ns: IntArray) -> tuple[ObservedRows, BoolArray]:
+    def apply(self, rows: ObjectRows, time_ns: IntArray) -> tuple[ObjectRows, BoolArray]:
         """The rows in the target frame, and (n,) which of them could be brought there.
 
         The transform of an object is that of its own stamp where it has one, else that of (n,) `time_ns`.
@@ -91,7 +91,7 @@ class FrameChange:
                 time_ns,
             )
 
-    def _on_plane(self, rows: ObservedRows, here: IntArray) -> ObservedRows:
+    def _on_plane(self, rows: ObjectRows, here: IntArray) -> ObjectRows:
         if self.origin is None:
             longitude, latitude = rows.position[here[0]].tolist()
             self.origin = Origin(latitude, longitude)
@@ -129,11 +129,11 @@ class FrameChange:
         return root
 
 
-def _all_equal(rows: ObservedRows) -> bool:
+def _all_equal(rows: ObjectRows) -> bool:
     return len(rows) > 0 and bool((rows.frame_id == rows.frame_id[0]).all())
 
 
-def _moved(rows: ObservedRows, here: IntArray, found: Placement) -> ObservedRows:
+def _moved(rows: ObjectRows, here: IntArray, found: Placement) -> ObjectRows:
     place = np.column_stack([rows.position[here], rows.height[here]])
     place = found.rotation.apply(place) + found.translation
     speed, direction = rows.speed[here], rows.direction[here]

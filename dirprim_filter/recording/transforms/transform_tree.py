@@ -187,14 +187,14 @@ class TransformTree:
 def _decoded(decoders: Decoders, messages: MessageColumns) -> tuple[TransformRows, dict[int, str]]:
     """The transforms of messages of one schema, each with a time, and by number why a message cannot be read."""
     try:
-        shredded = decoders.shredded(messages)
+        columns = decoders.columns(messages)
     except SchemaError as error:
         return NO_TRANSFORMS, dict.fromkeys(range(len(messages)), str(error))
-    rows = transforms_of(shredded)
-    rows = rows.of(~np.isin(rows.message, list(shredded.failures)))
+    rows = transforms_of(columns)
+    rows = rows.of(~np.isin(rows.message, list(columns.failures)))
     log_ns = signed(messages.log_time_ns)[rows.message]
     is_stamped = (rows.stamp_ns != NO_TIME) & (rows.stamp_ns != 0)
-    return rows._replace(stamp_ns=np.where(is_stamped, rows.stamp_ns, log_ns)), shredded.failures
+    return rows._replace(stamp_ns=np.where(is_stamped, rows.stamp_ns, log_ns)), columns.failures
 
 
 def _valid(rows: TransformRows) -> BoolArray:
