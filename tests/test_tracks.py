@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dirprim_filter.detections import Detections
 from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.losses import ClockFaults, Drops
-from dirprim_filter.recording.objects.tracks import TrackLog
+from dirprim_filter.recording.objects.tracks import TrackResult
 from dirprim_filter.track_ids import as_texts, as_track_ids, vehicle_numbers, world_names
 from dirprim_filter.tracks import Tracks
 
@@ -52,7 +52,7 @@ def test_tracks_are_equal_where_every_row_is(change):
     assert Tracks(**GOOD) != Tracks(**GOOD | change)
     assert Tracks(**GOOD) != Tracks(**GOOD)[:2]
     assert Tracks(**GOOD) != GOOD
-    assert TrackLog(tracks=Tracks(**GOOD), damage=(), dropped=Drops(), clock=ClockFaults()) == TrackLog(
+    assert TrackResult(tracks=Tracks(**GOOD), damage=(), dropped=Drops(), clock=ClockFaults()) == TrackResult(
         tracks=Tracks(**GOOD), damage=(), dropped=Drops(), clock=ClockFaults()
     )
     with pytest.raises(TypeError, match="unhashable"):

@@ -102,7 +102,7 @@ def _track_three_ways(
     from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
     from dirprim_filter.filtering.manoeuvre import acceleration_density
     from dirprim_filter.forecasting import Forecaster
-    from dirprim_filter.recording.writer import EstimateLog
+    from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.viewer.figures import demo_figure, save_figure
     from dirprim_filter.viewer.moment import Moment
     from dirprim_filter.viewer.report import run_report
@@ -113,7 +113,7 @@ def _track_three_ways(
     believed, moment = EstimateList(), Moment(_center(learned))
     forecaster_rng = np.random.default_rng([seed, 1])
     with (
-        EstimateLog(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
+        EstimateWriter(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
         open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, particle_stride=10) as shown,
     ):
         written.write_map_scene(learned)

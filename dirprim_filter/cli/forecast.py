@@ -116,7 +116,7 @@ def _of_log(
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.writer import EstimateLog
+    from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
     learned = load_map(map_file)
@@ -126,7 +126,7 @@ def _of_log(
         "forecast", inputs=[log, map_file], config=config, seed=seed, horizon_s=horizon_s, dt_s=dt_s,
         every_s=every_s, n_samples=n_samples, no_ids=no_ids, **reading.said(),
     )  # fmt: skip
-    with EstimateLog(output, metadata=said, particle_stride=config.n_particles, force=force) as estimates:
+    with EstimateWriter(output, metadata=said, particle_stride=config.n_particles, force=force) as estimates:
         estimates.write_map_scene(learned)
         listening: list[ForecastSink] = [estimates, _Lines(dt_s)] if as_json else [estimates]
         forecaster = Forecaster(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.recording.losses import Drops
     from dirprim_filter.recording.playback import Playback
-    from dirprim_filter.recording.reader import DetectionStream, TrackLog
+    from dirprim_filter.recording.reader import DetectionStream, TrackResult
 
 logger = logging.getLogger(__name__)
 Result = TypeVar("Result")
@@ -63,7 +63,7 @@ class Reading:
     end: End = None
     strict: Strict = False
 
-    def tracks(self, logs: list[Path]) -> TrackLog:
+    def tracks(self, logs: list[Path]) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible vehicles. On a terminal, a bar for each log.
 
         Raises:

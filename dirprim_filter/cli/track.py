@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from dirprim_filter.filtering.smoothing import Smoother
     from dirprim_filter.forecasting import ForecastSink
     from dirprim_filter.primitives import PrimitiveMap
-    from dirprim_filter.recording.writer import EstimateLog
+    from dirprim_filter.recording.writer import EstimateWriter
 
 PARTICLES_WRITTEN = 100
 """Of each vehicle: they are for the eye, and all of them take longer to write than to move."""
@@ -122,7 +122,7 @@ def track(
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.writer import EstimateLog
+    from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
     learned = load_map(map_file)
@@ -149,7 +149,7 @@ def track(
     )  # fmt: skip
     said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
     with ExitStack() as open_files:
-        estimates = open_files.enter_context(EstimateLog(output, metadata=said, particle_stride=stride, force=force))
+        estimates = open_files.enter_context(EstimateWriter(output, metadata=said, particle_stride=stride, force=force))
         _draw_map(learned, estimates, layout, force=force)
         sinks: list[EstimateSink] = [estimates]
         forecasts: list[ForecastSink] = [estimates]
@@ -203,7 +203,7 @@ def _say(worlds: Worlds, what: str) -> None:
     typer.echo(what + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""))
 
 
-def _draw_map(learned: PrimitiveMap, estimates: EstimateLog, layout: Path | None, *, force: bool) -> None:
+def _draw_map(learned: PrimitiveMap, estimates: EstimateWriter, layout: Path | None, *, force: bool) -> None:
     """The map as Foxglove draws it, and the layout of its window where one is asked for."""
     from dirprim_filter.recording.foxglove.layout import write_layout
 

@@ -22,8 +22,8 @@ __all__ = [
     "DamagedRecordingError", "DecodeError", "MissingExtraError", "MissingTransformError", "NoRoomError",
     "NoTracksError", "NotMcapError", "OutputExistsError", "RecordingError", "TableError",
 ]  # fmt: skip
-TOPICS_TOLD = 6
-"""Of a log, in one line; `dirprim info` tells all."""
+TOPICS_SHOWN = 6
+"""Of a log, in one line; `dirprim info` lists all."""
 
 
 class NoTracksError(RecordingError):
@@ -33,13 +33,13 @@ class NoTracksError(RecordingError):
         """`has`: all channels of the log; `wanted`: what was looked for, in words."""
         channels = list(has)
         topics = list(dict.fromkeys(f"{c.topic} ({c.schema.name or 'no schema'})" for c in channels))
-        more = f" and {len(topics) - TOPICS_TOLD} more" if len(topics) > TOPICS_TOLD else ""
+        more = f" and {len(topics) - TOPICS_SHOWN} more" if len(topics) > TOPICS_SHOWN else ""
         broken = f"; it is damaged: {damage[0]}" if damage else ""
         way = unread_encodings(c.message_encoding for c in channels) or (
             "choose a topic or another log, or say by --fields where the objects of a schema are that is not known"
         )
-        told = ", ".join(topics[:TOPICS_TOLD]) or "no topics"
-        super().__init__(f"{fspath(path)}: expected {wanted}; the log has {told}{more}{broken}; {way}")
+        shown = ", ".join(topics[:TOPICS_SHOWN]) or "no topics"
+        super().__init__(f"{fspath(path)}: expected {wanted}; the log has {shown}{more}{broken}; {way}")
 
 
 class DecodeError(RecordingError):
@@ -61,7 +61,7 @@ class DecodeError(RecordingError):
 
 
 class MissingTransformError(RecordingError):
-    """An object's frame cannot be told in the frame that is asked for."""
+    """Nothing joins an object's frame to the one that is asked for."""
 
     def __init__(self, path: Path, *, frame: str, target: str, time_ns: int) -> None:
         super().__init__(

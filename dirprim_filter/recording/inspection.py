@@ -108,10 +108,10 @@ class _Sizes:
 
     def add(self, size: FloatArray) -> None:
         """(n, 3) metres."""
-        told = ~np.isnan(size)
-        self.rows += int(told.any(axis=1).sum())
+        known = ~np.isnan(size)
+        self.rows += int(known.any(axis=1).sum())
         for axis in range(3):
-            metres = size[told[:, axis], axis]
+            metres = size[known[:, axis], axis]
             rounded = np.rint(np.minimum(metres * 100, MAX_CENTIMETRES)).astype(np.int64)
             self.counts[axis] += np.bincount(rounded, minlength=MAX_CENTIMETRES + 1)
 

@@ -33,7 +33,7 @@ def producer_version() -> str:
         return "not installed"
 
 
-class McapLog:
+class LogWriter:
     """A context manager that writes an MCAP file; it takes its name when whole.
 
     Until then it stands beside as `NAME.PID.partial`: after a kill that holds all but the last chunk, and

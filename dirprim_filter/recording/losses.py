@@ -74,13 +74,13 @@ class Drops:
 
     @property
     def lost(self) -> int:
-        """Those left out for a fault of theirs; a row alone in time has none, it only tells of no motion."""
+        """Those left out for a fault of theirs; a row alone in time has none, it only has no motion."""
         return self.total - self.alone
 
     def __str__(self) -> str:
-        told = [f"{getattr(self, name)} {text}" for name, text in _WORDS.items() if getattr(self, name)]
+        counts = [f"{getattr(self, name)} {text}" for name, text in _WORDS.items() if getattr(self, name)]
         why = "; ".join(f"{n} x {reason}" for reason, n in self.reasons.most_common(3))
-        return (", ".join(told) or "nothing") + (f" ({why})" if why else "")
+        return (", ".join(counts) or "nothing") + (f" ({why})" if why else "")
 
 
 @dataclass(slots=True, kw_only=True)
@@ -106,15 +106,15 @@ class ClockFaults:
 
     @property
     def is_odd(self) -> bool:
-        """Whether something is to be told."""
+        """Whether something is to be reported."""
         return bool(self.zero > 1 or self.backward or self.jumps)
 
     def __str__(self) -> str:
-        told = (
+        odd = (
             (self.zero, "of zero"), (self.backward, "before the last one"), (self.duplicate, "equal to the last one"),
             (self.jumps, f"more than {LONG_STEP_NS // 1_000_000_000} s after the one before"),
         )  # fmt: skip
-        return ", ".join(f"{n} {'times' if n > 1 else 'time'} {what}" for n, what in told if n)
+        return ", ".join(f"{n} {'times' if n > 1 else 'time'} {what}" for n, what in odd if n)
 
 
 class Clock:

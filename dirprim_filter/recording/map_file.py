@@ -14,7 +14,7 @@ from dirprim_filter.recording.container.log import scan
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import map_scene
-from dirprim_filter.recording.log_writer import McapLog
+from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.schemas.map_tiles import decode_tiles, encode_tiles
 
 logger = logging.getLogger(__name__)
@@ -41,7 +41,7 @@ def save_map(
         OutputExistsError: the file exists, and `force` is not set.
         OSError: the file cannot be written.
     """
-    with McapLog(path, metadata=metadata or {}, force=force) as log:
+    with LogWriter(path, metadata=metadata or {}, force=force) as log:
         for tile in encode_tiles(primitive_map):
             log.write(topic_names.MAP, tile, 0)  # a map holds at no time of its own
         origin = origin_of(view_of(primitive_map))

@@ -27,11 +27,11 @@ from tessellation.arrays import FloatArray
 
 SECOND_NS = 1_000_000_000
 REMEMBERED_NS = 2 * SECOND_NS
-"""A vehicle unseen for longer starts anew: no direction is told from so old a place."""
+"""A vehicle unseen for longer starts anew: no direction follows from so old a place."""
 
 
 class Playback:
-    """Iterates the frames of a log, ascending in time; then tells what was lost.
+    """Iterates the frames of a log, ascending in time; then knows what was lost.
 
     Where the log has estimates on `/dirprim/tracks`, these, at the log times of their messages; else its objects. Their
     direction and speed are the step since they were last seen, and their covariance is zero; those without a name are

@@ -22,17 +22,19 @@ from dirprim_filter.recording.objects.detection_stream import DetectionStream
 from dirprim_filter.recording.objects.observations import Observations, TimedRows, log_losses
 from dirprim_filter.recording.objects.options import Reading, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
-from dirprim_filter.recording.objects.tracks import Columns, TrackLog
+from dirprim_filter.recording.objects.tracks import TrackResult, rows_of_log, rows_of_logs
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.transforms.geodesy import Origin
+from dirprim_filter.recording.vehicle_rows import VehicleRows
+from dirprim_filter.track_ids import repeated_rows
 from dirprim_filter.tracks import Tracks
 
 __all__ = [
     "Damage", "DetectionStream", "Drops", "FieldMapping", "LogSummary", "Origin", "TimeSource", "TopicSummary",
-    "TrackLog", "inspect", "read_estimates", "read_track_logs", "read_tracks", "stream_detections",
+    "TrackResult", "inspect", "read_estimates", "read_track_logs", "read_tracks", "stream_detections",
 ]  # fmt: skip
 
 PathOrText = str | PathLike[str]
@@ -45,7 +47,7 @@ def read_tracks(
     topics: str | None = None,
     **reading: Unpack[Reading],
 ) -> Tracks:
-    """The tracks of a log, or of several; what could not be read is logged, and is told by `read_track_logs`.
+    """The tracks of a log, or of several; what could not be read is logged, and returned by `read_track_logs`.
 
     Direction and speed are taken where the log carries them for a whole track, and else derived from that
     track's positions by central differences. Of rows that repeat a vehicle and a time the first is kept.
@@ -55,7 +57,7 @@ def read_tracks(
     Args:
         source: a log, or several.
         topics: name of the topic, or a regular expression that matches topics in full. Left out: one topic,
-            by what its schema tells: `dirprim.Observations` before ASAM OSI before `foxglove.SceneUpdate`; of
+            by what its schema holds: `dirprim.Observations` before ASAM OSI before `foxglove.SceneUpdate`; of
             several of one kind the one with most messages, `/detections...` last, `/dirprim/...` never.
         reading: any of these:
             time_source: "log" (the default), "publish" or "header": which time of a message counts.
@@ -88,28 +90,32 @@ def read_track_logs(
     topics: str | None = None,
     progress: Callable[[int, int], None] | None = None,
     **reading: Unpack[Reading],
-) -> TrackLog:
-    """As `read_tracks`, with what was lost; `progress` is told how many of how many seconds of a log are read."""
+) -> TrackResult:
+    """As `read_tracks`, with what was lost; `progress` is called with how many of how many seconds of a log are read."""
     paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
     if not paths:
         raise ValueError("source: expected at least one log, got none")
     dropped, clock = Drops(), ClockFaults()
     damage: list[tuple[Path, Damage]] = []
-    columns: list[Columns] = []
+    parts: list[VehicleRows] = []
     options = ReadOptions(**reading)
     for path in paths:
         with Log(path) as log:
             scan = _wanted(log, choose_topics(log, topics, options), options)
             observations = Observations(scan, options)
             rows = observations if progress is None else _reporting(observations, scan.end_ns, progress)
-            columns.append(Columns.of_rows(rows).without_repeats(observations.drops))
+            read = rows_of_log(rows)
+            repeated = repeated_rows(read.vehicle, read.time_ns)
+            observations.drops.repeated += int(repeated.sum())
+            parts.append(read[~repeated])
             damage += [(path, broken) for broken in scan.damage]
             log_losses(path, scan.damage, observations.drops, observations.clock)
         dropped += observations.drops
         clock += observations.clock
         options = replace(options, origin=observations.origin)  # one plane for all logs
-    tracks = Columns.of_logs(columns, [path.stem for path in paths]).as_tracks(dropped)
-    return TrackLog(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
+    tracks, n_alone = rows_of_logs(parts, [path.stem for path in paths]).to_tracks()
+    dropped.alone += n_alone
+    return TrackResult(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
 
 
 def _reporting(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.losses import ClockFaults
 
 LONG_LOG_BYTES = 1 << 25
-"""Shorter logs are read in whole: that takes about a second, and tells more."""
+"""Shorter logs are read in whole: that takes about a second, and shows more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,7 +32,7 @@ class VehicleLights(NamedTuple):
 
 
 def read_vehicle_lights(path: str | PathLike[str]) -> Iterator[VehicleLights]:
-    """The lights of every vehicle that tells of them, message by message in order of log time.
+    """The lights of every vehicle that reports them, message by message in order of log time.
 
     Args:
         path: an MCAP log; messages other than OSI's ground truth are passed over.

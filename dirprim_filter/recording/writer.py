@@ -24,7 +24,7 @@ from dirprim_filter.recording.foxglove.forecasts import forecast_scene
 from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.foxglove.objects import detections_scene, tracks_scene
-from dirprim_filter.recording.log_writer import McapLog
+from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -62,7 +62,7 @@ def write_tracks(
         labels: what each vehicle is, such as "car", by its id; of the others it is unknown.
         metadata: goes into the `dirprim` metadata record: configuration, seed, where the data came from.
         force: overwrite an existing file.
-        progress: told how many of how many instants are written.
+        progress: called with how many of how many instants are written.
 
     Raises:
         OutputExistsError: the file exists, and `force` is not set.
@@ -72,7 +72,7 @@ def write_tracks(
     lifetime_ns = _lifetime_ns(tracks.time_ns)
     sources: list[Tracks | Detections] = [tracks] if detections is None else [tracks, detections]
     streams = [_instants(source) for source in sources]
-    with McapLog(path, metadata=metadata or {}, force=force) as log:
+    with LogWriter(path, metadata=metadata or {}, force=force) as log:
         begun = False
         origin = origin_of(np.concatenate([source.position for source in sources]))
         total = sum(np.unique(source.time_ns).size for source in sources)
@@ -108,7 +108,7 @@ def _lifetime_ns(time_ns: IntArray) -> int:
     return int(LIFETIME_INTERVALS * np.median(intervals)) if intervals.size else 0
 
 
-class EstimateLog:
+class EstimateWriter:
     """An `EstimateSink` that writes what a tracker believes as an MCAP log; a context manager.
 
     `/dirprim/tracks` holds `dirprim.TrackEstimates`, a message for each frame, and `/dirprim/smoothed` those that a
@@ -135,7 +135,7 @@ class EstimateLog:
     ) -> None:
         if particle_stride < 1:
             raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
-        self._log = McapLog(
+        self._log = LogWriter(
             path, metadata=metadata, max_chunk_ns=MAX_CHUNK_NS, level=PARTICLES_LEVEL, force=force,
             keep_when_interrupted=True,
         )  # fmt: skip

@@ -34,7 +34,7 @@ from ros_messages import full_definition, header, write_ros2_log
 
 from dirprim_filter.recording.objects.observations import Observations
 from dirprim_filter.recording.objects.options import ReadOptions
-from dirprim_filter.recording.objects.tracks import Columns
+from dirprim_filter.recording.objects.tracks import rows_of_log
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 
@@ -137,7 +137,7 @@ def _row(time_ns: int, one: Any) -> tuple[Any, ...]:
 def ours(path: Path) -> int:
     """All that `read_tracks` does up to the columns."""
     with scan(path) as log:
-        return int(Columns.of_rows(Observations(log, ReadOptions())).time_ns.size)
+        return int(rows_of_log(Observations(log, ReadOptions())).time_ns.size)
 
 
 def plans_alone(path: Path) -> Callable[[], int]:

@@ -31,7 +31,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.recording.reader import stream_detections
-from dirprim_filter.recording.writer import EstimateLog
+from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.replay import replay
 from situations import ring_traffic
 
@@ -136,7 +136,7 @@ def end_to_end(primitive_map: PrimitiveMap, seconds: float, n_particles: int, *,
             tracker = Tracker(primitive_map, config=config, rng=np.random.default_rng(0))
             grown = MemoryWitness(round(seconds / DT_S) // 2)
             began = time.perf_counter()
-            with EstimateLog(Path(folder) / name, metadata={}, particle_stride=stride) as out:
+            with EstimateWriter(Path(folder) / name, metadata={}, particle_stride=stride) as out:
                 replay(stream_detections(log), tracker, [out, grown])
             taken = time.perf_counter() - began
     return seconds / taken, grown.mebibytes()

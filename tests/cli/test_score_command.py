@@ -16,7 +16,7 @@ from dirprim_filter.evaluation.tracking import score as errors
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.recording.tables.estimate_table import write_estimates
 from dirprim_filter.recording.tables.tracked_table import read_tracked_rows
-from dirprim_filter.recording.writer import EstimateLog
+from dirprim_filter.recording.writer import EstimateWriter
 
 DONE, FAILED, USAGE = 0, 1, 2
 
@@ -41,7 +41,7 @@ def believed(tracks, *, seed=0, prefix="", off=0.3):
 
 
 def write_log(estimates, path):
-    with EstimateLog(path, metadata={}) as log:
+    with EstimateWriter(path, metadata={}) as log:
         for time_ns in np.unique(estimates.time_ns).tolist():
             rows = estimates[estimates.time_ns == time_ns]
             log.write(

@@ -33,9 +33,9 @@ TRACKER = """
 import os, sys
 import dirprim_filter.cli.track, dirprim_filter.filtering, dirprim_filter.recording.reader
 from dirprim_filter.cli.main import run
-from dirprim_filter.recording.writer import EstimateLog
+from dirprim_filter.recording.writer import EstimateWriter
 
-written = EstimateLog.write
+written = EstimateWriter.write
 
 
 def track(log, learned, output):
@@ -45,7 +45,7 @@ def track(log, learned, output):
         written(self, frame)
         os.pwrite(told, frame.time_ns.to_bytes(8, "little"), 0)
 
-    EstimateLog.write = write
+    EstimateWriter.write = write
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os._exit(run(["track", log, "--map", learned, "-o", output, "--particles", "100"]))
 

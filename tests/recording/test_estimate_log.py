@@ -1,4 +1,4 @@
-"""What `EstimateLog` writes: the estimates exactly, and scenes that say the same to the eye."""
+"""What `EstimateWriter` writes: the estimates exactly, and scenes that say the same to the eye."""
 
 import os
 import subprocess
@@ -19,7 +19,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import read_estimates, save_map
 from dirprim_filter.recording.errors import NoTracksError
 from dirprim_filter.recording.schemas.dirprim import decode_estimates, encode_estimates
-from dirprim_filter.recording.writer import EstimateLog, write_tracks
+from dirprim_filter.recording.writer import EstimateWriter, write_tracks
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation
 
@@ -77,7 +77,7 @@ def a_map(*, n_place_free_modes=1):
 @pytest.fixture
 def estimate_log(tmp_path):
     path = tmp_path / "out.mcap"
-    with EstimateLog(path, metadata={"seed": "3"}, particle_stride=7) as log:
+    with EstimateWriter(path, metadata={"seed": "3"}, particle_stride=7) as log:
         log.write_map_scene(a_map())
         for time_ns in range(0, 3_000_000_000, 100_000_000):
             log.write(a_frame(time_ns))
@@ -133,7 +133,7 @@ def test_forecasts_whose_shapes_do_not_fit_are_refused():
 
 def test_a_stride_of_none_is_refused(tmp_path):
     with pytest.raises(ValueError, match="particle_stride"):
-        EstimateLog(tmp_path / "a.mcap", metadata={}, particle_stride=0)
+        EstimateWriter(tmp_path / "a.mcap", metadata={}, particle_stride=0)
 
 
 def test_rerun_converts_what_we_write(estimate_log, tmp_path):
@@ -164,7 +164,7 @@ def test_what_fails_while_a_frame_is_written_is_raised_by_the_next_call_or_at_th
     taken = []
 
     def write_all(frames):
-        with EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+        with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
             for frame in frames:
                 log.write(frame)
                 taken.append(frame)
@@ -179,7 +179,7 @@ def test_what_fails_while_a_frame_is_written_is_raised_by_the_next_call_or_at_th
 
 def test_particles_are_copied_before_the_tracker_moves_them(tmp_path):
     moving = Moving(a_frame(STEP).particles)
-    with EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+    with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
         for k in range(1, 6):
             log.write(replace(a_frame(k * STEP), particles=moving))
             moving.is_gone = True
@@ -205,7 +205,7 @@ def test_smoothed_estimates_stand_beside_the_filters_and_come_back_bit_for_bit(t
     path = tmp_path / "out.mcap"
     frames = [a_frame(i * STEP) for i in range(40)]
     later = [a_frame(i * STEP, n=2) for i in range(40)]
-    with EstimateLog(path, metadata={}) as log:
+    with EstimateWriter(path, metadata={}) as log:
         for i, frame in enumerate(frames):
             log.write(frame)
             if i >= 30:

@@ -21,7 +21,7 @@ from dirprim_filter.recording.foxglove.estimates import TRAIL_POINTS, TRAIL_S, E
 from dirprim_filter.recording.foxglove.forecasts import forecast_scene
 from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
-from dirprim_filter.recording.writer import EstimateLog
+from dirprim_filter.recording.writer import EstimateWriter
 
 STEP = 100_000_000
 FAR = np.array([680_123.4, 4_100_567.8])
@@ -145,7 +145,7 @@ def test_labels_are_short():
 
 def test_far_from_the_origin_all_is_drawn_in_a_frame_near_by(tmp_path):
     """Viewers compute in single precision: half a metre at 4,000 km."""
-    with EstimateLog(tmp_path / "far.mcap", metadata={}) as log:
+    with EstimateWriter(tmp_path / "far.mcap", metadata={}) as log:
         frame = moved(a_frame(STEP), FAR)
         log.write(frame)
         log.write_forecast(Forecasts.of(STEP, ["a", "b"], FAR + np.zeros((2, 2)), FAR + futures()))
@@ -268,7 +268,7 @@ def test_of_vehicles_that_are_out_of_sight_no_forecast_is_drawn(tmp_path):
         frame.estimates, track_id=np.array(["a", "b", "c", "d"]), unseen_s=np.array([0.0, 3.0, 0.0, 0.0]),
         direction_resultant=np.array([0.9, 0.9, 0.1, 0.9]),
     )  # fmt: skip
-    with EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+    with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
         log.write(replace(frame, estimates=estimates))
         paths = np.concatenate([futures(), futures()])
         log.write_forecast(Forecasts.of(STEP, ["a", "b", "c", "d"], np.zeros((4, 2)), paths))
@@ -278,7 +278,7 @@ def test_of_vehicles_that_are_out_of_sight_no_forecast_is_drawn(tmp_path):
 
 def test_what_was_reported_is_drawn_beside_the_estimates(tmp_path):
     frame = moved(a_frame(STEP), FAR)
-    with EstimateLog(tmp_path / "a.mcap", metadata={}) as log:
+    with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
         log.write(frame)
     (message,) = messages(tmp_path / "a.mcap", "/dirprim/detections")
     cloud = PointCloud.FromString(message.data)

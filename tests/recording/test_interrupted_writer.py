@@ -15,7 +15,7 @@ from dirprim_filter.recording import map_file, save_map, write_tracks
 from dirprim_filter.recording.container.interrupts import uninterrupted
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.foxglove.frames import scene_transform
-from dirprim_filter.recording.log_writer import McapLog
+from dirprim_filter.recording.log_writer import LogWriter
 
 N = 12
 GOOD = b"a good file"
@@ -51,7 +51,7 @@ def test_an_interrupted_map_leaves_what_was_there(good, monkeypatch):
 
 
 def test_a_log_that_cannot_begin_leaves_nothing(good):
-    with pytest.raises(AttributeError), McapLog(good, metadata={"seed": 5}, force=True):
+    with pytest.raises(AttributeError), LogWriter(good, metadata={"seed": 5}, force=True):
         raise AssertionError
 
 
@@ -79,7 +79,7 @@ def write(path, *, keep, interrupt):
     handed_over = 0
     before = sys.gettrace()
     try:
-        with McapLog(path, metadata={}, max_chunk_ns=5, keep_when_interrupted=keep) as log:
+        with LogWriter(path, metadata={}, max_chunk_ns=5, keep_when_interrupted=keep) as log:
             sys.settrace(interrupt)
             for time_ns in range(N):
                 log.write("/tf", scene_transform(time_ns, np.zeros(2)), time_ns)
@@ -116,11 +116,11 @@ def test_an_interrupt_at_any_line_costs_nothing_that_was_handed_over(tmp_path, k
 def test_what_a_process_of_the_same_number_left_is_kept(tmp_path):
     path = tmp_path / "a.mcap"
     left = [tmp_path / f"a.mcap.{os.getpid()}{number}.partial" for number in ("", ".2")]
-    with McapLog(tmp_path / "b.mcap", metadata={}) as log:
+    with LogWriter(tmp_path / "b.mcap", metadata={}) as log:
         log.write("/tf", scene_transform(1, np.zeros(2)), 1)
     for one in left:
         one.write_bytes((tmp_path / "b.mcap").read_bytes()[:-40])  # as a kill leaves it
-    with McapLog(path, metadata={}) as first, McapLog(path, metadata={}) as second:
+    with LogWriter(path, metadata={}) as first, LogWriter(path, metadata={}) as second:
         first.write("/tf", scene_transform(2, np.zeros(2)), 2)
         second.write("/tf", scene_transform(3, np.zeros(2)), 3)
     assert sorted(tmp_path.iterdir()) == sorted([path, tmp_path / "b.mcap", *left])

@@ -12,7 +12,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
 from dirprim_filter.recording.foxglove.frames import scene_transform
-from dirprim_filter.recording.log_writer import McapLog
+from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, encode_tiles
 from dirprim_filter.recording.schemas.motion_columns import COLUMNS
@@ -131,7 +131,7 @@ def test_an_existing_file_is_kept_without_force(tmp_path):
 
 
 def test_a_log_that_is_no_map_is_told(tmp_path):
-    with McapLog(tmp_path / "log.mcap", metadata={}) as log:
+    with LogWriter(tmp_path / "log.mcap", metadata={}) as log:
         log.write("/tf", scene_transform(0, np.zeros(2)), 0)
     with pytest.raises(RecordingError, match=r"log\.mcap: expected a map.*dirprim learn"):
         load_map(tmp_path / "log.mcap")
@@ -141,7 +141,7 @@ def test_a_log_that_is_no_map_is_told(tmp_path):
 
 
 def write_tiles(path, tiles):
-    with McapLog(path, metadata={}) as log:
+    with LogWriter(path, metadata={}) as log:
         for tile in tiles:
             log.write(topic_names.MAP, tile, 0)
 

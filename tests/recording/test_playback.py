@@ -9,7 +9,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.playback import Playback, paced
-from dirprim_filter.recording.writer import EstimateLog
+from dirprim_filter.recording.writer import EstimateWriter
 
 N, STEP_NS = 30, 100_000_000
 
@@ -34,7 +34,7 @@ def tracked(straight, tmp_path):
     """The same as a tracker would have written it."""
     none = np.empty(0)
     empty = Particles(position=np.empty((0, 2)), direction=none, speed=none, weight=none, vehicle=np.empty(0, np.int64))
-    with EstimateLog(tmp_path / "tracked.mcap", metadata={}) as log:
+    with EstimateWriter(tmp_path / "tracked.mcap", metadata={}) as log:
         for frame in Playback(straight):
             log.write(
                 TrackedFrame(

@@ -18,7 +18,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container.records import Channel, Schema
 from dirprim_filter.recording.errors import OutputExistsError
 from dirprim_filter.recording.foxglove.frames import scene_transform
-from dirprim_filter.recording.log_writer import McapLog
+from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.decoders import Decoders
@@ -189,7 +189,7 @@ def test_an_interrupted_log_reads_and_a_failed_one_is_gone(tmp_path, error, stay
     path = tmp_path / "a.mcap"
 
     def interrupted():
-        with McapLog(path, metadata={}, keep_when_interrupted=True) as log:
+        with LogWriter(path, metadata={}, keep_when_interrupted=True) as log:
             log.write("/tf", scene_transform(5, np.zeros(2)), 5)
             assert not path.exists()
             raise error
@@ -202,7 +202,7 @@ def test_an_interrupted_log_reads_and_a_failed_one_is_gone(tmp_path, error, stay
 
 
 def test_a_chunk_and_the_instant_after_it_span_no_more_than_the_time_asked_for(tmp_path):
-    with McapLog(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
+    with LogWriter(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
         for time_ns in range(0, 10_000_000_000, 100_000_000):
             log.write("/tf", scene_transform(time_ns, np.zeros(2)), time_ns)
     with (tmp_path / "a.mcap").open("rb") as file:
@@ -214,7 +214,7 @@ def test_a_chunk_and_the_instant_after_it_span_no_more_than_the_time_asked_for(t
 
 def test_after_a_kill_all_but_the_last_chunk_is_in_the_partial_file(tmp_path):
     """What stands on the disk at any moment is what a kill would leave."""
-    with McapLog(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
+    with LogWriter(tmp_path / "a.mcap", metadata={}, max_chunk_ns=1_000_000_000) as log:
         for time_ns in range(0, 10_000_000_000, 100_000_000):
             log.write("/tf", scene_transform(time_ns, np.zeros(2)), time_ns)
         (partial,) = tmp_path.iterdir()

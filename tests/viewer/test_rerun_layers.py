@@ -16,7 +16,7 @@ from dirprim_filter.evaluation.tracking import score
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.playback import Playback
-from dirprim_filter.recording.writer import EstimateLog
+from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.focus import CROWD, DRAWN_IN_FULL, STILL_CROWD, Focus
@@ -181,7 +181,7 @@ def test_true_trails_join_the_rows_of_one_vehicle(tmp_path: Path, scene_tracks: 
 def test_a_run_that_was_written_down_comes_back_frame_by_frame(
     tmp_path: Path, scene_frames: list[TrackedFrame]
 ) -> None:
-    with EstimateLog(tmp_path / "run.mcap", metadata={}) as log:
+    with EstimateWriter(tmp_path / "run.mcap", metadata={}) as log:
         for frame in scene_frames:
             log.write(frame)
     seen = Detections.concatenate([frame.detections for frame in scene_frames])

@@ -16,7 +16,7 @@ from dirprim_filter.cli.results import read_experiment
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
-    from dirprim_filter.recording.objects.tracks import TrackLog
+    from dirprim_filter.recording.objects.tracks import TrackResult
     from dirprim_filter.viewer.figures import Figure
 
 FIGURES = {
@@ -82,7 +82,7 @@ def forecast(
     )  # fmt: skip
 
 
-def _settings(given: Mapping[str, Any], log: TrackLog) -> dict[str, Any]:
+def _settings(given: Mapping[str, Any], log: TrackResult) -> dict[str, Any]:
     """The settings given, completed by the defaults.
 
     Raises:

@@ -16,7 +16,7 @@ from dirprim_filter.cli.results import as_json as json_of
 from dirprim_filter.cli.results import check_plot, result_object
 
 if TYPE_CHECKING:
-    from dirprim_filter.recording.objects.tracks import TrackLog
+    from dirprim_filter.recording.objects.tracks import TrackResult
     from dirprim_filter.viewer.figures import Figure
 
 Split = Annotated[
@@ -47,7 +47,7 @@ class Experiment:
     plot: Path | None
     as_json: bool
     force: bool
-    log: TrackLog
+    log: TrackResult
 
     @classmethod
     def on(

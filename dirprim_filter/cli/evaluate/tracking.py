@@ -73,7 +73,7 @@ def tracking(
     from dirprim_filter.evaluation.experiment import evaluate_tracking
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
     from dirprim_filter.recording import load_map
-    from dirprim_filter.recording.writer import EstimateLog
+    from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.simulation.sensor import detect
 
     given: dict[str, Any] = {
@@ -96,7 +96,7 @@ def tracking(
         if output is not None:
             metadata = provenance("evaluate tracking", inputs=experiment.inputs, **reading.said())
             metadata[CONFIG_KEY] = json.dumps(asdict(settings))
-            sinks = (files.enter_context(EstimateLog(output, metadata=metadata, force=force)),)
+            sinks = (files.enter_context(EstimateWriter(output, metadata=metadata, force=force)),)
         step = files.enter_context(step_progress("evaluating", "steps"))
         table = evaluate_tracking(
             experiment.log.tracks, settings, sensor=detect, primitive_map=load_map(map_file) if map_file else None,

@@ -50,9 +50,9 @@ def other_format(opening: bytes) -> OtherFormat | None:
 
 def unread_encodings(encodings: Iterable[str]) -> str | None:
     """Why messages are not read, and the way out, where none has an encoding that is."""
-    told = sorted(set(encodings))
-    if not told or set(told) & set(ENCODINGS):
+    found = sorted(set(encodings))
+    if not found or set(found) & set(ENCODINGS):
         return None
-    why = f"messages encoded as {', '.join(told)} are not read, but {', '.join(ENCODINGS)}"
-    ros1 = f"; of the ROS 1 bag `rosbags-convert --src FILE.bag --dst NEW {ROSBAGS}" if "ros1" in told else ""
+    why = f"messages encoded as {', '.join(found)} are not read, but {', '.join(ENCODINGS)}"
+    ros1 = f"; of the ROS 1 bag `rosbags-convert --src FILE.bag --dst NEW {ROSBAGS}" if "ros1" in found else ""
     return why + ros1

@@ -95,7 +95,7 @@ def recover(
         output: the log to write.
         strict: raise where something is damaged, instead of going on.
         force: overwrite an existing file.
-        progress: told how many of how many chunks are done.
+        progress: called with how many of how many chunks are done.
 
     Raises:
         NotMcapError: the file is no MCAP log.

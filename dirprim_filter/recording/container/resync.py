@@ -40,10 +40,10 @@ def is_record(chunks: ChunkFinder, at: int, end: int) -> bool:
         return False
     if opcode >= PRIVATE:
         return starts_record(file, end)
-    told = fields_end(file, at, end)
-    if told is None or told == end:
-        return told == end
-    return (opcode == Opcode.FOOTER or starts_record(file, end)) and chunks.next_chunk(told, end) is None
+    known_end = fields_end(file, at, end)
+    if known_end is None or known_end == end:
+        return known_end == end
+    return (opcode == Opcode.FOOTER or starts_record(file, end)) and chunks.next_chunk(known_end, end) is None
 
 
 def starts_record(file: mmap, at: int) -> bool:

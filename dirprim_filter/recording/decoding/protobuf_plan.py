@@ -102,7 +102,7 @@ class _Program:
         for name, selected in want.below.items():
             found = descriptor.fields_by_name.get(name)
             if found is None:
-                continue  # told by `check_found`
+                continue  # reported by `check_found`
             self._check(found, set(selected), is_repeated=name in repeated)
             for selector, one in selected.items():
                 if found.message_type:
@@ -112,13 +112,13 @@ class _Program:
         return node
 
     def _check(self, found: FieldDescriptor, selectors: set[int | None], *, is_repeated: bool) -> None:
-        told = f"{self.output.schema}: {found.full_name} is"
+        what = f"{self.output.schema}: {found.full_name} is"
         if is_repeated == (None in selectors):
-            raise SchemaError(f"{told} {'repeated: expected' if is_repeated else 'single: expected no'} [] behind it")
+            raise SchemaError(f"{what} {'repeated: expected' if is_repeated else 'single: expected no'} [] behind it")
         if found.message_type and len(selectors) > 1:
-            raise SchemaError(f"{told} repeated: expected one of [] and [k] behind it, got several")
+            raise SchemaError(f"{what} repeated: expected one of [] and [k] behind it, got several")
         if found.type == _F.TYPE_GROUP:
-            raise SchemaError(f"{told} a group: expected a message")
+            raise SchemaError(f"{what} a group: expected a message")
 
     def _message(self, found: FieldDescriptor, selector: int | None, want: Wanted, at: Place, depth: int) -> list[int]:
         descriptor = cast("Descriptor", found.message_type)

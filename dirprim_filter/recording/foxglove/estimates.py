@@ -28,7 +28,7 @@ from dirprim_filter.recording.foxglove.entities import (
 )
 from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
 from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
-from dirprim_filter.recording.foxglove.templates import Stencils
+from dirprim_filter.recording.foxglove.templates import MessageTemplates
 from dirprim_filter.recording.schemas.dirprim import set_time
 from dirprim_filter.track_ids import as_texts
 from tessellation.arrays import FloatArray
@@ -62,7 +62,7 @@ class EstimatesScene:
 
     def __init__(self, color: Color | None = None) -> None:
         entities = SceneUpdate.DESCRIPTOR.fields_by_name["entities"].number
-        self._stencils = Stencils(partial(_drawn_estimate, color), 27 + 2 * TRAIL_POINTS, field=entities)
+        self._templates = MessageTemplates(partial(_drawn_estimate, color), 27 + 2 * TRAIL_POINTS, field=entities)
         self._size: dict[str, FloatArray] = {}
         self._trail: dict[str, FloatArray] = {}
         self._trail_ns: dict[str, int] = {}
@@ -98,7 +98,7 @@ class EstimatesScene:
         )  # fmt: skip
         shared = SceneEntity()
         set_time(shared.timestamp, time_ns)
-        entities = self._stencils.encode(names, numbers, shared=shared.SerializeToString())
+        entities = self._templates.encode(names, numbers, shared=shared.SerializeToString())
         return fresh_update(time_ns).SerializeToString() + entities
 
     def _see_sizes(self, detections: Detections) -> None:

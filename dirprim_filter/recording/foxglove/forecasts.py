@@ -30,7 +30,7 @@ def forecast_scene(forecasts: Forecasts, origin: FloatArray, *, hidden: frozense
     Args:
         forecasts: of one time.
         origin: (2,) of the scene's frame, metres.
-        hidden: vehicles whose forecast tells nothing.
+        hidden: vehicles whose forecast says nothing.
     """
     update = fresh_update(forecasts.time_ns)
     n_paths, n_steps = forecasts.paths.shape[1:3]

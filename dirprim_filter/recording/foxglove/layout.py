@@ -1,4 +1,4 @@
-"""The layout of Foxglove's window for what `EstimateLog` and `save_map` write: the map from above, and plots beside it.
+"""The layout of Foxglove's window for what is written here: the map from above, and plots beside it.
 
 The camera stands on the frame `scene`, in the middle of what is drawn, so a layout fits any log; the ground that it
 shows is that of one. Lichtblick, Foxglove's open fork, reads the same file.

@@ -1,7 +1,7 @@
 """Protobuf messages encoded once, with holes for the numbers that change from frame to frame.
 
 The same vehicles are drawn again and again, and nothing but numbers changes. A double takes eight bytes whatever it is,
-so a message encoded with numbers that stand for the holes tells where the numbers go. While the vehicles are the same,
+so a message encoded with numbers that stand for the holes shows where the numbers go. While the vehicles are the same,
 so is all between the holes.
 Source: the wire format, https://protobuf.dev/programming-guides/encoding.
 """
@@ -20,7 +20,7 @@ _BYTES = np.arange(8)
 _LENGTH_DELIMITED = 2
 
 
-class Stencils:
+class MessageTemplates:
     """The items of a repeated field, by name: each drawn when its name is first given, and kept while it is given.
 
     Args:
@@ -61,7 +61,7 @@ class Stencils:
     def _lay_out(self, names: Sequence[str], n_shared: int) -> tuple[bytes, AnyArray, AnyArray]:
         """The field of these items, where what they share goes, (n, n_shared), and the numbers, (n, n_holes, 8)."""
         before = self._drawn
-        self._drawn = drawn = {name: before.get(name) or self._stencil(name) for name in names}
+        self._drawn = drawn = {name: before.get(name) or self._template(name) for name in names}
         parts, shared_at, at = [], [], 0
         for name in names:
             body = drawn[name][0]
@@ -73,7 +73,7 @@ class Stencils:
         holes = np.array([drawn[name][1] for name in names]) + start + n_shared
         return b"".join(parts), start + np.arange(n_shared), holes[..., None] + _BYTES
 
-    def _stencil(self, name: str) -> tuple[bytes, list[int]]:
+    def _template(self, name: str) -> tuple[bytes, list[int]]:
         """The message of a name, and where in it the holes are."""
         numbers = [struct.unpack("<d", hole)[0] for hole in self._hole]
         encoded = self._draw(name, numbers).SerializeToString()

@@ -17,7 +17,7 @@ from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 
 class DetectionStream:
-    """Iterates the detections of a log, one instant each, ascending; then tells what was lost.
+    """Iterates the detections of a log, one instant each, ascending; then knows what was lost.
 
     Attributes:
         topics: what is read.

@@ -1,4 +1,4 @@
-"""Which topics of a log are read: those that were named, or the one that tells the most of moving objects."""
+"""Which topics of a log are read: those that were named, or the one that says the most of moving objects."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ KINDS: tuple[tuple[Family, ...], ...] = (
     poses.FAMILIES,
     location.FAMILIES,
 )
-"""Schemas of one kind tell the same; the first kind that a log holds tells the most."""
+"""Schemas of one kind hold the same; the first kind that a log has holds the most."""
 
 FAMILIES: dict[str, Family] = {
     name: family for families in (*KINDS, transform_messages.FAMILIES) for family in families for name in family.schemas

@@ -1,7 +1,7 @@
 """One body's own motion: `nav_msgs/Odometry` and `foxglove.Odometry`.
 
 Both give the pose of the body's frame and its covariance in the header's frame, and the velocity in the axes of the
-body. The body's frame (`base_link`) is the vehicle's name, the topic where it is not told.
+body. The body's frame (`base_link`) is the vehicle's name, the topic where it is empty.
 
 Sources: https://docs.ros.org/en/api/nav_msgs/html/msg/Odometry.html; foxglove/Odometry.proto of the Foxglove SDK.
 """

@@ -1,7 +1,7 @@
 """Moving objects as a sensor perceives them: `osi3.SensorData`.
 
-Positions are in the axes of the virtual sensor. Its mounting position is told in the axes of the host vehicle, whose
-origin is the rear axle; where that is in the world is told by the copy of the sensor view. Velocities are relative to
+Positions are in the axes of the virtual sensor. Its mounting position is in the axes of the host vehicle, whose
+origin is the rear axle; where that is in the world is in the copy of the sensor view. Velocities are relative to
 the moving sensor, so they are left out: direction and speed come from the positions in the world. The orientation of an
 object is in the sensor's axes, as its position is.
 
@@ -31,14 +31,14 @@ def _turn(prefix: str, path: str) -> dict[str, Field]:
 
 
 def _quaternion(angles: FloatArray) -> FloatArray:
-    """(n, 4) of (n, 3) yaw, pitch and roll; an angle that is not told is 0."""
+    """(n, 4) of (n, 3) yaw, pitch and roll; an unknown angle is 0."""
     (cy, cp, cr), (sy, sp, sr) = (f(np.where(np.isfinite(angles), angles, 0.0) / 2).T for f in (np.cos, np.sin))
     x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
     return np.stack([x, y, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy], axis=-1)
 
 
 def _vector(columns: FieldColumns, prefix: str) -> FloatArray:
-    """(n, 3); 0 where it is not told."""
+    """(n, 3); 0 where unknown."""
     return np.nan_to_num(columns.vectors([f"{prefix}.{axis}" for axis in "xyz"]))
 
 

@@ -69,17 +69,17 @@ def _of_body(columns: FieldColumns, cube: Sequence[str], cylinder: Sequence[str]
 def _sizes(columns: FieldColumns, notes: _Notes) -> FloatArray:
     """(n, 3) metres."""
     drawn = _of_body(columns, SIZE, _ROUND, SIZE)  # who has a model alone has no cube, so none of its size
-    told = notes.has("speed_mps")
-    if told.any():
-        drawn[told] = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)[told]
+    noted = notes.has("speed_mps")
+    if noted.any():
+        drawn[noted] = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)[noted]
     return drawn
 
 
 def _headings(columns: FieldColumns, notes: _Notes) -> FloatArray:
     """(n,) radians; of who is no cube unknown."""
     drawn = np.where(columns.is_set("cube"), heading(columns.vectors(ORIENTATION)), np.nan)
-    told = notes.has("speed_mps")
-    return np.where(told, notes.numbers(HEADING_NOTE), drawn) if told.any() else drawn
+    noted = notes.has("speed_mps")
+    return np.where(noted, notes.numbers(HEADING_NOTE), drawn) if noted.any() else drawn
 
 
 class _Notes:

@@ -15,9 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dirprim_filter.optional_columns import unknown
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.delimited import Block, DelimitedText, NameTable
-from dirprim_filter.recording.tables.table import Table, TableRows, table_of
+from dirprim_filter.recording.tables.table import Table, table_of
+from dirprim_filter.recording.vehicle_rows import VehicleRows
 
 logger = logging.getLogger(__name__)
 
@@ -68,15 +70,19 @@ def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None) -> T
     place = {name: names.index(name) for name in (*REQUIRED, *OPTIONAL, LABEL) if name in names}
     unused = [name for i, name in enumerate(names) if i not in place.values()]
     ids = NameTable()
-    parts = [_rows_of(block, place, ids) for block in text.blocks(skip=1, n_cells=len(names))]
+    parts, labels = [], []
+    for block in text.blocks(skip=1, n_cells=len(names)):
+        parts.append(_rows_of(block, place, ids))
+        if LABEL in place:
+            labels.append(np.char.strip(np.array(block.texts(place[LABEL]), np.str_)))
     if not parts:
         raise TableError(text.path, line + 1, "rows after the header", "none", "check how the table was made")
-    rows = TableRows.concatenate(parts)
+    rows = VehicleRows.concatenate(parts, np.array(ids.names, np.str_))
     for name, of in ANGLES.items():
-        angle = getattr(rows, of)
-        if angle is not None and (np.abs(angle) > TURN).any():
-            logger.warning("%s: %s reaches %g; is it in degrees?", path, name, np.nanmax(np.abs(angle)))
-    return replace(table_of(rows, ids.names), unused=unused)
+        angle = np.abs(getattr(rows, of))
+        if (angle > TURN).any():
+            logger.warning("%s: %s reaches %g; is it in degrees?", path, name, np.nanmax(angle))
+    return replace(table_of(rows, label=np.concatenate(labels) if labels else None), unused=unused)
 
 
 def parse_columns(text: str) -> dict[str, str]:
@@ -108,23 +114,23 @@ def _renamed(path: Path, line: int, header: list[str], columns: Mapping[str, str
     return names
 
 
-def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> TableRows:
-    time_ns, time_known = block.nanoseconds(place["time_s"], "time_s")
+def _rows_of(block: Block, place: dict[str, int], ids: NameTable) -> VehicleRows:
+    vehicle = ids.numbers(block.texts(place["track_id"]))
+    n = vehicle.size
     floats = {
         name: block.floats(place[name], name) for name in ("x_m", "y_m", *ANGLES, "speed_mps", *SIZE) if name in place
     }
-    size = np.column_stack([floats.get(name, np.full(len(time_ns), np.nan)) for name in SIZE])
-    return TableRows(
-        vehicle=ids.numbers(block.texts(place["track_id"])),
-        time_ns=time_ns,
-        time_known=time_known,
+    has_size = any(name in place for name in SIZE)
+    return VehicleRows(
+        names=np.empty(0, np.str_),
+        vehicle=vehicle,
+        time_ns=block.nanoseconds(place["time_s"], "time_s"),
         position=np.column_stack([floats["x_m"], floats["y_m"]]),
-        direction=floats.get("course_rad"),
-        speed=floats.get("speed_mps"),
-        group=block.whole_numbers(place["group"], "group") if "group" in place else None,
-        size=size if any(name in place for name in SIZE) else None,
-        heading=floats.get("heading_rad"),
-        label=np.char.strip(np.array(block.texts(place[LABEL]), np.str_)) if LABEL in place else None,
+        direction=floats.get("course_rad", unknown(n)),
+        speed=floats.get("speed_mps", unknown(n)),
+        group=block.whole_numbers(place["group"], "group") if "group" in place else np.zeros(n, np.int64),
+        size=np.column_stack([floats.get(name, unknown(n)) for name in SIZE]) if has_size else unknown(n, 3),
+        heading=floats.get("heading_rad", unknown(n)),
     )
 
 

@@ -17,8 +17,9 @@ from typing import NoReturn, TextIO
 import numpy as np
 
 from dirprim_filter.recording.container.other_formats import READ_BYTES, other_format
+from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from tessellation.arrays import FloatArray, IntArray
 
 BLOCK_ROWS = 2048
 """Rows held as text at one time: few enough for the processor's cache."""
@@ -156,11 +157,11 @@ class Block:
         try:
             return np.fromiter(map(float, texts), np.float64, len(texts))
         except ValueError:
-            told = [text if text.strip() else "nan" for text in texts]
-        row = next((row for row, text in enumerate(told) if not is_number(text)), None)
+            texts_or_nan = [text if text.strip() else "nan" for text in texts]
+        row = next((row for row, text in enumerate(texts_or_nan) if not is_number(text)), None)
         if row is not None:
             self.fail(row, f"a number as {name}", repr(texts[row]), "mend the cell, or empty it to drop the row")
-        return np.fromiter(map(float, told), np.float64, len(told))
+        return np.fromiter(map(float, texts_or_nan), np.float64, len(texts))
 
     def whole_numbers(self, column: int, name: str) -> IntArray:
         """(n,) the whole numbers of a column.
@@ -175,8 +176,8 @@ class Block:
             row = next(row for row, text in enumerate(texts) if not _is_int64(text))
             self.fail(row, f"a whole number as {name}", repr(texts[row]), "mend or remove the line")
 
-    def nanoseconds(self, column: int, name: str) -> tuple[IntArray, BoolArray]:
-        """(n,) decimal seconds to the nearest nanosecond, and (n,) where the cell tells a time.
+    def nanoseconds(self, column: int, name: str) -> IntArray:
+        """(n,) decimal seconds to the nearest nanosecond; `NO_TIME` where the cell holds none.
 
         A float64 of seconds since 1970 is off by up to 120 ns, so large times are taken from their digits.
 
@@ -194,7 +195,7 @@ class Block:
         texts = self._decimals(column)
         for row in np.flatnonzero(size >= EXACT_SECONDS).tolist():
             time_ns[row] = exact_nanoseconds(texts[row])
-        return time_ns, known
+        return np.where(known, time_ns, NO_TIME)
 
 
 def exact_nanoseconds(seconds: str) -> int:

@@ -14,9 +14,11 @@ from xml.parsers import expat
 
 import numpy as np
 
+from dirprim_filter.optional_columns import is_held, unknown
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.delimited import BLOCK_ROWS, NameTable, exact_nanoseconds, is_number
-from dirprim_filter.recording.tables.table import Table, TableRows, table_of
+from dirprim_filter.recording.tables.table import Table, table_of
+from dirprim_filter.recording.vehicle_rows import VehicleRows
 from tessellation.arrays import FloatArray
 
 READ_BYTES = 1 << 20
@@ -56,7 +58,7 @@ class _FcdExport:
         self._lines: list[int] = []
         self._times: list[int] = []
         self._vehicles: list[dict[str, str]] = []
-        self._parts: list[TableRows] = []
+        self._parts: list[VehicleRows] = []
         self._ids = NameTable()
         self._n_others = 0
 
@@ -72,11 +74,11 @@ class _FcdExport:
             self._close_block()
         if not self._parts:
             raise self._error("vehicles in time steps", "none", "run SUMO with --fcd-output")
-        parts = self._parts
-        if any(part.heading is None for part in parts):
-            parts = [replace(part, heading=None, speed=None) for part in parts]
+        rows = VehicleRows.concatenate(self._parts, np.array(self._ids.names, np.str_))
+        if not all(is_held(part.heading) for part in self._parts):
+            rows = replace(rows, heading=unknown(len(rows)), speed=unknown(len(rows)))
         dropped = {"persons and containers": self._n_others} if self._n_others else {}
-        return table_of(TableRows.concatenate(parts), self._ids.names, dropped=dropped)
+        return table_of(rows, dropped=dropped)
 
     def _on_doctype(self, *_: object) -> None:
         raise self._error("no DOCTYPE", "one", "remove it: SUMO writes none")
@@ -103,14 +105,18 @@ class _FcdExport:
 
     def _close_block(self) -> None:
         moving = all("angle" in v and "speed" in v for v in self._vehicles)
+        n = len(self._times)
         self._parts.append(
-            TableRows(
+            VehicleRows(
+                names=np.empty(0, np.str_),
                 vehicle=self._ids.numbers(self._texts("id")),
                 time_ns=np.array(self._times, np.int64),
-                time_known=np.ones(len(self._times), np.bool_),
                 position=np.column_stack([self._floats("x"), self._floats("y")]),
-                heading=angle_of_compass(self._floats("angle")) if moving else None,
-                speed=self._floats("speed") if moving else None,
+                direction=unknown(n),
+                speed=self._floats("speed") if moving else unknown(n),
+                group=np.zeros(n, np.int64),
+                size=unknown(n, 3),
+                heading=angle_of_compass(self._floats("angle")) if moving else unknown(n),
             )
         )
         self._lines, self._times, self._vehicles = [], [], []

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.field_groups import matrices
@@ -100,12 +101,12 @@ def _of_csv(path: Path) -> dict[str, AnyArray]:
 
 
 def _block(block: Block, place: dict[str, int]) -> dict[str, AnyArray]:
-    time_ns, known = block.nanoseconds(place["time_s"], "time_s")
+    time_ns = block.nanoseconds(place["time_s"], "time_s")
     columns: dict[str, AnyArray] = {"track_id": np.array(block.texts(place["track_id"]), dtype=np.str_)}
     columns |= {
         name: block.floats(at, name) for name, at in place.items() if name not in ("time_s", "track_id", "group")
     }
-    wrong = ~known | ~np.isfinite(columns["x_m"]) | ~np.isfinite(columns["y_m"])
+    wrong = (time_ns == NO_TIME) | ~np.isfinite(columns["x_m"]) | ~np.isfinite(columns["y_m"])
     if wrong.any():
         block.fail(int(np.argmax(wrong)), "a time and a place", "an empty cell", "remove the line")
     if "group" in place:
@@ -150,8 +151,8 @@ def _of_mot(path: Path, truth: Tracks) -> dict[str, AnyArray]:
         wrong = (frame < 1) | (frame > instants.size)
         if wrong.any():
             row = int(np.argmax(wrong))
-            told = f"a frame from 1 to {instants.size}, the truth's instants"
-            block.fail(row, told, str(frame[row]), "give the truth that was tracked, or a table with times")
+            expected = f"a frame from 1 to {instants.size}, the truth's instants"
+            block.fail(row, expected, str(frame[row]), "give the truth that was tracked, or a table with times")
         if not np.isfinite(position).all() or (position == NOWHERE).all():
             row = int(np.argmax(~np.isfinite(position).all(axis=1)))
             block.fail(row, "x and y in metres", "none", "give positions in the plane, not boxes of an image")

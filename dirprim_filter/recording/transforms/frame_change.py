@@ -32,7 +32,7 @@ class FrameChange:
     """Brings objects into one frame.
 
     Attributes:
-        target: its name; empty until the first object has told its own.
+        target: its name; empty until the first object came with its own.
         origin: of the plane of satellite positions, which counts as the target; None until one was needed.
         tree: the log's transforms; None until they were needed.
     """
@@ -117,7 +117,7 @@ class FrameChange:
         return found
 
     def _root(self, tree: TransformTree, frame: str, time_ns: int) -> str:
-        """The frame that all objects are brought into: where those of `frame` have come as far as the log tells."""
+        """The frame that all objects are brought into: where those of `frame` have come as far as the log says."""
         root = tree.root_of(frame)
         if root in MOVING:
             raise MissingTransformError(self._log.path, frame=root, target=MAP, time_ns=time_ns)
@@ -158,7 +158,7 @@ def _moved(rows: ObjectRows, here: IntArray, found: Placement) -> ObjectRows:
 
 
 def _turned(covariance: FloatArray, rotation: Rotation) -> FloatArray:
-    """(n, 2, 2) covariances in other axes; of the height's error nothing is told, so it adds nothing."""
+    """(n, 2, 2) covariances in other axes; the height's error is unknown, so it adds nothing."""
     if np.isnan(covariance).all():
         return covariance
     plane = rotation.as_matrix()[:, :2, :2]

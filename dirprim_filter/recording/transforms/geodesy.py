@@ -13,7 +13,7 @@ from dirprim_filter.recording.errors import MissingExtraError
 from tessellation.arrays import FloatArray
 
 FARTHEST_M = 1e8
-"""Nothing on the Earth, of 4e7 m around, is told further from any origin than this; what is, is no position."""
+"""Nothing on the Earth, of 4e7 m around, is further from any origin than this; what is, is no position."""
 
 
 class Origin(NamedTuple):

@@ -63,7 +63,7 @@ class Edge:
     """A frame in its parent over time.
 
     Attributes:
-        parent: name of the frame that it is told in.
+        parent: name of the frame that it is in.
         time_ns: (n,) ascending, no time twice.
         translation: (n, 3) metres.
         rotation: (n, 4) unit quaternions.

@@ -1,0 +1,96 @@
+"""Rows of vehicles as logs and tables hold them, and the tracks that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from dirprim_filter.optional_columns import chosen, joined
+from dirprim_filter.track_ids import as_track_ids
+from dirprim_filter.tracks import Tracks
+from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
+
+OPTIONAL = ("direction", "speed", "size", "heading")
+"""Of these `optional_columns.unknown` may stand for a column without any value."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VehicleRows(ArrayValue):
+    """Rows that are not yet tracks.
+
+    Attributes:
+        names: (m,) str, of the vehicles; those of several groups may share one.
+        vehicle: (n,) int64, the place of each row's vehicle among them: a column of text is as wide as its longest.
+        time_ns: (n,) int64; `NO_TIME` where unknown.
+        position: (n, 2) metres; not finite where unknown.
+        direction: (n,) course over ground, radians; NaN where unknown.
+        speed: (n,) m/s; NaN where unknown.
+        group: (n,) int64.
+        size: (n, 3) length, width and height, metres; NaN where unknown.
+        heading: (n,) yaw of the body, radians; NaN where unknown.
+    """
+
+    names: AnyArray
+    vehicle: IntArray
+    time_ns: IntArray
+    position: FloatArray
+    direction: FloatArray
+    speed: FloatArray
+    group: IntArray
+    size: FloatArray
+    heading: FloatArray
+
+    def __len__(self) -> int:
+        return int(self.vehicle.size)
+
+    def __getitem__(self, rows: BoolArray | IntArray) -> VehicleRows:
+        """The rows of a mask or of indices; the same rows where a mask leaves out none."""
+        if rows.dtype == np.bool_ and rows.all():
+            return self
+        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)[1:]}
+        columns = {name: chosen(column, rows) if name in OPTIONAL else column[rows] for name, column in columns.items()}
+        return replace(self, **columns)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[VehicleRows], names: AnyArray) -> VehicleRows:
+        """All rows of all parts, of which there is at least one; their vehicles are among `names`."""
+        columns: dict[str, Any] = {}
+        for f in fields(cls)[1:]:
+            join = joined if f.name in OPTIONAL else np.concatenate
+            columns[f.name] = join([getattr(part, f.name) for part in parts])
+        return cls(names=names, **columns)
+
+    def has_motion(self) -> BoolArray:
+        """(n,) where both course and speed are known."""
+        return np.asarray(np.isfinite(self.direction) & np.isfinite(self.speed) & (self.speed >= 0))
+
+    def is_known_throughout(self) -> BoolArray:
+        """(n,) rows of vehicles of which all rows have motion."""
+        of_vehicle = np.ones(self.names.size, np.bool_)
+        of_vehicle[self.vehicle[~self.has_motion()]] = False
+        return of_vehicle[self.vehicle]
+
+    def to_tracks(self) -> tuple[Tracks, int]:
+        """The tracks, and how many rows are left out, as they are alone in time.
+
+        Direction and speed are taken where all rows of a vehicle have them, and else derived from its positions. Where
+        only the speed is known, or the heading of the body, both stay, and the direction is derived.
+        """
+        whole = self.is_known_throughout()
+        known, rest = self[whole], self[~whole]
+        ids = as_track_ids(self.names)
+        taken, derived = (
+            make(
+                track_id=ids[rows.vehicle], time_ns=rows.time_ns, position=rows.position, group=rows.group,
+                size=rows.size, heading=rows.heading, **motion,
+            )
+            for make, rows, motion in (
+                (Tracks, known, {"direction": known.direction, "speed": known.speed}),
+                (Tracks.from_positions, rest, {"speed": np.where(rest.speed >= 0, rest.speed, np.nan)}),
+            )
+        )  # fmt: skip
+        tracks = Tracks.concatenate([part for part in (taken, derived) if len(part)] or [taken])
+        return tracks, len(rest) - len(derived)
