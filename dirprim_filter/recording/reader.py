@@ -91,7 +91,7 @@ def read_track_logs(
     progress: Callable[[int, int], None] | None = None,
     **reading: Unpack[Reading],
 ) -> TrackResult:
-    """As `read_tracks`, with what was lost; `progress` is called with how many of how many seconds of a log are read."""
+    """As `read_tracks`, with what was lost; `progress` gets how many of how many seconds are read."""
     paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
     if not paths:
         raise ValueError("source: expected at least one log, got none")

@@ -1,7 +1,7 @@
 """Satellite fixes of one vehicle: `foxglove.LocationFix`, `foxglove.LocationFixes`, `sensor_msgs/NavSatFix`.
 
 Degrees on WGS 84, to be projected to a local plane. The vehicle is named after the topic: the frame is that of the
-antenna. A receiver without a fix has no position, which it says by a status below 0, by 0 degrees north and 0 east to the last
+antenna. A receiver without a fix says so by a status below 0, by 0 degrees north and 0 east to the last
 bit, which are fields that nobody set, or by degrees that do not exist. Covariances are of east, north and up in
 square metres, and mean nothing where their type is unknown.
 
