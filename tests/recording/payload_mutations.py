@@ -1,0 +1,163 @@
+"""Messages, and definitions of them, broken at random: the law is that nothing but the broken message is lost."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.json_format import MessageToDict
+from mcap.writer import Writer
+from mcap_files import columns_of
+from mcap_protobuf.schema import build_file_descriptor_set
+from ros_messages import header, write_ros2_log
+
+from dirprim_filter.recording.container.log import Log
+from dirprim_filter.recording.container.records import Channel, Schema
+from dirprim_filter.recording.scan import scan
+from dirprim_filter.recording.schemas.decoders import Decoders
+from dirprim_filter.recording.transforms.transform_tree import TransformTree
+
+TAGS = (
+    b"\xff" * 10,
+    b"\x00" * 8,
+    b"\x7f\xff\xff\xff",
+    b"[" * 500,
+    b'{"a":',
+    b"1e999",
+    b"-0",
+    b'"\\ud800"',
+    b"null",
+    b"[]",
+)
+TIMES = np.arange(0, 10**10, 10**9)
+
+
+class Subject(NamedTuple):
+    name: str
+    channel: Channel
+    payload: bytes
+
+
+def subjects(folder):
+    """A message of each encoding, and what it is read by."""
+    scene, frames = a_scene(), some_transforms()
+    channels = {
+        kind.DESCRIPTOR.name: Channel(topic="/t", message_encoding="protobuf", schema=schema_of(kind), metadata=())
+        for kind in (SceneUpdate, FrameTransforms)
+    }
+    in_json = replace(channels["SceneUpdate"], message_encoding="json")
+    text = json.dumps(MessageToDict(scene, preserving_proto_field_name=True)).encode()
+    made = [
+        Subject("protobuf", channels["SceneUpdate"], scene.SerializeToString()),
+        Subject("protobuf transforms", channels["FrameTransforms"], frames.SerializeToString()),
+        Subject("json", in_json, text),
+    ]
+    point, turn = {"x": 1.0, "y": 2.0, "z": 3.0}, {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}
+    stamped = {"header": header(10**9), "child_frame_id": "car", "transform": {"translation": point, "rotation": turn}}
+    marker = {"header": header(10**9), "ns": "car", "id": 3, "type": 1, "action": 0, "scale": point, "text": "a car",
+              "pose": {"position": point, "orientation": turn}}  # fmt: skip
+    messages = [
+        ("/tf", 0, "tf2_msgs/msg/TFMessage", {"transforms": [stamped] * 3}),
+        ("/markers", 1, "visualization_msgs/msg/MarkerArray", {"markers": [marker] * 3}),
+    ]
+    with scan(write_ros2_log(folder / "ros.mcap", messages)) as log:
+        made += [Subject(f"cdr {m.topic}", m.channel, m.data) for m in log]
+    return made
+
+
+def schema_of(kind):
+    definition = build_file_descriptor_set(kind).SerializeToString()
+    return Schema(name=kind.DESCRIPTOR.full_name, encoding="protobuf", data=definition)
+
+
+def a_scene():
+    scene = SceneUpdate()
+    for k in range(3):
+        entity = scene.entities.add(id=f"car {k}", frame_id="map")
+        entity.timestamp.FromNanoseconds(10**9)
+        entity.metadata.add(key="speed_mps", value="3.5")
+        cube = entity.cubes.add()
+        cube.pose.position.x, cube.pose.position.y, cube.pose.orientation.w = float(k), -1.5, 1.0
+        cube.size.x = 4.5
+    return scene
+
+
+def some_transforms():
+    frames = FrameTransforms()
+    for k, (parent, child) in enumerate((("map", "car"), ("car", "lidar"), ("map", "pole"))):
+        one = frames.transforms.add(parent_frame_id=parent, child_frame_id=child)
+        one.timestamp.FromNanoseconds((k + 1) * 10**9)
+        one.translation.x, one.rotation.w = float(k), 1.0
+    return frames
+
+
+def broken(data, rng):
+    """The bytes with one to four places broken."""
+    data = bytearray(data)
+    for _ in range(int(rng.integers(1, 5))):
+        at, kind = int(rng.integers(0, len(data) + 1)), int(rng.integers(0, 6))
+        if kind == 0:
+            del data[at:]
+        elif kind == 1 and at < len(data):
+            data[at] ^= 1 << int(rng.integers(0, 8))
+        elif kind == 2:
+            data[at : at + int(rng.integers(1, 9))] = rng.bytes(int(rng.integers(0, 9)))
+        elif kind == 3:
+            data[at:at] = data[at : at + int(rng.integers(1, 200))]
+        elif kind == 4:
+            data[at : at + int(rng.integers(0, 5))] = TAGS[int(rng.integers(0, len(TAGS)))]
+        else:
+            del data[at : at + int(rng.integers(1, 40))]
+    return bytes(data)
+
+
+def check_payload(subject, rng):
+    """A broken message between two whole ones: these read as alone. -> whether the broken one was refused."""
+    whole, _ = Decoders().rows(columns_of(subject.channel, [subject.payload]))
+    mixed = columns_of(subject.channel, [subject.payload, broken(subject.payload, rng), subject.payload])
+    rows, failures = Decoders().rows(mixed)
+    assert set(failures) <= {1}, failures
+    for message in (0, 2):
+        own = rows[rows.message == message]
+        assert own.track_id.tolist() == whole.track_id.tolist()
+        np.testing.assert_array_equal(own.position, whole.position)
+        np.testing.assert_array_equal(own.stamp_ns, whole.stamp_ns)
+    assert (np.diff(rows.message) >= 0).all()
+    return bool(failures)
+
+
+def check_definition(subject, rng):
+    """A broken definition is refused, or reads the message somehow. -> whether it was refused."""
+    schema = replace(subject.channel.schema, data=broken(subject.channel.schema.data, rng))
+    rows, failures = Decoders().rows(columns_of(replace(subject.channel, schema=schema), [subject.payload] * 2))
+    assert all("\n" not in reason for reason in failures.values())
+    assert len(rows) < 1000
+    return bool(failures)
+
+
+def check_transforms(rng, path, n):
+    """Broken transforms behind whole ones in a log: what is placed is turned by a rotation. -> messages refused."""
+    data = some_transforms().SerializeToString()
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        kind = schema_of(FrameTransforms)
+        channel = writer.register_channel(
+            "/tf", "protobuf", writer.register_schema(kind.name, kind.encoding, kind.data)
+        )
+        for k, payload in enumerate([data, *(broken(data, rng) for _ in range(n))]):
+            writer.add_message(channel, 10**9 * k, payload, 10**9 * k)
+        writer.finish()
+    with Log(path) as log:
+        tree = TransformTree.of_log(log)
+    assert {"car", "lidar", "pole"} <= tree.edges.keys()
+    for frame in list(tree.edges)[:20]:
+        with np.errstate(all="ignore"):  # as where objects are placed: what is not finite is left out there
+            placed = tree.placement(frame, tree.root_of(frame), TIMES)
+        turned = placed.rotation.as_matrix()[placed.known]
+        np.testing.assert_allclose(np.linalg.det(turned), np.ones(len(turned)), atol=1e-9)
+    return tree.dropped.undecodable
