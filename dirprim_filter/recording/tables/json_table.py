@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
-from dirprim_filter.recording.schemas.object_rows import ObservedRows
+from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.tables.delimited import NameTable
-from dirprim_filter.recording.tables.table import Table, TableRows, table_of
+from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
+from dirprim_filter.recording.vehicle_rows import VehicleRows
 from tessellation.arrays import FloatArray
 
 
@@ -42,33 +42,22 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
         raise ValueError(f"fields: expected time= or time_s=, got {mapping}")
     frames = _frames(path)
     family = mapping.family()
-    shredded = JsonPlan(family.fields).run([json.dumps(frame).encode() for frame in frames])
-    rows = family.objects(shredded, np.full(len(frames), path.stem))
-    reasons = Counter(shredded.failures.values())
+    columns = JsonPlan(family.fields).run([json.dumps(frame).encode() for frame in frames])
+    rows = family.objects(columns, np.full(len(frames), path.stem))
+    reasons = Counter(columns.failures.values())
     if not len(rows):
         got = next(iter(reasons), f"{len(frames)} frames without one")
         raise TableError(path, 1, f"objects at {mapping}", got, "compare the paths with the file")
     ids = NameTable()
-    return table_of(_table_rows(rows, mapping, ids, origin), ids.names, dropped=dict(reasons))
+    vehicles = VehicleRows(
+        vehicle=ids.numbers(rows.track_id.tolist()), names=np.array(ids.names, np.str_), time_ns=rows.stamp_ns,
+        position=rows.position if mapping.latitude is None else _plane(rows, origin), direction=rows.direction,
+        speed=rows.speed, group=rows.group, size=rows.size, heading=rows.heading,
+    )  # fmt: skip
+    return table_of(vehicles, label=rows.label if mapping.label else None, dropped=dict(reasons))
 
 
-def _table_rows(rows: ObservedRows, mapping: FieldMapping, ids: NameTable, origin: Origin | None) -> TableRows:
-    """The rows of a table, on the plane."""
-    return TableRows(
-        vehicle=ids.numbers(rows.track_id.tolist()),
-        time_ns=rows.stamp_ns,
-        time_known=rows.stamp_ns != NO_TIME,
-        position=rows.position if mapping.latitude is None else _plane(rows, origin),
-        direction=rows.direction if mapping.direction or mapping.direction_deg or mapping.vx else None,
-        speed=rows.speed if mapping.speed or mapping.speed_kmh or mapping.vx else None,
-        group=rows.group if mapping.group else None,
-        size=rows.size if mapping.length or mapping.width else None,
-        heading=rows.heading if mapping.heading or mapping.heading_deg else None,
-        label=rows.label.astype(np.str_) if mapping.label else None,
-    )
-
-
-def _plane(rows: ObservedRows, origin: Origin | None) -> FloatArray:
+def _plane(rows: ObjectRows, origin: Origin | None) -> FloatArray:
     """(n, 2) metres from the origin, of rows of longitudes and latitudes; infinite where there is no such place."""
     longitude, latitude = rows.position.T
     exists = (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)
