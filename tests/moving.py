@@ -14,6 +14,8 @@ from dirprim_filter.primitives.motion import FLOATS, Motion, joined, place_free_
 from tessellation import GridTessellation
 
 SIDE = 20.0
+ALONE = np.empty((0, 3))
+"""Nobody has a leader."""
 NOTHING = 1e-300
 
 
@@ -98,5 +100,5 @@ def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, table_of=forecast_
     table, state = table_of(primitive_map, config or FilterConfig()), seeded(key)
     particles = settled(table, n, state=state, **start)
     for _ in range(n_calls):
-        _motion.move(table, *particles, dt_s / n_calls, state)
+        _motion.move(table, *particles, ALONE, dt_s / n_calls, state)
     return particles

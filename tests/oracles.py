@@ -193,3 +193,26 @@ def dp_means(feature, order, opens_at, most):
         if (label == before).all():
             break
     return label
+
+
+def leader_of(i, others, curvature):
+    """Gap, speed along the way and row of the nearest vehicle ahead on an arc, by looking at one after the other."""
+    x, y, course, _ = others[i]
+    nearest = (np.inf, 0.0, -1)
+    for j, (east, north, heading, speed) in enumerate(others):
+        turned = np.exp(-1j * course) * complex(east - x, north - y)
+        ahead, left = turned.real, turned.imag
+        same = np.cos(heading - course - curvature * ahead)
+        on_arc = abs(left - curvature * ahead**2 / 2) <= 1.75
+        if j != i and 0.5 <= ahead < min(60.0, nearest[0]) and on_arc and same > 0.5:
+            nearest = (ahead, same * speed, j)
+    return nearest
+
+
+def leader_features(speed, gap, leader):
+    """What a driver goes by behind a leader."""
+    free = max(gap - 7.0, 0.0)
+    safe = -0.75 + np.sqrt(0.75**2 + leader**2 + 2 * 0.75 * free)
+    room, closing = np.clip(safe - speed, -12, 12), np.clip(leader - speed, -12, 12)
+    told = [1, room, max(room, 0), max(room - 4, 0), speed, closing, room * speed, closing * speed, speed**2]
+    return np.array([*told, min(free, 40.0)])

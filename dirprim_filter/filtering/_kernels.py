@@ -42,12 +42,13 @@ class Cloud(NamedTuple):
 @njit(cache=True, nogil=True)
 def predict(table: MotionTable, cloud: Cloud, vehicle: IntArray, dt_s: FloatArray) -> None:
     """Move every particle of the vehicles named."""
+    alone = np.empty((0, 3))
     for i in range(vehicle.size):
         v = vehicle[i]
         state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
         _motion.move(
             table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
-            cloud.push[v], dt_s[i], state,
+            cloud.push[v], alone, dt_s[i], state,
         )  # fmt: skip
         cloud.state[v] = state
 

@@ -171,9 +171,14 @@ def go_over(
 @njit(nogil=True, **EXACT)
 def move(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
-    manoeuvre: IntArray, push: FloatArray, dt_s: float, state: UIntArray,
+    manoeuvre: IntArray, push: FloatArray, led: FloatArray, dt_s: float, state: UIntArray,
 ) -> None:  # fmt: skip
-    """Move (n,) particles of one vehicle by `dt_s`, in steps of at most `step_s`; see `MotionTable`."""
+    """Move (n,) particles of one vehicle by `dt_s`, in steps of at most `step_s`; see `MotionTable`.
+
+    `led` is (n, 3), what a leader has each do: its acceleration, the share that its manoeuvre's own acceleration and
+    start rate keep, and a start rate; or (0, 3) where nobody has a leader.
+    """
+    is_led = len(led) > 0
     n, weight = speed.size, np.empty(table.most)
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
     h = dt_s / n_steps
@@ -195,10 +200,15 @@ def move(
             stood = v < STANDING_BELOW
             if row[STARTS] > 0.0:
                 later, way = v, 0.0
-                if random.uniform(state) < row[STARTS] * h:
+                starts = row[STARTS]
+                if is_led:
+                    starts = led[p, 2] + led[p, 1] * starts
+                if random.uniform(state) < starts * h:
                     later = STARTS_AT
             else:
                 gained = row[A_0] + row[A_E] * east + row[A_N] * north + row[A_V] * v + row[PUSH] * push[p]
+                if is_led:
+                    gained = led[p, 0] + led[p, 1] * gained
                 later = max(v + h * gained, 0.0)
                 way = 0.5 * h * (v + later) * (1.0 + row[LONGER])
             c, s = cos(theta), sin(theta)
@@ -281,11 +291,12 @@ def rollout(table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntAr
     n = path.shape[1]
     position, direction, speed, push = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty(n)
     cell, manoeuvre, state = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(4, np.uint64)
+    alone = np.empty((0, 3))
     for i in range(len(start)):
         random.seed_state(key[i], state)
         position[:, 0], position[:, 1], direction[:], speed[:] = start[i, 0], start[i, 1], start[i, 2], start[i, 3]
         settle(table, position, direction, speed, cell, manoeuvre, push, state)
         for t in range(dt_s.size):
-            move(table, position, direction, speed, cell, manoeuvre, push, dt_s[t], state)
+            move(table, position, direction, speed, cell, manoeuvre, push, alone, dt_s[t], state)
             for p in range(n):  # a slice assigned to a slice would compile numba's strings for its error
                 path[i, p, t, 0], path[i, p, t, 1] = position[p, 0], position[p, 1]

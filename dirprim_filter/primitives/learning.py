@@ -17,6 +17,7 @@ import numpy as np
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells, place_free_share
 from dirprim_filter.primitives.cell_model import PrimitiveModel, usual_of
+from dirprim_filter.primitives.leader_learning import learn_leader
 from dirprim_filter.primitives.motion_choice import learn_motion
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -110,7 +111,7 @@ def learn_primitives(
     begin(3)
     return replace(
         learned,
-        motion=learn_motion(learned, rows, rng=rng),
+        motion=replace(learn_motion(learned, rows, rng=rng), leader=learn_leader(tracks)),
         n_rows=np.append(np.diff(n_rows), len(rows)),
     )
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.leader import LeaderResponse
 from tessellation.arrays import FloatArray, IntArray, as_floats
 
 CREEP = 0.3
@@ -65,6 +66,7 @@ class Motion:
         count: (t,) how often.
         course_rate: 1/s, how fast a vehicle's deviation from the course of its manoeuvre is forgotten.
         strength: how much a place-free manoeuvre counts against those of a cell, in visits.
+        leader: how vehicles go on behind others; None where nobody looked.
 
     Raises:
         ValueError: columns of different lengths, numbers that are not finite, amounts below zero, or transitions to
@@ -95,6 +97,7 @@ class Motion:
     count: FloatArray
     course_rate: float = 2.0
     strength: float = 1.0
+    leader: LeaderResponse | None = None
 
     def __post_init__(self) -> None:
         n = self.cell.size

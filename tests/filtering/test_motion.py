@@ -10,7 +10,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.filtering.motion import forecast_table, tracking_table
 from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives.motion_table import reaching
-from moving import motion_by_hand, moved, only_places, seeded, settled, squares
+from moving import ALONE, motion_by_hand, moved, only_places, seeded, settled, squares
 from situations import one_cell_map
 from tessellation import GridTessellation
 from tessellation._kernels import locate
@@ -115,7 +115,7 @@ def n_that_stay(n_vehicles, n_particles, *, t, n_calls, config):
         particles = settled(table, n_particles, place=(200.0, 200.0), state=state)
         particles.manoeuvre[:] = 1
         for _ in range(n_calls):
-            _motion.move(table, *particles, t / n_calls, state)
+            _motion.move(table, *particles, ALONE, t / n_calls, state)
         stays += int((particles.manoeuvre == 1).sum())
     return stays
 

@@ -10,7 +10,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
-from moving import SIDE, motion_by_hand, moved, only_places, seeded, squares
+from moving import ALONE, SIDE, motion_by_hand, moved, only_places, seeded, squares
 from oracles import fit, manoeuvre_weights, moved_without_noise
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
@@ -102,7 +102,7 @@ def test_a_step_that_nothing_disturbs_is_the_slow_twins():
         push = rng.normal() if z < 10 else 0.0
         position, course, pace, pushes = place[None].copy(), np.array([direction]), np.array([speed]), np.array([push])
         z_of = np.array([z])
-        _motion.move(table, position, course, pace, np.zeros(1, np.int64), z_of, pushes, 0.07, seeded(1))
+        _motion.move(table, position, course, pace, np.zeros(1, np.int64), z_of, pushes, ALONE, 0.07, seeded(1))
         center = random.centers[random.motion.cell[z]]
         slow = moved_without_noise(random.motion, z, center, EXTENT, place, direction, speed, push, 0.07)
         assert z_of[0] == z

@@ -72,8 +72,19 @@ def assert_equal(a, b):
         np.testing.assert_array_equal(getattr(a.speed, name), getattr(b.speed, name), err_msg=name)
     np.testing.assert_array_equal(a.n_rows, b.n_rows)
     assert a.n_place_free_modes == b.n_place_free_modes
-    for field in fields(Motion):
-        sent, got = getattr(a.motion, field.name), getattr(b.motion, field.name)
+    assert (a.motion.leader is None) == (b.motion.leader is None)
+    for one, other in (
+        (a.motion, b.motion),
+        *([] if a.motion.leader is None else [(a.motion.leader, b.motion.leader)]),
+    ):
+        assert_columns_equal(one, other)
+
+
+def assert_columns_equal(a, b):
+    for field in fields(a):
+        if field.name == "leader":
+            continue
+        sent, got = getattr(a, field.name), getattr(b, field.name)
         np.testing.assert_array_equal(sent, got, err_msg=field.name)
         assert np.asarray(sent).dtype == np.asarray(got).dtype, field.name
 
@@ -90,6 +101,7 @@ def test_a_map_loads_equal(tmp_path, n_cells, voronoi):
 
 def test_what_was_learned_loads_equal(tmp_path, ring_map):
     assert ring_map.motion.count.size > 0
+    assert ring_map.motion.leader is not None
     save_map(ring_map, tmp_path / "map.mcap")
     assert_equal(load_map(tmp_path / "map.mcap"), ring_map)
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from google.protobuf.message import Message
 
+from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of
@@ -22,7 +23,7 @@ FIELDS = {
     "acceleration": ("acceleration", "acceleration_east", "acceleration_north", "acceleration_speed"),
 }
 """The message's fields of the attributes that have several columns; of others it is the one of that name."""
-KNOBS = ("course_rate", "strength")
+KNOBS = ("course_rate", "strength", "leader")
 COLUMNS = tuple(field.name for field in dirprim_pb2.Motion.DESCRIPTOR.fields if field.name not in KNOBS)
 """What tiles have parts of; all else they repeat."""
 
@@ -38,6 +39,7 @@ def encode_motion(motion: Motion, tile: int, n_tiles: int) -> dirprim_pb2.Motion
         **{name: column[_part(column.size, tile, n_tiles)].tolist() for name, column in columns.items()},
         course_rate=motion.course_rate,
         strength=motion.strength,
+        leader=None if motion.leader is None else _encode_leader(motion.leader),
     )
 
 
@@ -66,7 +68,21 @@ def decode_motion(parts: list[dirprim_pb2.Motion]) -> Motion:
         **floats,
         course_rate=parts[0].course_rate,
         strength=parts[0].strength,
+        leader=_decode_leader(parts[0].leader) if parts[0].HasField("leader") else None,
     )
+
+
+def _encode_leader(leader: LeaderResponse) -> dirprim_pb2.Leader:
+    return dirprim_pb2.Leader(
+        gain=leader.gain.tolist(), push=leader.push, trust=leader.trust, start_rate=leader.start_rate.tolist()
+    )
+
+
+def _decode_leader(leader: dirprim_pb2.Leader) -> LeaderResponse:
+    return LeaderResponse(
+        gain=floats_of(leader, "gain", N_FEATURES), push=leader.push, trust=leader.trust,
+        start_rate=floats_of(leader, "start_rate", N_PACES),
+    )  # fmt: skip
 
 
 def _part(n: int, tile: int, n_tiles: int) -> slice:

@@ -1,0 +1,131 @@
+"""Compiled: who drives ahead of a particle, and what it does about that.
+
+The leader is the nearest vehicle on the arc that the particle is about to drive, of about its direction.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.primitives._motion import BEND_E, BEND_N, CURVATURE, STANDING_BELOW, STARTS, MotionTable
+from dirprim_filter.primitives.leader import N_FEATURES
+from tessellation.arrays import FloatArray, IntArray
+
+FAR_M, NEAR_M = 60.0, 0.5
+"""Ahead: further off nobody is heeded; nearer it is the vehicle itself, or one beside it."""
+HALF_LANE_M = 1.75
+SAME_WAY = 0.5
+"""Cosine of the angle up to which another vehicle drives the same way."""
+TIGHTEST = 0.1
+"""1/m, of the arc."""
+QUEUE_M = 7.0
+"""From centre to centre in a queue."""
+BRAKING, REACTION_S = 0.75, 1.0
+"""m/s^2 and seconds of the speed at which a driver could still stop behind its leader."""
+SAFE, CLOSING, GAP_M = 12.0, 12.0, 40.0
+"""m/s, m/s and metres, beyond which a difference makes none."""
+HARDEST, STRONGEST = -8.0, 4.0
+"""m/s^2."""
+SLOW = 2.0
+"""m/s of a leader that has just started."""
+STARTS_BEHIND_M = 25.0
+"""So far off a leader decides whether a vehicle starts."""
+NOBODY = 1e9
+
+
+class LeaderTable(NamedTuple):
+    """A map's response to leaders as the kernels take it."""
+
+    gain: FloatArray  # (N_FEATURES,)
+    push: float
+    trust: float
+    start_rate: FloatArray  # (3,)
+
+
+@njit(cache=True, nogil=True)
+def behind(
+    others: FloatArray, own: int, position: FloatArray, direction: FloatArray, curvature: FloatArray, seen: FloatArray
+) -> None:
+    """Fills (n, 3): metres to each particle's leader, from centre to centre, `NOBODY` if none, its speed, and which.
+
+    Args:
+        others: (n, m, 4) place, direction and speed of all vehicles in the world of each particle; or (1, m, 4).
+        own: which of them the particles are of, -1 for none.
+        position: (n, 2) metres.
+        direction: (n,) radians.
+        curvature: (n,) 1/m, of the arc that each is about to drive.
+        seen: to be filled.
+    """
+    one_world = len(others) == 1
+    for p in range(direction.size):
+        w = 0 if one_world else p
+        c, s, bend = math.cos(direction[p]), math.sin(direction[p]), curvature[p]
+        nearest, speed, leader = FAR_M, 0.0, -1
+        for j in range(others.shape[1]):
+            dx, dy = others[w, j, 0] - position[p, 0], others[w, j, 1] - position[p, 1]
+            ahead = c * dx + s * dy
+            if j == own or ahead < NEAR_M or ahead >= nearest:
+                continue
+            if abs(c * dy - s * dx - 0.5 * bend * ahead * ahead) > HALF_LANE_M:
+                continue
+            same = math.cos(others[w, j, 2] - direction[p] - bend * ahead)
+            if same > SAME_WAY:
+                nearest, speed, leader = ahead, same * others[w, j, 3], j
+        seen[p, 0], seen[p, 1], seen[p, 2] = nearest if leader >= 0 else NOBODY, speed, leader
+
+
+@njit(cache=True, nogil=True)
+def bends(table: MotionTable, manoeuvre: IntArray, direction: FloatArray, curvature: FloatArray) -> None:
+    """Fills (n,) 1/m: the arc that each particle is about to drive, by its manoeuvre."""
+    for p in range(direction.size):
+        row = table.row[manoeuvre[p]]
+        bend = row[BEND_E] * math.cos(direction[p]) + row[BEND_N] * math.sin(direction[p]) + row[CURVATURE]
+        curvature[p] = 0.0 if row[STARTS] > 0.0 else min(max(bend, -TIGHTEST), TIGHTEST)
+
+
+@njit(cache=True)
+def describe(speed: float, gap: float, leader: float, feature: FloatArray) -> None:
+    """Fills (N_FEATURES,): what a driver goes by.
+
+    Above all by how much faster it could drive and still stop behind its leader, should that brake (Gipps 1981).
+    """
+    free = max(gap - QUEUE_M, 0.0)
+    reach = BRAKING * REACTION_S
+    safe = math.sqrt(reach * reach + leader * leader + 2.0 * BRAKING * free) - reach
+    room, closing = min(max(safe - speed, -SAFE), SAFE), min(max(leader - speed, -CLOSING), CLOSING)
+    feature[0], feature[1], feature[2], feature[3] = 1.0, room, max(room, 0.0), max(room - 4.0, 0.0)
+    feature[4], feature[5], feature[6], feature[7] = speed, closing, room * speed, closing * speed
+    feature[8], feature[9] = speed * speed, min(free, GAP_M)
+
+
+@njit(cache=True, nogil=True)
+def descriptions(speed: FloatArray, seen: FloatArray, feature: FloatArray) -> None:
+    """Fills (n, N_FEATURES) from (n,) speeds and (n, 3) leaders."""
+    for p in range(speed.size):
+        describe(speed[p], seen[p, 0], seen[p, 1], feature[p])
+
+
+@njit(cache=True)
+def pace_of(leader: float) -> int:
+    """Whether a leader stands, has just started, or drives: 0 to 2."""
+    return 0 if leader < STANDING_BELOW else (1 if leader < SLOW else 2)
+
+
+@njit(cache=True, nogil=True)
+def respond(table: LeaderTable, speed: FloatArray, push: FloatArray, seen: FloatArray, led: FloatArray) -> None:
+    """Fills (n, 3), see `_motion.move`, from speeds, pushes and leaders, (n,), (n,) and (n, 3)."""
+    feature = np.empty(N_FEATURES)
+    for p in range(speed.size):
+        led[p, 0], led[p, 1], led[p, 2] = 0.0, 1.0, 0.0
+        gap, leader = seen[p, 0], seen[p, 1]
+        if gap >= (STARTS_BEHIND_M if speed[p] < STANDING_BELOW else FAR_M):
+            continue
+        describe(speed[p], gap, leader, feature)
+        gained = 0.0
+        for i in range(N_FEATURES):
+            gained += table.gain[i] * feature[i]
+        gained = min(max(gained, HARDEST), STRONGEST) + table.push * push[p]
+        led[p, 0], led[p, 1] = table.trust * gained, 1.0 - table.trust
+        led[p, 2] = table.trust * table.start_rate[pace_of(leader)]

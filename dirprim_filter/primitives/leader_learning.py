@@ -1,0 +1,166 @@
+"""Learning how drivers go on behind a leader: a ridge regression from additive sums.
+
+It is judged by drivers that it has not seen: where their acceleration is told no better with the leader than by their
+own speed alone, as of pedestrians on a square, leaders are not heeded.
+"""
+
+from __future__ import annotations
+
+import logging
+from itertools import pairwise
+from typing import NamedTuple, Self
+from zlib import crc32
+
+import numpy as np
+
+from dirprim_filter.instants import Instants
+from dirprim_filter.primitives import _leader
+from dirprim_filter.primitives._leader import FAR_M, SLOW, STARTS_BEHIND_M
+from dirprim_filter.primitives._motion import STANDING_BELOW
+from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
+from dirprim_filter.primitives.motion_sums import Regression
+from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE
+from dirprim_filter.track_ids import world_names
+from dirprim_filter.tracks import Tracks
+from tessellation.arrays import FloatArray, IntArray
+
+logger = logging.getLogger(__name__)
+
+EVERY_S, AHEAD_S = 0.5, 1.0
+"""How often drivers are looked at, and over how long their acceleration is."""
+MOST_INSTANTS = 5000
+"""Of so many every driver has been seen often."""
+N_FOLDS = 5
+"""Of the drivers, each judged by what the others tell."""
+OF_SPEED = (0, 4, 8)
+"""The features that tell nothing of the leader: 1, speed and its square."""
+WORTH = 0.05
+"""By this share of the mean squared error held-out drivers must be told better with their leaders than without."""
+RIDGE = 1.0
+"""Pairs of a driver and its leader, by which each feature leans on having no effect."""
+TRUSTED_PAIRS = 50.0
+"""From so many on the response counts more than what the place says."""
+STARTS_SEEN = 5.0
+"""Instants of standing vehicles, by which starts lean on those of all that stand."""
+MOST_STARTS = 0.95
+"""Of those that stand, within `AHEAD_S`."""
+
+
+def learn_leader(tracks: Tracks) -> LeaderResponse:
+    """How the drivers of a log go on behind a leader."""
+    return LeaderSums.of(tracks).response()
+
+
+class LeaderSums(NamedTuple):
+    """What the response is learned from; sums of two logs are the sums of both."""
+
+    acceleration: Regression  # by `_leader.describe`'s features, a row for each fold; a pair of vehicles counts once
+    stood: FloatArray  # (4,) instants at which a vehicle stood: behind one of each pace, and behind nobody
+    started: FloatArray  # (4,) of these, where it drove `AHEAD_S` later
+
+    @classmethod
+    def of(cls, tracks: Tracks) -> Self:
+        """The sums of a log: of every vehicle and the nearest one ahead, `EVERY_S`."""
+        group, time_ns = _grid(tracks)
+        now = Instants.of(tracks, group, time_ns)
+        later = Instants.of(tracks, group, time_ns + int(AHEAD_S * 1e9))
+        speed, row = now.state[:, 3], later.rows_of(now.instant, now.vehicle)
+        gained = np.where(row >= 0, np.append(later.state[:, 3], 0.0)[row] - speed, np.nan)
+        seen, stands = _seen(now), speed < STANDING_BELOW
+        follows = (seen[:, 0] < FAR_M) & ~stands & np.isfinite(gained)
+        feature = np.empty((int(follows.sum()), N_FEATURES))
+        _leader.descriptions(speed[follows], seen[follows], feature)
+        driver, leader = now.vehicle[follows], now.vehicle[seen[follows, 2].astype(np.int64)]
+        _, pair, count = np.unique(driver * (1 + now.vehicle.max(initial=0)) + leader, return_inverse=True,
+                                   return_counts=True)  # fmt: skip
+        waits = stands & np.isfinite(gained)
+        near = seen[:, 0] < STARTS_BEHIND_M
+        pace = np.where(near, np.digitize(seen[:, 1], [STANDING_BELOW, SLOW]), N_PACES)
+        starts = waits & (speed + gained >= STANDING_BELOW)
+        return cls(
+            Regression.of(feature, gained[follows] / AHEAD_S, 1.0 / count[pair], _folds(tracks)[driver], N_FOLDS),
+            np.bincount(pace[waits], minlength=N_PACES + 1).astype(np.float64),
+            np.bincount(pace[starts], minlength=N_PACES + 1).astype(np.float64),
+        )
+
+    def __add__(self, other: LeaderSums) -> LeaderSums:  # type: ignore[override]
+        return LeaderSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
+
+    def __sub__(self, other: LeaderSums) -> LeaderSums:
+        return LeaderSums(*(a - b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
+
+    def response(self) -> LeaderResponse:
+        """The response that the sums say; none, where that tells drivers it has not seen no better."""
+        with_leader, by_speed = _held_out_error(self.acceleration), _held_out_error(_part(self.acceleration, OF_SPEED))
+        pairs = float(self.acceleration.weight.sum())
+        logger.info("%.0f pairs of a driver and its leader: held-out error %.3g of that by speed alone", pairs,
+                    with_leader / max(by_speed, 1e-9))  # fmt: skip
+        if not with_leader < (1.0 - WORTH) * by_speed:
+            return LeaderResponse.none()
+        whole = _total(self.acceleration)
+        gain = _solved(whole)
+        usual = (self.started.sum() + 0.1) / (self.stood.sum() + 1.0)
+        share = (self.started[:N_PACES] + STARTS_SEEN * usual) / (self.stood[:N_PACES] + STARTS_SEEN)
+        return LeaderResponse(
+            gain=gain[0],
+            push=float(np.sqrt(whole.mean_square(gain)[0] / PUSHED_SHARE)),
+            trust=pairs / (pairs + TRUSTED_PAIRS),
+            start_rate=-np.log1p(-np.minimum(share, MOST_STARTS)) / AHEAD_S,
+        )
+
+
+def _folds(tracks: Tracks) -> IntArray:
+    """(n_tracks,) the fold of each vehicle: by its name, so that it is the same whichever others there are."""
+    _, first = np.unique(tracks.vehicle, return_index=True)
+    names = world_names(tracks.track_id[first], tracks.group[first])
+    return np.array([crc32(name.encode()) % N_FOLDS for name in names.tolist()], np.int64)
+
+
+def _held_out_error(acceleration: Regression) -> float:
+    """Mean squared error of each fold by what the others say, m^2/s^4."""
+    whole, error = _total(acceleration), 0.0
+    for fold in range(N_FOLDS):
+        own = Regression(*(column[fold : fold + 1] for column in acceleration))
+        error += float((own.mean_square(_solved(whole - own)) * own.weight)[0])
+    return error / max(float(whole.weight[0]), 1e-9)
+
+
+def _total(acceleration: Regression) -> Regression:
+    """The sums of all folds."""
+    return Regression(*(column.sum(axis=0, keepdims=True) for column in acceleration))
+
+
+def _part(acceleration: Regression, features: tuple[int, ...]) -> Regression:
+    """The sums of some of the features."""
+    some = np.array(features)
+    return acceleration._replace(xx=acceleration.xx[:, some[:, None], some], xy=acceleration.xy[:, some])
+
+
+def _solved(acceleration: Regression) -> FloatArray:
+    """(1, p) gains; the ridge of each is in units of its own mean square, that of the constant next to none."""
+    square = np.diagonal(acceleration.xx[0]) / max(float(acceleration.weight[0]), 1e-9)
+    return acceleration.solved(RIDGE * (square + 1e-9) * np.append(1e-6, np.ones(square.size - 1)))
+
+
+def _grid(tracks: Tracks) -> tuple[IntArray, IntArray]:
+    """Groups and times of instants `EVERY_S` apart, from each group's first row on; of a long log fewer."""
+    every_ns = int(EVERY_S * 1e9)
+    groups, times = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for group in np.unique(tracks.group):
+        own = tracks.time_ns[tracks.group == group]
+        seen = np.unique((own - own[0]) // every_ns)  # a log may pause for days
+        times.append(own[0] + seen * every_ns)
+        groups.append(np.full(seen.size, group))
+    group_of, time_ns = np.concatenate(groups), np.concatenate(times)
+    stride = max(-(-time_ns.size // MOST_INSTANTS), 1)
+    return group_of[::stride], time_ns[::stride]
+
+
+def _seen(now: Instants) -> FloatArray:
+    """(n, 3) gap and speed of each vehicle's leader, straight on, and its row; see `_leader.behind`."""
+    seen = np.empty((len(now.state), 3))
+    for a, b in pairwise(now.first.tolist()):
+        here = now.state[a:b]
+        _leader.behind(here[None], -1, here[:, :2], here[:, 2], np.zeros(b - a), seen[a:b])
+        seen[a:b, 2] += a
+    return seen

@@ -1,0 +1,122 @@
+"""The vehicle ahead: found as a slow twin finds it, and the response is what drivers do who heed it."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from dirprim_filter.primitives import _leader
+from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
+from dirprim_filter.primitives.leader_learning import LeaderSums, learn_leader
+from dirprim_filter.tracks import Tracks
+from oracles import leader_features, leader_of
+
+
+def test_the_leader_is_whom_the_slow_twin_finds():
+    rng, found = np.random.default_rng(0), 0
+    for _ in range(30):
+        others = np.column_stack([rng.uniform(-30, 30, (40, 2)), rng.uniform(-np.pi, np.pi, 40), rng.uniform(0, 9, 40)])
+        curvature, seen = rng.uniform(-0.05, 0.05, 40), np.empty((40, 3))
+        _leader.behind(others[None], -1, others[:, :2].copy(), others[:, 2].copy(), curvature, seen)
+        for i in range(40):
+            gap, speed, which = leader_of(i, others, curvature[i])
+            assert seen[i, 2] == which
+            if which >= 0:
+                np.testing.assert_allclose(seen[i, :2], [gap, speed], atol=1e-12)
+                found += 1
+    assert found > 50
+
+
+def test_nobody_is_the_leader_of_its_own_particles():
+    others = np.array([[[5.0, 0.0, 0.0, 3.0], [9.0, 0.0, 0.0, 4.0]]])
+    for own, gap in ((0, 9.0), (1, 5.0), (-1, 5.0)):
+        seen = np.empty((1, 3))
+        _leader.behind(others, own, np.zeros((1, 2)), np.zeros(1), np.zeros(1), seen)
+        assert seen[0, 0] == gap
+
+
+def test_features_are_the_slow_twins():
+    rng = np.random.default_rng(1)
+    speed, seen, feature = rng.uniform(0, 20, 200), rng.uniform(0, 60, (200, 3)), np.empty((200, N_FEATURES))
+    _leader.descriptions(speed, seen, feature)
+    for p in range(200):
+        np.testing.assert_allclose(feature[p], leader_features(speed[p], seen[p, 0], seen[p, 1]), rtol=1e-12)
+
+
+def pairs(rng, n, *, heed, group=0):
+    """Drivers behind leaders of other speeds: they take on their leader's speed at 0.4/s, or keep to their own."""
+    rows = []
+    for pair in range(n):
+        own, lead, gap = rng.uniform(4, 12), rng.uniform(4, 12), rng.uniform(15, 35)
+        place, wanted = -gap, rng.uniform(4, 12)
+        for tick in range(40):
+            rows += [
+                (2 * pair, tick, place, 100.0 * pair, own),
+                (2 * pair + 1, tick, 0.1 * tick * lead, 100.0 * pair, lead),
+            ]
+            own += 0.1 * 0.4 * ((lead if heed else wanted) - own)
+            place += 0.1 * own
+    track_id, tick, x, y, speed = np.array(rows).T
+    return Tracks(
+        track_id=track_id.astype(np.int64), time_ns=tick.astype(np.int64) * 100_000_000,
+        position=np.column_stack([x, y]), direction=np.zeros(len(rows)), speed=speed,
+        group=np.full(len(rows), group),
+    )  # fmt: skip
+
+
+def test_a_law_that_drivers_follow_is_learned_and_none_where_they_follow_none():
+    rng = np.random.default_rng(2)
+    response = learn_leader(pairs(rng, 80, heed=True))
+    assert response.trust == pytest.approx(80 / 130)
+    for own, lead in ((6.0, 10.0), (10.0, 6.0), (8.0, 8.0)):
+        expected = (lead - own) * (1.0 - np.exp(-0.4))  # gained in one second
+        assert leader_features(own, 25.0, lead) @ response.gain == pytest.approx(expected, abs=0.15)
+    assert response.push < 0.2
+    assert learn_leader(pairs(rng, 80, heed=False)).trust == 0.0
+
+
+def test_who_stands_starts_as_often_as_it_did_behind_such_a_leader():
+    """Behind one that drives off every other vehicle starts within a second; behind one that stands none does."""
+    rows = []
+    for pair in range(60):
+        goes, starts = pair % 2 == 0, pair % 4 == 0
+        for tick in range(0, 21, 5):
+            rows.append((2 * pair, tick, 0.0, 100.0 * pair, 1.0 if starts and tick > 5 else 0.0))
+            rows.append((2 * pair + 1, tick, 8.0 + 0.5 * tick * goes, 100.0 * pair, 5.0 * goes))
+    track_id, tick, x, y, speed = np.array(rows).T
+    tracks = Tracks(
+        track_id=track_id.astype(np.int64), time_ns=tick.astype(np.int64) * 100_000_000,
+        position=np.column_stack([x, y]), direction=np.zeros(len(rows)), speed=speed,
+    )  # fmt: skip
+    sums = LeaderSums.of(tracks)
+    assert sums.stood.tolist() == [
+        30.0 * 3,
+        0.0,
+        15.0 * 2 + 15.0 * 3,
+        30.0 * 3,
+    ]  # three instants of each, last nobody's
+    assert sums.started.tolist() == [0.0, 0.0, 30.0, 0.0]
+
+
+def test_sums_of_two_groups_are_the_sums_of_both():
+    rng = np.random.default_rng(3)
+    one, other = pairs(rng, 12, heed=True), pairs(rng, 9, heed=False, group=1)
+    both = LeaderSums.of(Tracks.concatenate([one, other]))
+    added = LeaderSums.of(one) + LeaderSums.of(other)
+    for sums, total in ((added, both), (both - LeaderSums.of(other), LeaderSums.of(one))):
+        for ours, theirs in zip((*sums.acceleration, *sums[1:]), (*total.acceleration, *total[1:]), strict=True):
+            np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+def test_who_knows_nothing_of_leaders_heeds_none():
+    for tracks in (pairs(np.random.default_rng(4), 1, heed=True)[:1], pairs(np.random.default_rng(4), 1, heed=True)):
+        response = learn_leader(tracks)
+        for f in fields(LeaderResponse):
+            np.testing.assert_array_equal(getattr(response, f.name), getattr(LeaderResponse.none(), f.name))
+
+
+@pytest.mark.parametrize("wrong", [{"trust": 1.1}, {"push": -1.0}, {"gain": np.zeros(3)}, {"start_rate": -np.ones(3)}])
+def test_a_response_that_makes_no_sense_is_refused(wrong):
+    numbers = {"gain": np.zeros(N_FEATURES), "push": 1.0, "trust": 0.5, "start_rate": np.ones(3)}
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        LeaderResponse(**numbers | wrong)
