@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +84,8 @@ class FilterConfig:
         drift: m^2/s, how fast a vehicle drifts from the way that its direction and speed say, in each axis: 0.07 m in
             a second.
         max_gap_s: seconds without a measurement after which a belief ends.
+        interaction: "leader": vehicles heed who drives ahead of them, by where the others were estimated in the frame
+            before; "none": what is believed of a vehicle does not depend on any other.
     """
 
     n_particles: int = 1000
@@ -102,9 +105,12 @@ class FilterConfig:
     step_s: float = 0.1
     drift: float = 0.005
     max_gap_s: float = 5.0
+    interaction: Literal["none", "leader"] = "none"
 
     def __post_init__(self) -> None:
-        require_positive(self)
+        require_positive(self, skip=("interaction",))
+        if self.interaction not in ("none", "leader"):
+            raise ValueError(f"interaction: expected 'none' or 'leader', got {self.interaction!r}")
         if self.outlier_probability >= 1 or self.resample_below > 1 or self.place_free_share > 1:
             raise ValueError("outlier_probability, resample_below, place_free_share: expected shares below one")
         if self.motion_outlier_probability >= 1:

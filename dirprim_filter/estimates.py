@@ -202,6 +202,7 @@ class TrackedFrame(ArrayValue):
         particles: the samples behind it; who keeps a frame keeps a copy of them.
         innovations: a row for each estimate; None where the tracker was not asked for them.
         begun_anew: ids of the vehicles whose belief no longer explained them, and was begun anew.
+        group: (n,) of the log, each estimate's; left out: all of one.
     """
 
     time_ns: int
@@ -210,6 +211,11 @@ class TrackedFrame(ArrayValue):
     particles: Samples
     innovations: Innovations | None = None
     begun_anew: tuple[str, ...] = ()
+    group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+
+    def __post_init__(self) -> None:
+        if self.group.size == 0:
+            object.__setattr__(self, "group", np.zeros(len(self.estimates), np.int64))
 
     @cached_property
     def names(self) -> list[str]:

@@ -17,9 +17,18 @@ import numpy.typing as npt
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.highest_density import Region, highest_density_regions
 from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.futures import Start, Steps, sample_paths, sample_paths_of_belief
-from dirprim_filter.filtering.motion import forecast_table
+from dirprim_filter.filtering.futures import (
+    Start,
+    Steps,
+    projected,
+    sample_paths,
+    sampled_belief,
+    sampled_state,
+    side_by_side,
+)
+from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats
@@ -120,7 +129,8 @@ class ForecastSink(Protocol):
 class Forecaster:
     """An `EstimateSink` that forecasts every vehicle of a frame, now and then.
 
-    A vehicle's futures follow from the seed, its id and the time: no other vehicle has a part in them.
+    A vehicle's futures follow from the seed, its id and the time: no other vehicle has a part in them, unless
+    `config.interaction` says so. Then sample p of all vehicles of a group is one world.
 
     Args:
         primitive_map: how vehicles move at each place.
@@ -145,7 +155,9 @@ class Forecaster:
         config: FilterConfig | None = None,
         rng: np.random.Generator,
     ) -> None:
-        self._table = forecast_table(primitive_map, config or FilterConfig())
+        config = config or FilterConfig()
+        self._table = forecast_table(primitive_map, config)
+        self._response = leader_table(primitive_map, config)
         self._sinks = sinks
         self._every_ns = int(every_s * 1e9)
         self._steps = Steps.of(horizon_s, dt_s, n_samples)
@@ -164,13 +176,19 @@ class Forecaster:
 
     def paths(self, frame: TrackedFrame) -> FloatArray:
         """Futures of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""
-        return np.stack([self._of_vehicle(frame, row) for row in range(len(frame.estimates))])
+        clouds = [self._of_vehicle(frame, row) for row in range(len(frame.estimates))]
+        path = np.empty((len(clouds), self._steps.n_samples, self._steps.dt_s.size, 2))
+        for group in np.unique(frame.group):
+            own = np.flatnonzero(frame.group == group)
+            world = side_by_side([clouds[row] for row in own])
+            path[own] = projected(self._table, world, self._steps.dt_s, self._response)
+        return path
 
-    def _of_vehicle(self, frame: TrackedFrame, row: int) -> FloatArray:
+    def _of_vehicle(self, frame: TrackedFrame, row: int) -> Cloud:
         believed, particles = frame.estimates, frame.particles
         key = birth_key(self._seed, str(believed.track_id[row]), frame.time_ns)
         rng = np.random.default_rng(int(key))
         if len(particles):
-            return sample_paths_of_belief(self._table, particles.of(row), self._steps, rng=rng)
+            return sampled_belief(self._table, particles.of(row), self._steps, rng=rng)
         mean = Start(believed.position[[row]], believed.direction[[row]], believed.speed[[row]])
-        return np.asarray(sample_paths(self._table, mean, self._steps, rng=rng)[0])
+        return sampled_state(self._table, mean, self._steps, rng=rng)

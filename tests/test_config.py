@@ -7,8 +7,14 @@ import pytest
 
 from dirprim_filter.config import FilterConfig, LearningConfig
 
+WORDS = ("interaction",)
 SERIES = ("cell_sizes", "prior_strengths", "parameter_costs", "rows_per_cell", "softness")
-KNOBS = [(kind, f.name) for kind in (FilterConfig, LearningConfig) for f in fields(kind) if f.name not in SERIES]
+KNOBS = [
+    (kind, f.name)
+    for kind in (FilterConfig, LearningConfig)
+    for f in fields(kind)
+    if f.name not in (*SERIES, "interaction")
+]
 
 
 @pytest.mark.parametrize(("kind", "name"), KNOBS)
@@ -22,6 +28,11 @@ def test_a_knob_that_is_not_positive_is_refused_by_name(kind, name, value):
 def test_a_share_above_one_is_refused_by_name(knobs):
     with pytest.raises(ValueError, match=f"{next(iter(knobs))}.*: expected shares"):
         FilterConfig(**knobs)
+
+
+def test_an_interaction_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match="interaction: expected 'none' or 'leader', got 'all'"):
+        FilterConfig(interaction="all")
 
 
 @pytest.mark.parametrize("name", SERIES)

@@ -10,7 +10,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.futures import Steps, sample_paths_of_belief
+from dirprim_filter.filtering.futures import Steps, projected, sampled_belief
 from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.replay import replay
@@ -157,7 +157,7 @@ def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):
             position=np.tile(state[0], (n, 1)), direction=np.full(n, state[1]), speed=np.full(n, state[2]),
             weight=np.full(n, 1 / n), vehicle=np.zeros(n, np.int64), **found,
         )  # fmt: skip
-        paths = sample_paths_of_belief(table, belief, steps, rng=np.random.default_rng(0))
+        paths = projected(table, sampled_belief(table, belief, steps, rng=np.random.default_rng(0)), steps.dt_s)[0]
         return float(np.linalg.norm(paths[:, -1] - state[0], axis=1).mean())
 
     hard = {"manoeuvre": np.full(n, slowest), "push": np.full(n, -20.0)}

@@ -6,19 +6,21 @@ come to, repeat.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import Particles
-from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering import _interaction, _kernels
 from dirprim_filter.filtering._heeding import heed
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.heeding import cue_columns
-from dirprim_filter.filtering.motion import forecast_table
+from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives._leader import LeaderTable
 from dirprim_filter.primitives._motion import MotionTable
 from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats
@@ -39,7 +41,10 @@ def forecast_states(
     config: FilterConfig | None = None,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Sample where each of many vehicles goes, each as if it were alone.
+    """Sample where each of many vehicles goes.
+
+    Each as if it were alone or, where `config.interaction` says "leader", all in one world: then sample p of every
+    vehicle belongs together.
 
     Args:
         primitive_map: how vehicles move at each place.
@@ -49,7 +54,7 @@ def forecast_states(
         time_s: (n_times,) ascending, seconds ahead.
         n_samples: number of futures of each.
         cue: what each of them tells of where it will turn.
-        config: the motion model's knobs.
+        config: the motion model's knobs, and whether vehicles heed each other.
         rng: what the futures are drawn from.
 
     Returns:
@@ -61,8 +66,9 @@ def forecast_states(
     """
     start = Start.of(position, direction, speed)
     steps = Steps.at(time_s, n_samples)
-    table = forecast_table(primitive_map, config or FilterConfig())
-    return sample_paths(table, start, steps, cue=cue, rng=rng)
+    config = config or FilterConfig()
+    response = leader_table(primitive_map, config)
+    return sample_paths(forecast_table(primitive_map, config), start, steps, cue=cue, response=response, rng=rng)
 
 
 class Start(NamedTuple):
@@ -123,8 +129,9 @@ class Steps(NamedTuple):
 
 
 def sample_paths(
-    table: MotionTable, start: Start, steps: Steps, *, cue: Cue | None = None, rng: np.random.Generator
-) -> FloatArray:
+    table: MotionTable, start: Start, steps: Steps, *, cue: Cue | None = None, response: LeaderTable | None = None,
+    rng: np.random.Generator,
+) -> FloatArray:  # fmt: skip
     """Futures of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
     n = steps.n_samples * (1 if cue is None else PER_SAMPLE)
     repeated = Start(*(np.repeat(column[:, None], n, axis=1) for column in start))
@@ -132,13 +139,18 @@ def sample_paths(
     _kernels.settle(table, cloud, np.arange(start.speed.size))
     if cue is not None:
         cloud = _heeded(table, cloud, cue, rng=rng)
-    return _projected(table, cloud, steps.dt_s)
+    return projected(table, cloud, steps.dt_s, response)
 
 
-def sample_paths_of_belief(
-    table: MotionTable, belief: Particles, steps: Steps, *, rng: np.random.Generator
-) -> FloatArray:  # fmt: skip
-    """Futures of one vehicle, each from a sample of what is believed of it. -> (n_samples, n_steps, 2) metres.
+def sampled_state(table: MotionTable, start: Start, steps: Steps, *, rng: np.random.Generator) -> Cloud:
+    """Samples of one vehicle that all begin at one state, (1,)."""
+    cloud = _cloud(Start(*(np.repeat(column[:, None], steps.n_samples, axis=1) for column in start)), rng=rng)
+    _kernels.settle(table, cloud, np.zeros(1, np.int64))
+    return cloud
+
+
+def sampled_belief(table: MotionTable, belief: Particles, steps: Steps, *, rng: np.random.Generator) -> Cloud:
+    """Samples of what is believed of one vehicle.
 
     Samples go on by the manoeuvre and the push that the filter found for them; those of no place look at the map anew.
     """
@@ -147,7 +159,13 @@ def sample_paths_of_belief(
     _kernels.settle(table, cloud, np.zeros(1, np.int64))
     placed = (chosen.manoeuvre >= 0) & (chosen.manoeuvre < table.begin[-1])
     cloud.manoeuvre[0, placed], cloud.push[0, placed] = chosen.manoeuvre[placed], chosen.push[placed]
-    return np.asarray(_projected(table, cloud, steps.dt_s)[0])
+    return cloud
+
+
+def side_by_side(clouds: Sequence[Cloud]) -> Cloud:
+    """The samples of several vehicles as one cloud."""
+    columns: list[Any] = [np.concatenate(column) for column in zip(*clouds, strict=True)]
+    return Cloud(*columns)
 
 
 def _cloud(start: Start, *, rng: np.random.Generator) -> Cloud:
@@ -176,8 +194,11 @@ def _heeded(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Genera
     return cloud._replace(**of_particles)
 
 
-def _projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray) -> FloatArray:
-    """The particles moved on: (v, n, n_steps, 2) metres."""
+def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: LeaderTable | None = None) -> FloatArray:
+    """The particles moved on: (v, n, n_steps, 2) metres. With a response to leaders, sample p of all is one world."""
     path: FloatArray = np.empty((*cloud.speed.shape, dt_s.size, 2))
-    _kernels.predict_paths(table, cloud, dt_s, path)
+    if response is None:
+        _kernels.predict_paths(table, cloud, dt_s, path)
+    else:
+        _interaction.predict_worlds(table, response, cloud, dt_s, path)
     return path

@@ -55,6 +55,9 @@ class KalmanBank:
                 column = getattr(self, name)
                 setattr(self, name, np.concatenate([column, np.zeros((more, *column.shape[1:]))]))
 
+    def look_around(self, slot: IntArray, home: IntArray) -> None:
+        """Nothing: no vehicle heeds another."""
+
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Start beliefs from one measurement each; nothing here is random, so `key` is not looked at."""
         place = measured_covariance(measured, self.config)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives._leader import LeaderTable
 from dirprim_filter.primitives._motion import MotionTable
 from dirprim_filter.primitives.motion_table import MotionKnobs
 from dirprim_filter.primitives.motion_table import motion_table as table_of
@@ -21,6 +22,24 @@ def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionT
     """The same for forecasts, where nothing shows which particles are right: none is redrawn on the way."""
     of_map = _knobs(config)._replace(place_free_share=0.0, redraw_rate=0.0, direction_spread=0.0, push=0.0, agility=1.0)
     return table_of(primitive_map, of_map)
+
+
+def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTable | None:
+    """How vehicles go on behind others; None where they shall not heed them, or the map says that they do not.
+
+    Raises:
+        ValueError: the map does not know.
+    """
+    if config.interaction == "none":
+        return None
+    leader = primitive_map.motion.leader
+    if leader is None:
+        raise ValueError(
+            "interaction: this map does not know how vehicles follow a leader: learn it again with `dirprim learn`"
+        )
+    if leader.trust == 0.0:
+        return None
+    return LeaderTable(leader.gain, leader.push, leader.trust, leader.start_rate)
 
 
 def _knobs(config: FilterConfig) -> MotionKnobs:

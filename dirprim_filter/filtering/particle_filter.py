@@ -16,13 +16,14 @@ import numpy as np
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _kernels, _measuring
+from dirprim_filter.filtering import _interaction, _kernels, _measuring
 from dirprim_filter.filtering._heeding import heed
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.heeding import cue_columns
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
-from dirprim_filter.filtering.motion import tracking_table
+from dirprim_filter.filtering.motion import leader_table, tracking_table
 from dirprim_filter.filtering.protocols import Evidence
+from dirprim_filter.filtering.surroundings import Surroundings
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from tessellation import OUTSIDE
@@ -38,7 +39,7 @@ class ParticleFilter:
     """A `BayesFilter` of particles that move by a map.
 
     Vehicles are split among threads, and a vehicle's numbers come from its own random state: results depend neither on
-    the threads nor on other vehicles.
+    the threads nor, without `interaction`, on other vehicles.
 
     Args:
         primitive_map: how vehicles move at each place.
@@ -49,6 +50,9 @@ class ParticleFilter:
         self.config = config = config or FilterConfig()
         self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
         self._table = tracking_table(primitive_map, config)
+        self._response = leader_table(primitive_map, config)
+        self._surroundings = Surroundings()
+        self._surroundings.reserve(self.belief.n_slots)
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
         self._noise = _noise(config)
@@ -58,6 +62,11 @@ class ParticleFilter:
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
         self.belief.reserve(n_slots)
+        self._surroundings.reserve(n_slots)
+
+    def look_around(self, slot: IntArray, home: IntArray) -> None:
+        """Note where vehicles are: leaders of the others until this is called again. (v,), (v,) see `BayesFilter`."""
+        self._surroundings.see(self.moments(slot), home)
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Start beliefs from one measurement each, and from the primitive at its place.
@@ -86,11 +95,20 @@ class ParticleFilter:
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""
         self.belief.copy(source, target)
+        self._surroundings.copy(source, target)
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
         self.belief.step += 1
-        self._split(_kernels.predict, (self._table, self.belief.cloud), (slot, dt_s), (), each_ns=60.0)
+        around = self._surroundings
+        if self._response is None or around.state.shape[1] == 0:
+            self._split(_kernels.predict, (self._table, self.belief.cloud), (slot, dt_s), (), each_ns=60.0)
+            return
+        self._split(
+            _interaction.predict_behind, (self._table, self._response, self.belief.cloud, around.state),
+            (slot, around.own[slot], around.since_s[slot], dt_s), (), each_ns=120.0,
+        )  # fmt: skip
+        around.since_s[slot] += dt_s
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""

@@ -24,7 +24,10 @@ class Evidence(NamedTuple):
 
 
 class BayesFilter(Protocol):
-    """Beliefs of many vehicles; every step takes the slots (v,) of those it concerns, and no belief sees another."""
+    """Beliefs of many vehicles; every step takes the slots (v,) of those it concerns.
+
+    No belief sees another, unless the filter's configuration says that vehicles interact.
+    """
 
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots; what the present ones hold stays."""
@@ -36,6 +39,15 @@ class BayesFilter(Protocol):
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`, random numbers to come included."""
+        ...
+
+    def look_around(self, slot: IntArray, home: IntArray) -> None:
+        """Note where vehicles are, for filters whose vehicles interact: others of these do nothing.
+
+        Args:
+            slot: (v,) what holds their beliefs, all of one instant.
+            home: (v,) the slots in which those go on.
+        """
         ...
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:

@@ -119,6 +119,8 @@ class Tracker:
         else:
             check_after(time_ns, self._time_ns)
         is_frame = time_ns > self._time_ns
+        if self.config.interaction == "leader":
+            self._look_around()
         self._time_ns = time_ns
         self._frame = frame = _Frame(detections=detections)
         if not is_frame:
@@ -212,6 +214,12 @@ class Tracker:
     def resample(self) -> None:
         """Renew the samples of measured beliefs that have lost their weight."""
         self._filter.resample(self._frame.hits.slot)
+
+    def _look_around(self) -> None:
+        """Have the filter note where the last frame's vehicles are, of those that are likely there."""
+        frame, roster = self._frame, self._roster
+        there = roster.is_confirmed[frame.home] & (roster.probability[frame.home] >= self.tracking.report_above)
+        self._filter.look_around(frame.held[there], frame.home[there])
 
     def _associate(self, row: IntArray) -> Hits:
         """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""

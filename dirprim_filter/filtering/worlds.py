@@ -105,6 +105,7 @@ def joined(frames: Mapping[int, TrackedFrame]) -> TrackedFrame:
             squared=np.concatenate([of.squared for of in innovations]),
         ),
         begun_anew=tuple(name for part in parts for name in part.begun_anew),
+        group=np.concatenate([part.group for part in parts]),
     )  # fmt: skip
 
 
@@ -117,7 +118,7 @@ def _renamed(frame: TrackedFrame, group: int) -> TrackedFrame:
     )
     return replace(
         frame, detections=frame.detections.in_one_world(), estimates=replace(believed, track_id=names),
-        begun_anew=tuple(anew.tolist()),
+        begun_anew=tuple(anew.tolist()), group=np.full(len(believed), group),
     )  # fmt: skip
 
 

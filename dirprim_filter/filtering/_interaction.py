@@ -1,0 +1,96 @@
+"""Compiled: vehicles that move with an eye on who drives ahead of them.
+
+Everybody looks at where the others were before the step, so that their order does not matter.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.primitives import _leader, _motion
+from dirprim_filter.primitives._leader import LeaderTable
+from dirprim_filter.primitives._motion import MotionTable
+from tessellation.arrays import FloatArray, IntArray
+
+LOOK_S = 0.2
+"""Seconds, how often a driver looks ahead at least."""
+
+
+@njit(cache=True, nogil=True)
+def predict_behind(
+    table: MotionTable, response: LeaderTable, cloud: Cloud, others: FloatArray, vehicle: IntArray, own: IntArray,
+    since_s: FloatArray, dt_s: FloatArray,
+) -> None:  # fmt: skip
+    """Move every particle of the vehicles named, among others that drive straight on.
+
+    Args:
+        table: the map.
+        response: to leaders.
+        cloud: the particles.
+        others: (1, m, 4) place, direction and speed.
+        vehicle: (V,) which are moved.
+        own: (V,) which of the others each is, -1 for none.
+        since_s: (V,) by how much each is later than the others.
+        dt_s: (V,) seconds to move by.
+    """
+    n = cloud.speed.shape[1]
+    curvature, seen, led, there = np.empty(n), np.empty((n, 3)), np.empty((n, 3)), others.copy()
+    for i in range(vehicle.size):
+        v = vehicle[i]
+        n_looks = max(1, math.ceil(dt_s[i] / LOOK_S - 1e-9))
+        h = dt_s[i] / n_looks
+        for look in range(n_looks):
+            for j in range(others.shape[1]):
+                way = others[0, j, 3] * (since_s[i] + look * h)
+                there[0, j, 0] = others[0, j, 0] + way * math.cos(others[0, j, 2])
+                there[0, j, 1] = others[0, j, 1] + way * math.sin(others[0, j, 2])
+            look_ahead(table, response, cloud, v, there, own[i], curvature, seen, led)
+            step(table, cloud, v, led, h)
+
+
+@njit(cache=True, nogil=True)
+def predict_worlds(
+    table: MotionTable, response: LeaderTable, cloud: Cloud, dt_s: FloatArray, path: FloatArray
+) -> None:  # fmt: skip
+    """Joint futures: sample p of all vehicles is one world. (n_steps,) seconds; fills (V, P, n_steps, 2)."""
+    n_vehicles, n = cloud.speed.shape
+    curvature, seen = np.empty(n), np.empty((n, 3))
+    led, world = np.empty((n_vehicles, n, 3)), np.empty((n, n_vehicles, 4))
+    for t in range(dt_s.size):
+        n_looks = max(1, math.ceil(dt_s[t] / LOOK_S - 1e-9))
+        for _ in range(n_looks):
+            for v in range(n_vehicles):
+                for p in range(n):
+                    world[p, v, 0], world[p, v, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
+                    world[p, v, 2], world[p, v, 3] = cloud.direction[v, p], cloud.speed[v, p]
+            for v in range(n_vehicles):
+                look_ahead(table, response, cloud, v, world, v, curvature, seen, led[v])
+            for v in range(n_vehicles):
+                step(table, cloud, v, led[v], dt_s[t] / n_looks)
+        for v in range(n_vehicles):
+            for p in range(n):
+                path[v, p, t, 0], path[v, p, t, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
+
+
+@njit(cache=True, nogil=True)
+def look_ahead(
+    table: MotionTable, response: LeaderTable, cloud: Cloud, v: int, others: FloatArray, own: int,
+    curvature: FloatArray, seen: FloatArray, led: FloatArray,
+) -> None:  # fmt: skip
+    """What the leaders of a vehicle's particles have them do: fills `led`, see `_motion.move`."""
+    _leader.bends(table, cloud.manoeuvre[v], cloud.direction[v], curvature)
+    _leader.behind(others, own, cloud.position[v], cloud.direction[v], curvature, seen)
+    _leader.respond(response, cloud.speed[v], cloud.push[v], seen, led)
+
+
+@njit(cache=True, nogil=True)
+def step(table: MotionTable, cloud: Cloud, v: int, led: FloatArray, dt_s: float) -> None:
+    """Move the particles of one vehicle."""
+    state = cloud.state[v].copy()
+    _motion.move(
+        table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
+        cloud.push[v], led, dt_s, state,
+    )  # fmt: skip
+    cloud.state[v] = state

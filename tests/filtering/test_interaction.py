@@ -1,0 +1,140 @@
+"""Vehicles that heed who drives ahead of them: joint worlds, and tracking of those out of sight."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.filtering.futures import Start, Steps, forecast_states, projected, sampled_state, side_by_side
+from dirprim_filter.filtering.motion import forecast_table, leader_table
+from dirprim_filter.forecasting import Forecaster
+from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
+from moving import motion_by_hand, squares
+from situations import TRUSTING
+
+HEEDING = FilterConfig(interaction="leader", n_particles=100, place_free_share=1e-9)
+ALWAYS, ROOM = 0, 1
+
+
+def road(*, trust=1.0, push=0.0, start_rate=(0.0, 0.0, 5.0), by=ROOM, gained=0.5):
+    """A lane of 400 m to the east; drivers take the speed at which they could stop behind their leader."""
+    motion = motion_by_hand(
+        np.repeat(np.arange(20), 2), start_rate=np.tile([0.0, 0.2], 20), log_pace=np.tile([np.log(10.3), 0.0], 20)
+    )
+    gain = np.zeros(N_FEATURES)
+    gain[by] = gained
+    leader = LeaderResponse(gain=gain, push=push, trust=trust, start_rate=np.array(start_rate))
+    return squares(20, 1, replace(motion, leader=leader))
+
+
+def futures(primitive_map, place, speed, *, interaction="leader", time_s=(1.0, 5.0), seed=0):
+    n = len(place)
+    return forecast_states(
+        primitive_map, position=np.column_stack([place, np.full(n, 10.0)]), direction=np.zeros(n), speed=speed,
+        time_s=time_s, n_samples=200, config=FilterConfig(interaction=interaction), rng=np.random.default_rng(seed),
+    )[..., 0]  # fmt: skip
+
+
+def test_nobody_drives_through_a_queue_but_who_heeds_nobody():
+    place, speed = [100.0, 60.0, 20.0], [0.0, 10.0, 10.0]
+    heeding = futures(road(start_rate=(0.0, 0.0, 0.0)), place, speed)
+    standing = heeding[0, :, -1] < 101.0
+    assert (heeding[1, standing, -1] < 96.0).all()
+    assert (heeding[2, standing, -1] < heeding[1, standing, -1] - 4.0).all()
+    alone = futures(road(), place, speed, interaction="none")
+    assert (alone[1, :, -1] > 105.0).all()
+
+
+def test_samples_of_one_number_are_one_world():
+    """When the leader starts is a matter of luck; who waits behind it moves up as far as it goes, in that sample."""
+    found = futures(road(start_rate=(0.0, 5.0, 5.0)), [100.0, 93.0], [0.0, 0.0], time_s=(10.0,))[..., 0]
+    leads, follows = found[0] - 100.0, found[1] - 93.0
+    assert leads.std() > 0.5
+    assert (follows < leads + 0.8).all()
+    assert np.corrcoef(leads, follows)[0, 1] > 0.8
+    assert (np.roll(follows, 1) > leads + 0.8).any()  # of another world
+
+
+def test_order_does_not_matter():
+    table, response = forecast_table(road(push=0.5), HEEDING), leader_table(road(push=0.5), HEEDING)
+    place, speed = np.array([100.0, 60.0, 20.0, 140.0]), np.array([4.0, 10.0, 12.0, 9.0])
+    steps, order = Steps.of(3.0, 0.5, 50), np.array([2, 0, 3, 1])
+    alone = [
+        sampled_state(table, Start.of([[x, 10.0]], [0.0], [v]), steps, rng=np.random.default_rng(int(x)))
+        for x, v in zip(place, speed, strict=True)
+    ]
+    found = projected(table, side_by_side(alone), steps.dt_s, response)
+    again = projected(table, side_by_side([alone[i] for i in order]), steps.dt_s, response)
+    np.testing.assert_array_equal(again, found[order])
+
+
+def test_where_leaders_are_not_trusted_vehicles_go_on_as_if_alone():
+    place, speed, steps = [100.0, 85.0], [5.0, 10.0], tuple(0.2 * np.arange(1, 20))
+    alone = futures(road(trust=0.0), place, speed, interaction="none", time_s=steps)
+    for trust in (0.0, 1e-12):
+        found = futures(road(trust=trust), place, speed, time_s=steps)
+        np.testing.assert_allclose(found, alone, atol=1e-6 * (trust > 0))
+    assert (futures(road(trust=0.5), place, speed, time_s=steps)[0] == alone[0]).all()  # nobody is ahead of it
+    assert (futures(road(trust=0.5), place, speed, time_s=steps)[1] != alone[1]).any()
+
+
+def test_a_map_that_does_not_know_leaders_is_to_be_learned_again():
+    with pytest.raises(ValueError, match=r"interaction: this map does not know .* learn it again"):
+        Tracker(squares(1, 1, motion_by_hand([0])), config=HEEDING, rng=np.random.default_rng(0))
+
+
+def reported(order=(0, 1)):
+    """Two vehicles at 10 m/s, 30 m apart; the one behind is not seen in the last three seconds."""
+    rng, frames = np.random.default_rng(0), []
+    for tick in range(14):
+        place = np.array([[60.0 + 5.0 * tick, 10.0], [30.0 + 5.0 * tick, 10.0]]) + rng.normal(0, 0.2, (2, 2))
+        seen = [i for i in order if i == 0 or tick < 8]
+        time_ns = np.full(len(seen), tick * 500_000_000)
+        frames.append(Detections(track_id=[f"{i}" for i in seen], time_ns=time_ns, position=place[seen]))
+    return frames
+
+
+def last_places(frames, interaction):
+    """Metres to the east, of each vehicle, where they brake by 2 m/s^2 behind any other."""
+    tracking, config = replace(TRUSTING, report_above=1e-9), replace(HEEDING, interaction=interaction)
+    tracker = Tracker(
+        road(by=ALWAYS, gained=-2.0), config=config, tracking=tracking, rng=np.random.default_rng(1)
+    )  # fmt: skip
+    for frame in frames:
+        tracker.predict(frame)
+        tracker.weigh()
+        found = tracker.estimate()
+        tracker.resample()
+    return dict(zip(found.track_id.tolist(), found.position[:, 0].tolist(), strict=True))
+
+
+def test_who_is_out_of_sight_is_believed_to_do_what_its_leader_has_it_do():
+    heeding, alone = (last_places(reported(), interaction) for interaction in ("leader", "none"))
+    assert alone[1] == pytest.approx(30.0 + 65.0, abs=2.0)
+    assert heeding[1] == pytest.approx(30.0 + 65.0 - 2.0 * 3.0**2 / 2, abs=3.0)
+    assert heeding[0] == alone[0] == pytest.approx(60.0 + 65.0, abs=0.5)
+    assert last_places(reported((1, 0)), "leader") == heeding
+    lonely = [frame[frame.track_id == 1] for frame in reported()[:8]]
+    assert last_places(lonely, "leader") == last_places(lonely, "none")
+
+
+def test_forecasts_of_a_frame_are_worlds_of_its_groups():
+    """Who brakes behind its leader does not brake behind a vehicle of another group."""
+    place, group = np.array([60.0, 90.0, 60.0]), np.array([0, 0, 1])
+    learned = road(by=ALWAYS, gained=-2.0)
+    worlds = Worlds(lambda _: Tracker(learned, config=HEEDING, tracking=TRUSTING, rng=np.random.default_rng(1)))
+    where = np.column_stack([place, np.full(3, 10.0)])
+    worlds.predict(Detections(track_id=["a", "b", "a"], time_ns=np.zeros(3, np.int64), position=where, group=group))
+    worlds.weigh()
+    ways = {}
+    for interaction in ("leader", "none"):
+        config = replace(HEEDING, interaction=interaction)
+        forecaster = Forecaster(learned, [], horizon_s=3.0, config=config, rng=np.random.default_rng(0))
+        frame = worlds.frame()
+        assert frame.names == ["a", "b", "1/a"]
+        ways[interaction] = forecaster.paths(frame)[:, :, -1, 0].mean(axis=1) - place
+    np.testing.assert_allclose(ways["leader"], [30.0 - 2.0 * 3.0**2 / 2, 30.0, 30.0], atol=2.0)
+    np.testing.assert_allclose(ways["none"], 30.0, atol=2.0)
