@@ -10,7 +10,18 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import WRITTEN, Config, Force, Map, NoIds, Noise, Particles, Seed, named_file
+from dirprim_filter.cli.options import (
+    WRITTEN,
+    Config,
+    Force,
+    Interaction,
+    Map,
+    NoIds,
+    Noise,
+    Particles,
+    Seed,
+    named_file,
+)
 from dirprim_filter.cli.place import EITHER_WAY, OPTION, tell_if_outside
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
@@ -43,6 +54,7 @@ def forecast(
     config: Config = None,
     particles: Particles = None,
     noise: Noise = None,
+    interaction: Interaction = None,
     no_ids: NoIds = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print all rollouts as JSON; with --log, a line for each instant.")
@@ -58,14 +70,16 @@ def forecast(
     if log is not None:
         if output is None or at is not None:
             raise typer.BadParameter("--log: expected -o with the MCAP to write, and no --at")
-        knobs, association = read_filter(config, n_particles=particles, noise_m=noise)
+        knobs, association = read_filter(
+            config, n_particles=particles, noise_m=noise, interaction=interaction and interaction.value
+        )
         return _of_log(
             log, map_file, output, reading, knobs, association, horizon_s=horizon, dt_s=dt, every_s=every,
             n_samples=samples, no_ids=no_ids, seed=seed, as_json=as_json, force=force,
         )  # fmt: skip
-    if config or particles or noise or no_ids:
+    if config or particles or noise or no_ids or interaction:
         raise typer.BadParameter(
-            "--config, --particles, --noise and --no-ids are of a tracker: expected --log with them"
+            "--config, --particles, --noise, --no-ids and --interaction are of a tracker: expected --log with them"
         )
     if at is None or direction_deg is None or speed is None:
         raise typer.BadParameter("expected --at, --direction-deg and --speed, or --log")

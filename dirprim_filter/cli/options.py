@@ -28,6 +28,13 @@ class WholeVehicles(StrEnum):
     GROUP = "group"
 
 
+class Interacts(StrEnum):
+    """Whom vehicles heed."""
+
+    NONE = "none"
+    LEADER = "leader"
+
+
 class ParticleColor(StrEnum):
     """What the colour of particles encodes."""
 
@@ -117,6 +124,10 @@ Noise = Annotated[
 ]
 NoIds = Annotated[
     bool, typer.Option("--no-ids", help="Ignore the ids of a log; not needed for detections without ids.")
+]
+Interaction = Annotated[
+    Interacts | None,
+    typer.Option("--interaction", help="leader: vehicles respond to the one ahead of them. Default: none."),
 ]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
 Layout = Annotated[Path | None, typer.Option("--layout", help="Write a Foxglove layout for this log, .json."), WRITTEN]

@@ -19,6 +19,7 @@ from dirprim_filter.cli.options import (
     Connect,
     Focus,
     Force,
+    Interaction,
     Layout,
     Log,
     Map,
@@ -96,6 +97,7 @@ def track(
     motion: Annotated[
         bool, typer.Option("--motion", help="Use the log's directions and speeds as measurements too.")
     ] = False,
+    interaction: Interaction = None,
     no_ids: NoIds = False,
     detection_probability: Annotated[
         float | None, typer.Option(help="Of a vehicle in sight, per frame. Default: 0.9.")
@@ -128,7 +130,7 @@ def track(
     learned = load_map(map_file)
     knobs, association = read_filter(
         config, n_particles=particles, noise_m=noise, detection_probability=detection_probability,
-        clutter_density=clutter_density,
+        clutter_density=clutter_density, interaction=interaction and interaction.value,
     )  # fmt: skip
     stride = particle_stride or max(knobs.n_particles // PARTICLES_WRITTEN, 1)
     stream = reading.detections(log, motion=motion)

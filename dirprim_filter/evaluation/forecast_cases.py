@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.instants import Instants
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
 from tessellation.arrays import AnyArray, FloatArray, IntArray
@@ -30,6 +31,8 @@ class Cases(NamedTuple):
         direction: (n,) radians.
         speed: (n,) m/s.
         later: (n, n_horizons, 2) metres, where the vehicle was that much later; NaN where the log does not say.
+        around: all vehicles that were there at the instants, those that are not forecast too.
+        at: (n,) which row of these each case is.
     """
 
     vehicle: IntArray
@@ -39,10 +42,17 @@ class Cases(NamedTuple):
     direction: FloatArray
     speed: FloatArray
     later: FloatArray
+    around: Instants
+    at: IntArray
 
     @classmethod
-    def of(cls, tracks: Tracks, *, horizons_s: Sequence[float] = HORIZONS_S) -> Cases:
-        """Up to `MAX_STARTS` instants of each vehicle, `START_EVERY_S` apart, spread over its track."""
+    def of(
+        cls, tracks: Tracks, *, horizons_s: Sequence[float] = HORIZONS_S, among: Tracks | None = None
+    ) -> Cases:  # fmt: skip
+        """Up to `MAX_STARTS` instants of each vehicle, `START_EVERY_S` apart, spread over its track.
+
+        `among` are all vehicles of the log, of which `tracks` are some; left out, there are no others.
+        """
         vehicle = tracks.vehicle
         order = np.lexsort((tracks.time_ns, vehicle))
         first = np.searchsorted(vehicle[order], np.arange(tracks.n_tracks + 1))
@@ -56,6 +66,7 @@ class Cases(NamedTuple):
             wanted = time_s[at][:, None] + np.asarray(horizons_s)
             later.append(_position_at(wanted, time_s, tracks.position[rows]))
         row = np.concatenate(starts)
+        around, at = _around(tracks, row, tracks if among is None else among)
         return cls(
             vehicle=np.asarray(vehicle[row], np.int64),
             name=world_names(tracks.track_id[row], tracks.group[row]),
@@ -64,7 +75,21 @@ class Cases(NamedTuple):
             direction=tracks.direction[row],
             speed=tracks.speed[row],
             later=np.concatenate(later),
+            around=around,
+            at=at,
         )
+
+
+def _around(tracks: Tracks, row: IntArray, among: Tracks) -> tuple[Instants, IntArray]:
+    """Who is there at the instants of some rows of `tracks`, and which of these each row is."""
+    when = np.column_stack([tracks.group[row], tracks.time_ns[row]])
+    instant, which = np.unique(when, axis=0, return_inverse=True)
+    around = Instants.of(among, instant[:, 0], instant[:, 1])
+    vehicle, first = np.unique(among.vehicle, return_index=True)
+    names = world_names(among.track_id[first], among.group[first])
+    by_name = np.argsort(names)
+    own = np.searchsorted(names, world_names(tracks.track_id[row], tracks.group[row]), sorter=by_name)
+    return around, around.rows_of(which.ravel(), vehicle[by_name[own]])
 
 
 def _spread(time_s: FloatArray, *, horizon_s: float) -> IntArray:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.filtering.futures import forecast_states
@@ -21,8 +22,19 @@ Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Sa
 
 def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
     """The map as it is learned by default, and the same without its cells."""
-    learned = learn_primitives(train, rng=rng)
+    return _rows(learn_primitives(train, rng=rng), horizons_s)
+
+
+def _rows(learned: PrimitiveMap, horizons_s: tuple[float, ...]) -> dict[str, SampleFutures]:
     return {"prior": futures_of(learned, horizons_s), "place-free": futures_of(learned.without_places(), horizons_s)}
+
+
+def by_map_and_leaders(
+    train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator
+) -> dict[str, SampleFutures]:
+    """The same, and the map on which vehicles heed who drives ahead of them."""
+    learned = learn_primitives(train, rng=rng)
+    return _rows(learned, horizons_s) | {"prior, leaders": futures_in_worlds(learned, horizons_s)}
 
 
 def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
@@ -39,6 +51,25 @@ def futures_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> Sa
             primitive_map, position=cases.position, direction=cases.direction, speed=cases.speed,
             time_s=horizons_s, n_samples=n_samples, rng=rng,
         )  # fmt: skip
+
+    return sample
+
+
+def futures_in_worlds(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleFutures:
+    """Forecasts on a map of all vehicles that were there at an instant together."""
+
+    def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
+        path = np.empty((cases.speed.size, n_samples, len(horizons_s), 2))
+        instant = cases.around.instant[cases.at]
+        for i in np.unique(instant):
+            first, end = cases.around.first[i : i + 2]
+            east, north, direction, speed = cases.around.state[first:end].T
+            here = np.flatnonzero(instant == i)
+            path[here] = forecast_states(
+                primitive_map, position=np.column_stack([east, north]), direction=direction, speed=speed,
+                time_s=horizons_s, n_samples=n_samples, config=FilterConfig(interaction="leader"), rng=rng,
+            )[cases.at[here] - first]  # fmt: skip
+        return path
 
     return sample
 
@@ -91,3 +122,4 @@ def _turned(vector: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 METHODS: tuple[Fit, ...] = (by_map, by_one_cell, by_trajectory_memory, by_constant_velocity)
+WITH_LEADERS: tuple[Fit, ...] = (by_map_and_leaders, *METHODS[1:])

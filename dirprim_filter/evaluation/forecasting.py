@@ -142,7 +142,7 @@ def evaluate_forecasts(
         dealt = split(tracks, by=split_by, n_folds=n_folds, rng=child)
         steps = steps or StepCount(n_seeds * len(dealt) * len(methods), progress)
         for fold in dealt:
-            cases = Cases.of(fold.test, horizons_s=horizons)
+            cases = Cases.of(fold.test, horizons_s=horizons, among=tracks)
             clusters_of_seed.append(cases.group if split_by == "group" else cases.name)
             n_vehicles += int(np.unique(cases.vehicle).size)
             for fit, own in zip(methods, child.spawn(len(methods)), strict=True):

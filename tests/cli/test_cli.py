@@ -350,7 +350,7 @@ def test_forecasts_of_a_log_are_told_to_machines_and_follow_the_filters_knobs(lo
     assert usual[0]["dt_s"] == 0.5
     assert len({json.dumps(lines) for lines in told.values()}) == 4
     assert set(told["--no-ids",][5]["paths"]) != set(usual[5]["paths"])
-    for knobs in (("--noise", 1.0), ("--no-ids",), ("--particles", 9)):
+    for knobs in (("--noise", 1.0), ("--no-ids",), ("--particles", 9), ("--interaction", "leader")):
         state = ("--at", 20, 0, "--direction-deg", 90, "--speed", 8)
         assert dirprim("forecast", "--map", learned, *state, *knobs) == USAGE
 

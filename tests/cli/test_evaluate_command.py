@@ -193,8 +193,10 @@ def test_every_object_says_what_it_follows_from(log, capsys):
 
 
 def test_forecasts_can_be_had_again_from_what_was_told(log, capsys, tmp_path):
-    assert evaluate("forecast", log, *FORECAST, "--seed", 3, "--json") == DONE
+    assert evaluate("forecast", log, *FORECAST, "--seed", 3, "--interaction", "leader", "--json") == DONE
     first = capsys.readouterr().out
+    names = [row["name"] for row in json.loads(first)["methods"]]
+    assert names == [*FORECASTS[:2], "prior, leaders", *FORECASTS[2:]]
     (tmp_path / "run.json").write_text(first)
     assert evaluate("forecast", log, "--config", tmp_path / "run.json", "--json") == DONE
     assert capsys.readouterr().out == first

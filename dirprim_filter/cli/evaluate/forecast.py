@@ -10,7 +10,7 @@ import typer
 
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Experiment, Json, Split
-from dirprim_filter.cli.options import Config, Force, Logs, Plot, former
+from dirprim_filter.cli.options import Config, Force, Interaction, Logs, Plot, former
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment
 
@@ -38,6 +38,7 @@ def forecast(
     folds: Annotated[int | None, typer.Option(min=2, help="Number of folds, each held out once. Default: 4.")] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="Number of random splits. Default: 1.")] = None,
     samples: Annotated[int | None, typer.Option(min=20, help="Rollouts of each vehicle. Default: 100.")] = None,
+    interaction: Interaction = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result. Default: 0.")] = None,
     reading: Reading = Reading(),
     plot: Plot = None,
@@ -52,11 +53,12 @@ def forecast(
     import numpy as np
 
     from dirprim_filter.cli.progress import step_progress
+    from dirprim_filter.evaluation.forecast_methods import METHODS, WITH_LEADERS
     from dirprim_filter.evaluation.forecasting import evaluate_forecasts
 
     given: dict[str, Any] = {
         "split_by": "group" if by_group else split and split.value, "horizons_s": horizon or None, "n_folds": folds,
-        "n_seeds": seeds, "n_samples": samples, "seed": seed,
+        "n_seeds": seeds, "n_samples": samples, "seed": seed, "interaction": interaction and interaction.value,
     }  # fmt: skip
     configured = read_experiment(config, of="evaluate forecast")
     experiment = Experiment.on(
@@ -66,11 +68,10 @@ def forecast(
         configured | {name: value for name, value in given.items() if value is not None}, experiment.log
     )  # fmt: skip
     rng = np.random.default_rng(settings["seed"])
+    methods = WITH_LEADERS if settings["interaction"] == "leader" else METHODS
+    of_table = {name: value for name, value in settings.items() if name not in ("seed", "interaction")}
     with step_progress("evaluating", "fits") as step:
-        table = evaluate_forecasts(
-            experiment.log.tracks, **{name: value for name, value in settings.items() if name != "seed"},
-            progress=step, rng=rng,
-        )  # fmt: skip
+        table = evaluate_forecasts(experiment.log.tracks, **of_table, methods=methods, progress=step, rng=rng)
 
     def figure() -> Figure:
         from dirprim_filter.viewer.charts import forecast_chart
@@ -93,7 +94,7 @@ def _settings(given: Mapping[str, Any], log: TrackResult) -> dict[str, Any]:
 
     defaults: dict[str, Any] = {
         "split_by": honest_split(log.tracks), "horizons_s": list(HORIZONS_S), "n_folds": 4, "n_seeds": 1,
-        "n_samples": 100, "seed": 0,
+        "n_samples": 100, "seed": 0, "interaction": "none",
     }  # fmt: skip
     for name in given:
         if name not in defaults:
