@@ -25,6 +25,8 @@ def predict_behind(
 ) -> None:  # fmt: skip
     """Move every particle of the vehicles named, among others that drive straight on.
 
+    Particles of no place heed nobody: they find the vehicle that does what none of its like does.
+
     Args:
         table: the map.
         response: to leaders.
@@ -47,6 +49,9 @@ def predict_behind(
                 there[0, j, 0] = others[0, j, 0] + way * math.cos(others[0, j, 2])
                 there[0, j, 1] = others[0, j, 1] + way * math.sin(others[0, j, 2])
             look_ahead(table, response, cloud, v, there, own[i], curvature, seen, led)
+            for p in range(n):
+                if cloud.manoeuvre[v, p] >= table.begin[-1]:
+                    led[p, 0], led[p, 1], led[p, 2] = 0.0, 1.0, 0.0
             step(table, cloud, v, led, h)
 
 
