@@ -100,8 +100,12 @@ def parameters(learned):
     return [
         learned.tessellation.centers, learned.direction.weight, learned.direction.mean_direction,
         learned.direction.concentration, learned.speed.shape, learned.speed.rate, learned.n_rows,
-        *(np.asarray(getattr(learned.motion, name)) for name in learned.motion.__dataclass_fields__),
+        *columns(learned.motion), *columns(learned.motion.leader),
     ]  # fmt: skip
+
+
+def columns(value):
+    return [np.asarray(getattr(value, name)) for name in value.__dataclass_fields__ if name != "leader"]
 
 
 def assert_same_map(a, b):
