@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -42,6 +43,19 @@ def locator_of(cells: Tessellation) -> Locator:
     own = getattr(cells, "locator", None)
     if isinstance(own, Locator):
         return own
+    try:
+        if cells not in _RASTERS:
+            _RASTERS[cells] = _raster_of(cells)
+        return _RASTERS[cells]
+    except TypeError:  # cells that are not hashable, or not weakly referenced
+        return _raster_of(cells)
+
+
+_RASTERS: WeakKeyDictionary[Tessellation, Locator] = WeakKeyDictionary()
+"""Of cells without a locator of their own, while they live: a raster takes longer than most of what asks for it."""
+
+
+def _raster_of(cells: Tessellation) -> Locator:
     corners = [corners for corners in cells.polygons() if len(corners)]
     if not corners:
         return Locator(0.0, 0.0, 1.0, np.full((1, 1), -1, np.int32), np.zeros(4))
