@@ -122,6 +122,10 @@ Particles = Annotated[int | None, typer.Option("--particles", min=1, help="Parti
 Noise = Annotated[
     float | None, typer.Option("--noise", help="Standard deviation of measured positions, metres. Default: 0.5.")
 ]
+SensorFile = Annotated[
+    Path | None,
+    typer.Option("--sensor", help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`.", exists=True),
+]
 NoIds = Annotated[
     bool, typer.Option("--no-ids", help="Ignore the ids of a log; not needed for detections without ids.")
 ]

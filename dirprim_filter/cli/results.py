@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dirprim_filter.cli.reading import Reading
     from dirprim_filter.config import FilterConfig, TrackingConfig
+    from dirprim_filter.sensor import Sensor
 
 FORMAT_VERSION = 2
 """Of the objects that `--json` writes; 1 had neither `format` nor `inputs`."""
@@ -84,11 +85,14 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
     return {name: value for name, value in told.items() if value is not None}
 
 
-def read_filter(path: Path | None, **given: Any) -> tuple[FilterConfig, TrackingConfig]:
-    """The knobs of a tracker: those given, else those of a file, else the defaults.
+def read_filter(
+    path: Path | None, *, sensor: Sensor | None = None, **given: Any
+) -> tuple[FilterConfig, TrackingConfig]:
+    """The knobs of a tracker: those given, else those of a sensor, else those of a file, else the defaults.
 
     Args:
         path: TOML with the tables `filter` and `tracking`, or what an earlier `track` or `evaluate tracking` wrote.
+        sensor: a model of it.
         given: knobs of either, by name; None is not given.
 
     Raises:
@@ -98,6 +102,7 @@ def read_filter(path: Path | None, **given: Any) -> tuple[FilterConfig, Tracking
 
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.evaluation.tracking_experiment import config_of
+    from dirprim_filter.filtering.sensed_particles import knobs_of
 
     told = read_experiment(path, of="track")
     if path is not None and path.suffix == ".toml":
@@ -105,9 +110,11 @@ def read_filter(path: Path | None, **given: Any) -> tuple[FilterConfig, Tracking
         if unknown:
             raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
     made = []
+    of_sensor = {} if sensor is None else knobs_of(sensor)
     for kind, name in ((FilterConfig, "filter"), (TrackingConfig, "tracking")):
+        by_sensor = {f.name: of_sensor[f.name] for f in fields(kind) if f.name in of_sensor}
         own = {f.name: given[f.name] for f in fields(kind) if given.get(f.name) is not None}
-        made.append(config_of(kind, dict(told.get(name) or {}) | own, where=name))
+        made.append(config_of(kind, dict(told.get(name) or {}) | by_sensor | own, where=name))
     return made[0], made[1]
 
 

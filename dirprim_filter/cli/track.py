@@ -30,6 +30,7 @@ from dirprim_filter.cli.options import (
     Particles,
     Save,
     Seed,
+    SensorFile,
     Serve,
     Spawn,
     Truth,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from dirprim_filter.forecasting import ForecastSink
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.recording.writer import EstimateWriter
+    from dirprim_filter.sensor import Sensor
 
 PARTICLES_WRITTEN = 100
 """Of each vehicle: they are for the eye, and all of them take longer to write than to move."""
@@ -71,6 +73,7 @@ def track(
     config: Config = None,
     particles: Particles = None,
     noise: Noise = None,
+    sensor: SensorFile = None,
     particle_stride: Annotated[
         int | None,
         typer.Option(min=1, help="Write every n-th particle. Default: about 100 a vehicle, 50 to rerun."),
@@ -111,6 +114,8 @@ def track(
 ) -> int:
     """Track the vehicles of a log with a learned map; write the estimates, and stream them to rerun.
 
+    With --sensor a detection is of where the vehicle was its latency ago, and estimates are of their own time.
+
     Groups of a log are tracked each by itself, whatever their times: the vehicles of a group other than 0 are called
     group/id in the output. With --group only that one, under its ids.
 
@@ -127,10 +132,11 @@ def track(
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
+    sensing = _sensing(sensor, noise)
     learned = load_map(map_file)
     knobs, association = read_filter(
         config, n_particles=particles, noise_m=noise, detection_probability=detection_probability,
-        clutter_density=clutter_density, interaction=interaction and interaction.value,
+        clutter_density=clutter_density, interaction=interaction and interaction.value, sensor=sensing,
     )  # fmt: skip
     stride = particle_stride or max(knobs.n_particles // PARTICLES_WRITTEN, 1)
     stream = reading.detections(log, motion=motion)
@@ -140,14 +146,17 @@ def track(
 
     def tracker_of(group: int) -> Tracker:
         make = Tracker if smoother is None else partial(smoother.tracker, group)
-        rng = np.random.default_rng(seed)
-        return make(model, config=knobs, tracking=association, with_innovations=watched, rng=rng)
+        return make(
+            model, config=knobs, tracking=association, sensor=sensing, with_innovations=watched,
+            rng=np.random.default_rng(seed),
+        )  # fmt: skip
 
     worlds = Worlds(tracker_of)
     said = provenance(
         "track", inputs=[log, map_file], config=knobs, seed=seed, place_free=place_free, no_ids=no_ids,
         motion=motion, smooth=smooth, lag_s=lag,
-        tracking=json.dumps(asdict(association), sort_keys=True), **reading.said(),
+        tracking=json.dumps(asdict(association), sort_keys=True),
+        sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
     )  # fmt: skip
     said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
     with ExitStack() as open_files:
@@ -184,6 +193,20 @@ def track(
             keep_serving(viewer)
     _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}")
     return losses.exit_code(stream.damage, stream.dropped.lost)
+
+
+def _sensing(sensor: Path | None, noise: float | None) -> Sensor | None:
+    """The sensor's model, if its file was given.
+
+    Raises:
+        BadParameter: the noise was given as well.
+        ValueError: the file is none.
+    """
+    from dirprim_filter.recording.sensor_file import load_sensor
+
+    if sensor is not None and noise is not None:
+        raise typer.BadParameter("a sensor file tells the noise: give one of both", param_hint="--noise")
+    return None if sensor is None else load_sensor(sensor)
 
 
 def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoother | None:

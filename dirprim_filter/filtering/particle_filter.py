@@ -125,6 +125,10 @@ class ParticleFilter:
         evidence = np.empty((slot.size, 2))
         columns = self._columns(measured)
         self._split(_measuring.weigh, (self.belief.cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
+        return self._judged(evidence)
+
+    def _judged(self, evidence: FloatArray) -> Evidence:
+        """(v, 2) log densities of a measurement and of its position alone -> what they say."""
         unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
         return Evidence(evidence[:, 0], unexplained | ~np.isfinite(evidence[:, 0]))
 

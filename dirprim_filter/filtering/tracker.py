@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import compress
 
 import numpy as np
@@ -20,7 +20,9 @@ from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.scans import RevisitTime
+from dirprim_filter.filtering.sensed_particles import SensedParticles
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.sensor import Sensor
 from tessellation.arrays import FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
@@ -34,11 +36,12 @@ class _Frame:
     """The frame at hand, and whose its detections are.
 
     Attributes:
-        detections: as they came.
+        detections: as of the time when they were true: a latency before they came.
         hits: tracks that were there before, and the rows of `detections` to weigh them by.
         kinds: whether it is about labelled tracks (True), unlabelled ones (False), or both, as an empty one is.
         home: slots of all tracks that may be reported: labelled ones of the frame in its order, labelled ones that it
             does not hold, and unlabelled ones.
+        n_aside: how many beliefs were moved aside.
         held: the slots that hold their beliefs at the frame's time.
         shown: of these, what there are estimates of.
         shown_home: likewise of `home`.
@@ -51,6 +54,7 @@ class _Frame:
     hits: Hits = field(default_factory=lambda: Hits(NOBODY, NOBODY))
     kinds: tuple[bool, ...] = ()
     home: IntArray = field(default_factory=NOBODY.copy)
+    n_aside: int = 0
     held: IntArray = field(default_factory=NOBODY.copy)
     shown: IntArray = field(default_factory=NOBODY.copy)
     shown_home: IntArray = field(default_factory=NOBODY.copy)
@@ -73,6 +77,8 @@ class Tracker:
         model: the map that says how vehicles move, for a particle filter on it; or any other filter.
         config: the knobs of the filter; left out, the defaults.
         tracking: the knobs of association and existence; left out, the defaults.
+        sensor: how the measurements of a particle filter on the map err; left out, by the round noise of `config`.
+            Beliefs are of the time when a detection was true, its latency ago; estimates are of the frame's own time.
         with_innovations: tell how far measurements were from where they were expected: for whoever looks for the frame
             where a filter went wrong; costs some 5 % of the time.
         rng: one number drawn from it seeds every vehicle, together with its id.
@@ -87,6 +93,7 @@ class Tracker:
         *,
         config: FilterConfig | None = None,
         tracking: TrackingConfig | None = None,
+        sensor: Sensor | None = None,
         with_innovations: bool = False,
         rng: np.random.Generator,
     ) -> None:
@@ -94,7 +101,8 @@ class Tracker:
         self.tracking = tracking or TrackingConfig()
         self.recoveries = 0
         self._with_innovations = with_innovations
-        self._filter = ParticleFilter(model, self.config) if isinstance(model, PrimitiveMap) else model
+        self._filter = bayes_filter_of(model, self.config, sensor)
+        self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         self._roster = Roster(self._filter)
         self._associator = Associator(self._filter, self.config, self.tracking)
         self._revisits = {True: RevisitTime(), False: RevisitTime()}
@@ -114,6 +122,9 @@ class Tracker:
         Raises:
             ValueError: several instants or groups, a repeated id, or time going backwards; the beliefs are as before.
         """
+        if self._latency_ns:
+            detections = replace(detections, time_ns=detections.time_ns - self._latency_ns)
+            time_ns = None if time_ns is None else time_ns - self._latency_ns
         if time_ns is None or len(detections):
             time_ns = detections.instant(after_ns=self._time_ns)
         else:
@@ -168,13 +179,13 @@ class Tracker:
         frame, roster = self._frame, self._roster
         exists = roster.probability[frame.home]
         reported = roster.is_confirmed[frame.home] & (exists >= self.tracking.report_above)
-        frame.shown, home = frame.held[reported], frame.home[reported]
+        frame.shown, home = self._now(frame.held[reported]), frame.home[reported]
         frame.shown_home, frame.shown_names = home, roster.names_of(home)
         m = self._filter.moments(frame.shown)
         is_measured = roster.measured_ns[home] == self._time_ns
         return Estimates(
             track_id=np.array(frame.shown_names, dtype=np.str_),
-            time_ns=np.full(home.size, self._time_ns, np.int64),
+            time_ns=np.full(home.size, self._time_ns + self._latency_ns, np.int64),
             position=m[:, :2],
             covariance=m[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
             direction=m[:, 5],
@@ -206,8 +217,11 @@ class Tracker:
 
     def frame(self) -> TrackedFrame:
         """All of this of the frame at hand, to be written before the next step."""
+        seen = self._frame.detections
+        if self._latency_ns:
+            seen = replace(seen, time_ns=seen.time_ns + self._latency_ns)
         return TrackedFrame(
-            time_ns=self._time_ns, detections=self._frame.detections, estimates=self.estimate(),
+            time_ns=self._time_ns + self._latency_ns, detections=seen, estimates=self.estimate(),
             particles=self.particles(), innovations=self.innovations(), begun_anew=self.begun_anew(),
         )  # fmt: skip
 
@@ -263,13 +277,23 @@ class Tracker:
         aside = absent.copy()
         between = dt_ns > 0
         if between.any():
-            aside[between] = roster.spare(int(between.sum()))
+            frame.n_aside = int(between.sum())
+            aside[between] = roster.spare(frame.n_aside)
             self._filter.copy(absent[between], aside[between])
             self._advance(aside, dt_ns)
         home, held = np.concatenate([seen, absent]), np.concatenate([seen, aside])
         self._age(home, held)
         unlabelled = roster.members(is_labelled=False)[1] if False in frame.kinds else NOBODY
         frame.home, frame.held = np.concatenate([home, unlabelled]), np.concatenate([held, unlabelled])
+
+    def _now(self, slot: IntArray) -> IntArray:
+        """Slots (v,) of the beliefs of others, moved on by the latency: from when detections were true to now."""
+        if not self._latency_ns:
+            return slot
+        now = self._roster.spare(self._frame.n_aside + slot.size)[: slot.size]
+        self._filter.copy(slot, now)
+        self._advance(now, np.full(slot.size, self._latency_ns))
+        return now
 
     def _age(self, slot: IntArray, held: IntArray) -> None:
         """Let existence (v,) come to the frame's time, by where the beliefs in the slots `held` (v,) are then."""
@@ -339,6 +363,13 @@ class Tracker:
             squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
             told[slot] = np.column_stack([np.hypot(*away.T), squared])
         return told
+
+
+def bayes_filter_of(model: PrimitiveMap | BayesFilter, config: FilterConfig, sensor: Sensor | None) -> BayesFilter:
+    """A particle filter on a map, by a sensor's model where there is one; or the filter given."""
+    if not isinstance(model, PrimitiveMap):
+        return model
+    return ParticleFilter(model, config) if sensor is None else SensedParticles(model, config, sensor)
 
 
 def _seconds(time_ns: IntArray) -> FloatArray:

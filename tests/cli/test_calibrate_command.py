@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from dirprim_filter import read_tracks, write_tracks
+from dirprim_filter import learn_primitives, read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.sensor_file import load_sensor, save_sensor
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.simulation.sensor import sense
 from evaluation.test_calibration import BIASED, TRUTH
 
-DONE, FAILED = 0, 1
+DONE, FAILED, USAGE = 0, 1, 2
 FIELDS = "time_s=.timestamp,id=.objs[].id,latitude=.objs[].lat,longitude=.objs[].lon,label=.objs[].classType"
 
 
@@ -98,3 +98,25 @@ def test_what_is_no_such_json_is_one_line(text, fields, says, tmp_path, capsys):
     said = capsys.readouterr().err
     assert says in said
     assert said.count("\n") == 1
+
+
+def test_a_log_is_tracked_by_a_sensor_file(log, tmp_path, capsys):
+    where, sensor = tmp_path / "map.mcap", tmp_path / "sensor.toml"
+    save_map(learn_primitives(TRUTH, tessellation="grid", cell_size=40.0, rng=np.random.default_rng(0)), where)
+    save_sensor(BIASED, sensor)
+    command = ["track", str(log), "--map", str(where), "--particles", "200", "--end", "3000000000"]
+    assert run([*command, "-o", str(tmp_path / "plain.mcap")]) == DONE
+    assert run([*command, "-o", str(tmp_path / "sensed.mcap"), "--sensor", str(sensor)]) == DONE
+    truth = {(str(n), t): x for n, t, x in zip(TRUTH.track_id, TRUTH.time_ns.tolist(), TRUTH.position, strict=True)}
+    rmse = []
+    for name in ("plain", "sensed"):
+        told = read_estimates(tmp_path / f"{name}.mcap")
+        keys = zip(told.track_id.tolist(), told.time_ns.tolist(), strict=True)
+        away = np.array([told.position[i] - truth[key] for i, key in enumerate(keys) if key in truth])
+        rmse.append(np.sqrt((away**2).sum(axis=1).mean()))
+    assert rmse[1] < 0.8 * rmse[0]
+    capsys.readouterr()
+    assert run([*command, "-o", str(tmp_path / "both.mcap"), "--sensor", str(sensor), "--noise", "1"]) == USAGE
+    sensor.write_text("latency_s = -1\n[along]\nspread_m = 1\n[across]\nspread_m = 1\n")
+    assert run([*command, "-o", str(tmp_path / "bad.mcap"), "--sensor", str(sensor)]) == FAILED
+    assert capsys.readouterr().err.splitlines()[-1].startswith(f"error: {sensor}: latency_s: expected 0 to 5 seconds")

@@ -15,12 +15,12 @@ import numpy as np
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
-from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
 from dirprim_filter.filtering.smoothing.recorded import RecordedFilter, recorded
-from dirprim_filter.filtering.tracker import Tracker
+from dirprim_filter.filtering.tracker import Tracker, bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.sensor import Sensor
 from dirprim_filter.track_ids import world_names
 from tessellation.arrays import AnyArray, FloatArray, IntArray
 
@@ -38,6 +38,7 @@ class RecordedTracker(Tracker):
         model: as of a `Tracker`; of the filters those that have a smoother.
         config: likewise.
         tracking: likewise.
+        sensor: likewise.
         with_innovations: likewise.
         rng: likewise.
 
@@ -47,14 +48,15 @@ class RecordedTracker(Tracker):
 
     def __init__(
         self, group: int, model: PrimitiveMap | BayesFilter, *, config: FilterConfig | None = None,
-        tracking: TrackingConfig | None = None, with_innovations: bool = False, rng: np.random.Generator,
+        tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
+        rng: np.random.Generator,
     ) -> None:  # fmt: skip
         config = config or FilterConfig()
         self._group = group
-        self._recorded: RecordedFilter = recorded(
-            ParticleFilter(model, config) if isinstance(model, PrimitiveMap) else model
+        self._recorded: RecordedFilter = recorded(bayes_filter_of(model, config, sensor))
+        super().__init__(
+            self._recorded, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations, rng=rng
         )
-        super().__init__(self._recorded, config=config, tracking=tracking, with_innovations=with_innovations, rng=rng)
         self.frames_ns: list[int] = []
 
     def frame(self) -> TrackedFrame:
@@ -111,10 +113,11 @@ class Smoother:
         self._trackers: list[RecordedTracker] = []
 
     def tracker(self, group: int, model: PrimitiveMap | BayesFilter, *, config: FilterConfig, tracking: TrackingConfig,
-                with_innovations: bool = False, rng: np.random.Generator) -> Tracker:  # fmt: skip
+                sensor: Sensor | None = None, with_innovations: bool = False,
+                rng: np.random.Generator) -> Tracker:  # fmt: skip
         """A tracker of a group, to be followed by this smoother; as `RecordedTracker`."""
         made = RecordedTracker(
-            group, model, config=config, tracking=tracking, with_innovations=with_innovations, rng=rng
+            group, model, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations, rng=rng
         )
         self._trackers.append(made)
         return made

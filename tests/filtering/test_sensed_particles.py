@@ -1,0 +1,151 @@
+"""Errors that are biased, correlated and late: weights against the joint Gaussian, beliefs against the truth."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.filtering import ParticleFilter, Tracker
+from dirprim_filter.filtering.sensed_particles import SensedParticles, knobs_of
+from dirprim_filter.filtering.smoothing import Smoother
+from dirprim_filter.primitives import learn_primitives
+from dirprim_filter.replay import replay
+from dirprim_filter.sensor import AxisError, Sensor
+from dirprim_filter.simulation.sensor import sense
+from evaluation.test_calibration import circling
+
+SENSOR = Sensor(
+    along=AxisError(spread_m=0.6, bias_m=0.4, correlated_share=0.7, correlation_s=0.5),
+    across=AxisError(spread_m=0.3, bias_m=-0.1, correlated_share=0.5, correlation_s=0.9),
+    latency_s=0.2,
+)
+SLOT = np.array([0])
+
+
+@pytest.fixture(scope="module")
+def learned():
+    return learn_primitives(circling(6, 60), tessellation="grid", cell_size=20.0, rng=np.random.default_rng(0))
+
+
+def seen_at(position, time_s=0.0):
+    return Detections(track_id=np.array(["a"]), time_ns=np.array([round(time_s * 1e9)]), position=np.array([position]))
+
+
+def begun(learned, sensor):
+    made = SensedParticles(learned, FilterConfig(n_particles=40), sensor)
+    made.begin(SLOT, np.array([7], np.uint64), seen_at([31.0, 2.0]))
+    return made
+
+
+def test_weights_and_evidence_are_those_of_the_joint_gaussian(learned):
+    """Of three detections given each particle's way, of which the oracle knows the errors' whole covariance."""
+    made = begun(learned, SENSOR)
+    cloud, carried = made.belief.cloud, made._carried
+    cloud.weight[0] = 1.0 / 40
+    carried.mean[0], carried.variance[0], carried.since_s[0] = (
+        0.0, [SENSOR.along.correlated_variance, SENSOR.across.correlated_variance], 0.0,
+    )  # fmt: skip
+    course = np.column_stack([np.cos(cloud.direction[0]), np.sin(cloud.direction[0])])
+    gaps, ways, told = [0.0, 0.3, 0.1], [], []
+    for gap, step in zip(gaps, ([0.0, 0.0], [0.4, 0.3], [0.1, 0.2]), strict=True):
+        carried.since_s[0] += gap
+        cloud.position[0] += np.array(step)  # a way that is known; the direction stays
+        z = cloud.position[0].mean(axis=0) + np.array([0.3, -0.2])
+        ways.append(z - cloud.position[0])
+        told.append(made.weigh(SLOT, seen_at(z)).log_density[0])
+    time_s = np.cumsum(gaps)
+    log_fit = np.zeros(40)
+    across = np.column_stack([-course[:, 1], course[:, 0]])
+    for axis, unit in ((SENSOR.along, course), (SENSOR.across, across)):
+        kernel = np.exp(-np.abs(time_s[:, None] - time_s) / axis.correlation_s)
+        covariance = axis.spread_m**2 * (axis.correlated_share * kernel + (1.0 - axis.correlated_share) * np.eye(3))
+        errors = np.array([(way * unit).sum(axis=1) for way in ways]).T
+        log_fit += multivariate_normal(np.full(3, axis.bias_m), covariance).logpdf(errors)
+    weight = np.exp(log_fit - log_fit.max())
+    np.testing.assert_allclose(cloud.weight[0], weight / weight.sum(), atol=2e-3)  # outliers have a share of 0.001
+    assert sum(told) == pytest.approx(np.log(np.exp(log_fit).mean()), abs=0.01)
+
+
+def test_without_bias_and_correlation_it_is_the_plain_filter(learned):
+    made, plain = begun(learned, Sensor.white(0.5)), ParticleFilter(learned, FilterConfig(n_particles=40))
+    for column, other in zip(plain.belief.cloud, made.belief.cloud, strict=True):
+        column[:] = other
+    z = seen_at([31.2, 2.2])
+    assert made.log_likelihood(SLOT, z) == pytest.approx(plain.log_likelihood(SLOT, z))
+    assert made.weigh(SLOT, z).log_density == pytest.approx(plain.weigh(SLOT, z).log_density)
+    np.testing.assert_allclose(made.belief.cloud.weight[0], plain.belief.cloud.weight[0])
+
+
+def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned):
+    """After resampling, place and carried error of each particle still meet at what its survivor foresaw."""
+    made = begun(learned, SENSOR)
+    cloud, mean = made.belief.cloud, made._carried.mean
+    cloud.weight[0], cloud.weight[0, :3] = 1e-9, 1.0 / 3.0  # few are left: copies are spread in place as well
+
+    def foreseen():
+        along = np.column_stack([np.cos(cloud.direction[0]), np.sin(cloud.direction[0])])
+        across = np.column_stack([-along[:, 1], along[:, 0]])
+        return cloud.position[0] + mean[0, :, :1] * along + mean[0, :, 1:] * across
+
+    cloud.direction[0] = 0.4
+    before = foreseen()[:3]
+    made.resample(SLOT)
+    away = np.linalg.norm(foreseen()[:, None] - before, axis=2).min(axis=1)
+    turned = np.abs(np.angle(np.exp(1j * (cloud.direction[0] - 0.4))))
+    assert (away <= np.linalg.norm(mean[0], axis=1).max() * turned + 1e-9).all()
+    assert np.unique(cloud.position[0], axis=0).shape[0] > 30
+
+
+def followed(learned, truth, seen, sensor):
+    """RMSE and NEES of the filter's and the smoother's estimates."""
+    told = [[], []]
+
+    class Keep:
+        def __init__(self, rows):
+            self.write = lambda frame: rows.append(frame.estimates)
+
+    config = FilterConfig(n_particles=200, **({"noise_m": knobs_of(sensor)["noise_m"]} if sensor else {}))
+    smoother = Smoother(max_gap_s=5.0, tell=[Keep(told[1]).write])
+    rng = np.random.default_rng(0)
+    tracker = smoother.tracker(0, learned, config=config, tracking=TrackingConfig(), sensor=sensor, rng=rng)
+    with smoother:
+        replay(seen.frames(), tracker, [Keep(told[0]), smoother])
+    where = {(name, t): x for name, t, x in zip(truth.track_id, truth.time_ns.tolist(), truth.position, strict=True)}
+    for rows in told:
+        pairs = [
+            (x - where[name, t], p)
+            for of in rows
+            for name, t, x, p in zip(of.track_id, of.time_ns.tolist(), of.position, of.covariance, strict=True)
+            if (name, t) in where and t > 1_000_000_000
+        ]
+        error, covariance = (np.array(column) for column in zip(*pairs, strict=True))
+        nees = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0]).mean()
+        yield float(np.sqrt((error**2).sum(axis=1).mean())), float(nees)
+
+
+def test_a_sensor_that_is_known_is_followed_better_and_known_how_well(learned):
+    """Late, biased and correlated; the negative control is the filter that takes the errors for round and white."""
+    truth = circling(5, 50)
+    seen = sense(truth, SENSOR, rng=np.random.default_rng(2))
+    (filtered, nees), (smoothed, smoothed_nees) = followed(learned, truth, seen, SENSOR)
+    (plain, plain_nees), _ = followed(learned, truth, seen, None)
+    assert filtered < 0.75 * plain
+    assert smoothed < filtered
+    assert nees < 4.0 < plain_nees
+    assert smoothed_nees < 8.0
+
+
+def test_estimates_are_of_the_frames_time_and_detections_as_they_came(learned):
+    truth = circling(2, 20)
+    tracker = Tracker(learned, sensor=SENSOR, config=FilterConfig(n_particles=50), rng=np.random.default_rng(0))
+    for frame in sense(truth, SENSOR, rng=np.random.default_rng(2)).frames():
+        tracker.predict(frame)
+        tracker.weigh()
+        told = tracker.frame()
+        assert told.time_ns == frame.time_ns[0]
+        assert (told.estimates.time_ns == told.time_ns).all()
+        assert (told.detections.time_ns == told.time_ns).all()
+        again = tracker.estimate()
+        np.testing.assert_array_equal(again.position, told.estimates.position)
+        tracker.resample()
