@@ -123,10 +123,10 @@ class Tracks(ArrayValue):
         heading: npt.ArrayLike = (),
         speed: npt.ArrayLike = (),
     ) -> Tracks:
-        """Tracks whose direction is the course that the positions of each vehicle tell: `course.motion_of`.
+        """Tracks with the course derived from the positions of each vehicle: `course.motion_of`.
 
-        Rows of a vehicle that no other row stands near enough in time to difference with have their heading and their
-        known speed; where one of them is missing the row is dropped, and logged.
+        Rows without another row of the vehicle near in time take their heading and their known speed; if either is
+        missing the row is dropped, and logged.
 
         Args:
             track_id: (n,) ids.
@@ -135,8 +135,7 @@ class Tracks(ArrayValue):
             group: (n,) optional groups.
             size: (n, 3) optional sizes, metres.
             heading: (n,) optional yaw of the bodies, radians; NaN where unknown.
-            speed: (n,) optional, m/s; NaN where unknown. A vehicle of which it is not known throughout has that of its
-                positions.
+            speed: (n,) optional, m/s; NaN where unknown. Vehicles with unknown rows take the speed of their positions.
 
         Raises:
             ValueError: as the constructor.
@@ -149,8 +148,8 @@ class Tracks(ArrayValue):
         check_not_repeated(ids, times, groups)
         vehicle = vehicle_numbers(ids, groups)
         motion = motion_of(vehicle, times, position, headings)
-        told = np.asarray(speed, dtype=np.float64)
-        speeds = _where_told_throughout(told, motion.speed, vehicle) if told.size else motion.speed
+        measured = np.asarray(speed, dtype=np.float64)
+        speeds = _where_complete(measured, motion.speed, vehicle) if measured.size else motion.speed
         known = np.isfinite(speeds) & (np.isfinite(motion.speed) | np.isfinite(headings))
         if ids.size:
             log_motion(motion, int(known.sum()))
@@ -191,15 +190,15 @@ class Tracks(ArrayValue):
         )
 
 
-def _where_told_throughout(told: FloatArray, derived: FloatArray, vehicle: IntArray) -> FloatArray:
-    """(n,) what is told of the vehicles of which it is told in all rows, of the others what is derived."""
-    is_told = np.ones(int(vehicle.max(initial=-1)) + 1, np.bool_)
-    is_told[vehicle[~np.isfinite(told)]] = False
-    return np.where(is_told[vehicle], told, derived)
+def _where_complete(measured: FloatArray, derived: FloatArray, vehicle: IntArray) -> FloatArray:
+    """(n,) the measured values of vehicles that have them in all rows, the derived values of the others."""
+    is_complete = np.ones(int(vehicle.max(initial=-1)) + 1, np.bool_)
+    is_complete[vehicle[~np.isfinite(measured)]] = False
+    return np.where(is_complete[vehicle], measured, derived)
 
 
 def as_headings(value: npt.ArrayLike, n: int) -> FloatArray:
-    """(n,) radians in (-pi, pi], NaN where unknown; that of no row is a column that tells nothing.
+    """(n,) radians in (-pi, pi], NaN where unknown; no row known gives a column without memory.
 
     Raises:
         ValueError: another shape, or an infinite number.
@@ -254,5 +253,5 @@ def check_lengths(columns: dict[str, AnyArray]) -> None:
     """
     lengths = {name: column.shape[:1] for name, column in columns.items()}
     if len(set(lengths.values())) > 1 or any(c.ndim == 0 for c in columns.values()):
-        told = ", ".join(f"{name} {columns[name].shape}" for name in lengths)
-        raise ValueError(f"columns: expected one length n, got {told}")
+        shapes = ", ".join(f"{name} {columns[name].shape}" for name in lengths)
+        raise ValueError(f"columns: expected one length n, got {shapes}")
