@@ -11,8 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
+
+import numpy as np
+
+from dirprim_filter.tracks import Tracks
 
 LATEST_S = 5.0
 """Seconds; what is later is a clock that is wrong."""
@@ -118,6 +122,17 @@ class Sensor:
         _check_numbers(flat, [*known, *axes], where="")
         _check_numbers(uncertainty, list(uncertainty), where="uncertainty: ")
         return cls(**flat, along=axes["along"], across=axes["across"], uncertainty=dict(uncertainty))
+
+
+def without_bias(tracks: Tracks, sensor: Sensor) -> Tracks:
+    """Tracks of a sensor's detections, moved by its bias to where the vehicles were: for a map to be learned from.
+
+    The times stay: where a vehicle was a latency ago it was as well.
+    """
+    along = np.column_stack([np.cos(tracks.direction), np.sin(tracks.direction)])
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    off = sensor.along.bias_m * along + sensor.across.bias_m * across
+    return replace(tracks, position=tracks.position - off)
 
 
 def _axis(name: str, told: object) -> AxisError:

@@ -9,7 +9,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import Cells, Force, Logs, Output, Seed, Tessellation
+from dirprim_filter.cli.options import Cells, Force, Logs, Output, Seed, SensorFile, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 
@@ -36,6 +36,7 @@ def learn(
     cells: Annotated[int | None, typer.Option(help="Approximate number of cells, instead of their size.")] = None,
     modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,
     primitive: Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")] = Shape.CURVED,
+    sensor: SensorFile = None,
     seed: Seed = 0,
     reading: Reading = Reading(),
     force: Force = False,
@@ -52,20 +53,25 @@ def learn(
     from dirprim_filter.primitives import learn_primitives
     from dirprim_filter.recording import save_map
     from dirprim_filter.recording.errors import OutputExistsError
+    from dirprim_filter.recording.sensor_file import load_sensor
+    from dirprim_filter.sensor import without_bias
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
+    sensing = None if sensor is None else load_sensor(sensor)
     log = reading.tracks(logs)
+    tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
     config = LearningConfig()
     with learning_progress() as told:
         learned = learn_primitives(
-            log.tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
+            tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
             primitive=primitive.value, config=config, progress=told.progress, stage=told.stage,
             rng=np.random.default_rng(seed),
         )  # fmt: skip
     said = provenance(
         "learn", inputs=logs, config=config, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
-        modes=modes.value, primitive=primitive.value, seed=seed, **reading.said(),
+        modes=modes.value, primitive=primitive.value, seed=seed, sensor=None if sensing is None else repr(sensing),
+        **reading.said(),
     )  # fmt: skip
     save_map(learned, output, metadata=said, force=force)
     n_modes = float((learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1).mean())

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration import calibrate
 from dirprim_filter.evaluation.calibration.gauss_markov import _Profile
-from dirprim_filter.sensor import AxisError, Sensor
+from dirprim_filter.sensor import AxisError, Sensor, without_bias
 from dirprim_filter.simulation.sensor import sense
 from dirprim_filter.tracks import Tracks
 
@@ -121,3 +121,13 @@ def test_the_likelihood_of_errors_is_that_of_their_covariance():
     weight = np.linalg.solve(covariance, np.ones(7))
     assert found.mean[0] == pytest.approx(weight @ y / weight.sum())
     assert found.mean_se[0] == pytest.approx(weight.sum() ** -0.5)
+
+
+def test_tracks_without_bias_are_of_where_vehicles_were():
+    """What a sensor with a bias and nothing else reports, moved back: the truth itself."""
+    exact = Sensor(along=AxisError(spread_m=1e-9, bias_m=0.8), across=AxisError(spread_m=1e-9, bias_m=-0.2))
+    seen = sense(TRUTH, exact, rng=np.random.default_rng(1))
+    order = np.lexsort((seen.track_id, seen.time_ns)), np.lexsort((TRUTH.track_id, TRUTH.time_ns))
+    biased = replace(TRUTH[order[1]], position=seen.position[order[0]])
+    assert np.abs(biased.position - TRUTH[order[1]].position).max() > 0.5
+    np.testing.assert_allclose(without_bias(biased, exact).position, TRUTH[order[1]].position, atol=1e-6)
