@@ -32,6 +32,7 @@ MESSAGE_HEADER = struct.Struct("<BQHIQQ")
 U16 = struct.Struct("<H")
 U32 = struct.Struct("<I")
 U64 = struct.Struct("<Q")
+_CHUNK_INDEX_HEAD, _PLACE = struct.Struct("<QQQQI"), struct.Struct("<HQ")
 TEXT, DATA = -4, -8
 """A field that carries its length in front, in 4 or 8 bytes; other fields are given by their size."""
 FIELDS: dict[int, tuple[int, ...]] = {
@@ -183,6 +184,8 @@ def parse(buffer: Bytes, at: int) -> Any:
     opcode = Opcode(buffer[at])
     if stop is None:
         raise MalformedRecordError(f"the fields of a {opcode.name} record end past it")
+    if opcode == Opcode.CHUNK_INDEX:
+        return _chunk_index(buffer[body:stop])
     stream = _Fields(BytesIO(buffer[body:stop]))
     try:
         record = getattr(fields, opcode.name.title().replace("_", "")).read(stream)
@@ -192,6 +195,22 @@ def parse(buffer: Bytes, at: int) -> Any:
     if stream.count != stop - body:
         raise MalformedRecordError(f"a map of a {opcode.name} record does not end where it says")
     return record
+
+
+def _chunk_index(body: bytes) -> fields.ChunkIndex:
+    """As the mcap package reads it, all places at once: a long log has them by the hundred thousand."""
+    start_ns, end_ns, offset, length, n_bytes = _CHUNK_INDEX_HEAD.unpack_from(body)
+    at = _CHUNK_INDEX_HEAD.size + n_bytes
+    if n_bytes % _PLACE.size:
+        raise MalformedRecordError("a map of a CHUNK_INDEX record does not end where it says")
+    return fields.ChunkIndex(
+        message_start_time=start_ns, message_end_time=end_ns, chunk_start_offset=offset, chunk_length=length,
+        message_index_offsets=dict(_PLACE.iter_unpack(body[_CHUNK_INDEX_HEAD.size : at])),
+        message_index_length=int(U64.unpack_from(body, at)[0]),
+        compression=body[at + 12 : -16].decode(errors="replace"),
+        compressed_size=int(U64.unpack_from(body, len(body) - 16)[0]),
+        uncompressed_size=int(U64.unpack_from(body, len(body) - 8)[0]),
+    )  # fmt: skip
 
 
 def parse_schema(buffer: Bytes, at: int) -> tuple[int, Schema]:
