@@ -11,8 +11,8 @@ from numba import njit
 
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT
-from dirprim_filter.primitives._expectation import CURVED_SUMS, SUMS, expectation
-from dirprim_filter.primitives._maximisation import bend, log_prior, maximisation
+from dirprim_filter.primitives._expectation import CURVED_SUMS, SUMS, expectation, room_for
+from dirprim_filter.primitives._maximisation import bend, log_prior, maximisation, usual_log_density
 from dirprim_filter.primitives._modes import (
     LOG_CONCENTRATION,
     LOG_MEAN_SPEED,
@@ -54,7 +54,7 @@ def ascend(
     total = 0.0
     for i in range(at, at + n):
         total += columns[WEIGHT, i]
-    sums = np.zeros((k, CURVED_SUMS if curved else SUMS))
+    sums, room, usual = np.zeros((k, CURVED_SUMS if curved else SUMS)), room_for(k), usual_log_density(bounds)
     history = np.zeros((2 * DEPTH + 4, k, width))  # how places changed, how steps did, then what they were last
     here, step = 2 * DEPTH, 2 * DEPTH + 1
     was, would = step + 1, step + 2
@@ -62,9 +62,9 @@ def ascend(
     best, last_gained = -np.inf, 0.0
     most = bounds.max_iterations
     for iteration in range(most):
-        objective = expectation(columns, at, n, bounds.with_speed, table, sums) / total * n_vehicles
+        objective = expectation(columns, at, n, bounds.with_speed, table, room, sums) / total * n_vehicles
         if bounds.with_speed:
-            objective += log_prior(bounds, table)
+            objective += log_prior(bounds, usual, table)
         gained = objective - best
         if gained >= -1e-12 * abs(objective):
             best, halvings = objective, 0
@@ -114,14 +114,16 @@ def _mix(history: FloatArray, n: int, bounds: Bounds, table: FloatArray) -> None
     k, width = history.shape[1], history.shape[2]
     for m in range(k):
         weight = math.exp(table[m, LOG_WEIGHT])
+        of_mean = weight * math.exp(table[m, LOG_CONCENTRATION])
+        of_speed = weight * math.exp(table[m, LOG_SHAPE])
         for q in range(width):  # about the information on each number, which makes all comparable
             unit = weight if q == LOG_WEIGHT else 0.5 * weight
-            if q == MEAN or q >= N_FLAT:
-                of_turn = q < N_FLAT + 2
-                unit = weight * math.exp(table[m, LOG_CONCENTRATION if of_turn else LOG_SHAPE])
-                unit *= _REACH * _REACH if q >= N_FLAT else 1.0
+            if q == MEAN:
+                unit = of_mean
             elif q == LOG_MEAN_SPEED:
-                unit = weight * math.exp(table[m, LOG_SHAPE])
+                unit = of_speed
+            elif q >= N_FLAT:
+                unit = (of_mean if q < N_FLAT + 2 else of_speed) * _REACH * _REACH
             for i in range(n):
                 turned = history[DEPTH + i, m, q] * unit
                 share[i] += turned * history[2 * DEPTH + 1, m, q]

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
-from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT, SUMMING, cos, exp, log, sin
+from dirprim_filter.primitives._maximisation import gamma_remainder, log_normaliser
 from dirprim_filter.primitives._modes import (
     BEND_EAST,
     BEND_NORTH,
@@ -37,7 +37,15 @@ BLOCK = 256  # rows: what is kept of a block stays in the nearest cache
 
 
 @njit(**EXACT)
-def expectation(columns: FloatArray, at: int, n: int, with_speed: bool, table: FloatArray, sums: FloatArray) -> float:
+def room_for(k: int) -> FloatArray:
+    """What `expectation` works in, for k modes: kept from one iteration to the next."""
+    return np.empty((2 + k * (1 + N_COLUMNS), BLOCK))
+
+
+@njit(**EXACT)
+def expectation(
+    columns: FloatArray, at: int, n: int, with_speed: bool, table: FloatArray, room: FloatArray, sums: FloatArray
+) -> float:
     """Fill `sums` (k, SUMS or CURVED_SUMS) with the weighted responsibilities of n columns from `at` on.
 
     Directions and speeds are taken back to the centre of the cell, along the mode's bend and gain, before they are
@@ -48,53 +56,55 @@ def expectation(columns: FloatArray, at: int, n: int, with_speed: bool, table: F
     """
     k, curved = sums.shape[0], sums.shape[1] == CURVED_SUMS
     factor = np.zeros((k, 8))  # of 1, cosine, sine, log speed and speed in the log density; for the slopes' scores
+    sums[:] = 0.0
     for m in range(k):
-        for q in range(sums.shape[1]):
-            sums[m, q] = 0.0
         cosine, sine = math.cos(table[m, MEAN]), math.sin(table[m, MEAN])
         concentration = math.expm1(table[m, LOG_CONCENTRATION])
-        factor[m, 0] = table[m, LOG_WEIGHT] - density.log_normaliser(concentration) - concentration
+        factor[m, 0] = table[m, LOG_WEIGHT] - log_normaliser(table[m, LOG_CONCENTRATION]) - concentration
         factor[m, 1], factor[m, 2] = concentration * cosine, concentration * sine
         factor[m, 5], factor[m, 6], factor[m, 7] = cosine, sine, math.exp(-table[m, LOG_MEAN_SPEED])
         if with_speed:
             shape = math.exp(table[m, LOG_SHAPE])
-            factor[m, 0] += shape * (table[m, LOG_SHAPE] - table[m, LOG_MEAN_SPEED]) - math.lgamma(shape)
+            factor[m, 0] += shape * (1.0 - table[m, LOG_MEAN_SPEED]) - gamma_remainder(table[m, LOG_SHAPE])
             factor[m, 3], factor[m, 4] = shape - 1.0, -shape * factor[m, 7]
-    p = np.empty((k, BLOCK))
-    seen, rest = np.empty((N_COLUMNS, BLOCK)), np.empty((2, BLOCK))
-    at_centre = np.empty((k if curved else 1, N_COLUMNS, BLOCK))
+    rest, p = room[:2], room[2 : 2 + k]
     log_likelihood = 0.0
-    for first in range(0, n, BLOCK):
-        size = min(BLOCK, n - first)
-        for q in range(N_COLUMNS):
-            for i in range(size):
-                seen[q, i] = columns[q, at + first + i]
+    for first in range(at, at + n, BLOCK):
+        size = min(BLOCK, at + n - first)
         for m in range(k):
+            rows, start = columns, first
             if curved:
-                _take_back(seen, table[m], size, at_centre[m])
-            _log_density(factor[m], at_centre[m] if curved else seen, seen[LOG_SPEED], size, p[m])
-        log_likelihood += _normalise(p, seen[WEIGHT], size, rest)
+                rows, start = room[2 + k + m * N_COLUMNS : 2 + k + (m + 1) * N_COLUMNS], 0
+                _take_back(columns, first, table[m], size, rows)
+            _log_density(factor[m], rows, start, columns[LOG_SPEED][first:], size, p[m])
+        log_likelihood += _normalise(p, columns[WEIGHT][first:], size, rest)
         for m in range(k):
-            _sum(p[m], at_centre[m] if curved else seen, size, sums[m])
+            rows, start = columns, first
             if curved:
-                _sum_slopes(p[m], at_centre[m], seen, size, factor[m], sums[m])
+                rows, start = room[2 + k + m * N_COLUMNS : 2 + k + (m + 1) * N_COLUMNS], 0
+            _sum(p[m], rows, start, size, sums[m])
+            if curved:
+                _sum_slopes(p[m], rows, columns, first, size, factor[m], sums[m])
     return log_likelihood
 
 
 @njit(**SUMMING)
-def _log_density(factor: FloatArray, rows: FloatArray, log_seen: FloatArray, n: int, out: FloatArray) -> None:
+def _log_density(
+    factor: FloatArray, rows: FloatArray, first: int, log_seen: FloatArray, n: int, out: FloatArray
+) -> None:
     """Linear in what a row holds. The density is that of the speed seen, hence the gain since then as Jacobian."""
     f0, f1, f2, f3, f4 = factor[0], factor[1], factor[2], factor[3], factor[4]
-    c, s, log_v, v = rows[COSINE], rows[SINE], rows[LOG_SPEED], rows[SPEED]
+    c, s, log_v, v = rows[COSINE][first:], rows[SINE][first:], rows[LOG_SPEED][first:], rows[SPEED][first:]
     for i in range(n):
         out[i] = f0 + f1 * c[i] + f2 * s[i] + f3 * log_v[i] + f4 * v[i] + (log_v[i] - log_seen[i])
 
 
 @njit(**SUMMING)
-def _take_back(seen: FloatArray, mode: FloatArray, n: int, out: FloatArray) -> None:
+def _take_back(columns: FloatArray, first: int, mode: FloatArray, n: int, out: FloatArray) -> None:
     """Rows as they would be at the centre of the cell, if they followed the mode."""
     bend_east, bend_north, gain_east, gain_north = mode[BEND_EAST], mode[BEND_NORTH], mode[GAIN_EAST], mode[GAIN_NORTH]
-    c, s, v, log_v, east, north = seen[COSINE], seen[SINE], seen[SPEED], seen[LOG_SPEED], seen[EAST], seen[NORTH]
+    c, s, v, log_v = columns[COSINE][first:], columns[SINE][first:], columns[SPEED][first:], columns[LOG_SPEED][first:]
+    east, north = columns[EAST][first:], columns[NORTH][first:]
     cosine, sine, speed, log_speed = out[COSINE], out[SINE], out[SPEED], out[LOG_SPEED]
     for i in range(n):
         cosine[i] = cos(bend_east * east[i] + bend_north * north[i])
@@ -137,8 +147,8 @@ def _normalise(p: FloatArray, w: FloatArray, n: int, rest: FloatArray) -> float:
 
 
 @njit(**SUMMING)
-def _sum(r: FloatArray, rows: FloatArray, n: int, sums: FloatArray) -> None:
-    c, s, v, log_v = rows[COSINE], rows[SINE], rows[SPEED], rows[LOG_SPEED]
+def _sum(r: FloatArray, rows: FloatArray, first: int, n: int, sums: FloatArray) -> None:
+    c, s, v, log_v = rows[COSINE][first:], rows[SINE][first:], rows[SPEED][first:], rows[LOG_SPEED][first:]
     total, cosine, sine, speed, log_speed = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         total += r[i]
@@ -155,10 +165,11 @@ def _sum(r: FloatArray, rows: FloatArray, n: int, sums: FloatArray) -> None:
 
 @njit(**SUMMING)
 def _sum_slopes(
-    r: FloatArray, rows: FloatArray, seen: FloatArray, n: int, factor: FloatArray, sums: FloatArray
+    r: FloatArray, rows: FloatArray, columns: FloatArray, first: int, n: int, factor: FloatArray, sums: FloatArray
 ) -> None:
     """The normal equations of bend and gain: moments of the place, and their products with the two scores."""
-    c, s, v, east, north = rows[COSINE], rows[SINE], rows[SPEED], seen[EAST], seen[NORTH]
+    c, s, v = rows[COSINE], rows[SINE], rows[SPEED]
+    east, north = columns[EAST][first:], columns[NORTH][first:]
     cos_mean, sin_mean, per_mean_speed = factor[5], factor[6], factor[7]
     x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
     turned, turned_x, turned_y = 0.0, 0.0, 0.0

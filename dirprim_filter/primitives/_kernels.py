@@ -79,7 +79,8 @@ def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds:
         highest = -np.inf
         for stage in range(1 + bounds.curved):  # flat, and curved from there on
             penalty = ((N_FLAT + (N_CURVED - N_FLAT) * stage) * k - 1) * cost
-            needed = -np.inf if bounds.curved else best + penalty  # of modes that bend it is never plain
+            last_stage = stage == bounds.curved  # of flat ones that may yet bend it is never plain
+            needed = best + penalty if last_stage and not (bounds.curved and bounds.thorough) else -np.inf
             curved = stage == 1
             found = ascend(columns, at, n, n_vehicles, curved, needed, enough, bounds, trial[:k])
             found -= penalty

@@ -50,7 +50,32 @@ def _shape_table() -> FloatArray:
     return np.concatenate([[0.5], shape * spread])
 
 
+_MAX_LOG = math.log(1e7)  # of a concentration or a shape
+
+
+def _normaliser_table() -> FloatArray:
+    """The log of 2 pi exp(-k) I0(k) at even log(1 + k)."""
+    return np.asarray(np.log(2.0 * np.pi * special.i0e(np.expm1(np.linspace(0.0, _MAX_LOG, 2 * _NODES)))))
+
+
+def _resultant_table() -> FloatArray:
+    """I1(k) / I0(k) at even log(1 + k)."""
+    k = np.expm1(np.linspace(0.0, _MAX_LOG, 2 * _NODES))
+    return np.asarray(special.i1e(k) / special.i0e(k))
+
+
+def _gamma_table() -> FloatArray:
+    """What Stirling's a (log a - 1) leaves of log Gamma(a), at even log a from 0 on."""
+    log_shape = np.linspace(0.0, _MAX_LOG, 2 * _NODES)
+    few = np.exp(log_shape[log_shape < math.log(1e3)])
+    exact = special.gammaln(few) - few * (np.log(few) - 1.0)
+    many = log_shape[few.size :]  # there the difference of two large numbers has few digits
+    series = 0.5 * (math.log(2.0 * math.pi) - many) + np.exp(-many) / 12.0 - np.exp(-3.0 * many) / 360.0
+    return np.concatenate([exact, series])
+
+
 _CONCENTRATION, _SHAPE = _concentration_table(), _shape_table()
+_NORMALISER, _RESULTANT, _GAMMA = _normaliser_table(), _resultant_table(), _gamma_table()
 
 
 @njit(**EXACT)
@@ -83,6 +108,18 @@ def shape_from(spread: float, high: float) -> float:
     if spread >= _MAX_SPREAD:
         return 1.0
     return min(max(_between(_SHAPE, spread / _MAX_SPREAD) / spread, 1.0), high)
+
+
+@njit(**EXACT)
+def log_normaliser(log_concentration: float) -> float:
+    """log(2 pi I0(k)) - k by log(1 + k), to ten digits by interpolation."""
+    return _between(_NORMALISER, log_concentration / _MAX_LOG)
+
+
+@njit(**EXACT)
+def gamma_remainder(log_shape: float) -> float:
+    """Log Gamma(a) - a (log a - 1) by log a from 0 on, likewise."""
+    return _between(_GAMMA, log_shape / _MAX_LOG)
 
 
 @njit(**EXACT)
@@ -121,20 +158,33 @@ def maximisation(sums: FloatArray, n_vehicles: float, bounds: Bounds, table: Flo
 
 
 @njit(**EXACT)
-def log_prior(bounds: Bounds, table: FloatArray) -> float:
-    """Log prior of the modes that are driven, in vehicles; 0 for the usual spreads of direction and of speed."""
+def usual_log_density(bounds: Bounds) -> float:
+    """The greatest that `_in_usual` is, for the usual spreads of direction and of speed."""
+    shape, concentration = shape_from(bounds.speed_spread, bounds.max_shape), concentration_from(bounds.usual_resultant)
+    return _in_usual(math.log1p(concentration), math.log(shape), bounds)
+
+
+@njit(**EXACT)
+def _in_usual(log_concentration: float, log_shape: float, bounds: Bounds) -> float:
+    """Log density in a mode of one usual vehicle, up to a constant: a log a - log Gamma(a) = a - remainder."""
+    k, a = math.expm1(log_concentration), math.exp(log_shape)
+    of_direction = k * (bounds.usual_resultant - 1.0) - log_normaliser(log_concentration)
+    return of_direction - gamma_remainder(log_shape) - a * bounds.speed_spread
+
+
+@njit(**EXACT)
+def log_prior(bounds: Bounds, usual: float, table: FloatArray) -> float:
+    """Log prior of the modes that are driven, in vehicles; 0 for the usual spreads of direction and of speed.
+
+    usual: `usual_log_density`.
+    """
     total = 0.0
-    a, k = shape_from(bounds.speed_spread, bounds.max_shape), concentration_from(bounds.usual_resultant)
-    most = a * math.log(a) - math.lgamma(a) - a * (1.0 + bounds.speed_spread)
-    most += k * (bounds.usual_resultant - 1.0) - math.log(density.i0e(k))
     for m in range(table.shape[0]):
         if table[m, LOG_WEIGHT] > NO_MODE / 2:
-            k, a = math.expm1(table[m, LOG_CONCENTRATION]), math.exp(table[m, LOG_SHAPE])
-            usual = k * (bounds.usual_resultant - 1.0) - math.log(density.i0e(k))
-            usual += a * table[m, LOG_SHAPE] - math.lgamma(a) - a * (1.0 + bounds.speed_spread) - most
+            less = _in_usual(table[m, LOG_CONCENTRATION], table[m, LOG_SHAPE], bounds) - usual
             bends = (table[m, BEND_EAST] ** 2 + table[m, BEND_NORTH] ** 2) / bounds.bend_scale**2
             gains = (table[m, GAIN_EAST] ** 2 + table[m, GAIN_NORTH] ** 2) / bounds.gain_scale**2
-            total += bounds.prior_strength * usual - 0.5 * (bends + gains)
+            total += bounds.prior_strength * less - 0.5 * (bends + gains)
     return total
 
 
@@ -150,7 +200,7 @@ def bend(sums: FloatArray, scale: float, bounds: Bounds, table: FloatArray) -> N
             continue
         k = math.expm1(table[m, LOG_CONCENTRATION])
         if k > density.NEGLIGIBLE_CONCENTRATION:
-            information = k * density.i1e(k) / density.i0e(k) * scale
+            information = k * _between(_RESULTANT, table[m, LOG_CONCENTRATION] / _MAX_LOG) * scale
             table[m, MEAN] -= _slope(sums[m], 10, k * scale, information, bounds.bend_scale, table[m], BEND_EAST)
         a = math.exp(table[m, LOG_SHAPE]) * scale
         table[m, LOG_MEAN_SPEED] -= _slope(sums[m], 13, a, a, bounds.gain_scale, table[m], GAIN_EAST)

@@ -14,11 +14,15 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.primitives import _ascent, _kernels, _merging, _two_steps
 from dirprim_filter.primitives._modes import (
+    COSINE,
+    EAST,
     LOG_SPEED,
     LOG_WEIGHT,
     N_COLUMNS,
     N_FLAT,
     NO_MODE,
+    NORTH,
+    SINE,
     SPEED,
     WEIGHT,
     Bounds,
@@ -48,6 +52,8 @@ FINISHING_ITERATIONS = 10
 TOLERANCE = 1e-7
 """Of the objective per vehicle."""
 ROUGH_TOLERANCE = 1e-3
+SIDE_BY_SIDE = 4
+"""Numbers in a vector instruction."""
 CELLS_PER_SHARE = 16
 """Threads take so many cells at a time: few enough to level out what cells cost."""
 
@@ -161,7 +167,7 @@ def fit_all(
     given = in_cells if at_once else in_cells.by_direction()
     bounds = bounds._replace(with_speed=at_once, curved=at_once and bounds.curved)
     merged = to_merge(in_cells, bounds, worth_merging) if at_once else np.zeros(in_cells.n_vehicles.size, np.bool_)
-    columns, start = columns_of(given, bounds, merged)
+    columns, start = columns_of(given, bounds, merged) if at_once else _unmerged(given, side_by_side=1)
     n_cells = in_cells.n_vehicles.size
     table = empty_table(n_cells, bounds.max_modes)
 
@@ -220,17 +226,28 @@ def columns_of(in_cells: CellRows, bounds: Bounds, merged: BoolArray) -> tuple[F
     return np.concatenate(parts, axis=1), start
 
 
-def _unmerged(in_cells: CellRows, of_cells: BoolArray | None = None) -> tuple[FloatArray, IntArray]:
-    """A column for each member of positive weight of the cells that are asked for."""
+def _unmerged(
+    in_cells: CellRows, of_cells: BoolArray | None = None, *, side_by_side: int = SIDE_BY_SIDE
+) -> tuple[FloatArray, IntArray]:
+    """A column for each member of positive weight of the cells that are asked for.
+
+    Each cell's are filled up with columns of no weight to a multiple of `side_by_side`: what a loop leaves over, the
+    processor does one by one, and cells are so small that this took a third of a fit.
+    """
     n_members = np.diff(in_cells.start)
     cell = np.repeat(np.arange(n_members.size), n_members)
     meant = in_cells.weight > 0.0
     if of_cells is not None:
         meant &= of_cells[cell]
     cell, row = cell[meant], in_cells.row[meant]
+    n = np.bincount(cell, minlength=n_members.size)
+    start = np.concatenate([[0], np.cumsum(-(-n // side_by_side) * side_by_side)])
+    column = np.arange(cell.size) + (start[:-1] - np.cumsum(n) + n)[cell]
+    columns = np.zeros((N_COLUMNS, start[-1]))
+    columns[COSINE], columns[SPEED] = 1.0, 1.0
     direction, speed = in_cells.direction[row], in_cells.speed[row]
-    offset = in_cells.position[row] - in_cells.center[cell]
-    columns = np.stack([
-        np.cos(direction), np.sin(direction), speed, np.log(speed), in_cells.weight[meant], offset[:, 0], offset[:, 1],
-    ])  # fmt: skip
-    return columns, np.searchsorted(cell, np.arange(n_members.size + 1))
+    columns[COSINE, column], columns[SINE, column] = np.cos(direction), np.sin(direction)
+    columns[SPEED, column], columns[LOG_SPEED, column] = speed, np.log(speed)
+    columns[WEIGHT, column] = in_cells.weight[meant]
+    columns[EAST, column], columns[NORTH, column] = (in_cells.position[row] - in_cells.center[cell]).T
+    return columns, start
