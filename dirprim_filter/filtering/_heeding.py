@@ -9,7 +9,7 @@ import math
 from numba import njit
 
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.primitives._motion import AHEAD, MotionTable
+from dirprim_filter.primitives._manoeuvres import AHEAD, MotionTable
 from tessellation.arrays import FloatArray, IntArray
 
 

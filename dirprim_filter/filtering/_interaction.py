@@ -11,7 +11,7 @@ from numba import njit
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.primitives import _leader, _motion
 from dirprim_filter.primitives._leader import LeaderTable
-from dirprim_filter.primitives._motion import MotionTable
+from dirprim_filter.primitives._manoeuvres import MotionTable
 from tessellation.arrays import FloatArray, IntArray
 
 LOOK_S = 0.2

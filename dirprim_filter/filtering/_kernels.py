@@ -15,8 +15,8 @@ from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._elementary import squared_sine
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _map_kernels, _motion
+from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives._map_kernels import MapTable
-from dirprim_filter.primitives._motion import MotionTable
 from tessellation.arrays import FloatArray, IntArray
 
 KERNEL_SHARE = 0.5

@@ -21,7 +21,7 @@ from dirprim_filter.filtering.heeding import cue_columns
 from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import LeaderTable
-from dirprim_filter.primitives._motion import MotionTable
+from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
 from tessellation.arrays import FloatArray, as_floats
 

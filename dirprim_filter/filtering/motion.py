@@ -5,7 +5,7 @@ from __future__ import annotations
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import LeaderTable
-from dirprim_filter.primitives._motion import MotionTable
+from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.motion_table import MotionKnobs
 from dirprim_filter.primitives.motion_table import motion_table as table_of
 

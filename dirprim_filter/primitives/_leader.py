@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dirprim_filter.primitives._motion import BEND_E, BEND_N, CURVATURE, STANDING_BELOW, STARTS, MotionTable
+from dirprim_filter.primitives._manoeuvres import BEND_E, BEND_N, CURVATURE, STANDING_BELOW, STARTS, MotionTable
 from dirprim_filter.primitives.leader import N_FEATURES
 from tessellation.arrays import FloatArray, IntArray
 

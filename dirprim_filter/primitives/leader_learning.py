@@ -16,7 +16,7 @@ import numpy as np
 from dirprim_filter.instants import Instants
 from dirprim_filter.primitives import _leader
 from dirprim_filter.primitives._leader import FAR_M, SLOW, STARTS_BEHIND_M
-from dirprim_filter.primitives._motion import STANDING_BELOW
+from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
 from dirprim_filter.primitives.motion_sums import Regression
 from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE

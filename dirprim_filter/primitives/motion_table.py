@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from dirprim_filter.primitives._motion import MotionTable
+from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.motion import PUSH_RATE
 from tessellation._kernels import Locator
 from tessellation.arrays import FloatArray

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dirprim_filter.primitives._motion import STANDING_BELOW
+from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import Tessellation
 from tessellation.arrays import BoolArray, FloatArray, IntArray

@@ -11,7 +11,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.filtering.particle_filter import ParticleFilter
-from dirprim_filter.primitives import _motion
+from dirprim_filter.primitives import _manoeuvres
 from moving import only_places
 from situations import one_cell_map, ring_traffic
 
@@ -110,4 +110,4 @@ def test_beyond_its_cell_a_manoeuvre_bends_no_further():
     row = forecast_table(circling(), FilterConfig()).row[0]
     reach = 0.6 * 60.0
     for x, bound in ((29.0, 29.0), (35.0, 35.0), (37.0, reach), (-500.0, -reach)):
-        assert _motion.course_at(row, x, 3.0) == pytest.approx(bound / RADIUS)
+        assert _manoeuvres.course_at(row, x, 3.0) == pytest.approx(bound / RADIUS)

@@ -8,7 +8,7 @@ from scipy import stats
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.filtering.motion import forecast_table
-from dirprim_filter.primitives import _motion
+from dirprim_filter.primitives import _manoeuvres, _motion
 from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
 from moving import ALONE, SIDE, motion_by_hand, moved, only_places, seeded, squares
 from oracles import fit, manoeuvre_weights, moved_without_noise
@@ -51,7 +51,7 @@ def test_how_well_a_vehicle_fits_is_what_the_slow_twin_says():
             center = random.centers[random.motion.cell[z]]
             slow = fit(random.motion, z, center, EXTENT, place, direction, speed)
             for quicker in (0.0, 1e-3):
-                found = _motion.fit(table.row[z], *place, direction, speed, np.log(speed + 0.3) + quicker)
+                found = _manoeuvres.fit(table.row[z], *place, direction, speed, np.log(speed + 0.3) + quicker)
                 assert (found == pytest.approx(slow, rel=1e-9, abs=0.0)) == (quicker == 0.0)
 
 
@@ -63,7 +63,7 @@ def test_weights_of_manoeuvres_are_what_the_slow_twin_says(by_time):
         table, room = motion_table(random, STILL), np.full(20, np.nan)
         place, direction, speed = somewhere(rng)
         for cell in (0, 1):
-            _motion.take_up(table, -1, cell, *place, direction, speed, by_time, 0.0, room, state)
+            _manoeuvres.take_up(table, -1, cell, *place, direction, speed, by_time, 0.0, room, state)
             slow = manoeuvre_weights(
                 random.motion, cell, random.centers[cell], EXTENT, place, direction, speed, by_time=by_time
             )
@@ -80,7 +80,9 @@ def test_manoeuvres_are_taken_up_by_their_weights_against_the_strength_of_no_pla
     for share, free in ((0.0, 1 / 3), (0.2, 1 / 3), (0.7, 0.7)):
         table = motion_table(random, MotionKnobs(place_free_share=share))
         room, state = np.empty(20), seeded(4)
-        found = [_motion.take_up(table, -1, 0, *place, direction, speed, True, share, room, state) for _ in range(N)]
+        found = [
+            _manoeuvres.take_up(table, -1, 0, *place, direction, speed, True, share, room, state) for _ in range(N)
+        ]
         count = np.bincount(found, minlength=12)
         expected = N * np.append((1 - free) * weight / weight.sum(), free)
         seen = np.append(count[:5], count[10:].sum())
@@ -145,7 +147,7 @@ def test_vehicles_go_where_the_counts_say_and_back_off_where_nothing_was_counted
         return stats.chisquare(np.bincount(of, minlength=3), of.size * np.array(share)).pvalue > FALSE_ALARM
 
     up, down = found.manoeuvre[above] - 5, found.manoeuvre[~above]
-    unseen = _motion.DISCOUNT  # of each kind that was seen, for what was not
+    unseen = _manoeuvres.DISCOUNT  # of each kind that was seen, for what was not
     seen, backed_off = np.array([6 - unseen, 1 - unseen, 0.0]), 2 * unseen * np.array([0.4, 0.4, 0.2])
     assert as_seen((seen + backed_off) / 7, up)
     assert not as_seen(np.array([6 - 0.01, 1.0, 0.01]) / 7, up)  # counts as they are
