@@ -216,7 +216,7 @@ TABLES: dict[str, Table] = {
         minutes=30,
     ),
     "tracking": Table(
-        command=f"dirprim evaluate tracking {{logs}} --learn 0.8 --seeds 3 {TRACKERS} --json",
+        command=f"dirprim evaluate tracking {{logs}} --learn 0.9 --seeds 1 --smooth {TRACKERS} --json",
         runs=LOGGED[:3],
         entries=methods,
         columns=(

@@ -51,7 +51,7 @@ def test_how_well_a_vehicle_fits_is_what_the_slow_twin_says():
             center = random.centers[random.motion.cell[z]]
             slow = fit(random.motion, z, center, EXTENT, place, direction, speed)
             for quicker in (0.0, 1e-3):
-                found = _manoeuvres.fit(table.row[z], *place, direction, speed, np.log(speed + 0.3) + quicker)
+                found = _manoeuvres.fit(table.row, z, *place, direction, speed, np.log(speed + 0.3) + quicker)
                 assert (found == pytest.approx(slow, rel=1e-9, abs=0.0)) == (quicker == 0.0)
 
 
