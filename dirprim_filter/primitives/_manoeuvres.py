@@ -47,7 +47,7 @@ class MotionTable(NamedTuple):
     step_s: float
 
 
-@njit(cache=True)
+@njit(**EXACT)
 def copied(table: MotionTable) -> MotionTable:
     """The same table in memory of its own: threads that count references to one array wait for each other."""
     place = table.locator
@@ -77,7 +77,7 @@ def fit(rows: FloatArray, z: int, x: float, y: float, direction: float, speed: f
     return float(rows[z, SCALE] / (q * q * q * q))
 
 
-@njit(cache=True)
+@njit(**EXACT)
 def take_up(
     table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, by_time: bool,
     least: float, weight: FloatArray, state: UIntArray,
@@ -120,7 +120,7 @@ def take_up(
     return leave_places(table, before, speed, weight, state)
 
 
-@njit(cache=True)
+@njit(**EXACT)
 def leave_places(table: MotionTable, before: int, speed: float, weight: FloatArray, state: UIntArray) -> int:
     """A place-free manoeuvre: that which follows another such, or else any of about that speed."""
     rows, first, following, count = table.row, table.first, table.following, table.count
@@ -150,7 +150,7 @@ def leave_places(table: MotionTable, before: int, speed: float, weight: FloatArr
     return len(rows) - 1
 
 
-@njit(cache=True)
+@njit(**EXACT)
 def go_over(
     table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, weight: FloatArray,
     state: UIntArray,
@@ -176,7 +176,7 @@ def go_over(
     return take_up(table, before, cell, x, y, direction, speed, False, 0.0, weight, state)
 
 
-@njit(cache=True)
+@njit(**EXACT)
 def course_at(row: FloatArray, x: float, y: float) -> float:
     """The course of a manoeuvre at a place."""
     extent = row[EXTENT]
@@ -184,7 +184,7 @@ def course_at(row: FloatArray, x: float, y: float) -> float:
     return float(row[COURSE] + row[BEND_E] * east + row[BEND_N] * north)
 
 
-@njit(cache=True)
+@njit(**EXACT)
 def keep_deviation(
     table: MotionTable, before: int, after: int, place: FloatArray, direction: FloatArray, p: int
 ) -> None:

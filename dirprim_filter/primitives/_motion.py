@@ -202,7 +202,7 @@ def _change(
     due[0], due[1] = redraw, jump
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **EXACT)
 def settle(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
     manoeuvre: IntArray, push: FloatArray, state: UIntArray,
@@ -218,7 +218,7 @@ def settle(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **EXACT)
 def rollout(table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntArray, path: FloatArray) -> None:
     """Futures of vehicles. (n, 4) place, direction, speed; (n_steps,) seconds; (n,) keys; fills (n, p, n_steps, 2)."""
     n = path.shape[1]
