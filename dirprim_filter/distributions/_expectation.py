@@ -117,7 +117,7 @@ def expectation(angles: Angles, mixture: Mixture, sums: FloatArray) -> float:
     return log_likelihood
 
 
-@njit(fastmath={"contract"}, **COMPILED)
+@njit(**COMPILED | {"fastmath": {"contract"}})
 def _log_densities(
     direction: FloatArray, mean: float, width: float, constant: float, log_p: FloatArray, top: FloatArray
 ) -> None:
@@ -126,14 +126,14 @@ def _log_densities(
         top[i] = max(top[i], log_p[i])
 
 
-@njit(fastmath={"contract"}, **COMPILED)
+@njit(**COMPILED | {"fastmath": {"contract"}})
 def _densities(log_p: FloatArray, top: FloatArray, norm: FloatArray, size: int) -> None:
     for i in range(size):
         log_p[i] = exp(log_p[i] - top[i])
         norm[i] += log_p[i]
 
 
-@njit(fastmath={"contract", "reassoc"}, **COMPILED)
+@njit(**COMPILED | {"fastmath": {"contract", "reassoc"}})
 def _responsibilities(
     p: FloatArray, share: FloatArray, cosine: FloatArray, sine: FloatArray
 ) -> tuple[float, float, float]:
