@@ -112,13 +112,13 @@ def shape_from(spread: float, high: float) -> float:
 
 @njit(**EXACT)
 def log_normaliser(log_concentration: float) -> float:
-    """log(2 pi I0(k)) - k by log(1 + k), to ten digits by interpolation."""
+    """log(2 pi I0(k)) - k by log(1 + k), to 1e-8 by interpolation."""
     return _between(_NORMALISER, log_concentration / _MAX_LOG)
 
 
 @njit(**EXACT)
 def gamma_remainder(log_shape: float) -> float:
-    """Log Gamma(a) - a (log a - 1) by log a from 0 on, likewise."""
+    """Log Gamma(a) - a (log a - 1) by log a from 0 on, to 1e-10 by interpolation."""
     return _between(_GAMMA, log_shape / _MAX_LOG)
 
 

@@ -231,8 +231,8 @@ def _unmerged(
 ) -> tuple[FloatArray, IntArray]:
     """A column for each member of positive weight of the cells that are asked for.
 
-    Each cell's are filled up with columns of no weight to a multiple of `side_by_side`: what a loop leaves over, the
-    processor does one by one, and cells are so small that this took a third of a fit.
+    Each cell's are filled up with columns of no weight to a multiple of `side_by_side`, for what a loop leaves over is
+    done one by one.
     """
     n_members = np.diff(in_cells.start)
     cell = np.repeat(np.arange(n_members.size), n_members)
