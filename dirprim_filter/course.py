@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.optional_columns import unknown
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 from dirprim_filter.optional_columns import chosen, joined
 from dirprim_filter.sizes import as_sizes
 from dirprim_filter.track_ids import as_texts, world_names
 from dirprim_filter.tracks import Tracks, as_groups, as_times, check_lengths
-from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
 NO_TIME = -(1 << 63)
 """Nanoseconds before every frame's: how far a log has come before its first."""

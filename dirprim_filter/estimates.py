@@ -9,10 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 from dirprim_filter.detections import Detections
 from dirprim_filter.track_ids import as_texts, as_track_ids
 from dirprim_filter.tracks import as_times, check_lengths
-from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 
 COASTING_FROM_S = 0.5
 """A vehicle that was not measured for longer is coasting: one detection that fails to come says little."""

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 BACKWARDS_M = 3.0
 """A vehicle that loses so much of its way, measured along its own heading, drove backwards."""

@@ -14,6 +14,7 @@ from typing import Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.arrays import FloatArray, as_floats
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.highest_density import Region, highest_density_regions
 from dirprim_filter.estimates import TrackedFrame
@@ -31,7 +32,6 @@ from dirprim_filter.filtering.futures import (
 from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
-from tessellation.arrays import FloatArray, as_floats
 
 REGION_SHARES = (0.9, 0.5)
 """Of a vehicle's futures: how many each of its regions holds."""

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray, IntArray
 
 LONGEST_UNSEEN_S = 0.25
 """Who was last seen longer ago may have gone."""

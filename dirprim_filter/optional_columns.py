@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 
 
 def unknown(*shape: int) -> FloatArray:

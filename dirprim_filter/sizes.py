@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.optional_columns import is_held, unknown
-from tessellation.arrays import FloatArray
 
 
 def known_sizes(told: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from tessellation.arrays import AnyArray, BoolArray, IntArray
+from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
 
 BLOCK_ROWS = 1 << 14
 """So many ids at a time are Python's own texts."""

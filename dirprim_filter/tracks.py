@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.arrays import AnyArray, ArrayValue, FloatArray, IntArray, as_floats
 from dirprim_filter.course import log_motion, motion_of
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
 from dirprim_filter.sizes import as_sizes
 from dirprim_filter.track_ids import as_texts, as_track_ids, check_not_repeated, vehicle_numbers
-from tessellation.arrays import AnyArray, ArrayValue, FloatArray, IntArray, as_floats
 
 logger = logging.getLogger(__name__)
 

@@ -12,10 +12,10 @@ import math
 import numpy as np
 from numba import njit
 
+from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation._compiling import COMPILED
 from tessellation._kernels import Locator
 from tessellation._raster import DEEPEST, LARGEST_SIDE
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 SHORTEST_EDGE = 1e-9
 """Of the box's diagonal: shorter edges are rounding, where four or more cells meet in a point."""

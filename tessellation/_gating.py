@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from tessellation._arrays import BoolArray, FloatArray, IntArray
 
 
 def border_distance(generators: FloatArray, distance: FloatArray, cell: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from tessellation._arrays import FloatArray, IntArray
 from tessellation._compiling import COMPILED
-from tessellation.arrays import FloatArray, IntArray
 
 PixelArray = npt.NDArray[np.int32]
 

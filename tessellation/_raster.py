@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from tessellation._arrays import FloatArray, IntArray
 from tessellation._compiling import COMPILED
 from tessellation._kernels import LONGEST_LIST, PixelArray
-from tessellation.arrays import FloatArray, IntArray
 
 ROUNDING = 1e-12
 """Relative, some thousand times that of a squared distance."""

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from tessellation._arrays import FloatArray, IntArray
 from tessellation._gating import border_distance
-from tessellation.arrays import FloatArray, IntArray
 from tessellation.gates import nearest_generators
 
 N_RIVALS = 4

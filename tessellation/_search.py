@@ -8,10 +8,10 @@ from typing import Generic
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
+from tessellation._arrays import FloatArray, IntArray
 from tessellation._gating import halve, leave_out, sort_by_cell, unite
 from tessellation._scoring import N_RIVALS, Scoring, scoring_step
 from tessellation._state import State, joined, known, sums, taken
-from tessellation.arrays import FloatArray, IntArray
 from tessellation.gates import LEAST_SHARE, members_of, nearest_generators, part_of_members
 from tessellation.protocols import CellModel, Cells, Data_contra, Members
 

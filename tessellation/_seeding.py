@@ -8,8 +8,8 @@ so a seed is drawn, and changes those it is nearest to, without a visit to the o
 import numpy as np
 from numba import njit
 
+from tessellation._arrays import FloatArray, IntArray
 from tessellation._compiling import COMPILED
-from tessellation.arrays import FloatArray, IntArray
 
 LEAF = 16
 

@@ -6,7 +6,7 @@ from typing import Generic
 
 import numpy as np
 
-from tessellation.arrays import BoolArray, FloatArray, IntArray
+from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation.protocols import Cells, Members
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tessellation.arrays import FloatArray
+from tessellation._arrays import FloatArray
 from tessellation.protocols import Tessellation
 
 _TOWARDS_CORNERS = (0.0, 0.3, 0.6, 0.9)

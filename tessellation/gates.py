@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tessellation._arrays import FloatArray, IntArray
 from tessellation._gating import border_distance, sort_by_cell
-from tessellation.arrays import FloatArray, IntArray
 from tessellation.protocols import Members
 
 N_NEAREST = 8

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._kernels import Locator
-from tessellation.arrays import FloatArray, IntArray, as_floats
 from tessellation.locate import cells_of, grid_locator
 
 MAX_SQUARES = 50_000_000

@@ -28,9 +28,9 @@ from typing import Generic
 
 import numpy as np
 
+from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._search import Search
 from tessellation._state import State
-from tessellation.arrays import FloatArray, IntArray, as_floats
 from tessellation.gates import members_of, nearest_generators
 from tessellation.protocols import CellModel, Cells, Data_contra
 from tessellation.voronoi import VoronoiTessellation

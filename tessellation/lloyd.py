@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._kernels import Locator
 from tessellation._seeding import means, seeds
-from tessellation.arrays import FloatArray, IntArray, as_floats
 from tessellation.locate import cells_of, voronoi_locator
 
 MAX_STEPS = 100

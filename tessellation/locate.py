@@ -14,9 +14,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from tessellation._arrays import AnyArray, FloatArray, IntArray
 from tessellation._kernels import Locator, PixelArray, locate_all
 from tessellation._raster import DEEPEST, LARGEST_SIDE, Frame, fill
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 from tessellation.protocols import Tessellation
 
 PIXELS_PER_CELL = 2

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tessellation._arrays import FloatArray, IntArray
 from tessellation._clipping import cut_boxes, owned_squares
 from tessellation._kernels import Locator
-from tessellation.arrays import FloatArray, IntArray
 
 FIRST_NEIGHBORS = 12
 BATCH_NUMBERS = 1 << 22

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple, Protocol, TypeVar
 
-from tessellation.arrays import AnyArray, FloatArray, IntArray
+from tessellation._arrays import AnyArray, FloatArray, IntArray
 
 OUTSIDE = -1
 """The cell of a position that no cell covers."""

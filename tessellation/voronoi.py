@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._kernels import Locator
-from tessellation.arrays import FloatArray, IntArray, as_floats
 from tessellation.grid import GridTessellation
 from tessellation.lloyd import lloyd_generators
 from tessellation.locate import cells_of, voronoi_locator

@@ -3,7 +3,6 @@
 import numpy as np
 
 from tessellation import OUTSIDE
-from tessellation.arrays import as_floats
 
 ROW = np.sqrt(3.0) / 2.0
 """From one row of hexagons to the next, in widths."""
@@ -36,7 +35,7 @@ class Hexagons:
         return np.column_stack([q, r]).astype(np.int64)
 
     def cell_of(self, position):
-        position = as_floats("position", position, "... 2")
+        position = np.asarray(position, dtype=np.float64)
         hexagons, of = np.unique(self._axial(position.reshape(-1, 2)), axis=0, return_inverse=True)
         cells = np.array([self._number.get(tuple(hexagon), OUTSIDE) for hexagon in hexagons.tolist()], dtype=np.int64)
         return cells[of].reshape(position.shape[:-1])

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from dirprim_filter.arrays import FloatArray
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.evaluation.tracking import TrackingScore
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.tracks import Tracks
-    from tessellation.arrays import FloatArray
 
 
 class Scene(StrEnum):

@@ -14,10 +14,10 @@ from dirprim_filter.cli.place import EITHER_WAY, OPTION, tell_if_outside
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from dirprim_filter.arrays import FloatArray
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.tracks import Tracks
     from dirprim_filter.viewer.figures import Figure
-    from tessellation.arrays import FloatArray
 
 
 class Picture(StrEnum):

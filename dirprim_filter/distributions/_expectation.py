@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import exp, squared_sine
 from tessellation._compiling import COMPILED
-from tessellation.arrays import FloatArray
 
 AT_ONCE = 256  # rows whose numbers, for a dozen modes, stay in the cache
 

@@ -10,8 +10,8 @@ from numpy.polynomial import chebyshev
 from scipy.special import i0e as _i0e
 from scipy.special import i1e as _i1e
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from tessellation._compiling import COMPILED
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 TWO_PI = 2.0 * math.pi
 MAX_CONCENTRATION = 1e6

@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions._elementary import log, sin
 from tessellation._compiling import COMPILED
-from tessellation.arrays import FloatArray
 
 UIntArray = npt.NDArray[np.uint64]
 

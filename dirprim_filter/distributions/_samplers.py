@@ -3,12 +3,12 @@
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._kernels import wrap
 from dirprim_filter.distributions._random import UIntArray
 from tessellation._compiling import COMPILED
-from tessellation.arrays import FloatArray, IntArray
 
 
 @njit(nogil=True, **COMPILED)

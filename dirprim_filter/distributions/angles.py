@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tessellation.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray
 
 TWO_PI = 2.0 * np.pi
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln, xlogy
 
+from dirprim_filter.arrays import AnyArray, FloatArray, as_floats
 from dirprim_filter.distributions import _kernels
 from dirprim_filter.distributions.weights import counted
-from tessellation.arrays import AnyArray, FloatArray, as_floats
 
 MAX_SHAPE = 1e6
 """The largest shape that `fit` gives if not told otherwise: a spread of a thousandth of the mean."""

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _highest_density
-from tessellation.arrays import FloatArray, IntArray
 
 N_SQUARES = 24
 """Of the grid along the longer side of a region: finer could not be seen."""

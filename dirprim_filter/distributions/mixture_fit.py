@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, as_floats
 from dirprim_filter.distributions import _expectation
 from dirprim_filter.distributions._expectation import Angles, Mixture
 from dirprim_filter.distributions.von_mises import MAX_CONCENTRATION
 from dirprim_filter.distributions.von_mises_mixture import VonMisesMixture
 from dirprim_filter.distributions.weights import counted
-from tessellation.arrays import FloatArray, as_floats
 
 _ROUGH_ITERATIONS = 30
 _ROUGH_TOLERANCE = 1e-4

@@ -5,9 +5,9 @@ DBSCAN (Ester et al. 1996) needs no distance matrix on a circle: a sort and two 
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import _kernels
 from dirprim_filter.distributions.angles import wrap
-from tessellation.arrays import FloatArray, IntArray, as_floats
 
 NOISE = -1
 

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
+from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.distributions.gamma import Gamma
 from dirprim_filter.distributions.von_mises_mixture import VonMisesMixture, log_weights
-from tessellation.arrays import BoolArray, FloatArray
 
 
 class MixtureProduct(NamedTuple):

@@ -6,12 +6,12 @@ Source: Mardia and Jupp, Directional Statistics, 2000, sections 3.5.4 and 5.3.1.
 import numpy as np
 from scipy.special import i0e, i1e
 
+from dirprim_filter.arrays import FloatArray, as_floats
 from dirprim_filter.distributions import _kernels
 from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.distributions._samplers import draw_von_mises
 from dirprim_filter.distributions.angles import TWO_PI, mean_direction, wrap
 from dirprim_filter.distributions.weights import counted
-from tessellation.arrays import FloatArray, as_floats
 
 MAX_CONCENTRATION: float = _kernels.MAX_CONCENTRATION
 

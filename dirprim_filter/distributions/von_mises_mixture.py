@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.distributions._samplers import draw_mixtures
 from dirprim_filter.distributions.angles import wrap
-from tessellation.arrays import AnyArray, FloatArray, IntArray, as_floats
 
 
 def log_weights(weight: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tessellation.arrays import FloatArray, as_floats
+from dirprim_filter.arrays import FloatArray, as_floats
 
 
 def counted(name: str, value: FloatArray, weight: FloatArray | None) -> FloatArray:

@@ -12,9 +12,9 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.track_ids import numbered
-from tessellation.arrays import AnyArray, FloatArray
 
 ByteArray = npt.NDArray[np.uint8]
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import VonMisesMixture, von_mises
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.drawing.colors import ByteArray, speed_color
@@ -21,7 +22,6 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.transitions import cell_transitions
 from tessellation import Tessellation
 from tessellation.anchors import anchors
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 SHARPEST_PETAL = 10.0
 """Concentrations are drawn up to this one, a standard deviation of 18 degrees: narrower could not be seen."""

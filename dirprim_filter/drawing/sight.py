@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray
 from dirprim_filter.drawing.shapes import reach
 from dirprim_filter.estimates import Estimates
-from tessellation.arrays import BoolArray
 
 SURE_FROM = 0.5
 """Resultant of a belief's direction; below it a forecast spreads in all directions and is not drawn."""

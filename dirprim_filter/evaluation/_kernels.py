@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray
 from tessellation._compiling import COMPILED
-from tessellation.arrays import FloatArray
 
 MIN_BANDWIDTH_M = 0.1
 """Of the kernel density: logs are not exact to the centimetre, and a method that is must not win without bound."""

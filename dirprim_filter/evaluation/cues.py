@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import VonMisesMixture, von_mises
 from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.product import multiply_mixtures
@@ -37,7 +38,6 @@ from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.primitives.cues import TURN_RIGHT, Cue
 from dirprim_filter.primitives.recipe import CellsRule
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray, IntArray
 
 MAX_STEP_S = 2.0
 """Visits further apart in time are no step: the log has lost the vehicle in between."""

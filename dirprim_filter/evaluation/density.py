@@ -20,6 +20,7 @@ from typing import Any, Literal, NamedTuple, Protocol, get_args, get_type_hints,
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.evaluation.baselines.directional_grid_map import DirectionalGridMap
 from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
@@ -28,7 +29,6 @@ from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split,
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray
 
 PRIMITIVE_KINDS: tuple[Any, ...] = get_args(get_type_hints(learn_primitives)["primitive"])
 """What `learn_primitives` can learn: each is a row of the table."""

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.evaluation.baselines.constant_velocity_smoother import best_in_hindsight
 from dirprim_filter.evaluation.baselines.raw_detections import as_reported
@@ -21,7 +22,6 @@ from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray
 
 BEST = "best CV smoother"
 """Of constant velocity, with the noise that is best in hindsight."""

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.instants import Instants
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 HORIZONS_S = tuple(0.5 * i for i in range(1, 17))
 START_EVERY_S = 1.0

@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.filtering.futures import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray
 
 SampleFutures = Callable[[Cases, int, np.random.Generator], FloatArray]
 """Cases, number of samples -> (n, n_samples, n_horizons, 2) metres."""

@@ -13,13 +13,13 @@ from typing import Literal
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, Cases
 from dirprim_filter.evaluation.forecast_methods import METHODS, Fit
 from dirprim_filter.evaluation.splits import SplitBy, split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, FloatArray
 
 BATCH = 20
 """Samples that the best-of score may choose from."""

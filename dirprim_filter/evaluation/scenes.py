@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import NO_TIME, Detections
 from dirprim_filter.estimates import EstimateList, EstimateSink
@@ -19,7 +20,6 @@ from dirprim_filter.evaluation.tracking_experiment import Sensor, TrackingExperi
 from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray, IntArray
 
 MARGIN_S = 2.0
 """A gap leaves the vehicle in sight so long before and after it: what is lost must have been found, and be found."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,8 +10,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray, IntArray
 
 SplitBy = Literal["vehicle", "group", "random"]
 

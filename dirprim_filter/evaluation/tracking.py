@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 MOVING_FROM = 0.5
 """m/s; below it a vehicle has no course to be wrong about."""

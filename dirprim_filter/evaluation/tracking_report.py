@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.metrics.gospa import gospa
@@ -14,7 +15,6 @@ from dirprim_filter.evaluation.metrics.identity import identity_f1
 from dirprim_filter.evaluation.tracked_rows import TrackedRows, names_in_group
 from dirprim_filter.evaluation.tracking import coverage, matches, normalised_squared
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 SETTLED_S = 1.0
 """Seconds after a vehicle came into sight before its estimate counts as settled, past the initial transient."""

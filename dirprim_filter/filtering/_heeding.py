@@ -8,9 +8,9 @@ import math
 
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.primitives._manoeuvres import AHEAD, MotionTable
-from tessellation.arrays import FloatArray, IntArray
 
 
 @njit(cache=True, nogil=True)

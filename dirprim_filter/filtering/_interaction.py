@@ -8,11 +8,11 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.primitives import _leader, _motion
 from dirprim_filter.primitives._leader import LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
-from tessellation.arrays import FloatArray, IntArray
 
 LOOK_S = 0.2
 """Seconds, how often a driver looks ahead at least."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._blocks import ROWS
@@ -17,7 +18,6 @@ from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _map_kernels, _motion
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives._map_kernels import MapTable
-from tessellation.arrays import FloatArray, IntArray
 
 KERNEL_SHARE = 0.5
 """Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""

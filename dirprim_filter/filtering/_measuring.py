@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import exp, log, squared_sine
 from dirprim_filter.filtering._kernels import Cloud, mean_of
-from tessellation.arrays import FloatArray, IntArray
 
 X, Y, XX, XY, YY, LOG_NORMAL, DIRECTION, SPEED = range(8)
 LEAST = 1e-200

@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import exp, squared_sine
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._kernels import Cloud, effective_sample_size, mean_of, systematic
 from dirprim_filter.filtering._measuring import LEAST, Noise, direction_fit, speed_fit
 from dirprim_filter.primitives._manoeuvres import MotionTable
-from tessellation.arrays import FloatArray, IntArray
 
 X, Y, DIRECTION, SPEED = range(4)
 

@@ -15,12 +15,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.existence import OCCLUDED, VISIBLE
 from dirprim_filter.filtering.measurements import measured_covariance
 from dirprim_filter.filtering.protocols import BayesFilter
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 
 class Pairs(NamedTuple):

@@ -6,9 +6,9 @@ import hashlib
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering._kernels import Cloud
-from tessellation.arrays import BoolArray, IntArray
 
 FIRST_CAPACITY = 16
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import TrackingConfig
-from tessellation.arrays import FloatArray
 
 VISIBLE, OCCLUDED, GONE = range(3)
 """The states: there and in sight, there but hidden, not there: left, or a false detection from the beginning."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.arrays import FloatArray, as_floats
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering import _interaction, _kernels
@@ -23,7 +24,6 @@ from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
-from tessellation.arrays import FloatArray, as_floats
 
 PER_SAMPLE = 16
 """Futures to choose one from, where a cue tells of them: what few vehicles do there must be among them."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.primitives.cues import Cue
-from tessellation.arrays import FloatArray
 
 
 def cue_columns(cue: Cue) -> tuple[FloatArray, FloatArray, FloatArray]:

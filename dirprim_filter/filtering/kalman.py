@@ -12,12 +12,12 @@ import numpy as np
 from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import IMMEstimator, KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
 from dirprim_filter.filtering.protocols import Evidence
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 N_STATES = 5
 PLACE, VELOCITY = np.eye(2, N_STATES), np.eye(2, N_STATES, 2)

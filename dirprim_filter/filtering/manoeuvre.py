@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 MAX_INTERVAL_S = 2.0
 LEAST = 1e-6

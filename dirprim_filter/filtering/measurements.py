@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from tessellation.arrays import FloatArray
 
 MOVING_FROM = 0.5
 """m/s; a sensor has no course to tell of what stands."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
@@ -27,7 +28,6 @@ from dirprim_filter.filtering.surroundings import Surroundings
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from tessellation import OUTSIDE
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""

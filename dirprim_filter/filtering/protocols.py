@@ -6,9 +6,9 @@ is one of motion models and of nothing else.
 
 from typing import NamedTuple, Protocol
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
 class Evidence(NamedTuple):

@@ -7,10 +7,10 @@ from itertools import compress
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.protocols import BayesFilter
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 FIRST_CAPACITY = 16
 _COLUMNS = (

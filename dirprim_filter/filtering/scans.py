@@ -10,7 +10,7 @@ from collections import deque
 
 import numpy as np
 
-from tessellation.arrays import BoolArray, IntArray
+from dirprim_filter.arrays import BoolArray, IntArray
 
 FRAMES_REMEMBERED = 9
 DUE_FROM = 0.75

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import _kernels, _measuring, _sensing
@@ -13,7 +14,6 @@ from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 
 class SensedParticles(ParticleFilter):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tessellation.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 
 
 class Surroundings:

@@ -9,6 +9,7 @@ from itertools import compress
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
 from dirprim_filter.estimates import Estimates, Innovations, Samples, TrackedFrame
@@ -23,7 +24,6 @@ from dirprim_filter.filtering.scans import RevisitTime
 from dirprim_filter.filtering.sensed_particles import SensedParticles
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
-from tessellation.arrays import FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 NOBODY: IntArray = np.empty(0, np.int64)

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Innovations, Particles, Samples, TrackedFrame
 from dirprim_filter.filtering.tracker import Tracker
 from dirprim_filter.track_ids import world_names
-from tessellation.arrays import BoolArray
 
 
 class Worlds:

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT
 from dirprim_filter.primitives._expectation import CURVED_SUMS, SUMS, expectation, room_for
@@ -25,7 +26,6 @@ from dirprim_filter.primitives._modes import (
     WEIGHT,
     Bounds,
 )
-from tessellation.arrays import FloatArray
 
 DEPTH = 4  # steps that are mixed
 PATIENCE = 5  # iterations before modes may be given up as hopeless

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import EXACT, cos, exp
-from tessellation.arrays import FloatArray, IntArray
 
 CONSTANT, WEIGHT, MEAN, CONCENTRATION, SHAPE, RATE, BEND_EAST, BEND_NORTH, GAIN_EAST, GAIN_NORTH = range(10)
 """Columns of a mode; the first is what its log density has that depends on no row."""

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from tessellation._compiling import COMPILED
-from tessellation.arrays import FloatArray, IntArray
 
 PASSES = 8
 OPENING_PASSES = 2

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions._elementary import EXACT, SUMMING, cos, exp, log, sin
 from dirprim_filter.primitives._maximisation import gamma_remainder, log_normaliser
 from dirprim_filter.primitives._modes import (
@@ -29,7 +30,6 @@ from dirprim_filter.primitives._modes import (
     SPEED,
     WEIGHT,
 )
-from tessellation.arrays import FloatArray
 
 SUMS = 5  # responsibility, cosine, sine, speed, log speed
 CURVED_SUMS = 16  # and the moments that bend and gain need

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT
 from dirprim_filter.primitives._ascent import ascend
@@ -24,7 +25,6 @@ from dirprim_filter.primitives._modes import (
     WEIGHT,
     Bounds,
 )
-from tessellation.arrays import FloatArray, IntArray
 
 COMPARED = 0.03
 """A climb of flat modes that gains less than this share of what a parameter costs is over as far as BIC can tell."""

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives._manoeuvres import BEND_E, BEND_N, CURVATURE, STANDING_BELOW, STARTS, MotionTable
 from dirprim_filter.primitives.leader import N_FEATURES
-from tessellation.arrays import FloatArray, IntArray
 
 FAR_M, NEAR_M = 60.0, 0.5
 """Ahead: further off nobody is heeded; nearer it is the vehicle itself, or one beside it."""

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import EXACT, exp, log
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives.motion import CREEP
 from tessellation._kernels import Locator
-from tessellation.arrays import FloatArray, IntArray
 
 # Columns of `MotionTable.row`.
 (EAST, NORTH, EXTENT, COURSE, BEND_E, BEND_N, A_0, A_E, A_N, A_V, PUSH, TURNING, KEEPS, LONGER, STARTS, PACE, GAIN_E,

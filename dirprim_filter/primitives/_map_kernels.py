@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._elementary import exp, log, squared_sine
@@ -18,7 +19,6 @@ from dirprim_filter.distributions._kernels import log_normaliser, wrap
 from dirprim_filter.distributions._random import UIntArray
 from tessellation._compiling import COMPILED
 from tessellation._kernels import Locator, locate
-from tessellation.arrays import FloatArray, IntArray
 
 PAIRS = 1024  # (row, mode) pairs at a time: the buffers stay in the cache
 LOG_OF_ZERO = -1e300  # times a shape less one: nothing for shape 1, without end for any other

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from scipy import special
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions._elementary import EXACT
@@ -26,7 +27,6 @@ from dirprim_filter.primitives._modes import (
     NO_MODE,
     Bounds,
 )
-from tessellation.arrays import FloatArray
 
 MIN_VEHICLES = 1e-3
 """A mode that fewer drive is given up."""

@@ -11,10 +11,10 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT, log
 from dirprim_filter.primitives._modes import COSINE, EAST, LOG_SPEED, NORTH, SINE, SPEED, WEIGHT
-from tessellation.arrays import FloatArray, IntArray
 
 LOOKED_AT = 2048
 """Rows that decide where the grid's lines lie."""

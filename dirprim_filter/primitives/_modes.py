@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tessellation.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray
 
 COSINE, SINE, SPEED, LOG_SPEED, WEIGHT, EAST, NORTH = range(7)
 """Columns of rows of moving vehicles, or of what stands for several: their means. Metres from the cell's centre."""

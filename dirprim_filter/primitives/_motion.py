@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import EXACT, cos, sin
 from dirprim_filter.distributions._random import UIntArray
@@ -40,7 +41,6 @@ from dirprim_filter.primitives._manoeuvres import (
 )
 from dirprim_filter.primitives.motion import JUMP_S
 from tessellation._kernels import locate, locate_all
-from tessellation.arrays import FloatArray, IntArray
 
 STARTS_AT = 0.31
 """m/s: a vehicle that starts no longer stands."""

@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions._elementary import EXACT
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 
 @njit(nogil=True, **EXACT)

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT
 from dirprim_filter.primitives._ascent import ascend
@@ -26,7 +27,6 @@ from dirprim_filter.primitives._modes import (
     WEIGHT,
     Bounds,
 )
-from tessellation.arrays import FloatArray, IntArray
 
 
 @njit(nogil=True, **EXACT)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel
 from dirprim_filter.primitives.place_free import PlaceFree
@@ -13,7 +14,6 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import Recipe
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import Tessellation
-from tessellation.arrays import FloatArray
 from tessellation.gates import members_of, residents
 from tessellation.protocols import Members
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.primitives import _cell_density
@@ -14,7 +15,6 @@ from dirprim_filter.primitives.fitting import fit_all
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe, Usual
 from dirprim_filter.primitives.rows import CellRows, TrackRows
-from tessellation.arrays import FloatArray, IntArray
 from tessellation.protocols import Members
 
 PLACE_FREE_VEHICLES = 1.0

@@ -12,9 +12,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.arrays import FloatArray, as_floats
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.distributions.angles import wrap
-from tessellation.arrays import FloatArray, as_floats
 
 SIGNAL_CONCENTRATION = 2.5
 """Of a turn signal (the paper's): it says which way, not how far."""

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, as_floats
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import wrap
@@ -30,7 +31,6 @@ from dirprim_filter.primitives._modes import (
     empty_table,
 )
 from dirprim_filter.primitives.rows import CellRows
-from tessellation.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 MIN_STANDING_MEAN = 0.05
 """m/s; standing vehicles of a simulator have speed 0, which would make the density at 0 unbounded."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tessellation.arrays import FloatArray, as_floats
+from dirprim_filter.arrays import FloatArray, as_floats
 
 N_FEATURES = 10
 N_PACES = 3

@@ -13,6 +13,7 @@ from zlib import crc32
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.instants import Instants
 from dirprim_filter.primitives import _leader
 from dirprim_filter.primitives._leader import FAR_M, SLOW, STARTS_BEHIND_M
@@ -22,7 +23,6 @@ from dirprim_filter.primitives.motion_sums import Regression
 from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 

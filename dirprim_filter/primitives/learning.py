@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells, place_free_share
 from dirprim_filter.primitives.cell_model import PrimitiveModel, usual_of
@@ -25,7 +26,6 @@ from dirprim_filter.primitives.recipe import CellsRule, ModesRule, Recipe, Usual
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly
-from tessellation.arrays import BoolArray, FloatArray
 from tessellation.gates import residents
 
 logger = logging.getLogger(__name__)

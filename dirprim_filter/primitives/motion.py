@@ -13,9 +13,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.leader import LeaderResponse
-from tessellation.arrays import FloatArray, IntArray, as_floats
 
 CREEP = 0.3
 """m/s, added to speeds before their logarithm is taken, so that slow vehicles are alike."""

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives.motion import Motion
@@ -23,7 +24,6 @@ from dirprim_filter.primitives.place_free_motion import learn_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import STEP_S, Visits, _filled_in
-from tessellation.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
 

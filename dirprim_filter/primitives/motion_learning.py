@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import block_diag, csr_array
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import _clustering
 from dirprim_filter.primitives.motion import CREEP, Motion, joined
 from dirprim_filter.primitives.motion_sums import MotionSums, Regression, _of_pace
 from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE, learn_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.visits import Visits
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 MOST_MANOEUVRES = 32
 """Of a mode."""

@@ -10,11 +10,11 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.sparse import csr_array
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives.motion import CREEP
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.visits import STEP_S, Visits
-from tessellation.arrays import FloatArray, IntArray
 
 AHEAD_S = 4.0
 """By when a vehicle that signals has turned: drivers signal some three seconds before, and a turn takes two."""

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.motion import PUSH_RATE
 from tessellation._kernels import Locator
-from tessellation.arrays import FloatArray
 from tessellation.locate import locator_of
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.fitting import MIN_SPREAD, MIN_STANDING_MEAN, bounds_of, fit_all
 from dirprim_filter.primitives.rows import CellRows, TrackRows
-from tessellation.arrays import FloatArray
 
 STRENGTH = 0.1
 """Pseudo-vehicles in each place-free mode, which has all vehicles of the log to speak for it."""

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.sparse import csr_array
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives.motion import CREEP, JUMP_S, place_free_manoeuvres, unlearned_place_free
 from dirprim_filter.primitives.visits import Visits
-from tessellation.arrays import FloatArray, IntArray
 
 MOST_GROUPS = 16
 INSTANTS_EACH = 100

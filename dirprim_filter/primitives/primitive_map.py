@@ -12,13 +12,13 @@ from typing import NamedTuple, cast
 import numpy as np
 from scipy.special import logsumexp
 
+from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
 from dirprim_filter.primitives.motion import Motion
 from tessellation import GridTessellation, Tessellation
-from tessellation.arrays import FloatArray, IntArray, as_floats
 from tessellation.locate import locator_of
 
 

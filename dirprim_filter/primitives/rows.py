@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import _sorting
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 from tessellation.protocols import Members
 
 MIN_GROUPS = 3

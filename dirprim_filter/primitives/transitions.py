@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from tessellation.arrays import FloatArray, IntArray
 
 
 class Transitions(NamedTuple):

@@ -11,10 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import Tessellation
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 STEP_S = 0.1
 LONGEST_GAP_S = 1.5

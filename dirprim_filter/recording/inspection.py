@@ -11,6 +11,7 @@ from os import PathLike
 import numpy as np
 from google.protobuf.message import DecodeError
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
@@ -22,7 +23,6 @@ from dirprim_filter.recording.schemas.decoders import Decoders, by_schema
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, SizeSummary, TopicSummary
-from tessellation.arrays import FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 

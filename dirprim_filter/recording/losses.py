@@ -9,10 +9,10 @@ from typing import Self
 
 import numpy as np
 
+from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.track_ids import Numbers
-from tessellation.arrays import IntArray
 
 LONG_STEP_NS = 10_000_000_000
 """A topic that is silent for longer than this has a clock that jumped, or a gap: worth telling."""

@@ -11,6 +11,7 @@ from typing import Unpack
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording import topic_names
@@ -23,7 +24,6 @@ from dirprim_filter.recording.objects.options import Reading
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from tessellation.arrays import FloatArray
 
 SECOND_NS = 1_000_000_000
 REMEMBERED_NS = 2 * SECOND_NS

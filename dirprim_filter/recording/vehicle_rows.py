@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 from dirprim_filter.optional_columns import chosen, joined
 from dirprim_filter.track_ids import as_track_ids
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 
 OPTIONAL = ("direction", "speed", "size", "heading")
 """Of these `optional_columns.unknown` may stand for a column without any value."""

@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing.sight import has_no_forecast
@@ -28,7 +29,6 @@ from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray, IntArray
 
 MAX_CHUNK_NS = 1_000_000_000
 """A chunk of estimates and the instant after it span at most this much log time: what a killed tracker loses."""

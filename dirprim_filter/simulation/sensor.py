@@ -11,11 +11,11 @@ import math
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 OUTLIER_EXTENT_M = 100.0
 """Side of the square about a vehicle in which an outlier lies anywhere."""

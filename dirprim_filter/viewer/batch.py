@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import rerun as rr
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.drawing.sight import may_be_anywhere
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -14,7 +15,6 @@ from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
 from dirprim_filter.viewer.lifelines import Lifelines
 from dirprim_filter.viewer.timeline import time_column
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 Columns = tuple[str, rr.TimeColumn, rr.ComponentColumnList]
 """An entity, its instants, and what it shows at each."""

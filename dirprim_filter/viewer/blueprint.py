@@ -11,9 +11,9 @@ import numpy as np
 import rerun.blueprint as rrb
 from rerun.encodings import TimeRangeBoundary
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.viewer.curves import PLOTS
 from dirprim_filter.viewer.timeline import TIMELINE
-from tessellation.arrays import FloatArray
 
 TRAIL_S = 5.0
 BACKGROUND = (16, 19, 26)

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray
 
 Color = tuple[int, int, int]
 BLUE, ORANGE, GREY, GREEN = (120, 200, 255), (233, 104, 20), (120, 128, 145), (0, 190, 140)

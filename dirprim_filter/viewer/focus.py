@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammainc
 
+from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from tessellation.arrays import BoolArray, FloatArray
 
 KEPT_S = 8.0
 """Seconds for which a vehicle stays in focus: quick changes would make its plots useless."""

@@ -15,6 +15,7 @@ from matplotlib.collections import EllipseCollection, LineCollection, PatchColle
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Wedge
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import direction_color, probability_color, speed_color
@@ -23,7 +24,6 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from tessellation import Tessellation
 from tessellation.anchors import anchors
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 CONFIDENCE = 0.9
 MAX_GAP_S = 2.0

@@ -8,10 +8,10 @@ from typing import Self
 import numpy as np
 import rerun as rr
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.drawing.colors import speed_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer.focus import CROWD, DRAWN_IN_FULL
-from tessellation.arrays import FloatArray
 
 N_STEPS = 48
 TICK_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)

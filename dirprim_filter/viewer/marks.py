@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.distributions.highest_density import Region
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import (
@@ -30,7 +31,6 @@ from dirprim_filter.forecasting import REGION_SHARES
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.focus import CROWD
 from tessellation import Tessellation
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 CONFIDENCE = 0.9
 """Ellipses hold this probability."""

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.estimates import Estimates, TrackedFrame
-from tessellation.arrays import AnyArray, FloatArray
 
 MOVING_FROM = 3.0
 """m/s; a picture of tracking shows vehicles that go somewhere."""

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from rerun.chunk import RrdReader
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.viewer.blueprint import Layout
 from dirprim_filter.viewer.scenery import curve_names
 from dirprim_filter.viewer.sink import BOX_PATH, RerunSink
-from tessellation.arrays import FloatArray
 
 N_RUNS = 2
 BOX_COLUMN = "box"

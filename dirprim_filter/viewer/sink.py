@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 import rerun as rr
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
@@ -34,7 +35,6 @@ from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.scenery import scenery
 from dirprim_filter.viewer.smoothed import SmoothedWays
 from dirprim_filter.viewer.timeline import time_column
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 BATCH_FRAMES = 64
 """Frames that a file gets at a time; a viewer gets each as it comes."""

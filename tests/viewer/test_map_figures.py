@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import direction_color, probability_color
@@ -14,7 +15,6 @@ from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.figures import cell_figure, rose_figure, transition_figure
 from situations import with_ways
 from tessellation import GridTessellation
-from tessellation.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import VonMisesMixture, von_mises
 from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.modes import NOISE, dbscan
 from dirprim_filter.distributions.von_mises_mixture import log_weights
 from tessellation import GridTessellation
-from tessellation.arrays import BoolArray, FloatArray, IntArray, as_floats
 
 EPS = 0.5
 """Radians, the reach of DBSCAN's neighbourhoods; scikit-learn's default."""

@@ -18,8 +18,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
+from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.distributions.angles import TWO_PI
-from tessellation.arrays import FloatArray, IntArray, as_floats
 
 SubsetRule = Literal["random", "informative"]
 

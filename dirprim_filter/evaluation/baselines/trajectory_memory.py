@@ -14,10 +14,10 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 ROW_S = 0.5
 """Between rows of the memory: at 10 m/s on a bend of 20 m radius the chord is 0.15 m off the arc."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions.angles import TWO_PI
-from tessellation.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration.gauss_markov import ErrorFit, autocorrelation, fit_errors
 from dirprim_filter.evaluation.calibration.pairing import Scene, TruthRows, find_lag
@@ -13,7 +14,6 @@ from dirprim_filter.evaluation.calibration.reports import Reported, clutter, det
 from dirprim_filter.filtering.association import Pairs
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 LATENCY_S = (0.0, 1.0)
 """A lag between these is a sensor's; any other is of the clocks."""

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 
-from tessellation.arrays import BoolArray, FloatArray
+from dirprim_filter.arrays import BoolArray, FloatArray
 
 SHARES = (0.2, 0.6, 0.95)
 TIMES_S = (0.1, 0.3, 1.0, 4.0, 15.0)

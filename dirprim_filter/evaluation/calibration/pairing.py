@@ -8,11 +8,11 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial import KDTree
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.filtering.association import Pairs, best_assignment
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 APART_M = 1e6
 """Between frames, in a tree of all: no detection is near a vehicle of another instant."""

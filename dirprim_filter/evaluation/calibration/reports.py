@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.evaluation.calibration.pairing import APART_M, Scene, TruthRows
 from dirprim_filter.filtering.association import Pairs
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 FEWEST_FRAMES = 30
 """In which a vehicle may be seen or missed, of all vehicles together."""

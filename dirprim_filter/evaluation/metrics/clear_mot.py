@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs
 from dirprim_filter.evaluation.metrics.matching import best_pairs
-from tessellation.arrays import FloatArray, IntArray
 
 MATCH_FROM = 0.5
 """Similarity from which a vehicle and an estimate may be matched."""

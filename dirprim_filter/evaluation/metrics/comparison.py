@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.track_ids import as_track_ids, vehicle_numbers
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import FloatArray, IntArray, as_floats
 
 
 class Pairs(NamedTuple):

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs
 from dirprim_filter.evaluation.metrics.matching import best_pairs
-from tessellation.arrays import FloatArray, IntArray
 
 THRESHOLDS = np.arange(0.05, 0.99, 0.05)
 """Similarities from which a pair is a match; every score is the mean over them."""

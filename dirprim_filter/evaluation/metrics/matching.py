@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from tessellation.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 
 FEW_PAIRS = 32
 """So many are sooner assigned than divided into components."""

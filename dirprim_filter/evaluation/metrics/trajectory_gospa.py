@@ -20,10 +20,10 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.metrics.gospa import ORDER
 from dirprim_filter.evaluation.metrics.matching import components
-from tessellation.arrays import FloatArray, IntArray
 
 MAX_ASSIGNMENTS = 500_000
 """Numbers W of one linear program: so many take half a minute and 2.5 GB."""

@@ -9,9 +9,9 @@ import math
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import squared_sine
 from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
-from tessellation.arrays import FloatArray, IntArray
 
 N_STATES = 4
 N_COLUMNS = 6

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing._kernels import N_STATES
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 LOWER = np.tril_indices(N_STATES)
 LINK = np.dtype(

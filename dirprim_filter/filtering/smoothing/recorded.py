@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
 from dirprim_filter.filtering.kalman import ConstantVelocityKalman
@@ -24,7 +25,6 @@ from dirprim_filter.filtering.protocols import BayesFilter, Evidence
 from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing._kernels import N_COLUMNS, N_STATES
 from dirprim_filter.filtering.smoothing.chain import LINK, LOWER, Belief, Chain
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 LEAST_EFFECTIVE = 0.4
 """Share of the particles that links across a gap are learned from at least."""

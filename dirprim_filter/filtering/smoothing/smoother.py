@@ -13,6 +13,7 @@ from typing import Self
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering.protocols import BayesFilter
@@ -22,7 +23,6 @@ from dirprim_filter.filtering.tracker import Tracker, bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.track_ids import world_names
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 WHOLE_S = 30.0
 """Measurements so long after an instant tell nothing of it; the longest gap is added."""

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import AnyArray
 from tessellation._compiling import COMPILED
-from tessellation.arrays import AnyArray
 
 MESSAGE = 5
 MESSAGE_INDEX = 7

@@ -18,6 +18,7 @@ from typing import Self
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import count_records, read_records
 from dirprim_filter.recording.container.chunk import Chunk, read_contents
 from dirprim_filter.recording.container.damage import Damage, DamageKind
@@ -27,7 +28,6 @@ from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.outline import read_outline
 from dirprim_filter.recording.container.records import Attachment, Channel, MalformedRecordError, Message
 from dirprim_filter.recording.container.source import let_go, mapped
-from tessellation.arrays import AnyArray
 
 UNSEEN, UNKNOWN, UNWANTED = -3, -2, -1
 """What stands for a channel id in place of an index into the list of channels."""

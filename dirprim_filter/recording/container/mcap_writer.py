@@ -18,6 +18,7 @@ from mcap import records as fields
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container.records import (
     MAGIC,
     MESSAGE_HEADER,
@@ -31,7 +32,6 @@ from dirprim_filter.recording.container.records import (
     schema_record,
     written,
 )
-from tessellation.arrays import AnyArray
 
 CHUNK_BYTES = 1 << 20
 LEVEL = 3

@@ -11,10 +11,10 @@ from typing import Any, BinaryIO, Self, cast
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import gather
 from dirprim_filter.recording.container.records import Bytes, Channel, Message
 from dirprim_filter.recording.container.source import let_go
-from tessellation.arrays import AnyArray
 
 SHORT_BYTES = 1 << 11
 """Messages longer than this on average are not copied to be read: that would cost more than it saves."""

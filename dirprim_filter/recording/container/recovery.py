@@ -16,6 +16,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.definitions import definition_records
@@ -34,7 +35,6 @@ from dirprim_filter.recording.container.records import (
     parse_schema,
     record_end,
 )
-from tessellation.arrays import AnyArray
 
 CHANNEL_ID_BEHIND = MESSAGE_HEADER.size - RECORD_HEADER_SIZE
 """A message's channel id stands so many bytes before its data."""

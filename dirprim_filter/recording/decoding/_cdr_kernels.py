@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import (
     CUT,
     ENCAPSULATION,
@@ -20,7 +21,6 @@ from dirprim_filter.recording.decoding._kernels import (
     new_row,
 )
 from tessellation._compiling import COMPILED
-from tessellation.arrays import AnyArray, IntArray
 
 END, SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE = range(7)
 LOOP, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(7, 12)

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import AnyArray, IntArray
 from tessellation._compiling import COMPILED
-from tessellation.arrays import AnyArray, IntArray
 
 OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY = range(6)
 MAX_ELEMENTS = 1 << 17

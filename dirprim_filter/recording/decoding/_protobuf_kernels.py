@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import (
     CUT,
     MAX_ELEMENTS,
@@ -22,7 +23,6 @@ from dirprim_filter.recording.decoding._kernels import (
     new_row,
 )
 from tessellation._compiling import COMPILED
-from tessellation.arrays import AnyArray, IntArray
 
 SCALAR, TEXT, MESSAGE, EACH_MESSAGE, ONE_MESSAGE, EACH_SCALAR, ONE_SCALAR, EACH_TEXT, ONE_TEXT = range(9)
 PLAIN, ZIGZAG, SIGNED32 = range(3)

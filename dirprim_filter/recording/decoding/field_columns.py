@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding import _kernels as kernels
 from dirprim_filter.recording.decoding.fields import Field
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 NO_TIME = -(1 << 63)
 """Nanoseconds of a message or a row that carries no time, or one beyond int64."""

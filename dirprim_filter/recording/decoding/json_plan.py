@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import MAX_ELEMENTS
 from dirprim_filter.recording.decoding.column_plan import CLOCKS, Plan
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NANOSECONDS, NO_TIME, Column, FieldColumns
 from dirprim_filter.recording.decoding.fields import EACH, Field, Kind, Wanted, wanted
-from tessellation.arrays import AnyArray, IntArray
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FRACTION_DIGITS = 9

@@ -6,12 +6,12 @@ import numpy as np
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
+from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.drawing.colors import direction_color
 from dirprim_filter.estimates import Particles
 from dirprim_filter.recording.foxglove.entities import HEIGHT, place
 from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
 from dirprim_filter.recording.schemas.dirprim import set_time
-from tessellation.arrays import AnyArray, FloatArray
 
 PARTICLE_OPACITY = 0.7
 _CHANNELS = ("red", "green", "blue", "alpha")

@@ -13,9 +13,9 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
 from dirprim_filter.recording.schemas.dirprim import set_time
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 Color = tuple[float, ...]
 """Red, green, blue and opacity, 0 to 1."""

@@ -10,6 +10,7 @@ from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import track_color
@@ -31,7 +32,6 @@ from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
 from dirprim_filter.recording.foxglove.templates import MessageTemplates
 from dirprim_filter.recording.schemas.dirprim import set_time
 from dirprim_filter.track_ids import as_texts
-from tessellation.arrays import FloatArray
 
 REGION_SHARE = 0.9
 MIN_AXIS = 0.02

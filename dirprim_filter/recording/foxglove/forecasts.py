@@ -6,6 +6,7 @@ import numpy as np
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.drawing.colors import fan_opacity, track_color
 from dirprim_filter.forecasting import REGION_SHARES, Forecasts
 from dirprim_filter.recording.foxglove.entities import (
@@ -17,7 +18,6 @@ from dirprim_filter.recording.foxglove.entities import (
     fresh_update,
     paint,
 )
-from tessellation.arrays import FloatArray
 
 PATHS_OPACITY = 3.0
 """Of all the paths of a vehicle together, where they lie over each other; the more there are, the fainter is each."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.drawing import shapes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, set_time
-from tessellation.arrays import FloatArray
 
 SCENE_FRAME = "scene"
 BUSY_SHARE = 0.75

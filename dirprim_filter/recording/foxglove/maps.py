@@ -6,6 +6,7 @@ import numpy as np
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.drawing import shapes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.foxglove.entities import (
@@ -18,7 +19,6 @@ from dirprim_filter.recording.foxglove.entities import (
     fresh_update,
     rounded,
 )
-from tessellation.arrays import FloatArray
 
 CELL_COLOR = (0.45, 0.5, 0.6, 0.45)
 ROSE_OPACITY = 0.65

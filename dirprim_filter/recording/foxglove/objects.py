@@ -6,13 +6,13 @@ import math
 
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
+from dirprim_filter.arrays import IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.foxglove.entities import add_entity, paint, place
 from dirprim_filter.recording.schemas.dirprim import MAP_FRAME
 from dirprim_filter.recording.schemas.scene_update import HEADING_NOTE, SIZE_NOTES
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import IntArray
 
 VEHICLE_SIZE = (4.5, 1.9, 1.5)
 """Length, width and height of the cube that stands for a vehicle of unknown size, metres: a middling car."""

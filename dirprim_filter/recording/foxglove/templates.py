@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from google.protobuf.message import Message
 
-from tessellation.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 
 _BYTES = np.arange(8)
 _LENGTH_DELIMITED = 2

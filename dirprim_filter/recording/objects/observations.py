@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
@@ -21,7 +22,6 @@ from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_sche
 from dirprim_filter.recording.schemas.object_rows import ObjectRows, concatenated
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 

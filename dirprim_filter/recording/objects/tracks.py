@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.optional_columns import is_held, unknown
 from dirprim_filter.recording.container.damage import Damage
@@ -17,7 +18,6 @@ from dirprim_filter.recording.objects.observations import TimedRows
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.track_ids import Numbers, vehicle_numbers
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

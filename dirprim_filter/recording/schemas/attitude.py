@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tessellation.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray
 
 STANDING_SPEED = 1e-3
 """Below this speed, m/s, the direction of a velocity is rounding error."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import heading
@@ -32,7 +33,6 @@ from dirprim_filter.recording.schemas.field_groups import (
     xyz,
 )
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, motion, object_rows
-from tessellation.arrays import AnyArray, FloatArray
 
 _PACKAGES = ("autoware_perception_msgs", "autoware_auto_perception_msgs")
 UNAVAILABLE = 0

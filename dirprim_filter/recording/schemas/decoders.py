@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan, full_name
@@ -18,7 +19,6 @@ from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.schemas import FAMILIES, KINDS
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.schemas.object_rows import NO_ROWS, Family, ObjectRows
-from tessellation.arrays import IntArray
 
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21

@@ -8,6 +8,7 @@ Source: https://github.com/astuff/astuff_sensor_msgs, derived_object_msgs; carla
 
 from __future__ import annotations
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import heading
@@ -23,7 +24,6 @@ from dirprim_filter.recording.schemas.field_groups import (
     xyz,
 )
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, motion, object_rows
-from tessellation.arrays import AnyArray
 
 LABELS = (
     "unknown", "unknown_small", "unknown_medium", "unknown_big", "pedestrian", "bike", "car", "truck", "motorcycle",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from google.protobuf.message import DecodeError, Message
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
@@ -19,7 +20,6 @@ from dirprim_filter.recording.schemas.field_groups import matrices
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 POSITION = ("p.x", "p.y", "p.z")
 ORIENTATION = ("q.x", "q.y", "q.z", "q.w")

@@ -6,12 +6,12 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, FieldColumns
 from dirprim_filter.recording.decoding.fields import Field, Kind, steps_of
 from dirprim_filter.recording.schemas.attitude import course
 from dirprim_filter.recording.schemas.location import GEODETIC
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, rows_of
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 _KINDS: dict[str, Kind] = {"id": "name", "frame": "name", "label": "name", "time": "time"}
 SIZE = ("length", "width", "height")

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.field_groups import covariance, covariances
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
-from tessellation.arrays import AnyArray
 
 GEODETIC = "WGS 84"
 """The frame of positions (longitude, latitude) in degrees and a height above the ellipsoid in metres."""

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from google.protobuf.message import DecodeError
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of, parse
 from dirprim_filter.recording.schemas.motion_columns import COLUMNS, decode_motion, encode_motion
 from tessellation import GridTessellation, VoronoiTessellation
-from tessellation.arrays import FloatArray, IntArray
 
 VERSION = 2
 """Of the messages; a map of another version says other things of motion."""

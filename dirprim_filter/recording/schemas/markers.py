@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.field_groups import SIZE, extents, header, pose
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
-from tessellation.arrays import AnyArray
 
 BODIES = (1, 2, 3, 10)  # CUBE, SPHERE, CYLINDER, MESH_RESOURCE
 MESH = 10

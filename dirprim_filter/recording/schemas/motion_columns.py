@@ -10,11 +10,11 @@ from collections.abc import Callable
 import numpy as np
 from google.protobuf.message import Message
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of
-from tessellation.arrays import AnyArray
 
 FIELDS = {
     "bend": ("bend_east", "bend_north"),

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.optional_columns import chosen, joined, unknown
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
@@ -21,7 +22,6 @@ from dirprim_filter.recording.schemas.field_groups import (
     covariances,
 )
 from dirprim_filter.sizes import known_sizes
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 _OPTIONAL = ("size", "heading")
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import heading
@@ -22,7 +23,6 @@ from dirprim_filter.recording.schemas.field_groups import (
     xyz,
 )
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, motion, object_rows
-from tessellation.arrays import AnyArray
 
 
 def _objects(columns: FieldColumns, topics: AnyArray) -> ObjectRows:

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.field_groups import UNLABELLED, VELOCITY, extents, label_names, xyz
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, motion, object_rows
-from tessellation.arrays import AnyArray
 
 LABELS = ("unknown", "other", "vehicle", "pedestrian", "animal")
 """`MovingObject.Type`."""

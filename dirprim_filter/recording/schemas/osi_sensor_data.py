@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import rotated
 from dirprim_filter.recording.schemas.field_groups import POSITION, SIZE, extents, xyz
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, rows_of
 from dirprim_filter.recording.schemas.osi import DIMENSION
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 _TRUTH = ".sensor_view[0].global_ground_truth"
 _MOVERS = f"{_TRUTH}.moving_object[]"

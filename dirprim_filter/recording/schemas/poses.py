@@ -13,11 +13,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.field_groups import covariance, foxglove_header, header, pose
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
-from tessellation.arrays import AnyArray, IntArray
 
 
 def _single(

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import heading
@@ -30,7 +31,6 @@ from dirprim_filter.recording.schemas.field_groups import (
     xyz,
 )
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 INT64_TEXT_LENGTH = 20
 _ENTITIES = ".entities[]"

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.field_groups import ORIENTATION, POSITION, header, orientation, xyz
 from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
 class TransformRows(NamedTuple):

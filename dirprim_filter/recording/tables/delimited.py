@@ -16,10 +16,10 @@ from typing import NoReturn, TextIO
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.recording.container.other_formats import READ_BYTES, other_format
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
-from tessellation.arrays import FloatArray, IntArray
 
 BLOCK_ROWS = 2048
 """Rows held as text at one time: few enough for the processor's cache."""

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.container.partial_file import PartialFile
 from dirprim_filter.recording.errors import MissingExtraError
 from dirprim_filter.track_ids import as_texts, numbered
-from tessellation.arrays import AnyArray, IntArray
 
 FORMATS = (".csv", ".parquet", ".txt")
 NS_PER_S = 1_000_000_000

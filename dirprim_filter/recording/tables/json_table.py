@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
@@ -20,7 +21,6 @@ from dirprim_filter.recording.tables.delimited import NameTable
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.recording.vehicle_rows import VehicleRows
-from tessellation.arrays import FloatArray
 
 
 def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None = None) -> Table:

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray
 from dirprim_filter.optional_columns import unknown
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.delimited import Block, DelimitedText, NameTable
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.vehicle_rows import VehicleRows
-from tessellation.arrays import AnyArray
 
 TRACK_ID, X_MIN, Y_MIN, X_MAX, Y_MAX, FRAME, LOST, LABEL = 0, 1, 2, 3, 4, 5, 6, 9
 N_CELLS = 10

@@ -14,12 +14,12 @@ from xml.parsers import expat
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.optional_columns import is_held, unknown
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.delimited import BLOCK_ROWS, NameTable, exact_nanoseconds, is_number
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.vehicle_rows import VehicleRows
-from tessellation.arrays import FloatArray
 
 READ_BYTES = 1 << 20
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.sizes import known_sizes
 from dirprim_filter.track_ids import as_track_ids, repeated_rows
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, IntArray
 
 ALONE = "alone in time, so that no velocity can be derived"
 

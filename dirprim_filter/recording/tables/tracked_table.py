@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError, TableError
@@ -16,7 +17,6 @@ from dirprim_filter.recording.tables.delimited import Block, DelimitedText
 from dirprim_filter.recording.tables.estimate_table import pyarrow
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-from tessellation.arrays import AnyArray, FloatArray, IntArray
 
 COVARIANCE = ("covariance_xx_m2", "covariance_xy_m2", "covariance_yy_m2")
 DIRECT = ("track_id", "time_ns", "group", "unseen_s")

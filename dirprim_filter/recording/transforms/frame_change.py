@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import MissingTransformError
 from dirprim_filter.recording.schemas.location import GEODETIC
 from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.recording.transforms.transform_tree import Placement, TransformTree
-from tessellation.arrays import BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.recording.errors import MissingExtraError
-from tessellation.arrays import FloatArray
 
 FARTHEST_M = 1e8
 """Nothing on the Earth, of 4e7 m around, is further from any origin than this; what is, is no position."""

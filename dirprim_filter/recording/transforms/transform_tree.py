@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.container.message_columns import MessageColumns
@@ -29,7 +30,6 @@ from dirprim_filter.recording.losses import Drops
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, family_of
 from dirprim_filter.recording.schemas.transform_messages import FAMILIES, NO_TRANSFORMS, TransformRows, transforms_of
 from dirprim_filter.track_ids import Numbers
-from tessellation.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 

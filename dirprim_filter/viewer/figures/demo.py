@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -29,7 +30,6 @@ from dirprim_filter.viewer.layers import (
     draw_tracks,
     draw_wheel,
 )
-from tessellation.arrays import BoolArray, FloatArray
 
 WAY_S = 5.0
 """Seconds of the way that vehicles have come, in the demo."""

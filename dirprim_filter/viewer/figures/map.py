@@ -11,6 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.drawing import shapes
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -41,7 +42,6 @@ from dirprim_filter.viewer.layers import (
     draw_wheel,
 )
 from tessellation import OUTSIDE, Tessellation
-from tessellation.arrays import FloatArray, IntArray
 
 Forecasts = Mapping[str, FloatArray]
 """Rollouts by track id, (n_samples, n_steps, 2) metres each."""

@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
-from tessellation.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray
 
 DOTS_PER_INCH = 200
 FORMATS = (".png", ".pdf", ".svg")

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.angles import TWO_PI
 from dirprim_filter.drawing import shapes
@@ -19,7 +20,6 @@ from dirprim_filter.viewer.figures.page import SMALL, dress_map
 from dirprim_filter.viewer.layers import FOCUS_COLOR, STANDING_SPEED, draw_map, draw_tracks
 from tessellation import OUTSIDE
 from tessellation.anchors import anchors
-from tessellation.arrays import FloatArray
 
 LEAST_WEIGHT = 0.01
 """Modes of less weight are summed up as the rest."""

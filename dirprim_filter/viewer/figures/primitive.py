@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.projections.polar import PolarAxes
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import Gamma, von_mises
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
@@ -29,7 +30,6 @@ from dirprim_filter.viewer.figures.page import (
 )
 from dirprim_filter.viewer.figures.place import Circle, Mode, Place
 from dirprim_filter.viewer.layers import INK, STANDING_SPEED
-from tessellation.arrays import FloatArray
 
 BIN_DEG = 5
 BINS_OF_SPEED = 30

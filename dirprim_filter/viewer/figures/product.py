@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.special import logsumexp
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import VonMisesMixture, von_mises
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.distributions.product import (
@@ -33,7 +34,6 @@ from dirprim_filter.viewer.figures.page import (
 from dirprim_filter.viewer.figures.place import Circle, Place, moving_rows
 from dirprim_filter.viewer.layers import FOCUS_COLOR, INK, OTHER_COLOR
 from tessellation.anchors import anchors
-from tessellation.arrays import FloatArray
 
 CUE_COLOR = "#E69F00"
 LONG_DASHES = (0, (5, 2))

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.evaluation.calibration import Calibration
 from dirprim_filter.sensor import AxisError
 from dirprim_filter.viewer.figures.page import DOTS_PER_INCH
-from tessellation.arrays import FloatArray
 
 AXES = {"along": "#0072B2", "across": "#D55E00"}
 MOST_POINTS = 4000
