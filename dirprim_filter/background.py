@@ -19,10 +19,10 @@ class Background:
 
     def do(self, work: Callable[[], None]) -> None:
         """Begin a piece of work, once the one before it is done."""
-        self.settle()
+        self.wait()
         self._underway = self._thread.submit(work)
 
-    def settle(self) -> None:
+    def wait(self) -> None:
         """Wait for what is under way."""
         underway, self._underway = self._underway, None
         if underway is not None:
@@ -31,6 +31,6 @@ class Background:
     def end(self) -> None:
         """Wait for what is under way, even when interrupted; no more work is taken."""
         try:
-            self.settle()
+            self.wait()
         finally:
             self._thread.shutdown()

@@ -191,11 +191,11 @@ def _ns(seconds: float) -> int:
 
 def log_motion(motion: Motion, n: int) -> None:
     """One line on how the courses of n rows were derived."""
-    told = "directions of %d rows derived from positions over +-%g s: noise %.3f m, median speed %.1f m/s"
+    message = "directions of %d rows derived from positions over +-%g s: noise %.3f m, median speed %.1f m/s"
     if motion.keeps_heading:
         logger.warning(
-            f"{told}; too noisy for a course, so the body's heading is kept",
+            f"{message}; too noisy for a course, so the body's heading is kept",
             n, motion.half_window_s, motion.noise, motion.median_speed,
         )  # fmt: skip
     else:
-        logger.info(told, n, motion.half_window_s, motion.noise, motion.median_speed)
+        logger.info(message, n, motion.half_window_s, motion.noise, motion.median_speed)

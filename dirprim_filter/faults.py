@@ -27,7 +27,7 @@ JUMP_ACCELERATION = 15.0
 MANY_DEVIATIONS = 8.0
 """A jump is so many times the median of a vehicle's own second differences."""
 MAX_STEP_S = 2.0
-"""Across a longer pause nothing is told of the way between."""
+"""Across a longer pause nothing is known of the path between."""
 COPY_M = 0.05
 COPY_SPEED = 0.2
 """m/s; the rows of a copy are as near in place and in speed."""
@@ -44,7 +44,7 @@ LEAST_NOISE_M = 1e-3
 """Less than this, as of simulated drivers who are all alike, cannot tell whose it is."""
 SHARED_NOISE = 0.5
 """What two copies differ by is at most this part of their own noise; of two vehicles it is more than the whole."""
-TOLD = 6
+SHOWN = 6
 """Ids of a line; of the others the number."""
 
 
@@ -242,5 +242,5 @@ def _interval_s(way: _Way, vehicle: int) -> float:
     return float(np.median(np.diff(times))) * 1e-9 if times.size > 1 else 0.0
 
 
-def _few(told: list[str]) -> str:
-    return ", ".join(told[:TOLD]) + (f" and {len(told) - TOLD} more" if len(told) > TOLD else "")
+def _few(found: list[str]) -> str:
+    return ", ".join(found[:SHOWN]) + (f" and {len(found) - SHOWN} more" if len(found) > SHOWN else "")

@@ -20,7 +20,8 @@ from dirprim_filter.distributions.highest_density import Region, highest_density
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.futures import (
+from dirprim_filter.filtering.motion import forecast_table, leader_table
+from dirprim_filter.filtering.rollouts import (
     Start,
     Steps,
     projected,
@@ -29,7 +30,6 @@ from dirprim_filter.filtering.futures import (
     sampled_state,
     side_by_side,
 )
-from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 

@@ -107,17 +107,17 @@ class Sensor:
         return own | {f"{name}.{f.name}": getattr(axis, f.name) for name, axis in axes.items() for f in fields(axis)}
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> Self:
+    def of(cls, table: Mapping[str, Any]) -> Self:
         """The sensor of nested tables, as a file has them.
 
         Raises:
             ValueError: an unknown or missing name, or a value that is no number or out of range.
         """
-        axes = {name: _axis(name, told.get(name)) for name in ("along", "across")}
-        uncertainty = told.get("uncertainty", {})
+        axes = {name: _axis(name, table.get(name)) for name in ("along", "across")}
+        uncertainty = table.get("uncertainty", {})
         if not isinstance(uncertainty, Mapping):
             raise ValueError(f"uncertainty: expected a table, got {uncertainty!r}")  # noqa: TRY004 - a file's, no caller's
-        flat = {name: value for name, value in told.items() if name not in {*axes, "uncertainty"}}
+        flat = {name: value for name, value in table.items() if name not in {*axes, "uncertainty"}}
         known = [f.name for f in fields(cls) if f.name not in axes]
         _check_numbers(flat, [*known, *axes], where="")
         _check_numbers(uncertainty, list(uncertainty), where="uncertainty: ")
@@ -135,20 +135,20 @@ def without_bias(tracks: Tracks, sensor: Sensor) -> Tracks:
     return replace(tracks, position=tracks.position - off)
 
 
-def _axis(name: str, told: object) -> AxisError:
-    if not isinstance(told, Mapping):
-        raise ValueError(f"{name}: expected a table with spread_m, got {told!r}")  # noqa: TRY004 - a file's, no caller's
-    _check_numbers(told, [f.name for f in fields(AxisError)], where=f"{name}: ")
-    if "spread_m" not in told:
-        raise ValueError(f"{name}: expected spread_m, got {', '.join(told) or 'nothing'}")
+def _axis(name: str, table: object) -> AxisError:
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{name}: expected a table with spread_m, got {table!r}")  # noqa: TRY004 - a file's, no caller's
+    _check_numbers(table, [f.name for f in fields(AxisError)], where=f"{name}: ")
+    if "spread_m" not in table:
+        raise ValueError(f"{name}: expected spread_m, got {', '.join(table) or 'nothing'}")
     try:
-        return AxisError(**told)
+        return AxisError(**table)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
 
 
-def _check_numbers(told: Mapping[str, Any], known: list[str], *, where: str) -> None:
-    for name, value in told.items():
+def _check_numbers(table: Mapping[str, Any], known: list[str], *, where: str) -> None:
+    for name, value in table.items():
         if name not in known:
             raise ValueError(f"{where}{name}: expected one of {', '.join(known)}")
         if isinstance(value, bool) or not isinstance(value, int | float):

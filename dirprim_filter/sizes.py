@@ -9,9 +9,9 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.optional_columns import is_held, unknown
 
 
-def known_sizes(told: FloatArray) -> FloatArray:
+def known_sizes(reported: FloatArray) -> FloatArray:
     """(n, 3) as a file tells it; what is not positive and finite is unknown, as is what nobody set."""
-    return np.where((told > 0) & (told < np.inf), told, np.nan)
+    return np.where((reported > 0) & (reported < np.inf), reported, np.nan)
 
 
 def as_sizes(value: npt.ArrayLike, n: int) -> FloatArray:

@@ -79,17 +79,17 @@ class Search(Generic[Data_contra, Cells]):
         fits = taken(joined([*(state.fits for state in before), fitted]), held_out.ravel())
         score = np.empty(self.row.size)
         again = np.ones(self.row.size, np.bool_)
-        settled = np.zeros(len(generators), np.bool_)
+        finished = np.zeros(len(generators), np.bool_)
         for i, state in enumerate(before):
             same = (source[cell] == i) & (number[cell] == state.cell)
             score[same], again[same] = state.score[same], False
-            settled[source == i] = state.settled[number[source == i]]
+            finished[source == i] = state.finished[number[source == i]]
         row = np.flatnonzero(again)
         score[row] = self._log_density(fits, row, cell[row])
         used = self.weight[self.row]
         return State(
             generators=generators, softness=softness, members=members, cell=cell, signature=signature, fits=fits,
-            score=score, objective=-float(used @ score) / float(used.sum()), settled=settled,
+            score=score, objective=-float(used @ score) / float(used.sum()), finished=finished,
             refused=before[0].refused if before else np.empty(0),
         )  # fmt: skip
 
@@ -124,7 +124,7 @@ class Search(Generic[Data_contra, Cells]):
         cells = np.arange(axis.size)
         best = gain[axis, cells]
         needed = MARGIN * error[axis, cells]
-        state.settled[:] |= ~(best > needed)
+        state.finished[:] |= ~(best > needed)
         order = np.argsort(-best, kind="stable")
         if room is None:
             order = order[(best > needed)[order] & (best[order] > 0)]
@@ -161,7 +161,7 @@ class Search(Generic[Data_contra, Cells]):
             step = CHILD_DISTANCE * np.sqrt(np.maximum(variance[:, a], 0.0))
             unit = axes[:, :, a]
             children[a] = np.stack([mean - step[:, None] * unit, mean + step[:, None] * unit], axis=1)
-            tried = np.flatnonzero(~state.settled & (count >= LEAST_ROWS) & (step > 1e-6))
+            tried = np.flatnonzero(~state.finished & (count >= LEAST_ROWS) & (step > 1e-6))
             if tried.size:
                 gain[a, tried], error[a, tried] = self._gain_of_halves(state, tried, mean, unit, step, children[a])
         return children, gain, error

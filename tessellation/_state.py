@@ -15,20 +15,20 @@ class State(Generic[Cells]):
 
     __slots__ = (
         "cell",
+        "finished",
         "fits",
         "generators",
         "members",
         "objective",
         "refused",
         "score",
-        "settled",
         "signature",
         "softness",
     )
 
     def __init__(
         self, *, generators: FloatArray, softness: float, members: Members, cell: IntArray, signature: FloatArray,
-        fits: Cells, score: FloatArray, objective: float, settled: BoolArray, refused: FloatArray,
+        fits: Cells, score: FloatArray, objective: float, finished: BoolArray, refused: FloatArray,
     ) -> None:  # fmt: skip
         self.generators = generators  # (n_cells, 2)
         self.softness = softness
@@ -38,7 +38,7 @@ class State(Generic[Cells]):
         self.fits = fits  # cell c without fold f is number c * n_folds + f
         self.score = score  # (n,) log density of each row as held out
         self.objective = objective  # minus the weighted mean of the scores
-        self.settled = settled  # (n_cells,) cells that are known not to gain by a split
+        self.finished = finished  # (n_cells,) cells that are known not to gain by a split
         self.refused = refused  # (n,) sums of two signatures, of cells that are known not to gain by being one
 
 

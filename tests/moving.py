@@ -91,7 +91,7 @@ def settled(table, n, *, place=(0.0, 0.0), direction=0.0, speed=10.0, state):
         np.tile(np.asarray(place, np.float64), (n, 1)), np.full(n, float(direction)), np.full(n, float(speed)),
         np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n),
     )  # fmt: skip
-    _motion.settle(table, *made, state)
+    _motion.initialise_motion(table, *made, state)
     return made
 
 

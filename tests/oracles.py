@@ -214,5 +214,5 @@ def leader_features(speed, gap, leader):
     free = max(gap - 7.0, 0.0)
     safe = -0.75 + np.sqrt(0.75**2 + leader**2 + 2 * 0.75 * free)
     room, closing = np.clip(safe - speed, -12, 12), np.clip(leader - speed, -12, 12)
-    told = [1, room, max(room, 0), max(room - 4, 0), speed, closing, room * speed, closing * speed, speed**2]
-    return np.array([*told, min(free, 40.0)])
+    reported = [1, room, max(room, 0), max(room - 4, 0), speed, closing, room * speed, closing * speed, speed**2]
+    return np.array([*reported, min(free, 40.0)])

@@ -52,7 +52,7 @@ def test_every_block_of_a_page_runs(page, short_recordings, tmp_path, monkeypatc
 
 
 def follow(line):
-    """Run a line of `dirprim`; it ends as its comment says, or well, and leaves what it was told to write."""
+    """Run a line of `dirprim`; it ends as its comment says, or well, and leaves what it was reported to write."""
     command, _, comment = line.partition("  # ")
     command, _, captured = command.partition(" > ")
     program, *arguments = shlex.split(command)
@@ -116,6 +116,6 @@ def test_the_reference_has_every_public_name_and_names_nothing_else():
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_no_page_recommends_fewer_particles_than_are_calibrated(page):
     """Those of the default are; `results.md` tells what was measured."""
-    told = re.findall(r"(?:--particles |n_particles ?= ?)(\d+)", page.read_text())
+    reported = re.findall(r"(?:--particles |n_particles ?= ?)(\d+)", page.read_text())
     if page.name != "results.md":
-        assert all(int(n) >= FilterConfig().n_particles for n in told)
+        assert all(int(n) >= FilterConfig().n_particles for n in reported)

@@ -65,7 +65,7 @@ def test_vehicles_in_a_queue_are_no_copies():
 
 
 @pytest.mark.parametrize("error_m", [0.0, 0.01])
-def test_a_vehicle_twice_at_the_same_instants_is_told_with_both_ids(error_m):
+def test_a_vehicle_twice_at_the_same_instants_is_reported_with_both_ids(error_m):
     vehicles = traffic()
     noise = np.random.default_rng(5).normal(0, error_m, vehicles[3].position.shape)
     twice = replace(vehicles[3], track_id=np.full(120, "w"), position=vehicles[3].position + noise)
@@ -78,7 +78,7 @@ def test_a_vehicle_twice_at_the_same_instants_is_told_with_both_ids(error_m):
 
 
 @pytest.mark.parametrize("shift_s", [-7.3, 0.1, 1.7, 42.0])
-def test_a_copy_shifted_in_time_is_told_with_the_shift(shift_s):
+def test_a_copy_shifted_in_time_is_reported_with_the_shift(shift_s):
     vehicles = traffic()
     later = replace(
         vehicles[3], track_id=np.full(120, "w"), time_ns=vehicles[3].time_ns + round(shift_s * 1e9),
@@ -100,7 +100,7 @@ def test_copies_in_another_group_are_another_world():
         assert [(copy.vehicle, copy.of) for copy in found(*both).copies] == [("4/w", "4/v3")]
 
 
-def test_a_vehicle_that_drives_back_and_forth_and_one_that_jumps_are_told():
+def test_a_vehicle_that_drives_back_and_forth_and_one_that_jumps_are_reported():
     vehicles = traffic()
     x = vehicles[2].position[:, 0].copy()
     x[50:] -= np.clip(2.0 * np.arange(70), 0.0, 14.0)  # 10 m/s back for 0.7 s

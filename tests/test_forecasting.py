@@ -10,8 +10,8 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.futures import Steps, projected, sampled_belief
 from dirprim_filter.filtering.motion import forecast_table
+from dirprim_filter.filtering.rollouts import Steps, projected, sampled_belief
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.replay import replay
 from situations import TRUSTING, one_cell_map, ring_traffic
@@ -63,8 +63,8 @@ def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
     assert without > 9.0  # straight on for 24 m ends 11 m outside
     of_filter = FilterConfig(place_free_share=1.0, redraw_rate=5.0)  # a filter's, not a forecast's
     assert off_the_ring(by_primitives, config=of_filter) == with_places
-    strangers = replace(by_primitives, motion=replace(by_primitives.motion, strength=1e9))  # follow no primitive
-    assert off_the_ring(strangers) > with_places + 1.0
+    unfamiliar = replace(by_primitives, motion=replace(by_primitives.motion, strength=1e9))  # follow no primitive
+    assert off_the_ring(unfamiliar) > with_places + 1.0
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def test_the_best_is_bold_and_what_has_changed_is_said(elsewhere):
     assert len(json.loads((elsewhere.STORE / "forecasts.json").read_text())) == 1
 
 
-def test_code_that_differs_from_the_stored_one_is_told_with_its_last_commit(maker, monkeypatch):
+def test_code_that_differs_from_the_stored_one_is_reported_with_its_last_commit(maker, monkeypatch):
     said = {"status": "", "rev-parse": "aaaa", "log": "def5678 of 2026-02-02"}
     monkeypatch.setattr(maker, "git", lambda command, *_: said[command])
     table = replace(maker.TABLES["forecasts"], code=("one",))

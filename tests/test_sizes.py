@@ -69,5 +69,5 @@ def test_what_is_no_size_is_refused_by_whoever_gave_it_and_unknown_in_a_file():
                 ValueError, match=r"size: expected metres above 0, or NaN where unknown, got .* in row 1"
             ):
                 kind(size=[[1, 1, 1], [4.0, wrong, np.nan], [1, 1, 1]])
-    told = known_sizes(np.array([[0.0, 2.0, -1.0], [np.inf, -np.inf, np.nan]]))
-    np.testing.assert_array_equal(told, [[np.nan, 2.0, np.nan], [np.nan] * 3])
+    reported = known_sizes(np.array([[0.0, 2.0, -1.0], [np.inf, -np.inf, np.nan]]))
+    np.testing.assert_array_equal(reported, [[np.nan, 2.0, np.nan], [np.nan] * 3])

@@ -19,7 +19,7 @@ UNNOTICED_S = 1.0
 
 
 @contextmanager
-def compiling_told(command: str) -> Iterator[None]:
+def compiling_notice(command: str) -> Iterator[None]:
     """Within, a line on stderr says once that kernels are compiled and for how long still, on a terminal only."""
     if not sys.stderr.isatty():
         yield
@@ -30,7 +30,7 @@ def compiling_told(command: str) -> Iterator[None]:
         """Adds up what compiling takes; a kernel that compiles those it calls is counted once."""
 
         def __init__(self) -> None:
-            self.depth, self.began_s, self.spent_s, self.has_told = 0, 0.0, 0.0, False
+            self.depth, self.began_s, self.spent_s, self.has_said = 0, 0.0, 0.0, False
 
         def on_start(self, event: Event) -> None:
             if self.depth == 0:
@@ -41,15 +41,15 @@ def compiling_told(command: str) -> Iterator[None]:
             self.depth -= 1
             if self.depth == 0:
                 self.spent_s += time.monotonic() - self.began_s
-                if self.spent_s > UNNOTICED_S and not self.has_told:
-                    self.has_told = True
-                    sys.stderr.write(told(command, self.spent_s))
+                if self.spent_s > UNNOTICED_S and not self.has_said:
+                    self.has_said = True
+                    sys.stderr.write(notice(command, self.spent_s))
 
     with install_listener("numba:compile", Clock()):
         yield
 
 
-def told(command: str, spent_s: float) -> str:
+def notice(command: str, spent_s: float) -> str:
     """The line, after so many seconds of compiling."""
     left_s = max(SECONDS.get(command, OTHERS_S) - spent_s, 5.0)
     return (

@@ -66,8 +66,8 @@ def convert(
         "convert", inputs=[source], format=form.value, metres_per_pixel=metres_per_pixel, columns=columns,
         fields=fields, origin=origin,
     )  # fmt: skip
-    with step_progress(f"writing {output.name}", "instants") as told:
-        write_tracks(table.tracks, output, labels=table.labels, metadata=said, force=force, progress=told)
+    with step_progress(f"writing {output.name}", "instants") as progress:
+        write_tracks(table.tracks, output, labels=table.labels, metadata=said, force=force, progress=progress)
     if table.unused:
         typer.echo(f"{source}: columns not used: {', '.join(table.unused)}; --columns NAME=COLUMN uses one", err=True)
     for note, count in table.notes.items():

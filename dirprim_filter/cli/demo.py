@@ -72,8 +72,8 @@ def demo(
 
     tracks, truth = read_tracks(learning), read_tracks(tracking)
     typer.echo(f"learning from {learning.name}: {tracks.n_tracks} vehicles, {len(tracks)} rows ...", err=True)
-    with learning_progress() as told:
-        learned = learn_primitives(tracks, progress=told.progress, stage=told.stage, rng=np.random.default_rng(seed))
+    with learning_progress() as bars:
+        learned = learn_primitives(tracks, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed))
     save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
     write_layout(learned, outputs["layout.json"], force=force)
     compiling.wait()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-LABELS_TOLD = 12
+LABELS_SHOWN = 12
 """Of a topic, to people; to machines all."""
 
 
@@ -138,8 +138,8 @@ def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
 
 def _counts(counts: Mapping[str, int]) -> str:
     most = sorted(counts.items(), key=lambda item: -item[1])
-    told = [f"{label or 'none'} {n}" for label, n in most[:LABELS_TOLD]]
-    return ", ".join(told) + (f" and {len(most) - LABELS_TOLD} more" if len(most) > LABELS_TOLD else "")
+    shown = [f"{label or 'none'} {n}" for label, n in most[:LABELS_SHOWN]]
+    return ", ".join(shown) + (f" and {len(most) - LABELS_SHOWN} more" if len(most) > LABELS_SHOWN else "")
 
 
 def _groups(counts: Mapping[int, int]) -> str:
@@ -148,8 +148,8 @@ def _groups(counts: Mapping[int, int]) -> str:
 
 def _size(size: SizeSummary) -> str:
     metres = (size.length_m, size.width_m, size.height_m)
-    told = " x ".join("?" if one is None else f"{one:.2f}" for one in metres)
-    return f"median {told} m (length x width x height) of {size.rows} rows"
+    shown = " x ".join("?" if one is None else f"{one:.2f}" for one in metres)
+    return f"median {shown} m (length x width x height) of {size.rows} rows"
 
 
 def _span(summary: LogSummary) -> str:

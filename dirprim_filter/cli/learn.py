@@ -62,10 +62,10 @@ def learn(
     log = reading.tracks(logs)
     tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
     config = LearningConfig()
-    with learning_progress() as told:
+    with learning_progress() as bars:
         learned = learn_primitives(
             tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
-            primitive=primitive.value, config=config, progress=told.progress, stage=told.stage,
+            primitive=primitive.value, config=config, progress=bars.progress, stage=bars.stage,
             rng=np.random.default_rng(seed),
         )  # fmt: skip
     said = provenance(

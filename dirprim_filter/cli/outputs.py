@@ -13,7 +13,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from dirprim_filter.cli.compiling import compiling_told
+from dirprim_filter.cli.compiling import compiling_notice
 from dirprim_filter.cli.options import WRITTEN
 
 Result = TypeVar("Result")
@@ -26,11 +26,11 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
 
     @wraps(command)
     def check(*positional: Any, **given: Any) -> Result:
-        told = inspect.signature(command).bind(*positional, **given).arguments
-        written = [value for name, value in told.items() if name in outputs and isinstance(value, Path)]
-        read = [path for name, value in told.items() if name not in outputs for path in _paths(value)]
+        arguments = inspect.signature(command).bind(*positional, **given).arguments
+        written = [value for name, value in arguments.items() if name in outputs and isinstance(value, Path)]
+        read = [path for name, value in arguments.items() if name not in outputs for path in _paths(value)]
         check_outputs(written, read)
-        with compiling_told(command.__name__):
+        with compiling_notice(command.__name__):
             return command(*positional, **given)
 
     return check

@@ -39,8 +39,8 @@ def tell_if_outside(learned: PrimitiveMap, at: tuple[float, float]) -> None:
     cells = learned.tessellation
     if cells.cell_of(np.array(at)) != OUTSIDE:
         return
-    told = f"({at[0]:g}, {at[1]:g}) is outside of every cell of the map"
+    warning = f"({at[0]:g}, {at[1]:g}) is outside of every cell of the map"
     if cells.n_cells:
         nearest = float(np.hypot(*(cells.centers - at).T).min())
-        told += f", {nearest:.0f} m from the centre of the nearest"
-    typer.echo(f"{told}: the place-free primitive answers", err=True)
+        warning += f", {nearest:.0f} m from the centre of the nearest"
+    typer.echo(f"{warning}: the place-free primitive answers", err=True)

@@ -73,8 +73,8 @@ class Reading:
         from dirprim_filter.faults import find_faults
         from dirprim_filter.recording.reader import read_track_logs
 
-        with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as told:
-            log = read_track_logs(logs, progress=told, **self._arguments())
+        with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as progress:
+            log = read_track_logs(logs, progress=progress, **self._arguments())
         if not len(log.tracks):
             raise self._nothing_left(logs, log.dropped)
         for line in find_faults(log.tracks).lines():
@@ -117,8 +117,8 @@ class Reading:
 
     def said(self) -> dict[str, object]:
         """The options as an output's metadata repeats them."""
-        told = {field.name: getattr(self, field.name) for field in fields(self)}
-        return told | {"time_source": self.time_source.value, "strict": self.strict or None}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return values | {"time_source": self.time_source.value, "strict": self.strict or None}
 
     def _arguments(self) -> dict[str, Any]:
         from dirprim_filter.recording.reader import FieldMapping, Origin
@@ -140,10 +140,10 @@ class Reading:
 def reads_logs(command: Callable[..., Result]) -> Callable[..., Result]:
     """The command with an option for each field of `Reading` in place of its parameter `reading`."""
     hints = get_type_hints(command, include_extras=True)
-    told = get_type_hints(Reading, include_extras=True)
+    of_options = get_type_hints(Reading, include_extras=True)
     named = inspect.Parameter.KEYWORD_ONLY
     options = [
-        inspect.Parameter(field.name, named, default=field.default, annotation=told[field.name])
+        inspect.Parameter(field.name, named, default=field.default, annotation=of_options[field.name])
         for field in fields(Reading)
     ]
     own = [

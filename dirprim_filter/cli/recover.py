@@ -34,8 +34,8 @@ def recover(
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.recording.container.recovery import recover as recover_log
 
-    with step_progress(f"recovering {log.name}", "chunks") as told:
-        recovery = recover_log(log, output, strict=strict, force=force, progress=told)
+    with step_progress(f"recovering {log.name}", "chunks") as progress:
+        recovery = recover_log(log, output, strict=strict, force=force, progress=progress)
     typer.echo(json.dumps(recovery.as_json()) if as_json else _text(output, recovery))
     return losses.DONE if recovery.is_lossless else losses.INPUT_LOST
 

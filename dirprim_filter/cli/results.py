@@ -71,18 +71,18 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
         if path.suffix == ".toml":
             return tomllib.loads(path.read_text())
         if path.suffix == ".json":
-            told = json.loads(path.read_text())[CONFIG_KEY]
+            config = json.loads(path.read_text())[CONFIG_KEY]
         else:
-            told = json.loads(_metadata(path)[CONFIG_KEY])
+            config = json.loads(_metadata(path)[CONFIG_KEY])
     except (
         tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, RecordingError
     ) as error:  # fmt: skip
         raise ValueError(
             f"{path}: expected an experiment in TOML, or the JSON or MCAP of `dirprim {of}`, got {error}"
         ) from error
-    if not isinstance(told, dict):
-        raise ValueError(f"{path}: expected an object under {CONFIG_KEY!r}, got {type(told).__name__}")  # noqa: TRY004 - the file's error, not a caller's
-    return {name: value for name, value in told.items() if value is not None}
+    if not isinstance(config, dict):
+        raise ValueError(f"{path}: expected an object under {CONFIG_KEY!r}, got {type(config).__name__}")  # noqa: TRY004 - the file's error, not a caller's
+    return {name: value for name, value in config.items() if value is not None}
 
 
 def read_filter(
@@ -104,9 +104,9 @@ def read_filter(
     from dirprim_filter.evaluation.tracking_experiment import config_of
     from dirprim_filter.filtering.sensed_particles import knobs_of
 
-    told = read_experiment(path, of="track")
+    config = read_experiment(path, of="track")
     if path is not None and path.suffix == ".toml":
-        unknown = [name for name in told if name not in {"filter", "tracking"}]
+        unknown = [name for name in config if name not in {"filter", "tracking"}]
         if unknown:
             raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
     made = []
@@ -114,7 +114,7 @@ def read_filter(
     for kind, name in ((FilterConfig, "filter"), (TrackingConfig, "tracking")):
         by_sensor = {f.name: of_sensor[f.name] for f in fields(kind) if f.name in of_sensor}
         own = {f.name: given[f.name] for f in fields(kind) if given.get(f.name) is not None}
-        made.append(config_of(kind, dict(told.get(name) or {}) | by_sensor | own, where=name))
+        made.append(config_of(kind, dict(config.get(name) or {}) | by_sensor | own, where=name))
     return made[0], made[1]
 
 

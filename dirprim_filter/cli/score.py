@@ -75,7 +75,7 @@ def score(
     log = reading.tracks([truth])
     one_of_many = reading.group is not None
     scales = Scales(cutoff_m=cutoff, similarity_m=similarity)
-    with step_progress("scoring", "files") as told:
+    with step_progress("scoring", "files") as progress:
         rows = {
             name + SMOOTHED * is_smoothed: read_tracked_rows(
                 path, truth=log.tracks, one_of_many=one_of_many, smoothed=is_smoothed
@@ -84,8 +84,9 @@ def score(
             for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]
         }
         table = score_rows(
-            rows, log.tracks, with_ids=with_ids, scales=scales, penalty_m=penalty if t_gospa else None, progress=told
-        )
+            rows, log.tracks, with_ids=with_ids, scales=scales, penalty_m=penalty if t_gospa else None,
+            progress=progress,
+        )  # fmt: skip
     for found in table.scores:
         if found.left_out:
             path = _names(estimates)[found.name.removesuffix(SMOOTHED)]
@@ -109,10 +110,10 @@ def _names(paths: list[Path]) -> dict[str, Path]:
         BadParameter: a file is given twice.
     """
     names = [path.name for path in paths]
-    told = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
-    if len(told) < len(paths):
+    named = {path.name if names.count(path.name) == 1 else str(path): path for path in paths}
+    if len(named) < len(paths):
         raise typer.BadParameter("expected each file once", param_hint="ESTIMATES")
-    return told
+    return named
 
 
 def score_object(table: ScoreTable, estimates: list[Path], truth: Path, reading: Reading) -> dict[str, Any]:
@@ -122,17 +123,17 @@ def score_object(table: ScoreTable, estimates: list[Path], truth: Path, reading:
     from dirprim_filter.cli.provenance import checksum
 
     files = {name: {"path": str(path), "sha256": checksum(path)} for name, path in _names(estimates).items()}
-    told = asdict(table)
-    told["scores"] = [
+    result = asdict(table)
+    result["scores"] = [
         found | files[found["name"].removesuffix(SMOOTHED)] | {"t_gospa": t_gospa and t_gospa._asdict()}
-        for found in told["scores"]
+        for found in result["scores"]
         for t_gospa in [found["t_gospa"]]
     ]
     return {
         "format": JSON_FORMAT, "format_version": JSON_VERSION, "version": version("dirprim-filter"),
         "truth": {"path": str(truth), "sha256": checksum(truth)},
         "reading": {name: value for name, value in reading.said().items() if value is not None},
-    } | told  # fmt: skip
+    } | result  # fmt: skip
 
 
 def score_text(table: ScoreTable, truth: str) -> str:

@@ -34,7 +34,7 @@ _EXPONENT_ONLY, _EXPONENT_OF_ONE = np.uint64(0x4330000000000000), 2.0**52 + 1023
 
 # The same in single precision, in which twice as many are done at a time.
 single: Any = np.float32
-"""A number in single precision, which the types of Python do not tell from others."""
+"""A number in single precision, which Python's types do not distinguish from others."""
 _ROUND_S, _LOG2_E_S, _ONE_S = single(1.5 * 2.0**23), single(_LOG2_E), single(1.0)
 _LN2_HIGH_S, _LN2_LOW_S = single(0.693359375), single(-2.12194440e-4)
 _PI_HIGH_S, _PI_LOW_S, _PER_PI_S = single(3.140625), single(math.pi - 3.140625), single(1.0 / math.pi)

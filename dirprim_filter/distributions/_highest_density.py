@@ -1,4 +1,4 @@
-"""Compiled: kernel densities of a vehicle's futures on a grid, and the area where they are high as triangles.
+"""Compiled: kernel densities of a vehicle's rollouts on a grid, and the area where they are high as triangles.
 
 Forecasts come for every vehicle each second of the log: in numpy their regions took as long as tracking did.
 """

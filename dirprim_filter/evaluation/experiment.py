@@ -43,21 +43,21 @@ class MethodResult:
 
     def mean(self, figure: str) -> float:
         """Of a figure of the reports, over the seeds that have it; NaN where none has."""
-        values = _told(self.reports, figure)
+        values = _values(self.reports, figure)
         return float(np.mean(values)) if values.size else float("nan")
 
     def std(self, figure: str) -> float:
         """Standard deviation over those seeds."""
-        return _deviation(_told(self.reports, figure))
+        return _deviation(_values(self.reports, figure))
 
     def group_std(self, figure: str) -> float:
         """Standard deviation over the groups of a seed, root mean square over the seeds; NaN of a single group."""
-        values = np.array([_deviation(_told(reports, figure)) for reports in self.by_group])
+        values = np.array([_deviation(_values(reports, figure)) for reports in self.by_group])
         values = values[~np.isnan(values)]
         return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
-def _told(reports: Sequence[TrackingReport], figure: str) -> FloatArray:
+def _values(reports: Sequence[TrackingReport], figure: str) -> FloatArray:
     """A run may have no vehicle with a gap: then its figures of gaps are undefined."""
     values = np.array([getattr(report, figure) for report in reports], dtype=np.float64)
     return values[~np.isnan(values)]

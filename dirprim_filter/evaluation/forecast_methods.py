@@ -10,7 +10,7 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases
-from dirprim_filter.filtering.futures import forecast_states
+from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 

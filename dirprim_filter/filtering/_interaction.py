@@ -1,6 +1,6 @@
-"""Compiled: vehicles that move with an eye on who drives ahead of them.
+"""Compiled: motion of vehicles that follow the vehicle ahead.
 
-Everybody looks at where the others were before the step, so that their order does not matter.
+Each vehicle sees where the others were before the step, so the order of the vehicles does not matter.
 """
 
 import math
@@ -15,7 +15,7 @@ from dirprim_filter.primitives._leader import LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 
 LOOK_S = 0.2
-"""Seconds, how often a driver looks ahead at least."""
+"""Seconds: the longest time between two searches for the vehicle ahead."""
 
 
 @njit(cache=True, nogil=True)
@@ -23,18 +23,18 @@ def predict_behind(
     table: MotionTable, response: LeaderTable, cloud: Cloud, others: FloatArray, vehicle: IntArray, own: IntArray,
     since_s: FloatArray, dt_s: FloatArray,
 ) -> None:  # fmt: skip
-    """Move every particle of the vehicles named, among others that drive straight on.
+    """Move every particle of the given vehicles, among others that are extrapolated at constant velocity.
 
-    Particles of no place heed nobody: they find the vehicle that does what none of its like does.
+    Place-free particles ignore leaders: they cover vehicles that do what no vehicle did there in the log.
 
     Args:
         table: the map.
-        response: to leaders.
+        response: the map's response to leaders.
         cloud: the particles.
         others: (1, m, 4) place, direction and speed.
-        vehicle: (V,) which are moved.
-        own: (V,) which of the others each is, -1 for none.
-        since_s: (V,) by how much each is later than the others.
+        vehicle: (V,) the vehicles to move.
+        own: (V,) the index of each vehicle among the others, -1 for none.
+        since_s: (V,) seconds by which each is later than the others.
         dt_s: (V,) seconds to move by.
     """
     n = cloud.speed.shape[1]
@@ -45,9 +45,9 @@ def predict_behind(
         h = dt_s[i] / n_looks
         for look in range(n_looks):
             for j in range(others.shape[1]):
-                way = others[0, j, 3] * (since_s[i] + look * h)
-                there[0, j, 0] = others[0, j, 0] + way * math.cos(others[0, j, 2])
-                there[0, j, 1] = others[0, j, 1] + way * math.sin(others[0, j, 2])
+                distance = others[0, j, 3] * (since_s[i] + look * h)
+                there[0, j, 0] = others[0, j, 0] + distance * math.cos(others[0, j, 2])
+                there[0, j, 1] = others[0, j, 1] + distance * math.sin(others[0, j, 2])
             look_ahead(table, response, cloud, v, there, own[i], curvature, seen, led)
             for p in range(n):
                 if cloud.manoeuvre[v, p] >= table.begin[-1]:
@@ -59,7 +59,7 @@ def predict_behind(
 def predict_worlds(
     table: MotionTable, response: LeaderTable, cloud: Cloud, dt_s: FloatArray, path: FloatArray
 ) -> None:  # fmt: skip
-    """Joint futures: sample p of all vehicles is one world. (n_steps,) seconds; fills (V, P, n_steps, 2)."""
+    """Joint rollouts: particle p of all vehicles is one world. (n_steps,) seconds; fills (V, P, n_steps, 2)."""
     n_vehicles, n = cloud.speed.shape
     curvature, seen = np.empty(n), np.empty((n, 3))
     led, world = np.empty((n_vehicles, n, 3)), np.empty((n, n_vehicles, 4))
@@ -84,7 +84,7 @@ def look_ahead(
     table: MotionTable, response: LeaderTable, cloud: Cloud, v: int, others: FloatArray, own: int,
     curvature: FloatArray, seen: FloatArray, led: FloatArray,
 ) -> None:  # fmt: skip
-    """What the leaders of a vehicle's particles have them do: fills `led`, see `_motion.move`."""
+    """How the particles of a vehicle respond to their leaders: fills `led`, see `_motion.move`."""
     _leader.bends(table, cloud.manoeuvre[v], cloud.direction[v], curvature)
     _leader.behind(others, own, cloud.position[v], cloud.direction[v], curvature, seen)
     _leader.respond(response, cloud.speed[v], cloud.push[v], seen, led)

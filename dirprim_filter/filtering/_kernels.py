@@ -41,7 +41,7 @@ class Cloud(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def predict(table: MotionTable, cloud: Cloud, vehicle: IntArray, dt_s: FloatArray) -> None:
-    """Move every particle of the vehicles named."""
+    """Move every particle of the given vehicles."""
     alone = np.empty((0, 3))
     for i in range(vehicle.size):
         v = vehicle[i]
@@ -64,21 +64,21 @@ def predict_paths(table: MotionTable, cloud: Cloud, dt_s: FloatArray, path: Floa
 
 
 @njit(cache=True, nogil=True)
-def settle(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
-    """Give every particle the cell of its position, and a manoeuvre that fits its direction and speed."""
+def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
+    """Look up the cell of every particle, and draw a manoeuvre that fits its direction and speed."""
     for v in vehicle:
-        _motion.settle(
+        _motion.initialise_motion(
             table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
             cloud.push[v], cloud.state[v],
         )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def be_born(
+def initialise(
     table: MotionTable, primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray,
     noise: float,
 ) -> None:  # fmt: skip
-    """Draw a new belief from one measurement: positions around it, direction and speed from the primitive there."""
+    """Initialise a belief from one measurement: positions around it, direction and speed from the primitive there."""
     n = cloud.speed.shape[1]
     block = np.empty(n // ROWS + 1, np.uint64)
     for i in range(vehicle.size):
@@ -92,7 +92,7 @@ def be_born(
             block[b] = random.bits(state)
         _map_kernels.draw(primitives, cloud.position[v], block, cloud.direction[v], cloud.speed[v])
         cloud.weight[v] = 1.0 / n
-    settle(table, cloud, vehicle)
+    initialise_motion(table, cloud, vehicle)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})

@@ -1,7 +1,7 @@
 """Compiled likelihoods: particles against measured positions, directions and speeds, each of which may be an outlier.
 
-Arguments that say the same of every vehicle come as one `Noise`; a vehicle's own come as rows of `measured`:
-x, y, the inverse covariance xx, xy, yy, the log of what normalises it, direction, speed; NaN where not measured.
+Arguments shared by all vehicles come as one `Noise`; those of one vehicle come as a row of `measured`: x, y, the
+inverse covariance xx, xy, yy, the log of its normaliser, direction, speed; NaN where not measured.
 """
 
 import math
@@ -20,12 +20,12 @@ LEAST = 1e-200
 
 
 class Noise(NamedTuple):
-    """How measurements err, as densities: (1 - e) of a Gaussian or von Mises, e of an outlier."""
+    """Densities of measurement errors: (1 - e) of a Gaussian or von Mises, e of an outlier."""
 
     outlier: float  # per square metre
     kept: float  # 1 less the probability of an outlier
     direction_concentration: float
-    direction_scale: float  # 1 less the probability of an outlier, over what normalises the von Mises
+    direction_scale: float  # 1 less the probability of an outlier, over the von Mises normaliser
     direction_outlier: float  # per radian
     speed_precision: float  # (s/m)^2
     speed_scale: float

@@ -1,10 +1,10 @@
-"""Compiled likelihoods of detections whose errors are biased, differ along and across the way, and are correlated.
+"""Compiled likelihoods of detections whose errors are biased, correlated, and different along and across the direction.
 
 Each particle carries the correlated part of the error in closed form: given the particle's path it is a first-order
 Gauss-Markov process, measured in white noise along each axis of the vehicle by what the path leaves of the detections.
 So its mean follows by a scalar Kalman filter for each axis, and its variance is the same for all particles of a belief,
 for it depends on times alone. That is Rao-Blackwellisation: samples of the error would need more particles by its two
-directions, and would die out, since nothing tells them apart within a correlation time.
+directions, and would degenerate, since no measurement distinguishes them within a correlation time.
 
 Source: Doucet, de Freitas, Murphy and Russell, Rao-Blackwellised Particle Filtering, 2000; Bar-Shalom, Li and
 Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 8, for the state augmented by it.
@@ -28,7 +28,7 @@ X, Y, DIRECTION, SPEED = range(4)
 
 
 class Axes(NamedTuple):
-    """A sensor's errors along and across the way, as variances in square metres."""
+    """A sensor's errors along and across the direction of travel, as variances in square metres."""
 
     bias: tuple[float, float]
     correlated: tuple[float, float]
@@ -68,7 +68,7 @@ def begin(
         carried.variance[v, 0] = share * axes.white[0]
         carried.variance[v, 1] = share_across * axes.white[1]
         carried.since_s[v] = 0.0
-    _kernels.settle(table, cloud, vehicle)
+    _kernels.initialise_motion(table, cloud, vehicle)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
@@ -111,7 +111,7 @@ def weigh(
 ) -> None:  # fmt: skip
     """Weigh each vehicle's particles by its measurement (V, 4), and learn of the error that each carries.
 
-    Fills (V, 2) as `_measuring.weigh`. A measurement that the belief as a whole calls an outlier tells nothing of the
+    Fills (V, 2) as `_measuring.weigh`. A measurement that the belief as a whole calls an outlier does not update the
     carried error.
     """
     n = cloud.position.shape[1]

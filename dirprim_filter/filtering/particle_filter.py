@@ -18,9 +18,9 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _interaction, _kernels, _measuring
-from dirprim_filter.filtering._heeding import heed
+from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
-from dirprim_filter.filtering.heeding import cue_columns
+from dirprim_filter.filtering.cue_weights import cue_columns
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
 from dirprim_filter.filtering.motion import leader_table, tracking_table
 from dirprim_filter.filtering.protocols import Evidence
@@ -84,7 +84,7 @@ class ParticleFilter:
         for s in np.unique(spread):
             rows = np.flatnonzero(spread == s)
             born = (slot[rows], np.asarray(key)[rows], measured.position[rows])
-            self._split(_kernels.be_born, (self._table, self._primitives, cloud), born, (float(s),), each_ns=150.0)
+            self._split(_kernels.initialise, (self._table, self._primitives, cloud), born, (float(s),), each_ns=150.0)
         more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if more.size:
             columns = self._columns(measured[more])
@@ -132,7 +132,7 @@ class ParticleFilter:
         unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
         return Evidence(evidence[:, 0], unexplained | ~np.isfinite(evidence[:, 0]))
 
-    def heed(self, slot: IntArray, cue: Cue) -> FloatArray:
+    def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh the particles of vehicles by a cue that they give: Eq. 4, of the direction some seconds later.
 
         Args:
@@ -144,7 +144,7 @@ class ParticleFilter:
         """
         self.belief.step += 1
         result = np.empty(slot.size)
-        self._split(heed, (self._table, self.belief.cloud), (slot, result), cue_columns(cue), each_ns=60.0)
+        self._split(weigh_by_cue, (self._table, self.belief.cloud), (slot, result), cue_columns(cue), each_ns=60.0)
         return result
 
     def resample(self, slot: IntArray) -> None:

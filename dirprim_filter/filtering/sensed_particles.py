@@ -53,7 +53,7 @@ class SensedParticles(ParticleFilter):
         self.belief.step += 1
         cloud, columns = self.belief.cloud, _columns(measured)
         born = (slot, np.asarray(key), measured.position)
-        self._split(_kernels.be_born, (self._table, self._primitives, cloud), born, (self._spread,), each_ns=150.0)
+        self._split(_kernels.initialise, (self._table, self._primitives, cloud), born, (self._spread,), each_ns=150.0)
         known = np.flatnonzero(~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if known.size:
             drawn = np.full((known.size, 8), 0.0)  # as they were drawn: the place tells nothing more

@@ -26,7 +26,7 @@ from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
-NOBODY: IntArray = np.empty(0, np.int64)
+NO_ROWS: IntArray = np.empty(0, np.int64)
 TENTATIVE = "\0"
 """What the names of unlabelled tracks begin with until they are confirmed: no sensor's id does."""
 
@@ -51,16 +51,16 @@ class _Frame:
     """
 
     detections: Detections = field(default_factory=Detections.none)
-    hits: Hits = field(default_factory=lambda: Hits(NOBODY, NOBODY))
+    hits: Hits = field(default_factory=lambda: Hits(NO_ROWS, NO_ROWS))
     kinds: tuple[bool, ...] = ()
-    home: IntArray = field(default_factory=NOBODY.copy)
+    home: IntArray = field(default_factory=NO_ROWS.copy)
     n_aside: int = 0
-    held: IntArray = field(default_factory=NOBODY.copy)
-    shown: IntArray = field(default_factory=NOBODY.copy)
-    shown_home: IntArray = field(default_factory=NOBODY.copy)
+    held: IntArray = field(default_factory=NO_ROWS.copy)
+    shown: IntArray = field(default_factory=NO_ROWS.copy)
+    shown_home: IntArray = field(default_factory=NO_ROWS.copy)
     shown_names: list[str] = field(default_factory=list)
     innovation: FloatArray | None = None
-    lost: IntArray = field(default_factory=NOBODY.copy)
+    lost: IntArray = field(default_factory=NO_ROWS.copy)
 
 
 class Tracker:
@@ -139,7 +139,7 @@ class Tracker:
         self._roster.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9), config=self.tracking)
         is_labelled = detections.track_id != NO_ID
         frame.kinds = tuple(np.unique(is_labelled).tolist()) or (True, False)
-        found = self._associate(np.flatnonzero(~is_labelled)) if False in frame.kinds else Hits(NOBODY, NOBODY)
+        found = self._associate(np.flatnonzero(~is_labelled)) if False in frame.kinds else Hits(NO_ROWS, NO_ROWS)
         frame.hits = Hits.concatenate([self._match(np.flatnonzero(is_labelled)), found])
         rest = np.setdiff1d(np.arange(len(detections)), frame.hits.row)
         self._begin_tracks(rest[is_labelled[rest]], is_labelled=True)
@@ -158,7 +158,7 @@ class Tracker:
         if self._with_innovations:
             frame.innovation = self._innovation(slot, measured)
         evidence = self._filter.weigh(slot, measured)
-        missed = np.concatenate([NOBODY, *[self._missed(is_labelled) for is_labelled in frame.kinds]])
+        missed = np.concatenate([NO_ROWS, *[self._missed(is_labelled) for is_labelled in frame.kinds]])
         roster.measured_ns[slot] = self._time_ns
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
@@ -283,7 +283,7 @@ class Tracker:
             self._advance(aside, dt_ns)
         home, held = np.concatenate([seen, absent]), np.concatenate([seen, aside])
         self._age(home, held)
-        unlabelled = roster.members(is_labelled=False)[1] if False in frame.kinds else NOBODY
+        unlabelled = roster.members(is_labelled=False)[1] if False in frame.kinds else NO_ROWS
         frame.home, frame.held = np.concatenate([home, unlabelled]), np.concatenate([held, unlabelled])
 
     def _now(self, slot: IntArray) -> IntArray:
@@ -355,14 +355,14 @@ class Tracker:
 
     def _innovation(self, slot: IntArray, measured: Detections) -> FloatArray:
         """(slots, 2) how far measurements are from the means of the beliefs, and that squared in their covariance."""
-        told = np.full((self._roster.time_ns.size, 2), np.nan)
+        columns = np.full((self._roster.time_ns.size, 2), np.nan)
         if slot.size:
             m = self._filter.moments(slot)
             away = measured.position - m[:, :2]
             covariance = m[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + measured_covariance(measured, self.config)
             squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
-            told[slot] = np.column_stack([np.hypot(*away.T), squared])
-        return told
+            columns[slot] = np.column_stack([np.hypot(*away.T), squared])
+        return columns
 
 
 def bayes_filter_of(model: PrimitiveMap | BayesFilter, config: FilterConfig, sensor: Sensor | None) -> BayesFilter:

@@ -32,7 +32,7 @@ def log_densities(
 ) -> None:
     """Fill `out` with the log density of direction and speed of row[p] in cell[p].
 
-    table: (n_cells, K, 10) modes in motion; place_free: (n,) log density of each row where no cell tells.
+    table: (n_cells, K, 10) modes in motion; place_free: (n,) the place-free log density of each row.
     """
     log_p = np.empty(table.shape[1])
     for p in range(row.size):

@@ -1,6 +1,6 @@
-"""Compiled: who drives ahead of a particle, and what it does about that.
+"""Compiled: the leader of a particle, and the particle's response to it.
 
-The leader is the nearest vehicle on the arc that the particle is about to drive, of about its direction.
+The leader is the nearest vehicle on the arc that the particle is about to drive, going in about the same direction.
 """
 
 import math
@@ -14,29 +14,30 @@ from dirprim_filter.primitives._manoeuvres import BEND_E, BEND_N, CURVATURE, STA
 from dirprim_filter.primitives.leader import N_FEATURES
 
 FAR_M, NEAR_M = 60.0, 0.5
-"""Ahead: further off nobody is heeded; nearer it is the vehicle itself, or one beside it."""
+"""Metres ahead: a vehicle farther away is no leader; a nearer one is the vehicle itself, or beside it."""
 HALF_LANE_M = 1.75
 SAME_WAY = 0.5
-"""Cosine of the angle up to which another vehicle drives the same way."""
+"""Cosine of the angle up to which two vehicles drive in the same direction."""
 TIGHTEST = 0.1
-"""1/m, of the arc."""
+"""1/m, the largest curvature of the arc."""
 QUEUE_M = 7.0
-"""From centre to centre in a queue."""
+"""Metres from centre to centre in a queue."""
 BRAKING, REACTION_S = 0.75, 1.0
-"""m/s^2 and seconds of the speed at which a driver could still stop behind its leader."""
+"""m/s^2 and seconds: the braking and the reaction time in the safe speed of Gipps."""
 SAFE, CLOSING, GAP_M = 12.0, 12.0, 40.0
-"""m/s, m/s and metres, beyond which a difference makes none."""
+"""m/s, m/s and metres at which the features saturate."""
 HARDEST, STRONGEST = -8.0, 4.0
-"""m/s^2."""
+"""m/s^2: the bounds of the response."""
 SLOW = 2.0
-"""m/s of a leader that has just started."""
+"""m/s, below which a leader has just started."""
 STARTS_BEHIND_M = 25.0
-"""So far off a leader decides whether a vehicle starts."""
-NOBODY = 1e9
+"""Up to this distance a leader decides whether a standing vehicle starts."""
+NO_LEADER = 1e9
+"""Metres: the distance of a leader that does not exist."""
 
 
 class LeaderTable(NamedTuple):
-    """A map's response to leaders as the kernels take it."""
+    """A map's response to leaders, as the kernels take it."""
 
     gain: FloatArray  # (N_FEATURES,)
     push: float
@@ -48,11 +49,11 @@ class LeaderTable(NamedTuple):
 def behind(
     others: FloatArray, own: int, position: FloatArray, direction: FloatArray, curvature: FloatArray, seen: FloatArray
 ) -> None:
-    """Fills (n, 3): metres to each particle's leader, from centre to centre, `NOBODY` if none, its speed, and which.
+    """Fills (n, 3): metres to each particle's leader, from centre to centre, `NO_LEADER` if none, its speed, and which.
 
     Args:
         others: (n, m, 4) place, direction and speed of all vehicles in the world of each particle; or (1, m, 4).
-        own: which of them the particles are of, -1 for none.
+        own: the index of the particles' own vehicle, -1 for none.
         position: (n, 2) metres.
         direction: (n,) radians.
         curvature: (n,) 1/m, of the arc that each is about to drive.
@@ -73,7 +74,7 @@ def behind(
             same = math.cos(others[w, j, 2] - direction[p] - bend * ahead)
             if same > SAME_WAY:
                 nearest, speed, leader = ahead, same * others[w, j, 3], j
-        seen[p, 0], seen[p, 1], seen[p, 2] = nearest if leader >= 0 else NOBODY, speed, leader
+        seen[p, 0], seen[p, 1], seen[p, 2] = nearest if leader >= 0 else NO_LEADER, speed, leader
 
 
 @njit(cache=True, nogil=True)
@@ -87,9 +88,9 @@ def bends(table: MotionTable, manoeuvre: IntArray, direction: FloatArray, curvat
 
 @njit(cache=True)
 def describe(speed: float, gap: float, leader: float, feature: FloatArray) -> None:
-    """Fills (N_FEATURES,): what a driver goes by.
+    """Fills (N_FEATURES,) the features of a driver's situation.
 
-    Above all by how much faster it could drive and still stop behind its leader, should that brake (Gipps 1981).
+    The main one is how much faster it could drive and still stop behind a leader that brakes (Gipps 1981).
     """
     free = max(gap - QUEUE_M, 0.0)
     reach = BRAKING * REACTION_S

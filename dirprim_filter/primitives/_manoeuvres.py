@@ -25,7 +25,7 @@ STANDING_BELOW = 0.3
 DEGREES = 5.0
 """Of freedom: (DEGREES + 3) / 2 is the power in `fit`."""
 DISCOUNT = 0.2
-"""Of each count of transitions (Ney, Essen and Kneser 1994): what was seen once may well be something else."""
+"""Subtracted from each count of transitions (Ney, Essen and Kneser 1994), for transitions that were not seen."""
 
 
 class MotionTable(NamedTuple):
@@ -61,9 +61,9 @@ def copied(table: MotionTable) -> MotionTable:
 
 @njit(**EXACT)
 def fit(rows: FloatArray, z: int, x: float, y: float, direction: float, speed: float, log_pace: float) -> float:
-    """How well course, pace and path fit a manoeuvre: the density, by that of vehicles of no place.
+    """How well course, pace and path fit a manoeuvre: their density, divided by the place-free one.
 
-    Student's t of three numbers and `DEGREES` of freedom: who fits no manoeuvre well still follows the road.
+    Student's t of three variables with `DEGREES` of freedom: a vehicle that fits none well still follows the road.
     """
     extent = rows[z, EXTENT]
     east, north = min(max(x - rows[z, EAST], -extent), extent), min(max(y - rows[z, NORTH], -extent), extent)

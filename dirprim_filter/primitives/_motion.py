@@ -1,8 +1,8 @@
 """Compiled: how particles move by manoeuvres.
 
 A particle holds a manoeuvre and a push, its own acceleration beside the manoeuvre's. Its direction deviates from the
-manoeuvre's course; deviation and push are Ornstein-Uhlenbeck processes that outlive a change of manoeuvre, so who
-drives slowly goes on slowly. Where it enters a cell, stops or starts, it goes over to another manoeuvre.
+manoeuvre's course; deviation and push are Ornstein-Uhlenbeck processes that outlive a change of manoeuvre, so a slow
+driver stays slow. Where it enters a cell, stops or starts, it changes to another manoeuvre.
 """
 
 import math
@@ -80,8 +80,8 @@ def move(
 ) -> None:  # fmt: skip
     """Move (n,) particles of one vehicle by `dt_s`, in steps of at most `step_s`; see `MotionTable`.
 
-    `led` is (n, 3), what a leader has each do: its acceleration, the share that its manoeuvre's own acceleration and
-    start rate keep, and a start rate; or (0, 3) where nobody has a leader.
+    `led` is (n, 3), the response to leaders: an acceleration, the share that the manoeuvre's own acceleration and start
+    rate keep, and a start rate; or (0, 3) without leaders.
     """
     n, weight = speed.size, np.empty(table.most)
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
@@ -203,11 +203,11 @@ def _change(
 
 
 @njit(nogil=True, **EXACT)
-def settle(
+def initialise_motion(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
     manoeuvre: IntArray, push: FloatArray, state: UIntArray,
 ) -> None:  # fmt: skip
-    """Give (n,) particles the cell of their place, a manoeuvre that fits them, and a push."""
+    """Draw for (n,) particles a manoeuvre that fits them and a push, and look up their cell."""
     weight = np.empty(table.most)
     for p in range(speed.size):
         push[p] = random.draw_normal(state)
@@ -220,7 +220,7 @@ def settle(
 
 @njit(nogil=True, **EXACT)
 def rollout(table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntArray, path: FloatArray) -> None:
-    """Futures of vehicles. (n, 4) place, direction, speed; (n_steps,) seconds; (n,) keys; fills (n, p, n_steps, 2)."""
+    """Rollouts of vehicles. (n, 4) place, direction, speed; (n_steps,) seconds; (n,) keys; fills (n, p, n_steps, 2)."""
     n = path.shape[1]
     position, direction, speed, push = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty(n)
     cell, manoeuvre, state = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(4, np.uint64)
@@ -228,7 +228,7 @@ def rollout(table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntAr
     for i in range(len(start)):
         random.seed_state(key[i], state)
         position[:, 0], position[:, 1], direction[:], speed[:] = start[i, 0], start[i, 1], start[i, 2], start[i, 3]
-        settle(table, position, direction, speed, cell, manoeuvre, push, state)
+        initialise_motion(table, position, direction, speed, cell, manoeuvre, push, state)
         for t in range(dt_s.size):
             move(table, position, direction, speed, cell, manoeuvre, push, alone, dt_s[t], state)
             for p in range(n):  # a slice assigned to a slice would compile numba's strings for its error

@@ -99,7 +99,7 @@ def _gamma_within_two_deviations(columns: FloatArray, at: int, n: int, bounds: B
             weight += columns[WEIGHT, i]
             speed += columns[WEIGHT, i] * columns[SPEED, i]
             log_speed += columns[WEIGHT, i] * columns[LOG_SPEED, i]
-    if count < 4:  # too few to tell a spread: the one that EM's last step left
+    if count < 4:  # too few to estimate a spread: keep that of EM's last step
         return
     log_mean = math.log(speed / weight)
     shape = density.gamma_shape(log_mean - log_speed / weight, 1.0, bounds.max_shape)

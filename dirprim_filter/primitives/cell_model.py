@@ -100,17 +100,17 @@ def usual_of(cells: PrimitiveCells, recipe: Recipe) -> Usual:
     """
     config = recipe.config
     vehicles = cells.n_vehicles[:, None] * cells.weight
-    told = (
+    is_inner = (
         (vehicles >= MIN_MODE_VEHICLES)
         & (cells.concentration > 0)
         & (cells.concentration < 0.99 * config.max_concentration)
         & (cells.shape > 1.0 + 1e-4)
         & (cells.shape < 0.99 * config.max_shape)
     )
-    if told.sum() < 5:
+    if is_inner.sum() < 5:
         return recipe.usual
-    variance = _weighted_median(von_mises.circular_variance(cells.concentration[told]), vehicles[told])
-    spread = _weighted_median(0.5 / cells.shape[told], vehicles[told])
+    variance = _weighted_median(von_mises.circular_variance(cells.concentration[is_inner]), vehicles[is_inner])
+    spread = _weighted_median(0.5 / cells.shape[is_inner], vehicles[is_inner])
     return Usual(1.0 - variance, spread)
 
 

@@ -181,7 +181,7 @@ class EstimateWriter:
 
     def write_map_scene(self, primitive_map: PrimitiveMap) -> None:
         """Draw the map's cells and roses: at the time of the next message, as a map has none of its own."""
-        self._background.settle()
+        self._background.wait()
         self._map = primitive_map
 
     def write_forecast(self, forecasts: Forecasts) -> None:

@@ -154,8 +154,8 @@ def lane_columns(lines: Lifelines) -> Iterator[Columns]:
         yield lane_path(lane), times, rr.StateChange.columns(state=states).partition(n_states)
     if lines.entries:
         entries = lines.entries
-        told = rr.TextLog.columns(text=[e.text for e in entries], level=[e.level for e in entries])
-        yield "/events", time_column([e.time_ns for e in entries]), told
+        columns = rr.TextLog.columns(text=[e.text for e in entries], level=[e.level for e in entries])
+        yield "/events", time_column([e.time_ns for e in entries]), columns
 
 
 def lane_path(lane: int) -> str:

@@ -98,14 +98,14 @@ class Tally:
 
     def results(self) -> dict[str, str]:
         """What each is, and its mean."""
-        told = {
+        shown = {
             "mean NEES (2 is right)": ("/metrics/consistency", 0),
             "mean NIS (2 is right)": ("/metrics/consistency", 1),
             "mean innovation, m": ("/metrics/innovation", 0),
             "mean effective sample size": ("/metrics/ess", 0),
             "vehicles measured in a frame": ("/metrics/existence", 2),
         }
-        means = {name: self._sum[key] for name, key in told.items() if key in self._sum}
+        means = {name: self._sum[key] for name, key in shown.items() if key in self._sum}
         return {name: f"{total / n:.4g}" for name, (total, n) in means.items()}
 
 

@@ -42,7 +42,7 @@ def show_files(paths: list[Path]) -> None:
         ConnectionError: no viewer could be started.
     """
     command = [viewer_program() or "rerun", "--bind", THIS_MACHINE, "--new", *map(str, paths)]
-    told = ", ".join(map(str, paths))
+    names = ", ".join(map(str, paths))
     try:
         viewer = subprocess.Popen(  # noqa: S603 - the SDK's own program, without a shell
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -52,9 +52,9 @@ def show_files(paths: list[Path]) -> None:
     except subprocess.TimeoutExpired:  # it runs
         return
     except OSError as error:
-        raise ConnectionError(f"{told}: the viewer {command[0]} did not start ({error})") from error
+        raise ConnectionError(f"{names}: the viewer {command[0]} did not start ({error})") from error
     if failed:
-        raise ConnectionError(f"{told}: the viewer did not start; {WITHOUT_A_SCREEN}")
+        raise ConnectionError(f"{names}: the viewer did not start; {WITHOUT_A_SCREEN}")
 
 
 def spawn_viewer() -> str:

@@ -96,7 +96,7 @@ class RerunSink:
     def flush(self) -> None:
         """Send what is left."""
         self._send_batch()
-        self._background.settle()
+        self._background.wait()
         self._send_smoothed()
         self._show_pending_forecasts()
         if not self._laid_out:
@@ -266,7 +266,7 @@ class RerunSink:
 
     def _send_batch(self) -> None:
         """Send what is gathered: to a file by a thread of its own, so that the tracker goes on meanwhile."""
-        self._background.settle()
+        self._background.wait()
         batch, lanes, styles = self._batch, list(lane_columns(self._lines)), list(lane_styles(self._lines))
         self._lines.changes, self._lines.entries = {}, []
         self._batch = self._new_batch()
@@ -283,7 +283,7 @@ class RerunSink:
             self._background.do(send)
 
     def _send_smoothed(self) -> None:
-        self._background.settle()
+        self._background.wait()
         for entity, times, columns in self._smoothed.columns():
             self.stream.send_columns(entity, [times], columns)
 

@@ -20,11 +20,11 @@ from evaluation.test_calibration import BIASED, CORRELATED, TRUTH, WHITE
 RUNS = 100
 
 for name, sensor in (("white", WHITE), ("correlated", CORRELATED), ("biased", BIASED)):
-    held, told = Counter(), Counter()
+    held, reported = Counter(), Counter()
     for seed in range(RUNS):
         found = calibrate(sense(TRUTH, sensor, rng=np.random.default_rng(seed)), TRUTH).sensor
         for number, value in sensor.numbers().items():
             if value is not None and number in found.uncertainty:
-                told[number] += 1
+                reported[number] += 1
                 held[number] += abs(found.numbers()[number] - value) <= found.uncertainty[number]
-    print(name, ", ".join(f"{number} {held[number]}/{told[number]}" for number in told), flush=True)
+    print(name, ", ".join(f"{number} {held[number]}/{reported[number]}" for number in reported), flush=True)

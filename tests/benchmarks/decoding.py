@@ -102,8 +102,10 @@ def stock_tracked(path: Path) -> int:
     """The stock reader and ROS 2 decoder."""
     rows = []
     with path.open("rb") as file:
-        for _, _, message, told in make_reader(file, decoder_factories=[Ros2DecoderFactory()]).iter_decoded_messages():
-            rows += [_row(message.log_time, one) for one in told.objects]
+        for _, _, message, reported in make_reader(
+            file, decoder_factories=[Ros2DecoderFactory()]
+        ).iter_decoded_messages():
+            rows += [_row(message.log_time, one) for one in reported.objects]
     return np.array([row[2:] for row in rows]).shape[0]
 
 
@@ -114,8 +116,8 @@ def rosbags_tracked(path: Path) -> int:
     rows = []
     with path.open("rb") as file:
         for _, _, message in make_reader(file).iter_messages():
-            told: Any = store.deserialize_cdr(message.data, TRACKED)
-            rows += [_row(message.log_time, one) for one in told.objects]
+            reported: Any = store.deserialize_cdr(message.data, TRACKED)
+            rows += [_row(message.log_time, one) for one in reported.objects]
     return np.array([row[2:] for row in rows]).shape[0]
 
 
@@ -166,8 +168,8 @@ def main() -> None:
         frames = (
             {"header": header(k * 10**8), "objects": [tracked(k, i) for i in range(N_OBJECTS)]} for k in range(N_FRAMES)
         )
-        told = (("/objects", k * 10**8, TRACKED, frame) for k, frame in enumerate(frames))
-        objects = write_ros2_log(Path(folder) / "objects.mcap", told)
+        reported = (("/objects", k * 10**8, TRACKED, frame) for k, frame in enumerate(frames))
+        objects = write_ros2_log(Path(folder) / "objects.mcap", reported)
         table = [
             ("foxglove.PoseInFrame, protobuf", "mcap + mcap-protobuf-support", best(lambda: stock_poses(poses))),
             ("", "column plan, scan and all", best(lambda: ours(poses))),

@@ -1,9 +1,9 @@
 """Which exit will it take? What a turn signal adds to the prior: `python tests/benchmarks/exits.py LOG...`.
 
-Defends `ParticleFilter.heed`: Eq. 4 as a weight of what particles are about to do. Held-out vehicles are seen once
-(position to 0.5 m, direction to 0.05 rad, speed to 0.5 m/s) at each second of their last fifteen before they leave the
-scene; an exit's probability is the weight of the particles that come nearest to it, of all exits, when they are moved
-on until they are near one. The signal is what an honest
+Defends `ParticleFilter.weigh_by_cue`: Eq. 4 as a weight of what particles are about to do. Held-out vehicles are seen
+once (position to 0.5 m, direction to 0.05 rad, speed to 0.5 m/s) at each second of their last fifteen before they leave
+the scene; an exit's probability is the weight of the particles that come nearest to it, of all exits, when they are
+moved on until they are near one. The signal is what an honest
 driver gives: left or right where the vehicle turns by more than 30 degrees within the next 4 s, else none. Beside it
 stand a signal of the wrong side, which must harm, and the very turn to some 8 degrees (`exact`): more than that no cue
 of direction can tell. Cross-entropies in nat, means over vehicles.
@@ -121,7 +121,7 @@ def cross_entropies(learned, cases, cues, *, exits, rng):
     before = particles.belief.cloud.weight[:n].copy()
     for cue, given in cues:
         if given.size:
-            particles.heed(given, cue)
+            particles.weigh_by_cue(given, cue)
     after = particles.belief.cloud.weight[:n].copy()
     exit_of = moved_on()  # the weights stay with the particles
     return surprise(before, exit_of), surprise(after, exit_of)
@@ -139,11 +139,11 @@ def of_seed(tracks, seed):
     centers = exits_of(fold.train)
     cases = cases_of(fold.test, centers)
     cases = Cases(*(column[np.abs(cases.turn) > LEAST_TURN] for column in cases))
-    told = {"exits": len(centers), "vehicles": np.unique(cases.vehicle).size, "instants": cases.turn.size}
+    reported = {"exits": len(centers), "vehicles": np.unique(cases.vehicle).size, "instants": cases.turn.size}
     for name, cues in (("signal", signals(cases.turn)), ("wrong", signals(-cases.turn)), ("exact", exact(cases.turn))):
         surprise = cross_entropies(learned, cases, cues, exits=centers, rng=np.random.default_rng([seed, 1]))
-        told["before"], told[name] = (mean_over_vehicles(column, cases.vehicle) for column in surprise)
-    return told
+        reported["before"], reported[name] = (mean_over_vehicles(column, cases.vehicle) for column in surprise)
+    return reported
 
 
 def main():
@@ -158,9 +158,9 @@ def main():
         print(json.dumps({"rows": found}, default=float))
         return
     print("seed exits vehicles instants   before   signal    wrong    exact")
-    for seed, told in found.items():
-        told_all = "".join(f"{told[name]:9.3f}" for name in ("before", "signal", "wrong", "exact"))
-        print(f"{seed:>4}{told['exits']:6}{told['vehicles']:9}{told['instants']:9}{told_all}")
+    for seed, reported in found.items():
+        reported_all = "".join(f"{reported[name]:9.3f}" for name in ("before", "signal", "wrong", "exact"))
+        print(f"{seed:>4}{reported['exits']:6}{reported['vehicles']:9}{reported['instants']:9}{reported_all}")
 
 
 if __name__ == "__main__":

@@ -17,8 +17,8 @@ from dirprim_filter import learn_primitives
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.filtering.futures import Start, Steps, forecast_table, sample_paths
 from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.rollouts import Start, Steps, forecast_table, sample_paths
 from dirprim_filter.tracks import Tracks
 
 N_VEHICLES, N_PARTICLES = 100, 1000

@@ -45,7 +45,7 @@ def main(rounds: int = 10_000, seed: int = 0) -> None:
                 print(f"round {i}, {whole.name}, {done}: {type(error).__name__} {str(error)[:200]}")
     n = {whole.name: len(range(k, rounds, len(logs))) for k, whole in enumerate(logs)}
     for name, n_rounds in n.items():
-        print(f"{name:24} {n_rounds:6} rounds, damage told in {noticed[name]:6}, slowest {slowest[name]:.2f} s")
+        print(f"{name:24} {n_rounds:6} rounds, damage reported in {noticed[name]:6}, slowest {slowest[name]:.2f} s")
     print(f"memory at its height: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
     print(f"failures: {sum(failures.values())} {dict(failures)}")
     sys.exit(bool(failures))

@@ -91,10 +91,10 @@ def main(mib: int = 2048) -> None:
         print(f"{long.stat().st_size >> 20} MiB, {n} messages of {N_OBJECTS} objects; in MiB")
         print(f"{'what':32}{'columns':>12}{'beyond a small log':>22}{'beyond the columns':>22}")
         for what in ("scan", "detections", "tracks"):
-            told = subprocess.run(
+            reported = subprocess.run(
                 [sys.executable, "-c", RUN, what, small, long], capture_output=True, text=True, check=True
             ).stdout
-            own, more = map(float, told.split())
+            own, more = map(float, reported.split())
             print(f"{what:32}{own:12.0f}{more:22.0f}{more - own:22.0f}")
         wall, processor = zip(*(info_seconds(long) for _ in range(5)), strict=True)
         print(f"dirprim info by the index: {min(wall):.2f} s, of the processor {min(processor):.2f} s")

@@ -173,8 +173,8 @@ def main() -> None:
     for name, peer in (("stonesoup", stone_soup), ("particles", particles_package)):
         try:
             ms = peer(n)
-            told = f"{name}, constant velocity, whole"
-            print(f"  {told:<38}{ms:8.2f} ms {1e6 * ms / n:8.1f} ns  {ms / steps['whole']:.1f} x ours")
+            reported = f"{name}, constant velocity, whole"
+            print(f"  {reported:<38}{ms:8.2f} ms {1e6 * ms / n:8.1f} ns  {ms / steps['whole']:.1f} x ours")
         except ImportError:
             print(f"  {name}: not installed; pip install stonesoup==1.9 particles==0.3")
     print("a log of 100 vehicles at 10 Hz, 1,000 particles each, read, tracked and written:")

@@ -110,9 +110,9 @@ def test_a_log_is_tracked_by_a_sensor_file(log, tmp_path, capsys):
     truth = {(str(n), t): x for n, t, x in zip(TRUTH.track_id, TRUTH.time_ns.tolist(), TRUTH.position, strict=True)}
     rmse = []
     for name in ("plain", "sensed"):
-        told = read_estimates(tmp_path / f"{name}.mcap")
-        keys = zip(told.track_id.tolist(), told.time_ns.tolist(), strict=True)
-        away = np.array([told.position[i] - truth[key] for i, key in enumerate(keys) if key in truth])
+        reported = read_estimates(tmp_path / f"{name}.mcap")
+        keys = zip(reported.track_id.tolist(), reported.time_ns.tolist(), strict=True)
+        away = np.array([reported.position[i] - truth[key] for i, key in enumerate(keys) if key in truth])
         rmse.append(np.sqrt((away**2).sum(axis=1).mean()))
     assert rmse[1] < 0.8 * rmse[0]
     capsys.readouterr()

@@ -76,12 +76,12 @@ def test_nothing_is_counted_in_a_plural_of_one():
     nouns = "tracks|rows|cells|messages|frames|vehicles|groups|gaps|folds|seeds|runs"
     for path in Path(cli.__file__).parent.rglob("*.py"):
         if path.name not in {"demo.py", "progress.py"}:  # theirs are always many
-            told = re.findall(rf"\{{(?!N_RUNS|size)[\w.()]+\}} (?:{nouns})\b", path.read_text())
-            assert told == [], path
+            reported = re.findall(rf"\{{(?!N_RUNS|size)[\w.()]+\}} (?:{nouns})\b", path.read_text())
+            assert reported == [], path
 
 
 @pytest.mark.parametrize(
-    ("at", "told"),
+    ("at", "reported"),
     [
         (["--at", "900", "0"], "(900, 0) is outside of every cell of the map, 8"),
         (["--at", "-900,0"], "(-900, 0) is outside of every cell of the map, 8"),
@@ -90,13 +90,13 @@ def test_nothing_is_counted_in_a_plural_of_one():
         (["--at", "20,0"], ""),
     ],
 )
-def test_a_place_is_given_either_way_and_off_the_map_it_says_so(at, told, ring_map, tmp_path, capsys):
+def test_a_place_is_given_either_way_and_off_the_map_it_says_so(at, reported, ring_map, tmp_path, capsys):
     save_map(ring_map, tmp_path / "map.mcap")
     state = ("--direction-deg", 90, "--speed", 8, "--samples", 5, "--horizon", 0.5)
     assert dirprim("forecast", "--map", tmp_path / "map.mcap", *at, *state) == DONE
     said = capsys.readouterr()
-    assert said.err.startswith(told)
-    assert said.err.count("\n") == bool(told)
+    assert said.err.startswith(reported)
+    assert said.err.count("\n") == bool(reported)
     assert len(said.out.splitlines()) == 2
 
 
@@ -104,16 +104,16 @@ def test_info_names_the_topics_that_carry_tracks(log, few, capsys):
     assert dirprim("info", log) == DONE
     assert "tracks in: /objects, /objects/scene" in capsys.readouterr().out
     assert dirprim("info", log, "--json") == DONE
-    told = json.loads(capsys.readouterr().out)
-    assert set(told) >= {"topics", "messages", "start_ns", "end_ns", "damage"}
-    assert told["is_checked"]
-    topics = {topic["name"]: topic for topic in told["topics"]}
+    reported = json.loads(capsys.readouterr().out)
+    assert set(reported) >= {"topics", "messages", "start_ns", "end_ns", "damage"}
+    assert reported["is_checked"]
+    topics = {topic["name"]: topic for topic in reported["topics"]}
     assert set(topics["/objects"]) == {"name", "schema", "encoding", "messages", "tracks"}
     assert topics["/objects"]["tracks"] == few.n_tracks
-    assert (told["start_ns"], told["end_ns"], told["damage"]) == (few.time_ns.min(), few.time_ns.max(), [])
+    assert (reported["start_ns"], reported["end_ns"], reported["damage"]) == (few.time_ns.min(), few.time_ns.max(), [])
 
 
-def test_faults_of_tracks_are_told_by_whoever_reads_them(few, log, tmp_path, capsys):
+def test_faults_of_tracks_are_reported_by_whoever_reads_them(few, log, tmp_path, capsys):
     assert dirprim("info", log, "--json") == DONE
     assert json.loads(capsys.readouterr().out)["faults"] == {"backwards": [], "jumps": [], "copies": []}
     own = few[few.track_id == 3]
@@ -245,7 +245,7 @@ def test_usage(arguments, said, capsys):
         ("time_s,track_id,x_m,y_m\n0,1,two,3\n", "two"),
     ],
 )
-def test_a_wrong_table_is_told_in_one_line(content, said, tmp_path, capsys):
+def test_a_wrong_table_is_reported_in_one_line(content, said, tmp_path, capsys):
     (tmp_path / "wrong.csv").write_text(content)
     assert dirprim("convert", tmp_path / "wrong.csv", "-o", tmp_path / "out.mcap") == FAILED
     error = capsys.readouterr().err
@@ -319,7 +319,7 @@ def test_forecast_asks_for_a_state_or_a_log(learned, options):
     assert dirprim("forecast", "--map", learned, *options) == USAGE
 
 
-def test_forecasts_of_a_log_are_told_to_machines_and_follow_the_filters_knobs(log, learned, tmp_path, capsys):
+def test_forecasts_of_a_log_are_reported_to_machines_and_follow_the_filters_knobs(log, learned, tmp_path, capsys):
     out = tmp_path / "futures.mcap"
     options = (
         "forecast",
@@ -336,20 +336,20 @@ def test_forecasts_of_a_log_are_told_to_machines_and_follow_the_filters_knobs(lo
         5,
         "--json",
     )
-    told = {}
+    reported = {}
     for knobs in ((), ("--particles", 20), ("--noise", 2.0), ("--no-ids",)):
         assert dirprim(*options, *knobs) == DONE
         captured = capsys.readouterr()
-        told[knobs] = [json.loads(line) for line in captured.out.splitlines()]
+        reported[knobs] = [json.loads(line) for line in captured.out.splitlines()]
         assert "futures.mcap: 100 frames" in captured.err
-    usual = told[()]
+    usual = reported[()]
     # The first detection confirms no vehicle, so that forecasts begin a frame later.
     assert [instant["time_ns"] for instant in usual] == [100_000_000 + 1_000_000_000 * i for i in range(10)]
     assert set(usual[0]["paths"]) <= set(usual[1]["paths"]) == {str(i) for i in range(6)}
     assert np.shape(usual[0]["paths"]["0"]) == (5, 2, 2)
     assert usual[0]["dt_s"] == 0.5
-    assert len({json.dumps(lines) for lines in told.values()}) == 4
-    assert set(told["--no-ids",][5]["paths"]) != set(usual[5]["paths"])
+    assert len({json.dumps(lines) for lines in reported.values()}) == 4
+    assert set(reported["--no-ids",][5]["paths"]) != set(usual[5]["paths"])
     for knobs in (("--noise", 1.0), ("--no-ids",), ("--particles", 9), ("--interaction", "leader")):
         state = ("--at", 20, 0, "--direction-deg", 90, "--speed", 8)
         assert dirprim("forecast", "--map", learned, *state, *knobs) == USAGE

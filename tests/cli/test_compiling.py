@@ -6,7 +6,7 @@ import pytest
 from numba import njit
 
 from dirprim_filter.cli import compiling
-from dirprim_filter.cli.compiling import compiling_told, told
+from dirprim_filter.cli.compiling import compiling_notice, notice
 
 
 def compile_two():
@@ -20,12 +20,12 @@ def test_it_is_said_once_on_a_terminal_where_compiling_is_noticed(
 ):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
     monkeypatch.setattr(compiling, "UNNOTICED_S", unnoticed_s)
-    with compiling_told("demo"):
+    with compiling_notice("demo"):
         compile_two()
-    compile_two()  # whoever did not ask is told nothing
+    compile_two()  # nothing is said to others
     assert capsys.readouterr().err.count("once per installation") == n_lines
 
 
 def test_it_says_what_is_left():
-    assert "about 40 s more" in told("demo", 5.0)
-    assert "about 5 s more" in told("info", 1000.0)
+    assert "about 40 s more" in notice("demo", 5.0)
+    assert "about 5 s more" in notice("info", 1000.0)

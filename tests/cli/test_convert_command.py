@@ -44,7 +44,7 @@ def test_a_mapping_is_for_csv(survey, tmp_path, capsys):
     assert "it is for csv" in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_row_alone_in_time_is_told_and_is_no_loss(tmp_path, capsys):
+def test_a_row_alone_in_time_is_reported_and_is_no_loss(tmp_path, capsys):
     table, log = tmp_path / "t.csv", tmp_path / "log.mcap"
     table.write_text("time_s,track_id,x_m,y_m\n0,a,0,0\n1,a,1,0\n90,b,5,5\n")
     assert convert(table, "-o", log) == DONE

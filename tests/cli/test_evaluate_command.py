@@ -92,14 +92,14 @@ def test_cues_tells_people_and_machines_the_same(log, capsys):
     assert evaluate("cues", log, "--folds", 2, "--tessellation", "grid") == DONE
     text = capsys.readouterr().out
     assert evaluate("cues", log, "--folds", 2, "--tessellation", "grid", "--json") == DONE
-    told = json.loads(capsys.readouterr().out)
-    assert set(told) == {*ENVELOPE, "table", "turn_signal"}
-    assert f"{told['table']['n_steps']} steps from cell to cell, 8 vehicles, held out by vehicle, 2 folds" in text
+    reported = json.loads(capsys.readouterr().out)
+    assert set(reported) == {*ENVELOPE, "table", "turn_signal"}
+    assert f"{reported['table']['n_steps']} steps from cell to cell, 8 vehicles, held out by vehicle, 2 folds" in text
     for name in ("cell_before", "own_course"):
         line = next(line for line in text.splitlines() if line.startswith(name.replace("_", " ")))
-        score = told["table"][name]
+        score = reported["table"][name]
         assert line.split()[2:] == [
-            f"{told['table']['prior']:.3f}", f"{score['observation']:.3f}", f"{score['posterior']:.3f}",
+            f"{reported['table']['prior']:.3f}", f"{score['observation']:.3f}", f"{score['posterior']:.3f}",
             f"{score['gain']:+.1%}", f"{score['log_gain']:+.3f}",
         ]  # fmt: skip
 
@@ -141,8 +141,8 @@ def test_an_experiment_file_is_followed_and_a_wrong_one_is_one_line(log, capsys,
     config = tmp_path / "experiment.toml"
     config.write_text('n_seeds = 1\ngap_s = 0.0\nmethods = ["constant velocity"]\n[filter]\nmax_gap_s = 2.0\n')
     assert evaluate("tracking", log, "--config", config, "--noise", 0.3, "--json") == DONE
-    told = json.loads(capsys.readouterr().out)["experiment"]
-    assert (told["n_seeds"], told["noise_m"], told["filter"]["max_gap_s"]) == (1, 0.3, 2.0)
+    reported = json.loads(capsys.readouterr().out)["experiment"]
+    assert (reported["n_seeds"], reported["noise_m"], reported["filter"]["max_gap_s"]) == (1, 0.3, 2.0)
     for text, message in (
         ("noise = 1", "noise: expected one of noise_m"),
         ("noise_m = ", "expected an experiment in TOML"),
@@ -170,7 +170,7 @@ def test_forecast_tells_people_and_machines_the_same_and_draws(log, capsys, tmp_
         assert line[2:11] == [str(score["n_cases"]), *(f"{score[name]:.2f}" for name in figures[1:])]
 
 
-def test_a_configuration_that_is_none_is_told_as_such(log, capsys, tmp_path):
+def test_a_configuration_that_is_none_is_reported_as_such(log, capsys, tmp_path):
     (tmp_path / "notes.txt").write_text("noise: a lot")
     assert evaluate("tracking", log, "--config", tmp_path / "notes.txt") == FAILED
     assert "notes.txt: expected an experiment in TOML, or the JSON or MCAP of" in capsys.readouterr().err
@@ -184,15 +184,15 @@ def test_every_object_says_what_it_follows_from(log, capsys):
     }  # fmt: skip
     for command, (options, names) in commands.items():
         assert evaluate(command, log, *options, "--start", 0, "--json") == DONE
-        told = json.loads(capsys.readouterr().out)
-        assert set(told) > ENVELOPE
-        assert (told["format"], told["format_version"]) == (f"dirprim evaluate {command}", 2)
-        assert told["inputs"] == [{"name": "few.mcap", "sha256": hashlib.sha256(log.read_bytes()).hexdigest()}]
-        assert told["reading"]["start"] == "0"
-        assert set(told["experiment"]) >= names
+        reported = json.loads(capsys.readouterr().out)
+        assert set(reported) > ENVELOPE
+        assert (reported["format"], reported["format_version"]) == (f"dirprim evaluate {command}", 2)
+        assert reported["inputs"] == [{"name": "few.mcap", "sha256": hashlib.sha256(log.read_bytes()).hexdigest()}]
+        assert reported["reading"]["start"] == "0"
+        assert set(reported["experiment"]) >= names
 
 
-def test_forecasts_can_be_had_again_from_what_was_told(log, capsys, tmp_path):
+def test_forecasts_can_be_had_again_from_what_was_reported(log, capsys, tmp_path):
     assert evaluate("forecast", log, *FORECAST, "--seed", 3, "--interaction", "leader", "--json") == DONE
     first = capsys.readouterr().out
     names = [row["name"] for row in json.loads(first)["methods"]]
@@ -210,11 +210,11 @@ def test_forecasts_can_be_had_again_from_what_was_told(log, capsys, tmp_path):
 def test_former_names_of_options_are_taken_with_a_warning_and_not_shown(log, capsys, tmp_path):
     options = ("--gap", 0, "--seeds", 1, "--method", "constant velocity", "--json")
     assert evaluate("tracking", log, "--miss-rate", 0.3, "--false-per-frame", 2, *options) == DONE
-    told = capsys.readouterr()
-    assert "warning" not in told.err
+    reported = capsys.readouterr()
+    assert "warning" not in reported.err
     assert evaluate("tracking", log, "--misses", 0.3, "--clutter", 2, "--chart", tmp_path / "c.png", *options) == DONE
     formerly = capsys.readouterr()
-    assert formerly.out == told.out
+    assert formerly.out == reported.out
     assert (tmp_path / "c.png").exists()
     for old, new in (("--misses", "--miss-rate"), ("--clutter", "--false-per-frame"), ("--chart", "--plot")):
         assert f"warning: {old} is now {new}; the next release removes {old}" in formerly.err

@@ -1,4 +1,4 @@
-"""No output takes the place of an input, whatever --force says; what cannot be written is told before the work."""
+"""No output takes the place of an input, whatever --force says; what cannot be written is reported before the work."""
 
 import inspect
 import os
@@ -16,7 +16,7 @@ from dirprim_filter.viewer.figures import Figure, save_figure
 from dirprim_filter.viewer.stream import open_stream
 
 FAILED = 1
-NOBODY = 65534
+UNPRIVILEGED = 65534
 COMMANDS = [*app.registered_commands, *app.registered_groups[0].typer_instance.registered_commands]
 
 
@@ -99,12 +99,12 @@ def locked(tmp_path):
     for above in (tmp_path, *tmp_path.parents):
         if not above.stat().st_mode & 0o001:
             above.chmod(above.stat().st_mode | 0o011)
-    os.seteuid(NOBODY)
+    os.seteuid(UNPRIVILEGED)
     yield folder
     os.seteuid(0)
 
 
-def test_a_folder_that_cannot_be_written_is_told_by_the_name_that_was_given(locked):
+def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(locked):
     with pytest.raises(PermissionError) as of_check:
         check_outputs([locked / "out.mcap"], [])
     with pytest.raises(PermissionError) as of_file, PartialFile(locked / "out.mcap", force=False):
@@ -113,8 +113,8 @@ def test_a_folder_that_cannot_be_written_is_told_by_the_name_that_was_given(lock
         open_stream(save=locked / "out.rrd")
     with pytest.raises(PermissionError) as of_figure:
         save_figure(Figure(), locked / "out.png")
-    told = [caught.value.filename for caught in (of_check, of_file, of_stream, of_figure)]
-    assert told == [str(locked / name) for name in ("out.mcap", "out.mcap", "out.rrd", "out.png")]
+    reported = [caught.value.filename for caught in (of_check, of_file, of_stream, of_figure)]
+    assert reported == [str(locked / name) for name in ("out.mcap", "out.mcap", "out.rrd", "out.png")]
 
 
 @pytest.mark.parametrize("command", ["view map.mcap --save", "replay log.mcap --save", "learn log.mcap -o"])

@@ -74,7 +74,7 @@ def test_the_seed_decides_the_picture(files, tmp_path):
         (["--figure", "speed", "--at", "nan", 0], "finite"),
     ],
 )
-def test_what_cannot_be_drawn_is_told_and_nothing_is_written(files, tmp_path, capsys, arguments, said):
+def test_what_cannot_be_drawn_is_reported_and_nothing_is_written(files, tmp_path, capsys, arguments, said):
     assert plot(files, "-o", tmp_path / "p.png", *arguments) in (FAILED, USAGE)
     assert said in " ".join(capsys.readouterr().err.split())
     assert list(tmp_path.iterdir()) == []

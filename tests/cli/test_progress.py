@@ -1,4 +1,4 @@
-"""Progress is told on a terminal alone: how far, how fast, how long still; and changes nothing of what is done."""
+"""Progress is reported on a terminal alone: how far, how fast, how long still; and changes nothing of what is done."""
 
 import io
 import re
@@ -57,12 +57,12 @@ def test_steps_tell_how_many_of_how_many():
         with step_progress("writing", "chunks") as tell:
             for done in range(1, 5):
                 tell(done, 4)
-        with learning_progress() as told:
-            told.stage(0)
-            told.progress(17, -0.5)
-            told.progress(18, -0.625)
-        with learning_progress() as told:
-            told.stage(3)
+        with learning_progress() as reported:
+            reported.stage(0)
+            reported.progress(17, -0.5)
+            reported.progress(18, -0.625)
+        with learning_progress() as reported:
+            reported.stage(3)
         with working("reading y"):
             pass
     assert "4 of 4 chunks" in text_of(shown)
@@ -96,7 +96,7 @@ def test_the_long_commands_tell_of_their_steps(tmp_path, ring, capsys):
         f"replay {tmp_path}/ring.mcap --rate inf --save {tmp_path}/r.rrd": r"(\d+\.\d) of \1 s of the log",
         f"evaluate forecast {tmp_path}/ring.mcap --folds 2 --horizon 1 --samples 20": r"8 of 8 fits",
     }
-    for command, told in commands.items():
+    for command, reported in commands.items():
         with redirect_stderr(Terminal()) as shown:
             assert run(command.split()) == 0
-        assert re.search(told, text_of(shown)), command
+        assert re.search(reported, text_of(shown)), command

@@ -31,9 +31,9 @@ NEED_A_MAP = (["track"], ["forecast"])
 @pytest.mark.parametrize("command", READERS, ids=" ".join)
 def test_whatever_reads_a_log_has_the_options_of_reading(capsys, command):
     assert run([*command, "--help"]) == 0
-    told = capsys.readouterr().out
+    reported = capsys.readouterr().out
     for option in ("topics", "time-source", "frame", "fields", "origin", "labels", "group", "start", "end", "strict"):
-        assert f"--{option} " in told
+        assert f"--{option} " in reported
 
 
 @pytest.mark.parametrize("command", [command for command in READERS if command not in NEED_A_MAP], ids=" ".join)
@@ -63,8 +63,8 @@ def test_asking_for_what_a_log_does_not_hold_is_an_error_and_leaves_no_file(
     before = set(tmp_path.iterdir())
     for option in (["--group", "99"], ["--labels", "bus"], ["--start", "9000000000000000"]):
         assert run([*command, *ON_DAMAGE[command[0]], "out.mcap", *option]) == 1
-        told = capsys.readouterr().err
-        assert f"log.mcap: expected moving objects {' '.join(option)}, got none" in told
+        reported = capsys.readouterr().err
+        assert f"log.mcap: expected moving objects {' '.join(option)}, got none" in reported
         assert set(tmp_path.iterdir()) == before
 
 
@@ -96,11 +96,11 @@ def test_an_unknown_schema_is_named_with_the_way_out(tmp_path, capsys, monkeypat
     assert run(["info", "log.mcap"]) == 0
     assert "no topic carries tracks; --fields says where" in capsys.readouterr().out
     assert run(["learn", "log.mcap", "-o", "map.mcap"]) == 1
-    told = capsys.readouterr().err
+    reported = capsys.readouterr().err
     for part in ("expected a topic with moving objects", "the log has /car (acme.Car)", "say by --fields"):
-        assert part in told
-    assert "osi3.GroundTruth" not in told  # nor the forty others that are known: the README lists them
-    assert told.count("\n") == 1
+        assert part in reported
+    assert "osi3.GroundTruth" not in reported  # nor the forty others that are known: the README lists them
+    assert reported.count("\n") == 1
 
 
 def test_standard_output_is_no_place_for_what_is_renamed_when_whole(tmp_path, ring, capsys, monkeypatch):

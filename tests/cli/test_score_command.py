@@ -143,15 +143,15 @@ def test_score_tells_people_and_machines_the_same_and_draws(truth, tracked, tmp_
     text = capsys.readouterr().out
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert dirprim(*options, "--json") == DONE
-    told = json.loads(capsys.readouterr().out)
-    assert (told["format"], told["format_version"]) == ("dirprim score", 1)
-    assert [found["name"] for found in told["scores"]] == ["tracked.mcap", "worse.mcap", "other.csv"]
-    assert len(told["truth"]["sha256"]) == 64
+    reported = json.loads(capsys.readouterr().out)
+    assert (reported["format"], reported["format_version"]) == ("dirprim score", 1)
+    assert [found["name"] for found in reported["scores"]] == ["tracked.mcap", "worse.mcap", "other.csv"]
+    assert len(reported["truth"]["sha256"]) == 64
     lines = {line[:22].strip(): line[22:].split() for line in text.splitlines()[2:]}
     for head, name in (("HOTA", "hota"), ("RMSE, m", "rmse"), ("RMSE in gaps, m", "hidden_rmse"), ("MOTA", "mota")):
-        assert lines[head] == [f"{found['report'][name]:.3f}" for found in told["scores"]]
-    assert lines["T-GOSPA, m"][0] == f"{told['scores'][0]['t_gospa']['distance']:.3f}"
-    first, second, third = told["scores"]
+        assert lines[head] == [f"{found['report'][name]:.3f}" for found in reported["scores"]]
+    assert lines["T-GOSPA, m"][0] == f"{reported['scores'][0]['t_gospa']['distance']:.3f}"
+    first, second, third = reported["scores"]
     assert second["report"] == third["report"]
     assert first["report"]["hota"] > second["report"]["hota"] + 0.1
     assert first["report"]["rmse"] == pytest.approx(0.3 * np.sqrt(2), rel=0.1)
@@ -195,9 +195,9 @@ def test_groups_are_worlds_and_rows_say_which_they_are_of(ring, tmp_path, capsys
             for name, t, (x, y) in zip(part.track_id, part.time_ns, part.position, strict=True):
                 file.write(f"{t * 1e-9:.9f},{name},{x!r},{y!r},{group}\n".replace("np.float64(", "").replace(")", ""))
     assert dirprim("score", log, table, "--truth", truth, "--ids", "--json") == DONE
-    told = json.loads(capsys.readouterr().out)
-    assert (told["n_groups"], told["n_vehicles"]) == (2, 6)
-    one, other = (found["report"] for found in told["scores"])
+    reported = json.loads(capsys.readouterr().out)
+    assert (reported["n_groups"], reported["n_vehicles"]) == (2, 6)
+    one, other = (found["report"] for found in reported["scores"])
     assert one["reported"] == other["reported"] == 1.0
     assert one["rmse"] == pytest.approx(errors(own, few).position_rmse)
     for name in ("hota", "idf1", "mota", "gospa", "rmse"):
@@ -210,10 +210,10 @@ def test_groups_are_worlds_and_rows_say_which_they_are_of(ring, tmp_path, capsys
     for group in (0, 1):  # of one group count its own rows, and all rows where none names a group
         for path, left_out in ((log, len(own)), (table, len(own)), (alone, 0)):
             assert dirprim("score", path, "--truth", truth, "--group", group, "--ids", "--json") == DONE
-            told = json.loads(capsys.readouterr().out)["scores"][0]
-            assert (told["left_out"], told["report"]["reported"]) == (left_out, 1.0)
-            assert told["report"]["rmse"] == pytest.approx(one["rmse"])
-            assert told["report"]["mota"] == 1.0
+            reported = json.loads(capsys.readouterr().out)["scores"][0]
+            assert (reported["left_out"], reported["report"]["reported"]) == (left_out, 1.0)
+            assert reported["report"]["rmse"] == pytest.approx(one["rmse"])
+            assert reported["report"]["mota"] == 1.0
 
 
 def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):

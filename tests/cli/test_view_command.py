@@ -60,8 +60,8 @@ def test_a_tracked_run_has_every_layer_curve_and_text(folder):
         and "TextDocument:text" in chunk.to_record_batch().schema.names
         and "| frames | 20 |" in str(chunk.to_record_batch().column("TextDocument:text").to_pylist())
     ]
-    for told in ("mean NEES", "mean NIS", "| config: n_particles | 100 |", "| seed | 0 |"):
-        assert told in report
+    for reported in ("mean NEES", "mean NIS", "| config: n_particles | 100 |", "| seed | 0 |"):
+        assert reported in report
 
 
 @pytest.mark.parametrize(

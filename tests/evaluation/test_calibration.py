@@ -55,10 +55,10 @@ TRUTH = circling()
 @pytest.mark.parametrize("sensor", [WHITE, CORRELATED, BIASED], ids=["white", "correlated", "biased"])
 def test_what_was_put_in_comes_out(sensor):
     found = calibrate(sense(TRUTH, sensor, rng=np.random.default_rng(1)), TRUTH).sensor
-    told = found.numbers()
+    reported = found.numbers()
     for name, value in sensor.numbers().items():
         if name in found.uncertainty and value is not None:
-            assert abs(told[name] - value) <= found.uncertainty[name], name
+            assert abs(reported[name] - value) <= found.uncertainty[name], name
     for axis in ("along", "across"):
         assert getattr(found, axis).correlated_share > 0 or sensor is WHITE
     assert found.latency_s == pytest.approx(sensor.latency_s, abs=0.05)

@@ -79,7 +79,7 @@ def test_no_other_concentration_fits_the_observation_better():
     found = observation_concentration(np.zeros(500), truth)
     likelihood = [stats.vonmises.logpdf(truth, found * factor).sum() for factor in (0.9, 1.0, 1.1)]
     assert np.argmax(likelihood) == 1
-    assert observation_concentration(np.full(500, np.pi), truth) == 0.0  # worse than nothing is told by nothing
+    assert observation_concentration(np.full(500, np.pi), truth) == 0.0  # worse than nothing is reported by nothing
 
 
 def test_on_a_bend_the_prior_adds_to_the_cell_before_and_less_to_the_own_course(ring):

@@ -18,7 +18,7 @@ from dirprim_filter.tracks import Tracks
 from situations import one_cell_map, rows_of
 
 
-class Told:
+class Constant:
     """Gives each row the density that its direction says."""
 
     def __init__(self, factor):
@@ -28,8 +28,8 @@ class Told:
         return np.log(self.factor * direction)
 
 
-def told(name="told", **settings):
-    settings = settings or {"": Told(1.0)}
+def constant(name="constant", **settings):
+    settings = settings or {"": Constant(1.0)}
     return Method(name, lambda _train, _rng: settings)
 
 
@@ -40,7 +40,7 @@ def few(ring):
 
 def test_the_scores_are_the_hand_computed_ones():
     rows = rows_of(np.array([0.5, 1.0, 1.5, 2.0]), np.ones(4))
-    table = evaluate_density(rows, n_folds=2, methods=[told()], rng=np.random.default_rng(1))
+    table = evaluate_density(rows, n_folds=2, methods=[constant()], rng=np.random.default_rng(1))
     score = table.methods[0].direction
     assert (table.n_rows, table.n_held_out, table.n_folds, table.n_vehicles) == (4, 4, 2, 4)
     assert score.mean == pytest.approx(1.25)
@@ -53,12 +53,12 @@ def test_the_scores_are_the_hand_computed_ones():
 
 
 def test_of_settings_the_best_in_hindsight_is_shown_and_the_densest_beside_it():
-    class Bold(Told):  # dense where it is right, and lost where it is not
+    class Bold(Constant):  # dense where it is right, and lost where it is not
         def direction_log_density(self, position, direction):
             return np.where(direction > 1.2, 3.0, -50.0)
 
     rows = rows_of(np.array([0.5, 1.0, 1.5, 2.0]), np.ones(4))
-    method = told(name="m", low=Told(0.5), high=Told(1.0), bold=Bold(1.0))
+    method = constant(name="m", low=Constant(0.5), high=Constant(1.0), bold=Bold(1.0))
     shown = evaluate_density(rows, n_folds=2, methods=[method], rng=np.random.default_rng(1)).methods
     assert [(row.name, row.setting) for row in shown] == [("m", "high"), ("m, densest", "bold")]
     assert shown[1].direction.mean > shown[0].direction.mean
@@ -67,7 +67,7 @@ def test_of_settings_the_best_in_hindsight_is_shown_and_the_densest_beside_it():
 
 def test_a_method_draws_the_same_whatever_stands_beside_it(few):
     def drawing(name):
-        return Method(name, lambda _train, rng: {"": Told(0.1 + rng.random())})
+        return Method(name, lambda _train, rng: {"": Constant(0.1 + rng.random())})
 
     positive = Tracks(
         track_id=few.track_id, time_ns=few.time_ns, position=few.position,
@@ -165,4 +165,4 @@ def test_random_rows_leak_what_held_out_vehicles_do_not():
 
 def test_the_uninformative_density_is_no_models_of_a_place():
     assert isinstance(Uninformative(max_speed=1.0), MotionModel)
-    assert not isinstance(Told(1.0), MotionModel)
+    assert not isinstance(Constant(1.0), MotionModel)

@@ -85,10 +85,10 @@ def test_raw_detections_err_by_the_noise_and_know_nothing_of_gaps_or_of_each_oth
 
 
 def test_the_same_experiment_gives_the_same_figures_and_another_seed_others(table, traffic, ring_map):
-    told = json.loads(json.dumps(asdict(table.experiment)))
-    told["methods"], told["n_seeds"] = ["prior"], 1
+    reported = json.loads(json.dumps(asdict(table.experiment)))
+    reported["methods"], reported["n_seeds"] = ["prior"], 1
     again, once_more, other = (
-        evaluate_tracking(traffic, TrackingExperiment.of(told | seed), sensor=detect, primitive_map=ring_map)
+        evaluate_tracking(traffic, TrackingExperiment.of(reported | seed), sensor=detect, primitive_map=ring_map)
         for seed in ({}, {}, {"seed": 1})
     )
     assert once_more == again
@@ -188,16 +188,16 @@ def test_without_ids_errors_are_those_of_the_vehicles_that_estimates_are_given_t
     assert np.isnan(found.hidden_rmse)
 
 
-def test_association_is_told_the_truth_of_the_sensor(traffic):
+def test_association_is_reported_the_truth_of_the_sensor(traffic):
     experiment = TrackingExperiment(miss_rate=0.2, false_per_frame=10.0)
     area = np.prod(np.ptp(traffic.position, axis=0))
-    told = honest_tracking(traffic, experiment)
-    assert told.detection_probability == pytest.approx(0.8)
-    assert told.clutter_density == pytest.approx(10.0 / area)
+    reported = honest_tracking(traffic, experiment)
+    assert reported.detection_probability == pytest.approx(0.8)
+    assert reported.clutter_density == pytest.approx(10.0 / area)
 
 
 @pytest.mark.parametrize(
-    ("told", "message"),
+    ("config", "message"),
     [
         ({"noise": 1.0}, "experiment: noise: expected one of noise_m, miss_rate"),
         ({"filter": {"particles": 3}}, "filter: particles: expected one of n_particles"),
@@ -210,9 +210,9 @@ def test_association_is_told_the_truth_of_the_sensor(traffic):
         ({"gap_s": -1}, "gap_s: expected at least 0"),
     ],
 )
-def test_a_wrong_experiment_is_named(told, message):
+def test_a_wrong_experiment_is_named(config, message):
     with pytest.raises(ValueError, match=message):
-        TrackingExperiment.of(told)
+        TrackingExperiment.of(config)
 
 
 def test_a_file_may_set_the_filters_knobs():
@@ -232,8 +232,8 @@ def test_a_seed_without_gaps_tells_nothing_of_gaps():
 
 
 def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):
-    told = QUICK | {"n_seeds": 1, "methods": ("prior", "constant velocity", "constant turn"), "smooth": True}
-    table = evaluate_tracking(traffic, TrackingExperiment(**told), sensor=detect, primitive_map=ring_map)
+    reported = QUICK | {"n_seeds": 1, "methods": ("prior", "constant velocity", "constant turn"), "smooth": True}
+    table = evaluate_tracking(traffic, TrackingExperiment(**reported), sensor=detect, primitive_map=ring_map)
     of = {result.name: result for result in table.methods}
     assert list(of) == [
         "prior", "prior smoothed", "constant velocity", "constant velocity smoothed", "constant turn",
@@ -242,6 +242,6 @@ def test_smoothers_stand_beside_their_filters_and_know_more(traffic, ring_map):
     for name in ("prior", "constant velocity"):
         for figure in ("seen_rmse", "hidden_rmse"):
             assert of[f"{name} smoothed"].mean(figure) < of[name].mean(figure)
-    plain = replace(TrackingExperiment(**told), smooth=False, methods=("prior",))
+    plain = replace(TrackingExperiment(**reported), smooth=False, methods=("prior",))
     again = evaluate_tracking(traffic, plain, sensor=detect, primitive_map=ring_map)
     assert again.methods[0].mean("rmse") == of["prior"].mean("rmse")  # to be smoothed changes no filter

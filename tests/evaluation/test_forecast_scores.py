@@ -171,15 +171,15 @@ def test_what_cannot_be_evaluated_is_refused(knobs, message):
 def test_the_standard_error_is_that_of_the_mean_over_independent_vehicles():
     """In 400 experiments of 60 vehicles whose forecasts err together; the share of plain errors is far too small."""
     rng = np.random.default_rng(5)
-    told, plain, mean = [], [], []
+    reported, plain, mean = [], [], []
     for _ in range(400):
         n_cases = rng.integers(1, 9, 60)
         vehicle = np.repeat(np.arange(60), n_cases)
         values = rng.normal(size=60)[vehicle] + 0.3 * rng.normal(size=vehicle.size)
-        told.append(standard_error([values], [vehicle]))
+        reported.append(standard_error([values], [vehicle]))
         plain.append(standard_error([values], [np.arange(vehicle.size)]))
         mean.append(values.mean())
-    assert np.mean(told) == pytest.approx(np.std(mean), rel=0.15)
+    assert np.mean(reported) == pytest.approx(np.std(mean), rel=0.15)
     assert np.mean(plain) < 0.6 * np.std(mean)
     np.testing.assert_allclose(plain[-1], values.std(ddof=1) / np.sqrt(values.size))
 

@@ -1,4 +1,4 @@
-"""Innovations are chi-squared where the filter is right, and beliefs begun anew are told of."""
+"""Innovations are chi-squared where the filter is right, and beliefs begun anew are reported."""
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def test_squared_innovations_have_a_mean_of_two_where_the_filter_is_right():
     assert too_sure.mean() > 3.0  # the negative control
 
 
-def test_who_is_begun_anew_is_named_and_none_but_on_request_are_told_of():
+def test_who_is_begun_anew_is_named_and_none_but_on_request_are_reported():
     frames = tracked(noise_m=0.5, n_vehicles=3, n_frames=12, jump_at=6)
     anew = {i: frame.begun_anew for i, frame in enumerate(frames) if frame.begun_anew}
     assert anew

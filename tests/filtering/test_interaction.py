@@ -8,8 +8,8 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Tracker, Worlds
-from dirprim_filter.filtering.futures import Start, Steps, forecast_states, projected, sampled_state, side_by_side
 from dirprim_filter.filtering.motion import forecast_table, leader_table
+from dirprim_filter.filtering.rollouts import Start, Steps, forecast_states, projected, sampled_state, side_by_side
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
 from moving import motion_by_hand, squares

@@ -67,7 +67,7 @@ def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(clo
     before = copied(cloud)
     table = tracking_table(one_cell_map(), FilterConfig())
     vehicle = np.array([1], np.int64)
-    _kernels.settle(table, cloud, vehicle)
+    _kernels.initialise_motion(table, cloud, vehicle)
     _kernels.predict(table, cloud, vehicle, np.array([1e-9]))
     weighed(cloud, vehicle, [50.0, -20.0], noise_m=1e7)
     np.testing.assert_allclose(cloud.weight[1], before.weight[1], rtol=1e-9)
@@ -162,7 +162,7 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     belief = ParticleBelief(n_particles=20_000, mode_of=ring_map.motion.mode)
     place = np.array([20.0, 0.0])
     key = np.array([7], np.uint64)
-    _kernels.be_born(table, ring_map.compiled(), belief.cloud, np.array([0]), key, place[None], 0.01)
+    _kernels.initialise(table, ring_map.compiled(), belief.cloud, np.array([0]), key, place[None], 0.01)
     x, y = (belief.cloud.position[0] - place).T
     assert stats.kstest(x, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
     assert stats.kstest(y, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM

@@ -47,13 +47,13 @@ def test_weights_and_evidence_are_those_of_the_joint_gaussian(learned):
         0.0, [SENSOR.along.correlated_variance, SENSOR.across.correlated_variance], 0.0,
     )  # fmt: skip
     course = np.column_stack([np.cos(cloud.direction[0]), np.sin(cloud.direction[0])])
-    gaps, ways, told = [0.0, 0.3, 0.1], [], []
+    gaps, ways, reported = [0.0, 0.3, 0.1], [], []
     for gap, step in zip(gaps, ([0.0, 0.0], [0.4, 0.3], [0.1, 0.2]), strict=True):
         carried.since_s[0] += gap
         cloud.position[0] += np.array(step)  # a way that is known; the direction stays
         z = cloud.position[0].mean(axis=0) + np.array([0.3, -0.2])
         ways.append(z - cloud.position[0])
-        told.append(made.weigh(SLOT, seen_at(z)).log_density[0])
+        reported.append(made.weigh(SLOT, seen_at(z)).log_density[0])
     time_s = np.cumsum(gaps)
     log_fit = np.zeros(40)
     across = np.column_stack([-course[:, 1], course[:, 0]])
@@ -64,7 +64,7 @@ def test_weights_and_evidence_are_those_of_the_joint_gaussian(learned):
         log_fit += multivariate_normal(np.full(3, axis.bias_m), covariance).logpdf(errors)
     weight = np.exp(log_fit - log_fit.max())
     np.testing.assert_allclose(cloud.weight[0], weight / weight.sum(), atol=2e-3)  # outliers have a share of 0.001
-    assert sum(told) == pytest.approx(np.log(np.exp(log_fit).mean()), abs=0.01)
+    assert sum(reported) == pytest.approx(np.log(np.exp(log_fit).mean()), abs=0.01)
 
 
 def test_without_bias_and_correlation_it_is_the_plain_filter(learned):
@@ -99,20 +99,20 @@ def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned
 
 def followed(learned, truth, seen, sensor):
     """RMSE and NEES of the filter's and the smoother's estimates."""
-    told = [[], []]
+    reported = [[], []]
 
     class Keep:
         def __init__(self, rows):
             self.write = lambda frame: rows.append(frame.estimates)
 
     config = FilterConfig(n_particles=200, **({"noise_m": knobs_of(sensor)["noise_m"]} if sensor else {}))
-    smoother = Smoother(max_gap_s=5.0, tell=[Keep(told[1]).write])
+    smoother = Smoother(max_gap_s=5.0, tell=[Keep(reported[1]).write])
     rng = np.random.default_rng(0)
     tracker = smoother.tracker(0, learned, config=config, tracking=TrackingConfig(), sensor=sensor, rng=rng)
     with smoother:
-        replay(seen.frames(), tracker, [Keep(told[0]), smoother])
+        replay(seen.frames(), tracker, [Keep(reported[0]), smoother])
     where = {(name, t): x for name, t, x in zip(truth.track_id, truth.time_ns.tolist(), truth.position, strict=True)}
-    for rows in told:
+    for rows in reported:
         pairs = [
             (x - where[name, t], p)
             for of in rows
@@ -142,10 +142,10 @@ def test_estimates_are_of_the_frames_time_and_detections_as_they_came(learned):
     for frame in sense(truth, SENSOR, rng=np.random.default_rng(2)).frames():
         tracker.predict(frame)
         tracker.weigh()
-        told = tracker.frame()
-        assert told.time_ns == frame.time_ns[0]
-        assert (told.estimates.time_ns == told.time_ns).all()
-        assert (told.detections.time_ns == told.time_ns).all()
+        reported = tracker.frame()
+        assert reported.time_ns == frame.time_ns[0]
+        assert (reported.estimates.time_ns == reported.time_ns).all()
+        assert (reported.detections.time_ns == reported.time_ns).all()
         again = tracker.estimate()
-        np.testing.assert_array_equal(again.position, told.estimates.position)
+        np.testing.assert_array_equal(again.position, reported.estimates.position)
         tracker.resample()

@@ -84,8 +84,8 @@ def test_of_constant_velocity_it_is_the_smoother_of_rauch_tung_and_striebel_also
         np.testing.assert_allclose(own.covariance, covariance[:, :2, :2], atol=2e-5)
         np.testing.assert_allclose(own.speed, np.hypot(*mean[:, 2:].T), atol=2e-5)
         np.testing.assert_array_equal(own.unseen_s > 0.05, ~is_seen)
-    told = later[np.isin(later.time_ns, found.time_ns) & (later.track_id == 1)]
-    assert np.abs(found.position[found.track_id == 1] - told.position).max() > 0.5  # the filter knows less
+    reported = later[np.isin(later.time_ns, found.time_ns) & (later.track_id == 1)]
+    assert np.abs(found.position[found.track_id == 1] - reported.position).max() > 0.5  # the filter knows less
 
 
 def test_a_long_lag_is_the_whole_log_a_short_one_is_not_and_none_is_the_filter():

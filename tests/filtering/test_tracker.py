@@ -306,13 +306,13 @@ def test_out_of_sight_a_labelled_vehicle_is_reported_until_it_is_likelier_gone(r
     config = FilterConfig(n_particles=200, max_gap_s=20.0)
     model = ring_map if filter_of == "particles" else ConstantVelocityKalman(acceleration_density=3.0, config=config)
     tracker = Tracker(model, config=config, rng=np.random.default_rng(0))
-    told = []
+    reported = []
     for frame in frames:
         tracker.predict(frame)
         tracker.weigh()
-        told.append(tracker.estimate())
+        reported.append(tracker.estimate())
         tracker.resample()
-    unseen = Estimates.concatenate(told)
+    unseen = Estimates.concatenate(reported)
     unseen = unseen[(unseen.track_id == "a") & (unseen.unseen_s > 0)]
     np.testing.assert_allclose(np.diff(unseen.unseen_s), 0.1, atol=1e-9)
     assert (np.diff(unseen.existence) < 0).all()
@@ -339,9 +339,9 @@ def test_out_of_sight_a_vehicle_is_the_same_whenever_others_are_seen(ring_map, f
         for frame in frames:
             tracker.predict(frame)
             tracker.weigh()
-            told = tracker.estimate()
+            reported = tracker.estimate()
             tracker.resample()
-        return of_vehicle(told, "a", but=["existence"])
+        return of_vehicle(reported, "a", but=["existence"])
 
     assert at_the_end([]) == at_the_end([0.93, 1.0, 1.777, 2.95]) == at_the_end([2.999999999])
 
@@ -413,9 +413,9 @@ def test_what_a_sensor_knows_of_motion_and_of_its_errors_sharpens_the_belief(rin
         for frame in seen.frames():
             tracker.predict(frame)
             tracker.weigh()
-            told = tracker.estimate()
+            reported = tracker.estimate()
             tracker.resample()
-        return told.speed_std[0], np.trace(told.covariance[0])
+        return reported.speed_std[0], np.trace(reported.covariance[0])
 
     blind = spread()
     knows_motion = spread(direction=course, speed=np.full(n, 8.0))
@@ -426,13 +426,13 @@ def test_what_a_sensor_knows_of_motion_and_of_its_errors_sharpens_the_belief(rin
     assert np.isfinite(turned_round).all()
 
 
-def coverage(primitive_map, told_noise_m, *, n_vehicles, seed):
+def coverage(primitive_map, stated_noise_m, *, n_vehicles, seed):
     """Shares of the true positions in the ellipses that should hold 0.5 and 0.9, from the second second on."""
     rng = np.random.default_rng(seed)
     traffic = ring_traffic(rng, n_vehicles=n_vehicles, n_rows=30)
     seen = traffic.position + rng.normal(0, 0.5, traffic.position.shape)
     frames = Detections(track_id=traffic.track_id.astype(str), time_ns=traffic.time_ns, position=seen).frames()
-    found, _ = track(primitive_map, frames, n_particles=500, noise_m=told_noise_m)
+    found, _ = track(primitive_map, frames, n_particles=500, noise_m=stated_noise_m)
     truth = {(str(i), t): p for i, t, p in zip(traffic.track_id, traffic.time_ns, traffic.position, strict=True)}
     off = found.position - [truth[key] for key in zip(found.track_id.astype(str), found.time_ns, strict=True)]
     squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.covariance[:, :2, :2]), off)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter import learn_primitives
-from dirprim_filter.filtering.futures import forecast_states
+from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives.motion_choice import learn_motion
 from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, label_visits
 from dirprim_filter.primitives.rows import TrackRows

@@ -20,7 +20,7 @@ def three_cells():
     )  # fmt: skip
 
 
-def told(found):
+def reported(found):
     return {(int(s), int(t)): (float(n), float(p)) for s, t, n, p in zip(*found, strict=True)}
 
 
@@ -30,12 +30,12 @@ def test_manoeuvres_of_a_cell_count_together_and_those_inside_it_not():
         cell=[0, 0, 1, 2],
         ways=[(0, 2, 3.0), (0, 3, 1.0), (0, 1, 9.0), (1, 2, 4.0), (2, 0, 2.0), (3, 2, 0.0)],
     )
-    assert told(cell_transitions(learned)) == {(0, 1): (7.0, 7 / 8), (0, 2): (1.0, 1 / 8), (1, 0): (2.0, 1.0)}
+    assert reported(cell_transitions(learned)) == {(0, 1): (7.0, 7 / 8), (0, 2): (1.0, 1 / 8), (1, 0): (2.0, 1.0)}
 
 
 def test_what_follows_a_manoeuvre_of_no_place_is_from_no_cell():
     learned = with_ways(three_cells(), cell=[0, 0, 1, 2], ways=[(0, 2, 3.0), (4, 1, 5.0)])
-    assert told(cell_transitions(learned)) == {(0, 1): (3.0, 1.0)}
+    assert reported(cell_transitions(learned)) == {(0, 1): (3.0, 1.0)}
 
 
 def test_they_are_those_of_the_tracks_that_were_learned_from(ring, ring_map):
@@ -44,7 +44,7 @@ def test_they_are_those_of_the_tracks_that_were_learned_from(ring, ring_map):
     for track_id in np.unique(ring.track_id):
         cell = ring_map.tessellation.cell_of(ring.position[ring.track_id == track_id])
         expected.update((int(s), int(t)) for s, t in itertools.pairwise(cell) if s != t and OUTSIDE not in (s, t))
-    found = told(cell_transitions(ring_map))
+    found = reported(cell_transitions(ring_map))
     assert {pair for pair, n in expected.items() if n > 3} <= set(found)
     off = sum(abs(found.get(pair, (0.0,))[0] - expected[pair]) for pair in set(found) | set(expected))
     assert off < 0.05 * expected.total()

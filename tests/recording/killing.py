@@ -39,11 +39,11 @@ written = EstimateWriter.write
 
 
 def track(log, learned, output):
-    told = os.open(output + ".told", os.O_CREAT | os.O_WRONLY)
+    reported = os.open(output + ".reported", os.O_CREAT | os.O_WRONLY)
 
     def write(self, frame):
         written(self, frame)
-        os.pwrite(told, frame.time_ns.to_bytes(8, "little"), 0)
+        os.pwrite(reported, frame.time_ns.to_bytes(8, "little"), 0)
 
     EstimateWriter.write = write
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -96,16 +96,16 @@ class Trackers:
 
     def _killed(self, output: Path, after_s: float) -> int:
         """-> the time of the last frame that a tracker had handed over when it was killed."""
-        told = output.with_name(output.name + ".told")
+        reported = output.with_name(output.name + ".reported")
         print(self.folder / "log.mcap", self.folder / "map.mcap", output, sep="\t", file=self._server.stdin, flush=True)
         assert self._server.stdout is not None
         pid = int(self._server.stdout.readline())
-        while not told.exists() or told.stat().st_size < 8:
+        while not reported.exists() or reported.stat().st_size < 8:
             time.sleep(0.005)
         time.sleep(after_s)
         os.kill(pid, signal.SIGKILL)
         assert self._server.stdout.readline() == "gone\n"
-        return int.from_bytes(told.read_bytes(), "little")
+        return int.from_bytes(reported.read_bytes(), "little")
 
 
 @contextmanager

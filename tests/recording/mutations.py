@@ -121,18 +121,18 @@ def check(whole, data, path):
         assert kinds, "messages were lost, or came twice, without a word"
     named = "summary" not in kinds  # a broken summary may be all that is left to name a topic by
     if not kinds & {"truncated", "unknown_channel", "data_crc"}:  # what has no checksum, or a wrong one, may be wrong
-        assert set(_told(got, named)) <= set(_told(whole.messages, named)), f"messages were invented: {kinds}"
+        assert set(_reported(got, named)) <= set(_reported(whole.messages, named)), f"messages were invented: {kinds}"
     if "unknown_channel" not in kinds:
         for chunk, messages in whole.chunks:
             if chunk in data:
-                intact = _told(messages, named)
-                assert intact <= _told(got, named), (
+                intact = _reported(messages, named)
+                assert intact <= _reported(got, named), (
                     f"an intact chunk of {messages.total()} messages is missing: {kinds}"
                 )
     return bool(kinds)
 
 
-def _told(messages, named):
+def _reported(messages, named):
     """The messages as they are compared: with or without their topic."""
     if named:
         return messages

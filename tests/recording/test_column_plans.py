@@ -147,7 +147,7 @@ def test_cdr2_aligns_to_four_bytes():
 
 
 @pytest.mark.parametrize(
-    ("definition", "path", "told"),
+    ("definition", "path", "reported"),
     [
         (b"uint8 a", ".b", "expected the fields .b, which its definition lacks"),
         (b"p/Lost a\nfloat64 b", ".b", "expected a definition of p/msg/Lost"),
@@ -159,10 +159,10 @@ def test_cdr2_aligns_to_four_bytes():
         (b"float64[] b", ".b", "behind the repeated .b"),
     ],
 )  # fmt: skip
-def test_a_ros2_schema_that_cannot_be_read_says_why(definition, path, told):
+def test_a_ros2_schema_that_cannot_be_read_says_why(definition, path, reported):
     with pytest.raises(SchemaError, match="p/M: ") as error:
         cdr_plan("p/M", "ros2msg", definition, {"b": Field(path=path)})
-    assert told in str(error.value)
+    assert reported in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -323,7 +323,7 @@ def test_a_plan_asks_of_descriptors_only_what_every_version_has(monkeypatch):
 
 
 def test_a_protobuf_schema_that_cannot_be_read_says_why():
-    for definition, path, told in (
+    for definition, path, reported in (
         (b"\xff\xff", ".double", "FileDescriptorSet"),
         (b"", ".double", "defines it"),
         (DEFINITION, ".nothing", "lacks"),
@@ -334,7 +334,7 @@ def test_a_protobuf_schema_that_cannot_be_read_says_why():
     ):
         with pytest.raises(SchemaError, match=r"p\.M: ") as error:
             protobuf_plan("p.M", definition, {"x": Field(path=path)})
-        assert told in str(error.value)
+        assert reported in str(error.value)
 
 
 # ---------------------------------------------------------------------------------------------- JSON
@@ -346,7 +346,7 @@ def test_json_reads_what_is_there_and_says_what_is_not():
         "t": Field(path=".stamp", kind="time"), "set": Field(path=".more", kind="presence"),
         "deep": Field(path=".objects[].parts[].y"),
     }  # fmt: skip
-    told = [
+    reported = [
         {
             "stamp": {"sec": 1, "nsec": 5},
             "more": {},
@@ -358,7 +358,7 @@ def test_json_reads_what_is_there_and_says_what_is_not():
         [],
         {"objects": [{"id": {}}]},
     ]
-    payloads = [json.dumps(one).encode() for one in told] + [b"{", b"\xff", b"[" * 100_000]
+    payloads = [json.dumps(one).encode() for one in reported] + [b"{", b"\xff", b"[" * 100_000]
     read = JsonPlan(fields).run(payloads)
     assert sorted(read.failures) == [3, 4, 5, 6, 7, 8]
     assert read.names("id").tolist() == ["7", "b", ""]

@@ -82,9 +82,9 @@ def test_a_broken_definition_is_read_or_refused_in_one_line(name):
         definition = build_file_descriptor_set(SceneUpdate).SerializeToString()
         plan = lambda data: protobuf_plan(name, data, fields)  # noqa: E731
     plan(definition)
-    told = [reason for _ in range(ROUNDS) if (reason := why_not(plan, mutated(definition, rng))) is not None]
-    assert told
-    assert not any("\n" in reason for reason in told)
+    reported = [reason for _ in range(ROUNDS) if (reason := why_not(plan, mutated(definition, rng))) is not None]
+    assert reported
+    assert not any("\n" in reason for reason in reported)
 
 
 def why_not(plan, definition):

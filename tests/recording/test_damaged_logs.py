@@ -58,11 +58,11 @@ def test_real_log_broken_on_purpose(name):
         read_tracks(path, strict=True)
 
 
-@pytest.mark.parametrize(("data", "told"), [(b"", "empty file"), (b"time_s,x_m\n" * 9, "starts with b'time_s,x")])
-def test_what_is_no_mcap_is_an_error(tmp_path, data, told):
+@pytest.mark.parametrize(("data", "reported"), [(b"", "empty file"), (b"time_s,x_m\n" * 9, "starts with b'time_s,x")])
+def test_what_is_no_mcap_is_an_error(tmp_path, data, reported):
     path = tmp_path / "log.mcap"
     path.write_bytes(data)
-    with pytest.raises(NotMcapError, match=f"log.mcap.*{told}"):
+    with pytest.raises(NotMcapError, match=f"log.mcap.*{reported}"):
         scan(path)
 
 

@@ -76,8 +76,8 @@ def pb_transform(x, y):
 
 
 def pb_transforms(path):
-    told = [(k, pb_transform(*PLACE[k])) for k in range(N)]
-    return write_protobuf_log(path, [("/car", TIMES[k], FrameTransforms(transforms=[one])) for k, one in told])
+    reported = [(k, pb_transform(*PLACE[k])) for k in range(N)]
+    return write_protobuf_log(path, [("/car", TIMES[k], FrameTransforms(transforms=[one])) for k, one in reported])
 
 
 def pb_scene(path):
@@ -113,8 +113,8 @@ def in_json(schema, make):
             writer.start()
             channel = writer.register_channel("/car", "json", writer.register_schema(schema, "jsonschema", b"{}"))
             for k in range(N):
-                told = {"timestamp": stamp(k, "nsec"), "frame_id": "map"} | make(k)
-                writer.add_message(channel, TIMES[k], json.dumps(told).encode(), TIMES[k])
+                reported = {"timestamp": stamp(k, "nsec"), "frame_id": "map"} | make(k)
+                writer.add_message(channel, TIMES[k], json.dumps(reported).encode(), TIMES[k])
             writer.finish()
 
     return write

@@ -108,9 +108,9 @@ def test_bodies_are_as_large_as_was_last_reported_of_them():
     drawn(replace(frame, detections=replace(frame.detections, size=size)), scene=scene)
     later = drawn(replace(frame, detections=Detections.none()), scene=scene)
     bodies = [entity.cubes[0] for entity in later.entities]
-    told = [(b.size.x, b.size.y, b.size.z) for b in bodies]
-    assert told == [VEHICLE_SIZE, (12.0, 2.5, 3.2), VEHICLE_SIZE, (0.6, 0.5, VEHICLE_SIZE[2])]
-    assert [b.pose.position.z for b in bodies] == [size[2] / 2 for size in told]  # on the ground
+    reported = [(b.size.x, b.size.y, b.size.z) for b in bodies]
+    assert reported == [VEHICLE_SIZE, (12.0, 2.5, 3.2), VEHICLE_SIZE, (0.6, 0.5, VEHICLE_SIZE[2])]
+    assert [b.pose.position.z for b in bodies] == [size[2] / 2 for size in reported]  # on the ground
 
 
 def test_trails_lead_from_where_the_vehicles_were_to_where_they_are():

@@ -81,7 +81,7 @@ def test_poses_are_one_vehicle_each_topic(tmp_path):
 
 
 def test_odometry_turns_its_velocity_from_the_body(tmp_path):
-    messages, told = [], []
+    messages, reported = [], []
     for k, (x, y) in enumerate(PLACE.tolist()):
         turn = Rotation.from_euler("ZYX", [ANGLE[k] + np.pi / 2, 0.0, 0.1]).as_quat().tolist()
         one = stamped(Odometry(body_frame_id="car"), k)
@@ -89,14 +89,14 @@ def test_odometry_turns_its_velocity_from_the_body(tmp_path):
         one.pose.orientation.x, one.pose.orientation.y, one.pose.orientation.z, one.pose.orientation.w = turn
         one.linear_velocity.x = 10.0
         messages.append(("/odom", TIMES[k], one))
-        told.append((TIMES[k], {
+        reported.append((TIMES[k], {
             "timestamp": seconds(TIMES[k]), "frame_id": "map", "body_frame_id": "car",
             "pose": {"position": {"x": x, "y": y, "z": 0}, "orientation": dict(zip("xyzw", turn, strict=True))},
             "linear_velocity": {"x": 10, "y": 0, "z": 0},
         }))  # fmt: skip
     for path in (
         write_protobuf_log(tmp_path / "log.mcap", messages),
-        json_log(tmp_path / "json.mcap", "foxglove.Odometry", told),
+        json_log(tmp_path / "json.mcap", "foxglove.Odometry", reported),
     ):
         tracks = read_tracks(path, time_source="header")
         check_circle(tracks)
@@ -232,8 +232,8 @@ def test_a_position_off_the_earth_costs_its_row(tmp_path, x):
     def message(k, x):
         return {"id": 4, "x": x, "y": 0.0, "stamp": TIMES[k]}
 
-    told = [(TIMES[k], message(k, x * (-1) ** k if k in (3, 4) else float(k))) for k in range(N)]
-    path = json_log(tmp_path / "log.mcap", "acme.Car", told)
+    reported = [(TIMES[k], message(k, x * (-1) ** k if k in (3, 4) else float(k))) for k in range(N)]
+    path = json_log(tmp_path / "log.mcap", "acme.Car", reported)
     mapping = FieldMapping.parse("id=.id,x=.x,y=.y,time=.stamp")
     log = read_track_logs(path, mapping=mapping, time_source="header")
     assert (log.dropped.invalid, log.dropped.total) == (2, 2)

@@ -28,12 +28,12 @@ def log(tmp_path):
 
 def test_the_index_tells_what_reading_tells(log):
     path = log(log_bytes(SENT, chunk_size=900))
-    told, read = summarise_by_index(path, from_bytes=0), inspect(path)
-    assert (told.topics, told.messages, told.start_ns, told.end_ns) == (
+    reported, read = summarise_by_index(path, from_bytes=0), inspect(path)
+    assert (reported.topics, reported.messages, reported.start_ns, reported.end_ns) == (
         read.topics, read.messages, read.start_ns, read.end_ns,
     )  # fmt: skip
-    assert (told.is_checked, read.is_checked) == (False, True)
-    assert told.stamps is None
+    assert (reported.is_checked, read.is_checked) == (False, True)
+    assert reported.stamps is None
     assert summarise_by_index(path) is None  # a short log is read
 
 
@@ -47,7 +47,7 @@ def test_an_index_that_is_not_whole_tells_nothing(log):
     assert summarise_by_index(log(data[:-9]), from_bytes=0) is None
 
 
-def test_a_long_log_is_told_by_its_index_unless_it_is_to_be_checked(log, capsys, monkeypatch):
+def test_a_long_log_is_reported_by_its_index_unless_it_is_to_be_checked(log, capsys, monkeypatch):
     data = bytearray(log_bytes(SENT, chunk_size=900))
     chunk = next(start for opcode, start, _ in records(bytes(data)) if opcode == CHUNK)
     data[chunk + 60] ^= 1
@@ -67,9 +67,9 @@ def test_a_long_log_is_told_by_its_index_unless_it_is_to_be_checked(log, capsys,
 def test_filters(log, capsys):
     path = log(log_bytes(SENT, chunk_size=900))
     assert run(["info", str(path), "--topics", "/topic[01]", "--start", "60000", "--end", "90000", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert {topic["name"]: topic["messages"] for topic in told["topics"]} == {"/topic0": 10, "/topic1": 10}
-    assert (told["start_ns"], told["end_ns"]) == (60_000, 88_000)
+    reported = json.loads(capsys.readouterr().out)
+    assert {topic["name"]: topic["messages"] for topic in reported["topics"]} == {"/topic0": 10, "/topic1": 10}
+    assert (reported["start_ns"], reported["end_ns"]) == (60_000, 88_000)
 
 
 @pytest.mark.parametrize("chunk_size", [100, 1 << 20])
@@ -80,7 +80,7 @@ def test_odd_times_are_counted_by_topic_in_the_order_of_the_file(log, chunk_size
     assert inspect(path).stamps == {"log": odd, "publish": replace(odd, zero=0), "header": ClockFaults()}
 
 
-def test_odd_times_of_headers_and_jumps_are_told_too(tmp_path, capsys):
+def test_odd_times_of_headers_and_jumps_are_reported_too(tmp_path, capsys):
     messages = []
     for k, stamp_s in enumerate((5, 6, 6, 4, 0, 0, 90)):
         update = scene([("a", k, 0.0)], stamp_s=stamp_s)
@@ -92,8 +92,8 @@ def test_odd_times_of_headers_and_jumps_are_told_too(tmp_path, capsys):
         "header": ClockFaults(zero=2, backward=2, duplicate=2, jumps=1),
     }
     assert run(["info", str(path)]) == 0
-    told = "header times by topic, as they stand in the file: 2 times of zero, 2 times before the last one"
-    assert told in capsys.readouterr().out
+    reported = "header times by topic, as they stand in the file: 2 times of zero, 2 times before the last one"
+    assert reported in capsys.readouterr().out
 
 
 def test_tracks_of_a_private_schema_are_counted_by_the_paths_of_its_fields(tmp_path, capsys):
@@ -110,6 +110,6 @@ def test_tracks_of_a_private_schema_are_counted_by_the_paths_of_its_fields(tmp_p
         writer.finish()
     assert {topic.tracks for topic in inspect(path).topics} == {None}
     assert run(["info", str(path), "--json", "--fields", "id=.cars[].name,x=.cars[].x,y=.cars[].y"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert {topic["name"]: topic["tracks"] for topic in told["topics"]}["/cars"] == 2
+    reported = json.loads(capsys.readouterr().out)
+    assert {topic["name"]: topic["tracks"] for topic in reported["topics"]}["/cars"] == 2
     assert run(["info", str(path), "--fields", "nonsense"]) == 1

@@ -1,4 +1,4 @@
-"""What objects are, and of which group: read as others wrote it, chosen by name or number, and told by `info`."""
+"""What objects are, and of which group: read as others wrote it, chosen by name or number, and reported by `info`."""
 
 import json
 

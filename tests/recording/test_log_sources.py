@@ -85,9 +85,9 @@ def test_an_error_of_a_remotes_own_library_is_one_line_that_names_the_url(capsys
 
     fsspec.register_implementation("vault", Remote, clobber=True)
     assert run(["info", "vault://bucket/log.mcap"]) == 1
-    told = capsys.readouterr().err
-    assert told.startswith("error: vault://bucket/log.mcap: expected a URL that fsspec can read: unable to locate")
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert reported.startswith("error: vault://bucket/log.mcap: expected a URL that fsspec can read: unable to locate")
+    assert reported.count("\n") == 1
 
 
 def test_what_is_no_log_is_said_by_its_name(tmp_path, monkeypatch):

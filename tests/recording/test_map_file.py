@@ -142,7 +142,7 @@ def test_an_existing_file_is_kept_without_force(tmp_path):
     assert_equal(load_map(path), some_map(6))
 
 
-def test_a_log_that_is_no_map_is_told(tmp_path):
+def test_a_log_that_is_no_map_is_reported(tmp_path):
     with LogWriter(tmp_path / "log.mcap", metadata={}) as log:
         log.write("/tf", scene_transform(0, np.zeros(2)), 0)
     with pytest.raises(RecordingError, match=r"log\.mcap: expected a map.*dirprim learn"):
@@ -218,7 +218,7 @@ def of_a_generator_nowhere(tile):
 
 
 @pytest.mark.parametrize(
-    ("harm", "told"),
+    ("harm", "message"),
     [
         (without_a_coordinate, "y: expected 10 numbers, got 9"),
         (with_a_generator_twice, "generators: expected each once"),
@@ -227,11 +227,11 @@ def of_a_generator_nowhere(tile):
         (of_a_generator_nowhere, "generators: expected finite"),
     ],
 )
-def test_harmed_generators_are_told_in_one_line(tmp_path, harm, told):
+def test_harmed_generators_are_reported_in_one_line(tmp_path, harm, message):
     (tile,) = encode_tiles(some_map(10, voronoi=True))
     harm(tile)
     write_tiles(tmp_path / "map.mcap", [tile])
-    with pytest.raises(RecordingError, match=told) as caught:
+    with pytest.raises(RecordingError, match=message) as caught:
         load_map(tmp_path / "map.mcap")
     assert "\n" not in str(caught.value)
 
@@ -244,7 +244,7 @@ def test_tiles_of_two_kinds_make_no_map(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("harm", "told"),
+    ("harm", "message"),
     [
         (without_weight, "weight: expected 30 numbers, got 29"),
         (of_a_huge_count, "weight: expected 21474836480 numbers, got 30"),
@@ -256,11 +256,11 @@ def test_tiles_of_two_kinds_make_no_map(tmp_path):
         (of_no_place_free_row, "weight: expected 3 numbers, got 0"),
     ],
 )
-def test_a_harmed_tile_is_told_in_one_line(tmp_path, harm, told):
+def test_a_harmed_tile_is_reported_in_one_line(tmp_path, harm, message):
     (tile,) = encode_tiles(some_map(10))
     harm(tile)
     write_tiles(tmp_path / "map.mcap", [tile])
-    with pytest.raises(RecordingError, match=told) as caught:
+    with pytest.raises(RecordingError, match=message) as caught:
         load_map(tmp_path / "map.mcap")
     assert "map.mcap" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -288,7 +288,7 @@ def wrap_around(tile):
 
 
 @pytest.mark.parametrize(
-    ("harm", "told"),
+    ("harm", "message"),
     [
         *((shorten_motion(name), f"{name}: expected") for name in COLUMNS if name not in ("cell", "following")),
         (shorten_motion("cell"), "expected 22 numbers, got 23"),
@@ -317,29 +317,29 @@ def wrap_around(tile):
         (lambda tile: tile.motion.ClearField("course_rate"), "course_rate: expected a positive number"),
     ],
 )
-def test_harmed_motion_is_told_in_one_line(tmp_path, harm, told):
+def test_harmed_motion_is_reported_in_one_line(tmp_path, harm, message):
     (tile,) = encode_tiles(some_map(10))
     harm(tile)
     write_tiles(tmp_path / "map.mcap", [tile])
-    with pytest.raises(RecordingError, match=told) as caught:
+    with pytest.raises(RecordingError, match=message) as caught:
         load_map(tmp_path / "map.mcap")
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_a_doubled_and_a_foreign_tile_are_told(tmp_path):
+def test_a_missing_a_doubled_and_a_foreign_tile_are_reported(tmp_path):
     tiles = list(encode_tiles(some_map(TILE_CELLS + 9)))
     foreign = list(encode_tiles(some_map(TILE_CELLS + 9, seed=1)))
-    for name, part, told in (
+    for name, part, message in (
         ("a", tiles[:1], "expected tiles 0 to 1, got 1"),
         ("b", [tiles[0], tiles[0]], "tile 0: expected once"),
         ("c", [tiles[0], foreign[1]], "tiles of several"),
     ):
         write_tiles(tmp_path / name, part)
-        with pytest.raises(RecordingError, match=told):
+        with pytest.raises(RecordingError, match=message):
             load_map(tmp_path / name)
 
 
-def test_a_damaged_map_is_told(tmp_path):
+def test_a_damaged_map_is_reported(tmp_path):
     path = tmp_path / "map.mcap"
     save_map(some_map(500), path)
     data = bytearray(path.read_bytes())

@@ -99,7 +99,7 @@ def turned(yaw_deg, roll_deg=0.0):
     return one
 
 
-def test_errors_turn_with_the_frame_they_are_told_in(tmp_path):
+def test_errors_turn_with_the_frame_they_are_reported_in(tmp_path):
     """The ellipse of a sensor that looks 30 degrees to the left, beside the eigenvectors that it must then have."""
     path = write_protobuf_log(
         tmp_path / "log.mcap",
@@ -158,7 +158,7 @@ def covariance(k, *, n_rows=6):
 
 
 def with_errors(schema, k):
-    """The first object of `schema`, its errors told."""
+    """The first object of `schema`, its errors reported."""
     one = ARRAYS[schema][1](k, 0)
     one["kinematics"]["pose_with_covariance"]["covariance"] = covariance(k)
     if "has_position_covariance" in one["kinematics"]:
@@ -170,7 +170,7 @@ def with_errors(schema, k):
     "schema",
     ["autoware_perception_msgs/msg/TrackedObjects", "autoware_perception_msgs/msg/DetectedObjects"],
 )
-def test_errors_of_autowares_objects_are_those_told(tmp_path, schema):
+def test_errors_of_autowares_objects_are_those_reported(tmp_path, schema):
     path = array_log(tmp_path, schema, lambda k, _: [with_errors(schema, k)])
     for k, frame in enumerate(stream_detections(path)):
         if "Detected" in schema and k % 2:
@@ -179,23 +179,23 @@ def test_errors_of_autowares_objects_are_those_told(tmp_path, schema):
             np.testing.assert_array_equal(frame.covariance, [[[4.0, 1.0], [1.0, 2.0 + k]]])
 
 
-def test_errors_of_odometry_and_fixes_are_those_told(tmp_path):
-    def told(name, **fields):
+def test_errors_of_odometry_and_fixes_are_those_reported(tmp_path):
+    def made(name, **fields):
         return "/a", 7, name, {"header": header(7, "map")} | fields
 
     place = {"position": point(1, 2, 3), "orientation": quaternion(0, 0, 0)}
     still = {"linear": point(0, 0, 0), "angular": point(0, 0, 0)}
     fix = {"status": {"status": 0, "service": 1}, "latitude": 48.0, "longitude": 11.0, "altitude": 0.0}
     messages = {
-        "odometry": told(
+        "odometry": made(
             "nav_msgs/msg/Odometry", child_frame_id="car", pose={"pose": place, "covariance": covariance(1)},
             twist={"twist": still, "covariance": [0.0] * 36},
         ),
-        "pose": told("geometry_msgs/msg/PoseWithCovarianceStamped", pose={"pose": place, "covariance": covariance(1)}),
-        "fix": told(
+        "pose": made("geometry_msgs/msg/PoseWithCovarianceStamped", pose={"pose": place, "covariance": covariance(1)}),
+        "fix": made(
             "sensor_msgs/msg/NavSatFix", position_covariance=covariance(1, n_rows=3), position_covariance_type=3, **fix
         ),
-        "unsure": told(
+        "unsure": made(
             "sensor_msgs/msg/NavSatFix", position_covariance=covariance(1, n_rows=3), position_covariance_type=0, **fix
         ),
     }  # fmt: skip
@@ -207,7 +207,7 @@ def test_errors_of_odometry_and_fixes_are_those_told(tmp_path):
         np.testing.assert_array_equal(frame.covariance, expected, err_msg=name)
 
 
-def test_errors_of_foxgloves_messages_are_those_told(tmp_path):
+def test_errors_of_foxgloves_messages_are_those_reported(tmp_path):
     pytest.importorskip("pyproj", reason="the extra geo is not installed")
     fix = LocationFix(latitude=48.0, longitude=11.0, position_covariance=covariance(1, n_rows=3))
     fix.position_covariance_type = LocationFix.KNOWN

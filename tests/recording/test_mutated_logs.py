@@ -9,7 +9,7 @@ ROUNDS = 50
 
 
 @pytest.mark.parametrize("whole", LOGS, ids=lambda whole: whole.name)
-def test_what_is_intact_is_delivered_and_what_is_lost_is_told(whole, tmp_path):
+def test_what_is_intact_is_delivered_and_what_is_lost_is_reported(whole, tmp_path):
     path, fixed = tmp_path / "broken.mcap", tmp_path / "fixed.mcap"
     noticed = 0
     for i in range(ROUNDS):

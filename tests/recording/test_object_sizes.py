@@ -1,4 +1,4 @@
-"""How large objects are: read as independent writers wrote it, kept through our own logs, and told by `info`."""
+"""How large objects are: read as independent writers wrote it, kept through our own logs, and reported by `info`."""
 
 import json
 
@@ -112,20 +112,20 @@ def mixed(k):
 
 def as_json(update):
     """By protobuf's own rules, but for times, which Foxglove writes as numbers."""
-    told = json_format.MessageToDict(
+    reported = json_format.MessageToDict(
         update, preserving_proto_field_name=True, always_print_fields_with_no_presence=True
     )  # fmt: skip
-    for entity in told["entities"]:
+    for entity in reported["entities"]:
         entity["timestamp"] = {"sec": 0, "nsec": 0}
-    return told
+    return reported
 
 
 @pytest.mark.parametrize("encoding", ["protobuf", "json"])
 def test_sizes_of_scenes(tmp_path, encoding):
     path = tmp_path / "log.mcap"
     if encoding == "json":
-        told = [(k * 10**8, as_json(mixed(k))) for k in range(5)]
-        json_log(path, "foxglove.SceneUpdate", told)
+        reported = [(k * 10**8, as_json(mixed(k))) for k in range(5)]
+        json_log(path, "foxglove.SceneUpdate", reported)
     else:
         write_protobuf_log(path, [("/objects", k * 10**8, mixed(k)) for k in range(5)])
     tracks = read_tracks(path)
@@ -150,8 +150,8 @@ def test_sizes_of_osi_objects_are_what_the_stock_decoder_finds():
     tracks = read_tracks(path)
     assert is_held(tracks.size)
     for time_ns, name, size in zip(tracks.time_ns.tolist(), tracks.track_id.tolist(), tracks.size, strict=True):
-        told = np.array(expected[time_ns, name])
-        np.testing.assert_array_equal(size, np.where(told > 0, told, NAN))
+        reported = np.array(expected[time_ns, name])
+        np.testing.assert_array_equal(size, np.where(reported > 0, reported, NAN))
     (summary,) = inspect(path).sizes.values()
     medians = np.nanmedian(np.where(np.array(list(expected.values())) > 0, list(expected.values()), NAN), axis=0)
     np.testing.assert_allclose([summary.length_m, summary.width_m, summary.height_m], medians, atol=0.0051)
@@ -186,10 +186,10 @@ def test_sizes_that_a_sensor_of_osi_perceives(tmp_path):
 
 def test_sizes_by_the_paths_of_a_private_schema(tmp_path):
     def sized(k):
-        told = private(k)
-        for one in told["list"]:
+        reported = private(k)
+        for one in reported["list"]:
             one["box"] = {"l": L, "w": W}
-        return told | {"tall": H}
+        return reported | {"tall": H}
 
     path = json_log(tmp_path / "log.mcap", "acme.Objects", [(TIMES[k], sized(k)) for k in range(len(PLACE))])
     places = "id=.list[].name,x=.list[].at[0],y=.list[].at[1]"
@@ -266,8 +266,8 @@ def test_a_log_whose_sizes_begin_late_is_whole(tmp_path, monkeypatch):
 def test_info_tells_sizes(tmp_path, capsys):
     write_tracks(three(np.array([[4.0, 2.0, NAN], [5.0, NAN, NAN], [9.0, 2.0, NAN]])), tmp_path / "log.mcap")
     assert run(["info", str(tmp_path / "log.mcap")]) == 0
-    told = "sizes in /objects: median 5.00 x 2.00 x ? m (length x width x height) of 60 rows"
-    assert told in capsys.readouterr().out
+    reported = "sizes in /objects: median 5.00 x 2.00 x ? m (length x width x height) of 60 rows"
+    assert reported in capsys.readouterr().out
     assert run(["info", str(tmp_path / "log.mcap"), "--json"]) == 0
     sizes = json.loads(capsys.readouterr().out)["sizes"]
     assert sizes["/objects"] == {"rows": 60, "length_m": 5.0, "width_m": 2.0, "height_m": None}

@@ -26,11 +26,11 @@ def test_every_light_is_the_one_that_the_stock_decoder_finds(lights):
         for _, _, message, view in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
             for mover in view.global_ground_truth.moving_object:
                 state = mover.vehicle_classification.light_state
-                told = []
+                reported = []
                 for name in ("indicator_state", "brake_light_state"):
                     names = state.DESCRIPTOR.fields_by_name[name].enum_type.values_by_number
-                    told.append(names[getattr(state, name)].name.split("_STATE_")[1])
-                expected.append((message.log_time, str(mover.id.value), *told))
+                    reported.append(names[getattr(state, name)].name.split("_STATE_")[1])
+                expected.append((message.log_time, str(mover.id.value), *reported))
     assert lights == expected
     assert {light.indicator for light in lights if light.track_id == "1001"} == {"OFF", "LEFT"}
     assert len({light.brake for light in lights}) > 1

@@ -28,11 +28,11 @@ FILES = {
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_of_another_format_says_the_way(tmp_path, name):
-    opening, told = FILES[name]
+    opening, reported = FILES[name]
     (tmp_path / name).write_bytes(opening + bytes(100) if opening else b"")
     with pytest.raises(NotMcapError, match="expected an MCAP log, got") as caught:
         read_tracks(tmp_path / name)
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
     assert len(str(caught.value).replace(str(tmp_path), "")) < LONGEST
 
 
@@ -60,7 +60,7 @@ def log(path, encoding, n_topics):
     return path
 
 
-def test_a_log_of_ros_1_is_told_by_its_encoding_and_no_fields_are_advised(tmp_path, capsys):
+def test_a_log_of_ros_1_is_reported_by_its_encoding_and_no_fields_are_advised(tmp_path, capsys):
     bag = log(tmp_path / "ros1.mcap", "ros1", 2)
     assert run(["info", str(bag)]) == 0
     said = capsys.readouterr().out
@@ -75,8 +75,8 @@ def test_a_log_without_tracks_is_one_short_line_that_says_what_it_holds(tmp_path
     many = log(tmp_path / "many.mcap", "cdr", 60)
     with pytest.raises(NoTracksError) as caught:
         read_tracks(many)
-    told = str(caught.value).replace(str(tmp_path), "")
-    assert len(told) < LONGEST
-    assert "/topic_0 (std_msgs/String)" in told
-    assert "and 54 more" in told
-    assert "--fields" in told
+    reported = str(caught.value).replace(str(tmp_path), "")
+    assert len(reported) < LONGEST
+    assert "/topic_0 (std_msgs/String)" in reported
+    assert "and 54 more" in reported
+    assert "--fields" in reported

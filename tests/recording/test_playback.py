@@ -69,7 +69,7 @@ def test_a_part_of_it(straight, tracked):
         assert [frame.time_ns for frame in frames] == [i * STEP_NS for i in range(5, 9)]
 
 
-def test_damage_is_told(tracked):
+def test_damage_is_reported(tracked):
     tracked.write_bytes(tracked.read_bytes()[:-30])
     playback = Playback(tracked)
     assert len(list(playback)) == N

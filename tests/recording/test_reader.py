@@ -125,18 +125,18 @@ def test_velocity_is_differenced_where_a_scene_tells_none(tmp_path):
 
 
 def test_velocity_of_the_metadata_counts_only_where_a_track_has_it_throughout(tmp_path):
-    told, partly = circling(name="told"), circling(name="partly")
-    for i, (_, _, update) in enumerate(told + partly):
+    reported, partly = circling(name="reported"), circling(name="partly")
+    for i, (_, _, update) in enumerate(reported + partly):
         update.entities[0].metadata.add(key="group", value="-4")
-        if i != len(told) + 3:
+        if i != len(reported) + 3:
             update.entities[0].metadata.add(key="speed_mps", value="3.25")
             update.entities[0].metadata.add(key="direction_rad", value="0.5")
-    tracks = read_tracks(write_protobuf_log(tmp_path / "log.mcap", told + partly))
-    is_told = tracks.track_id == "told"
-    assert set(tracks.speed[is_told]) == {3.25}
-    assert set(tracks.direction[is_told]) == {0.5}
-    assert set(tracks.group[is_told]) == {-4}
-    np.testing.assert_allclose(tracks.speed[~is_told], 10.0, rtol=5e-3)
+    tracks = read_tracks(write_protobuf_log(tmp_path / "log.mcap", reported + partly))
+    is_reported = tracks.track_id == "reported"
+    assert set(tracks.speed[is_reported]) == {3.25}
+    assert set(tracks.direction[is_reported]) == {0.5}
+    assert set(tracks.group[is_reported]) == {-4}
+    np.testing.assert_allclose(tracks.speed[~is_reported], 10.0, rtol=5e-3)
 
 
 def test_entities_without_a_cube_are_no_objects(tmp_path):
@@ -261,7 +261,7 @@ def test_of_several_scenes_the_one_with_objects_and_most_messages_is_read(tmp_pa
 
 def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path):
     path = write_protobuf_log(tmp_path / "log.mcap", [("/floor", 1, Grid()), ("/lanes", 1, scene([]))])
-    with pytest.raises(NoTracksError) as told:
+    with pytest.raises(NoTracksError) as reported:
         read_tracks(path)
     for part in (
         "log.mcap",
@@ -269,8 +269,8 @@ def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path
         "/lanes (foxglove.SceneUpdate)",
         "--fields",
     ):
-        assert part in str(told.value)
-    assert "\n" not in str(told.value)
+        assert part in str(reported.value)
+    assert "\n" not in str(reported.value)
     with pytest.raises(NoTracksError, match="/nothing"):
         stream_detections(path, topics="/nothing")
     with pytest.raises(NoTracksError, match="/dirprim/tracks"):

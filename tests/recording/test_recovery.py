@@ -76,13 +76,13 @@ def test_the_summary_tells_what_is_there(tmp_path):
     with (tmp_path / "b.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         old = make_reader(io.BytesIO(buffer.getvalue()))
-        told, before = reader.get_summary(), old.get_summary()
+        reported, before = reader.get_summary(), old.get_summary()
         assert reader.get_header() == old.get_header()
         assert [(a.name, a.data) for a in reader.iter_attachments()] == [("notes.txt", b"hello")]
         assert [(m.name, m.metadata) for m in reader.iter_metadata()] == [("scene", {"weather": "rain"})]
-    assert told.statistics == before.statistics
-    assert told.channels == before.channels
-    spans = [[(c.message_start_time, c.message_end_time) for c in s.chunk_indexes] for s in (told, before)]
+    assert reported.statistics == before.statistics
+    assert reported.channels == before.channels
+    spans = [[(c.message_start_time, c.message_end_time) for c in s.chunk_indexes] for s in (reported, before)]
     assert spans[0] == spans[1]
 
 
@@ -167,11 +167,11 @@ def test_the_command_tells_what_was_lost_and_exits_with_3(tmp_path, capsys):
     broken, fixed = tmp_path / "a.mcap", tmp_path / "b.mcap"
     broken.write_bytes(data)
     assert run(["recover", str(broken), "-o", str(fixed), "--json"]) == 3
-    told = json.loads(capsys.readouterr().out)
-    assert told["saved"] + told["lost"] == len(SENT) == len(stock(fixed)) + told["lost"]
-    assert [damage["kind"] for damage in told["damage"]] == ["chunk_data"]
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["saved"] + reported["lost"] == len(SENT) == len(stock(fixed)) + reported["lost"]
+    assert [damage["kind"] for damage in reported["damage"]] == ["chunk_data"]
     assert run(["recover", str(broken), "-o", str(fixed), "--force"]) == 3
-    assert f"lost: {told['lost']} messages" in capsys.readouterr().out
+    assert f"lost: {reported['lost']} messages" in capsys.readouterr().out
     assert run(["recover", str(fixed), "-o", str(tmp_path / "c.mcap")]) == 0
     assert "nothing was damaged" in capsys.readouterr().out
     assert run(["recover", str(broken), "-o", str(tmp_path / "d.mcap"), "--strict"]) == 1

@@ -160,7 +160,7 @@ def test_objects_without_a_name_are_never_one_vehicle(tmp_path):
     assert tracks.n_tracks == len(tracks) == 3 * N_TIMES
 
 
-def test_a_twist_that_is_not_told_is_no_standstill(tmp_path):
+def test_a_twist_that_is_not_reported_is_no_standstill(tmp_path):
     path = array_log(
         tmp_path, "autoware_perception_msgs/msg/DetectedObjects",
         lambda k, _: [detected(k, i, has_twist=i != 0) for i in range(3)],
@@ -231,10 +231,10 @@ def test_a_bag_that_rosbags_wrote_reads_the_same(tmp_path):
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         topic = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
         for k in range(N_TIMES):
-            told = odometry(k)
+            reported = odometry(k)
             pose = message(
                 "geometry_msgs/msg/Pose", position=xyz("Point", SCENE.place[k, 1].tolist()),
-                orientation=message("geometry_msgs/msg/Quaternion", **told["pose"]["pose"]["orientation"]),
+                orientation=message("geometry_msgs/msg/Quaternion", **reported["pose"]["pose"]["orientation"]),
             )  # fmt: skip
             twist = message(
                 "geometry_msgs/msg/Twist",
@@ -288,12 +288,12 @@ def test_info_counts_the_objects(tmp_path):
     assert (topic.messages, topic.tracks, topic.encoding) == (N_TIMES, 3, "cdr")
 
 
-def test_odd_stamps_are_counted_and_told(tmp_path, caplog):
+def test_odd_stamps_are_counted_and_reported(tmp_path, caplog):
     stamps = [START_NS, START_NS + 10, START_NS + 10, START_NS + 5, 0, 0, START_NS + 20, START_NS + 20 * 10**9]
     messages = []
     for k, stamp in enumerate(stamps):
-        told = odometry(k) | {"header": header(stamp)}
-        messages.append(("/odom", START_NS + k * STEP_NS, "nav_msgs/msg/Odometry", told))
+        reported = odometry(k) | {"header": header(stamp)}
+        messages.append(("/odom", START_NS + k * STEP_NS, "nav_msgs/msg/Odometry", reported))
     path = write_ros2_log(tmp_path / "log.mcap", messages)
     clock = read_track_logs(path, time_source="header").clock
     assert (clock.zero, clock.backward, clock.duplicate, clock.jumps) == (2, 2, 2, 2)

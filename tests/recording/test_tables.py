@@ -1,4 +1,4 @@
-"""Tables to tracks: what is good is kept exactly, what is bad is counted or told in one line."""
+"""Tables to tracks: what is good is kept exactly, what is bad is counted or reported in one line."""
 
 import csv
 import gzip
@@ -101,7 +101,7 @@ def test_motion_is_differenced_where_the_table_has_none(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("", "expected columns time_s, track_id, x_m, y_m"),
         ("time_s;track_id;x_m;y_m\n", "rows after the header"),
@@ -132,14 +132,14 @@ def test_motion_is_differenced_where_the_table_has_none(tmp_path):
         (f"{HEADER},group\n0,1,2,3,0,1,{2**70}\n", "a whole number as group"),
     ],
 )
-def test_a_wrong_table_is_told_in_one_line(tmp_path, text, told):
-    with pytest.raises(TableError, match=told) as caught:
+def test_a_wrong_table_is_reported_in_one_line(tmp_path, text, message):
+    with pytest.raises(TableError, match=message) as caught:
         read_csv(table(tmp_path, text))
     assert "table.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_text_that_is_not_utf8_is_told(tmp_path):
+def test_text_that_is_not_utf8_is_reported(tmp_path):
     (tmp_path / "a.csv").write_bytes(f"{HEADER}\n0,M\xfcller,2,3,0,1\n".encode("latin-1"))
     with pytest.raises(TableError, match="UTF-8"):
         read_csv(tmp_path / "a.csv")
@@ -186,7 +186,7 @@ def test_sdd_keeps_the_labels_asked_for(tmp_path):
     assert read.tracks.time_ns.tolist() == [0, 2_000_000_000]
 
 
-def test_sdd_errors_are_told(tmp_path):
+def test_sdd_errors_are_reported(tmp_path):
     with pytest.raises(TableError, match=r"line 2: expected 10 cells, got 3"):
         read_sdd(table(tmp_path, SDD[: SDD.index("\n") + 1] + "1 2 3\n"), metres_per_pixel=0.1)
     with pytest.raises(TableError, match=r"line 1: expected a number as xmin, got 'ten'"):
@@ -234,7 +234,7 @@ def test_sumo_without_speeds_is_differenced(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("", "no element found"),
         (FCD[:300], r"expected well-formed xml"),
@@ -254,8 +254,8 @@ def test_sumo_without_speeds_is_differenced(tmp_path):
         (FCD.replace('x="7"', ""), "line 10: expected x of a vehicle"),
     ],
 )
-def test_a_wrong_fcd_is_told_in_one_line(tmp_path, text, told):
-    with pytest.raises(TableError, match=told) as caught:
+def test_a_wrong_fcd_is_reported_in_one_line(tmp_path, text, message):
+    with pytest.raises(TableError, match=message) as caught:
         read_sumo_fcd(table(tmp_path, text, "fcd.xml"))
     assert "\n" not in str(caught.value)
 
@@ -301,18 +301,18 @@ def test_real_annotations_are_all_accounted_for(video, scale, n_rows):
 
 def test_a_vehicle_of_which_a_speed_is_missing_gets_its_motion_from_positions(tmp_path):
     rows = [f"{0.1 * k:.1f},{name},{k},0,{course},{speed}" for k in range(4) for name, course, speed in (
-        ("told", 1.5, 3), ("part", 1.5, "" if k == 2 else 3), ("none", "", ""))]  # fmt: skip
+        ("reported", 1.5, 3), ("part", 1.5, "" if k == 2 else 3), ("none", "", ""))]  # fmt: skip
     read = read_csv(table(tmp_path, "\n".join([HEADER.replace("heading", "course"), *rows])))
     assert read.dropped == {}
-    motion = {name: read.tracks[read.tracks.track_id == name] for name in ("told", "part", "none")}
+    motion = {name: read.tracks[read.tracks.track_id == name] for name in ("reported", "part", "none")}
     assert [len(own) for own in motion.values()] == [4, 4, 4]
-    np.testing.assert_array_equal(motion["told"].direction, 1.5)
-    np.testing.assert_array_equal(motion["told"].speed, 3.0)
+    np.testing.assert_array_equal(motion["reported"].direction, 1.5)
+    np.testing.assert_array_equal(motion["reported"].speed, 3.0)
     for name in ("part", "none"):  # a metre each 0.1 s to the east
         np.testing.assert_allclose(motion[name].direction, 0.0, atol=1e-12)
         np.testing.assert_allclose(motion[name].speed, 10.0)
-    (told,) = read.notes.values()
-    assert told == 3
+    (reported,) = read.notes.values()
+    assert reported == 3
 
 
 PLAIN = f"{HEADER},label\n0,a,1.5,-2,0.25,3,car\n0.5,a,2.5,-2,0.25,3,car\n0,b,7,8,,,truck\n0.5,b,8,8,,,\n"
@@ -340,7 +340,7 @@ def test_a_table_reads_the_same_whatever_stands_between_its_cells(tmp_path, form
     assert read.labels == {"a": "car", "b": "truck"}
 
 
-def test_a_cut_gzip_file_is_told(tmp_path):
+def test_a_cut_gzip_file_is_reported(tmp_path):
     whole = gzip.compress((f"{HEADER}\n" + "".join(f"{i},a,{i},{i * i},0,1\n" for i in range(500))).encode())
     (tmp_path / "cut.csv.gz").write_bytes(whole[:-40])
     with pytest.raises(TableError, match=r"cut\.csv\.gz.*expected a whole gzip file"):
@@ -367,7 +367,7 @@ def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_pat
 
 
 @pytest.mark.parametrize("text", ["x=Easting", "x_m", "x_m=", "x_m=a,x_m=b", ""])
-def test_a_mapping_that_is_none_is_told(text):
+def test_a_mapping_that_is_none_is_reported(text):
     with pytest.raises(ValueError, match=r"columns: expected NAME=COLUMN, each of time_s, .*, got "):
         parse_columns(text)
 

@@ -101,13 +101,13 @@ def test_every_message_says_the_same_as_the_rows(tmp_path):
         entities = SceneUpdate.FromString(drawn.data).entities
         assert set(frame.stamp_ns.tolist()) == {own.log_time}
         for i, entity in enumerate(entities):
-            cube, told = entity.cubes[0], {pair.key: pair.value for pair in entity.metadata}
+            cube, reported = entity.cubes[0], {pair.key: pair.value for pair in entity.metadata}
             assert entity.id == frame.track_id[i] == str(tracks.track_id[row])
             assert (cube.pose.position.x, cube.pose.position.y) == tuple(frame.position[i])
             assert tuple(frame.position[i]) == tuple(tracks.position[row])
-            assert float(told["direction_rad"]) == frame.direction[i] == tracks.direction[row]
-            assert float(told["speed_mps"]) == frame.speed[i] == tracks.speed[row]
-            assert int(told["group"]) == frame.group[i] == tracks.group[row]
+            assert float(reported["direction_rad"]) == frame.direction[i] == tracks.direction[row]
+            assert float(reported["speed_mps"]) == frame.speed[i] == tracks.speed[row]
+            assert int(reported["group"]) == frame.group[i] == tracks.group[row]
             yaw = 2 * np.arctan2(cube.pose.orientation.z, cube.pose.orientation.w)
             drawn_as = tracks.direction[row] if np.isnan(tracks.heading[row]) else tracks.heading[row]
             assert np.cos(yaw - drawn_as) == pytest.approx(1.0)
@@ -171,7 +171,7 @@ def test_an_existing_file_is_kept_without_force(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_that_is_missing_is_told(tmp_path):
+def test_a_folder_that_is_missing_is_reported(tmp_path):
     with pytest.raises(NotADirectoryError, match="existing folder"):
         write_tracks(some_tracks(), tmp_path / "nowhere" / "a.mcap")
 

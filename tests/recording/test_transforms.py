@@ -59,8 +59,8 @@ def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False, 
             messages.append(("/tf", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [moving]}))
     messages += [
         ("/objects", START_NS + k * STEP_NS + 30_000_000, "derived_object_msgs/msg/ObjectArray",
-         {"header": header(START_NS + k * STEP_NS, frame), "objects": told})
-        for k, (frame, told) in enumerate(objects)
+         {"header": header(START_NS + k * STEP_NS, frame), "objects": reported})
+        for k, (frame, reported) in enumerate(objects)
     ]  # fmt: skip
     messages += [("/tf", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}) for time_ns, one in more]
     return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))
@@ -78,19 +78,19 @@ def sensor_in_map(time_s):
 
 
 def test_objects_of_a_sensor_arrive_in_the_map(tmp_path):
-    """A parked and a moving car, told in the sensor's axes: in the map one stands, the other goes straight."""
+    """A parked and a moving car, reported in the sensor's axes: in the map one stands, the other goes straight."""
     parked, start, velocity = np.array([5.0, 9.0, 0.0]), np.array([-40.0, 3.0, 0.0]), np.array([8.0, -6.0, 0.0])
     frames = []
     for k in range(N):
         back = np.linalg.inv(sensor_in_map(k * 0.1))
-        told = []
+        reported = []
         for i, (place, v) in enumerate([(parked, np.zeros(3)), (start + velocity * k * 0.1, velocity)]):
             one = carla(k, i)
             yaw = np.arctan2(*(back[:3, :3] @ (velocity / 10 if i else [0.0, 1.0, 0.0]))[1::-1])
             one["pose"] = {"position": point(*(back @ [*place, 1.0])[:3]), "orientation": quaternion(0, 0, yaw)}
             one["twist"] = {"linear": point(*(back[:3, :3] @ v)), "angular": point(0, 0, 0)}
-            told.append(one)
-        frames.append(("sensor", told))
+            reported.append(one)
+        frames.append(("sensor", reported))
     path = write_ros(tmp_path / "log.mcap", frames)
     tracks = read_tracks(path)
     still, moving = tracks[tracks.track_id == 1], tracks[tracks.track_id == 2]
@@ -107,8 +107,8 @@ def test_objects_of_a_sensor_arrive_in_the_map(tmp_path):
     in_base = read_tracks(path, frame="base_link")
     expected = np.linalg.inv(homogeneous(*BASE_TO_SENSOR))
     first = in_base.position[in_base.track_id == 1][0]
-    told = np.linalg.inv(expected) @ np.linalg.inv(sensor_in_map(0.0)) @ [*parked, 1.0]
-    np.testing.assert_allclose(first, told[:2], atol=1e-9)
+    reported = np.linalg.inv(expected) @ np.linalg.inv(sensor_in_map(0.0)) @ [*parked, 1.0]
+    np.testing.assert_allclose(first, reported[:2], atol=1e-9)
 
 
 def test_the_tree_agrees_with_pytransform3d(tmp_path):
@@ -181,13 +181,13 @@ def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("frame", "asked", "is_told"),
+    ("frame", "asked", "is_reported"),
     [("lidar_top", None, True), ("lidar_top", "lidar_top", False), ("map", None, False), ("world", None, False)],
 )
-def test_positions_in_a_frame_that_may_be_a_sensors_are_told(tmp_path, caplog, frame, asked, is_told):
+def test_positions_in_a_frame_that_may_be_a_sensors_are_reported(tmp_path, caplog, frame, asked, is_reported):
     path = write_ros(tmp_path / "log.mcap", [(frame, [carla(k, 1)]) for k in range(N)])
     assert len(read_tracks(path, frame=asked)) == N
-    assert (f"--frame {frame} says that this is meant" in caplog.text) == is_told
+    assert (f"--frame {frame} says that this is meant" in caplog.text) == is_reported
 
 
 def test_objects_of_a_time_without_transforms_are_counted(tmp_path, caplog):
@@ -271,7 +271,7 @@ def test_transforms_that_are_none_are_counted(tmp_path):
 
 
 @pytest.mark.parametrize("strict", [False, True])
-def test_damage_among_the_transforms_is_told_once_and_strict_refuses_it(tmp_path, strict):
+def test_damage_among_the_transforms_is_reported_once_and_strict_refuses_it(tmp_path, strict):
     path = spoiled(tmp_path / "log.mcap", lambda _, data: data, chunk_size=1, compression=CompressionType.NONE)
     data = bytearray(path.read_bytes())
     places = [

@@ -183,7 +183,7 @@ def test_without_sumo_the_error_names_the_way_out(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "message"),
     [
         ({"scene": "moon"}, "scene: expected one of roundabout, intersection, highway, got 'moon'"),
         ({"duration_s": 0.0}, "duration_s"),
@@ -197,9 +197,9 @@ def test_without_sumo_the_error_names_the_way_out(monkeypatch: pytest.MonkeyPatc
         ({"demand": float("inf")}, "demand"),
     ],
 )
-def test_arguments_out_of_range_are_named(wrong: dict[str, object], told: str) -> None:
+def test_arguments_out_of_range_are_named(wrong: dict[str, object], message: str) -> None:
     arguments = {"scene": "roundabout", "duration_s": 10.0, "seed": 1} | wrong
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         simulate(**arguments)  # type: ignore[arg-type]
 
 

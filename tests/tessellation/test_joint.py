@@ -159,11 +159,11 @@ def test_a_sample_lays_out_the_cells_when_there_are_many_data():
     np.testing.assert_allclose(some.cells.mean, expected, rtol=1e-6)  # of all 6,000, not of 2,000
 
 
-def test_progress_is_told_step_by_step():
-    told = []
-    found = learned(*world(600)[:2], progress=lambda n, objective: told.append((n, objective)))
-    assert [n for n, _ in told] == found.n_cells.tolist()
-    assert [objective for _, objective in told] == found.trace.tolist()
+def test_progress_is_reported_step_by_step():
+    reported = []
+    found = learned(*world(600)[:2], progress=lambda n, objective: reported.append((n, objective)))
+    assert [n for n, _ in reported] == found.n_cells.tolist()
+    assert [objective for _, objective in reported] == found.trace.tolist()
 
 
 ODD = {

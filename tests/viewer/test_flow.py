@@ -34,7 +34,7 @@ def test_a_way_of_few_among_many_is_not_drawn(scene_map: PrimitiveMap) -> None:
     np.testing.assert_allclose(ways.share, [0.96, 0.06, 0.94])
 
 
-def test_an_outline_runs_from_tail_to_tip_and_is_as_wide_as_told(scene_map: PrimitiveMap) -> None:
+def test_an_outline_runs_from_tail_to_tip_and_is_as_wide_as_reported(scene_map: PrimitiveMap) -> None:
     ways = shapes.Flow.of(with_ways(scene_map, cell=[0, 1, 2], ways=WAYS))
     outlines = ways.outlines(np.array([1.0, 0.25]))
     np.testing.assert_allclose(outlines[:, 3], ways.origin + ways.vector)

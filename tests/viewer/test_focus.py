@@ -1,4 +1,4 @@
-"""Whom to look at, and what is told of it: quantiles of the prior's speeds, and Eq. 4 around the circle."""
+"""Whom to look at, and what is reported it: quantiles of the prior's speeds, and Eq. 4 around the circle."""
 
 from dataclasses import replace
 
@@ -75,12 +75,12 @@ def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map: Primit
     theta = np.linspace(-np.pi, np.pi, 721)
     prior = np.exp(scene_map.primitive_at(look.position).direction.log_density(theta))
     product = prior * np.exp(6.0 * np.cos(theta - 1.2))
-    posterior, told = density_of(curves.posterior[0], theta), density_of(curves.prior[0], theta)
+    posterior, reported = density_of(curves.posterior[0], theta), density_of(curves.prior[0], theta)
     assert posterior / posterior.max() == pytest.approx(product / product.max(), abs=0.02)
-    assert told / told.max() == pytest.approx(prior / prior.max(), abs=0.02)
+    assert reported / reported.max() == pytest.approx(prior / prior.max(), abs=0.02)
     assert np.abs(posterior / posterior.max() - prior / prior.max()).max() > 0.2  # the cue counts
     # One scale for all: integrals around the circle are the same.
-    assert posterior.mean() == pytest.approx(told.mean(), rel=0.02)
+    assert posterior.mean() == pytest.approx(reported.mean(), rel=0.02)
     assert max(
         np.hypot(*line.T).max() for line in (curves.prior[0], curves.cue[0], curves.posterior[0])
     ) == pytest.approx(1.0)

@@ -1,4 +1,4 @@
-"""Births, sights lost, recoveries and deaths are told once each, in lanes that no two vehicles share."""
+"""Births, sights lost, recoveries and deaths are reported once each, in lanes that no two vehicles share."""
 
 from itertools import pairwise
 
@@ -29,15 +29,15 @@ def frame_of(step: int, unseen_s: dict[str, float], *, anew: tuple[str, ...] = (
     )  # fmt: skip
 
 
-def test_a_life_is_told_from_its_first_estimate_to_its_end() -> None:
+def test_a_life_is_reported_from_its_first_estimate_to_its_end() -> None:
     lines = Lifelines()
     for frame in [
         frame_of(0, {"a": 0.0}), frame_of(1, {"a": 0.0}), frame_of(2, {"a": 0.1}), frame_of(3, {"a": 0.6}),
         frame_of(4, {"a": 0.0}), frame_of(5, {"a": 0.0}, anew=("a",)), frame_of(6, {"a": 0.0}), frame_of(7, {}),
     ]:  # fmt: skip
         lines.see(frame)
-    told = [(change.time_ns // STEP_NS, change.state) for change in lines.changes[0]]
-    assert told == [(0, "a"), (3, "a unseen"), (4, "a"), (5, "a anew"), (6, "a"), (7, "")]
+    reported = [(change.time_ns // STEP_NS, change.state) for change in lines.changes[0]]
+    assert reported == [(0, "a"), (3, "a unseen"), (4, "a"), (5, "a anew"), (6, "a"), (7, "")]
     assert [entry.text.split(":")[0] for entry in lines.entries] == [
         "a initialised", "a out of sight", "a in sight again", "a reinitialised", "a explained again", "a ended",
     ]  # fmt: skip

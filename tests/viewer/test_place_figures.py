@@ -74,15 +74,15 @@ def test_both_curves_peak_at_the_mode_and_the_circle_is_cut_elsewhere(scene_map:
     assert polar.get_theta_direction() == 1
 
 
-def test_modes_are_told_with_weight_direction_and_colour(scene_map: PrimitiveMap) -> None:
+def test_modes_are_reported_with_weight_direction_and_colour(scene_map: PrimitiveMap) -> None:
     modes = Place.at(scene_map, JUNCTION).modes()
     assert [mode.weight for mode in modes] == [0.6, 0.3]
     assert [mode.degrees for mode in modes] == ["+17°", "+115°"]
     assert modes[0].color == "#" + bytes(direction_color(np.array(0.3))[:3]).hex()
     assert modes[0].dashes != modes[1].dashes
-    told = [text.get_text() for text in direction_figure(scene_map, position=JUNCTION).legends[0].get_texts()]
-    assert told[1:3] == ["mode 1: 60.0%, +17°, concentration 8", "mode 2: 30.0%, +115°, concentration 0.5"]
-    assert told[3] == "standing, and the place-free primitive: 10.0%"
+    reported = [text.get_text() for text in direction_figure(scene_map, position=JUNCTION).legends[0].get_texts()]
+    assert reported[1:3] == ["mode 1: 60.0%, +17°, concentration 8", "mode 2: 30.0%, +115°, concentration 0.5"]
+    assert reported[3] == "standing, and the place-free primitive: 10.0%"
 
 
 def test_a_bend_turns_what_is_drawn(scene_map: PrimitiveMap) -> None:
@@ -101,8 +101,8 @@ def test_rows_of_the_cell_are_a_histogram_that_integrates_to_one(scene_map: Prim
     assert (heights * np.diff(np.deg2rad(edges))).sum() == pytest.approx(1.0)
     filled = edges[:-1][heights > 0] % 360
     assert filled.tolist() == [45.0]  # all of them drive to the north-east
-    told = [text.get_text() for text in line.figure.legends[0].get_texts()]
-    assert told[-1] == "the cell's 5 rows of moving vehicles"
+    reported = [text.get_text() for text in line.figure.legends[0].get_texts()]
+    assert reported[-1] == "the cell's 5 rows of moving vehicles"
 
 
 def test_the_drawn_density_of_speed_is_the_share_that_moves(scene_map: PrimitiveMap) -> None:
@@ -111,8 +111,8 @@ def test_the_drawn_density_of_speed_is_the_share_that_moves(scene_map: Primitive
     x, density = curve(axes)
     beyond = 0.02  # of a gamma of shape 4, past four standard deviations
     assert np.trapezoid(density, x) == pytest.approx(0.7, abs=beyond)
-    told = [text.get_text() for text in axes.figure.legends[0].get_texts()]
-    assert told[1:] == ["mode 1: 60.0%, +17°, 8.0 ± 4.0 m/s", "place-free: 10.0%; standing, not drawn: 30.0%"]
+    reported = [text.get_text() for text in axes.figure.legends[0].get_texts()]
+    assert reported[1:] == ["mode 1: 60.0%, +17°, 8.0 ± 4.0 m/s", "place-free: 10.0%; standing, not drawn: 30.0%"]
 
 
 def test_rejected_points_lie_above_the_target_and_accepted_ones_below(scene_map: PrimitiveMap) -> None:
@@ -157,7 +157,7 @@ def test_the_place_left_out_is_where_most_goes_different_ways(scene_map: Primiti
     assert Place.at(one_way, None).cell == 0
 
 
-def test_a_place_outside_and_an_empty_map_are_told(scene_map: PrimitiveMap) -> None:
+def test_a_place_outside_and_an_empty_map_are_reported(scene_map: PrimitiveMap) -> None:
     with pytest.raises(ValueError, match=r"expected a place in a cell, got \(500, -3\) m, outside of all 3 cells"):
         direction_figure(scene_map, position=(500.0, -3.0))
     for nothing in (scene_map.without_places(), replace(scene_map, n_rows=np.zeros(4, np.int64))):

@@ -1,4 +1,4 @@
-"""Each layer of an .rrd holds what it says, where it says; and what is told of the whole run."""
+"""Each layer of an .rrd holds what it says, where it says; and what is reported the whole run."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -39,8 +39,8 @@ def believed(scene_frames: list[TrackedFrame]) -> list[TrackedFrame]:
     for i, frame in enumerate(scene_frames[:-1]):
         off = replace(frame.estimates, position=frame.estimates.position + 0.5,
                       unseen_s=np.array([0.0, 0.6 * i]))  # fmt: skip
-        told = Innovations(distance=np.array([1.0, np.nan]), squared=np.array([4.0, np.nan]))
-        frames.append(replace(frame, estimates=off, innovations=told))
+        reported = Innovations(distance=np.array([1.0, np.nan]), squared=np.array([4.0, np.nan]))
+        frames.append(replace(frame, estimates=off, innovations=reported))
     return frames
 
 
@@ -68,8 +68,8 @@ def test_nees_is_the_scores_and_nis_the_trackers(
     innovation = [v.tolist() for _, v in rows_of(tmp_path / "run.rrd", "/metrics/innovation", "Scalars:scalars")]
     assert innovation == [[1.0, 1.0]] * 5
     ((_, text),) = rows_of(tmp_path / "run.rrd", "/report", "TextDocument:text")
-    for told in ("| mean NEES (2 is right) | 1.02 |", "| frames | 5 |", "| config: n_particles | 50 |"):
-        assert told in str(text[0])
+    for reported in ("| mean NEES (2 is right) | 1.02 |", "| frames | 5 |", "| config: n_particles | 50 |"):
+        assert reported in str(text[0])
 
 
 def test_vehicles_out_of_sight_are_darker_and_in_a_layer_of_their_own(

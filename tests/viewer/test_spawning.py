@@ -39,7 +39,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     return commands
 
 
-def test_it_is_a_new_one_told_to_listen_here_alone(
+def test_it_is_a_new_one_reported_to_listen_here_alone(
     monkeypatch: pytest.MonkeyPatch, started: list[list[str]], tmp_path: Path
 ) -> None:
     """Whatever answers at the usual port, a server that nobody looks at for example, is not used."""
@@ -88,8 +88,8 @@ os.kill(os.getpid(), getattr(signal, sys.argv[1]))
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the kernel does not tell of children")
 @pytest.mark.parametrize("end", ["SIGKILL", "SIGTERM", "stop"])
 def test_a_companion_ends_with_its_parent_however_that_ended(end: str) -> None:
-    told = subprocess.run([sys.executable, "-c", ORPHAN, end], capture_output=True, text=True, check=False, timeout=30)
-    program_id = int(told.stdout)
+    ended = subprocess.run([sys.executable, "-c", ORPHAN, end], capture_output=True, text=True, check=False, timeout=30)
+    program_id = int(ended.stdout)
     until = time.monotonic() + 10
     while Path(f"/proc/{program_id}").exists():
         assert time.monotonic() < until, "an orphan"

@@ -66,8 +66,8 @@ def test_vehicles_that_a_frame_does_not_name_vanish(
         assert len(rows) == len(scene_frames), entity
         assert rows[-2][1].size > 0, entity
         assert rows[-1][1].size == 0, entity
-    told_of = [v.tolist() for _, v in rows_of(path, "/metrics/existence", "Scalars:scalars")]
-    assert told_of == [[2, 2, 2]] * 5 + [[0, 0, 0]]
+    reported = [v.tolist() for _, v in rows_of(path, "/metrics/existence", "Scalars:scalars")]
+    assert reported == [[2, 2, 2]] * 5 + [[0, 0, 0]]
     ess = [v.tolist() for _, v in rows_of(path, "/metrics/ess", "Scalars:scalars")]
     assert ess[:5] == [[30, 30]] * 5
     assert np.isnan(ess[5]).all()

@@ -63,19 +63,19 @@ def test_cue_bars_are_means_over_steps() -> None:
 
 def test_a_chart_of_tracking_has_a_bar_for_each_figure_and_none_for_what_was_not_measured() -> None:
     """No gaps, so nothing in them: an empty bar without a number, and no warning."""
-    told = {"prior": 0.5, "place-free": 2.0}
+    reported = {"prior": 0.5, "place-free": 2.0}
     methods = [
         SimpleNamespace(
             name=name, mean=lambda figure, v=v: float("nan") if "hidden" in figure else v, std=lambda _: float("nan")
         )
-        for name, v in told.items()
+        for name, v in reported.items()
     ]
     figure = tracking_chart(SimpleNamespace(methods=methods))
     figure.draw_without_rendering()
     rmse, *_, switches = figure.axes
-    assert [text.get_text() for text in rmse.get_yticklabels()] == list(told)
+    assert [text.get_text() for text in rmse.get_yticklabels()] == list(reported)
     widths = [bar.get_width() for bar in rmse.patches]
-    assert widths[:4] == 2 * list(told.values())  # of all, and of those in sight
+    assert widths[:4] == 2 * list(reported.values())  # of all, and of those in sight
     assert np.isnan(widths[4:]).all()
     assert {text.get_text() for text in rmse.texts} == {"0.50", "2.00", ""}
     assert switches.get_xlim()[0] == 0.0

@@ -125,8 +125,8 @@ def test_every_kind_of_recording_opens_without_a_complaint(
             sink.log_map(scene_map)
             sink.log_truth(scene_tracks)
             for frame in scene_frames:
-                told = Innovations(distance=np.ones(len(frame.estimates)), squared=np.ones(len(frame.estimates)))
-                sink.write(replace(frame, innovations=told))
+                reported = Innovations(distance=np.ones(len(frame.estimates)), squared=np.ones(len(frame.estimates)))
+                sink.write(replace(frame, innovations=reported))
                 if frame is first:
                     futures = np.cumsum(np.ones((2, 20, 8, 2)), axis=2) + first.estimates.position[:, None, None]
                     sink.write_forecast(Forecasts.of(first.time_ns, ["7", "8"], first.estimates.position, futures))

@@ -51,7 +51,7 @@ def test_a_server_answers_on_this_machine_alone(server: WebServer) -> None:
     assert all(listening(port) == set() for port in ports)
 
 
-def test_a_taken_port_is_told(server: WebServer) -> None:
+def test_a_taken_port_is_reported(server: WebServer) -> None:
     taken = int(server.stream_url.split(":")[2].split("/")[0])
     with pytest.raises(ConnectionError, match=f"127.0.0.1:{taken}: cannot serve there"):
         WebServer("127.0.0.1", data_port=taken, web_port=free_ports(1)[0])

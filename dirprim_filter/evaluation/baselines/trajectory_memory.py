@@ -77,7 +77,7 @@ class Following(NamedTuple):
     """What particles follow: fractional rows of a memory; NaN for straight on, in the own direction."""
 
     row: FloatArray  # (n,)
-    is_stranger: BoolArray  # (n,)
+    is_unmatched: BoolArray  # (n,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,15 +164,15 @@ class TrajectoryMemory:
         row, weight = self._alike(start, but)
         so_far = np.cumsum(weight, axis=1)
         drawn = rng.random((n, n_samples)) * (so_far[:, -1:] + self.strength)
-        is_stranger = (drawn >= so_far[:, -1:]).ravel()
+        is_unmatched = (drawn >= so_far[:, -1:]).ravel()
         number = np.arange(n)[:, None] * NEIGHBOURS
         begin = np.cumsum(so_far[:, -1])[:, None] - so_far[:, -1:]
         place = np.searchsorted((begin + so_far).ravel(), (begin + drawn).ravel(), side="right")
         place = np.clip(place.reshape(n, n_samples), number, number + NEIGHBOURS - 1).ravel()
-        of = np.repeat(np.arange(n), n_samples)[is_stranger]
+        of = np.repeat(np.arange(n), n_samples)[is_unmatched]
         followed = row.ravel()[place]
-        followed[is_stranger] = self._anywhere(start.speed[of], but[of], rng=rng)
-        return Following(followed, is_stranger)
+        followed[is_unmatched] = self._anywhere(start.speed[of], but[of], rng=rng)
+        return Following(followed, is_unmatched)
 
     def _alike(self, start: States, but: IntArray) -> tuple[FloatArray, FloatArray]:
         """The nearest rows, each beside its vehicle, and their weights. (n, NEIGHBOURS), (n, NEIGHBOURS)."""
@@ -248,13 +248,13 @@ class _Particles:
         self._memory, self._but, self._rng = memory, but, rng
         self.position, self.direction, self.speed = (column.copy() for column in now)
         n = but.size
-        self._row, self._is_stranger = np.empty(n), np.empty(n, np.bool_)
+        self._row, self._is_unmatched = np.empty(n), np.empty(n, np.bool_)
         self._turned, self._log_ratio = np.empty(n), np.empty(n)
 
     def look(self, start: States, but: IntArray, rows: IntArray) -> None:
         """Let `rows`, as many for each of the starts, find something to follow."""
         following = self._memory.found(start, but, rows.size // but.size, rng=self._rng)
-        self._row[rows], self._is_stranger[rows] = following
+        self._row[rows], self._is_unmatched[rows] = following
         rows = rows[~np.isnan(following.row)]
         beside = self._memory.at(self._row[rows])
         self._turned[rows] = difference(self.direction[rows], beside.direction)
@@ -276,7 +276,7 @@ class _Particles:
         after = np.minimum(before + pace * h / ROW_S, last)
         now, later = memory.at(before), memory.at(after)
         turned = self._turned[rows]
-        kept = np.where(self._is_stranger[rows], 1.0, np.exp(-DIRECTION_RATE * h))
+        kept = np.where(self._is_unmatched[rows], 1.0, np.exp(-DIRECTION_RATE * h))
         turned_later = kept * turned + DIRECTION_SPREAD * np.sqrt(1.0 - kept**2) * rng.standard_normal(rows.size)
         east, north = (later.position - now.position).T
         c, s = np.cos(0.5 * (turned + turned_later)), np.sin(0.5 * (turned + turned_later))

@@ -29,7 +29,7 @@ MOVING_FROM = 0.5
 FEWEST = 30
 """Pairs of detections and true positions."""
 LATENCY_KNOWN_S = 0.15
-"""Standard error of a latency beyond which it and the bias along the way cannot be told apart."""
+"""Standard error of a latency beyond which it and the bias along the way cannot be separated."""
 WIDE = 2.58
 """Standard errors in half of a 99 % interval."""
 OUTLIER = 8.0
@@ -101,27 +101,27 @@ def calibrate(detections: Detections, truth: Tracks) -> Calibration:
     for last in (False, False, True):
         rows = scene.truth_at(lag_s)
         pairs = scene.matched(rows, gate_m=gate_m)
-        told = _Told.of(scene, rows, pairs)
-        if told.usual.sum() < FEWEST:
+        paired = _PairedErrors.of(scene, rows, pairs)
+        if paired.usual.sum() < FEWEST:
             raise ValueError(
-                f"truth: expected at least {FEWEST} detections of moving vehicles in it, got {told.usual.sum()}: "
+                f"truth: expected at least {FEWEST} detections of moving vehicles in it, got {paired.usual.sum()}: "
                 "is it of this place and time?"
             )
         if not last:
-            moved, spread = told.ordinary()
+            moved, spread = paired.ordinary()
             lag_s, gate_m = lag_s + moved, float(np.clip(GATE_SPREADS * spread, *GATES_M))
-    along = told.fit("along", np.ones(told.speed.size), -told.speed)
+    along = paired.fit("along", np.ones(paired.speed.size), -paired.speed)
     is_known = bool(along.coefficients_se[1] <= LATENCY_KNOWN_S)
     if is_known:
         lag_s += float(along.coefficients[1])
     else:  # the bias takes it up
-        along = told.fit("along", np.ones(told.speed.size))
-    across = told.fit("across", np.ones(told.speed.size))
-    return _calibration(Reported(scene, rows, pairs), told, (along, across), lag_s)
+        along = paired.fit("along", np.ones(paired.speed.size))
+    across = paired.fit("across", np.ones(paired.speed.size))
+    return _calibration(Reported(scene, rows, pairs), paired, (along, across), lag_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Told:
+class _PairedErrors:
     """Errors of all pairs of moving vehicles, vehicle after vehicle, and which of them are usual."""
 
     vehicle: IntArray
@@ -132,7 +132,7 @@ class _Told:
     usual: BoolArray
 
     @classmethod
-    def of(cls, scene: Scene, rows: TruthRows, pairs: Pairs) -> _Told:
+    def of(cls, scene: Scene, rows: TruthRows, pairs: Pairs) -> _PairedErrors:
         row, detection = pairs
         order = np.lexsort((rows.frame[row], rows.vehicle[row]))
         row, detection = row[order], detection[order]
@@ -175,7 +175,9 @@ def _within(error: FloatArray) -> BoolArray:
     return np.asarray(off <= OUTLIER * MAD * max(float(np.median(off)), 1e-3))
 
 
-def _calibration(reported: Reported, told: _Told, fits: tuple[ErrorFit, ErrorFit], lag_s: float) -> Calibration:
+def _calibration(
+    reported: Reported, paired: _PairedErrors, fits: tuple[ErrorFit, ErrorFit], lag_s: float
+) -> Calibration:
     """All that was found, and what was not."""
     along, across = fits
     scene = reported.scene
@@ -191,7 +193,7 @@ def _calibration(reported: Reported, told: _Told, fits: tuple[ErrorFit, ErrorFit
     named = scene.are_named(reported.rows)
     seen = detection_probability(reported)
     false, why = clutter(reported)
-    astray = share(int((~told.usual).sum()), told.usual.size) if named else None
+    astray = share(int((~paired.usual).sum()), paired.usual.size) if named else None
     if astray is None:
         unknown.append("outlier_share: the truth's names are not the detections', so a far detection is nobody's")
     if false is None:
@@ -217,7 +219,7 @@ def _calibration(reported: Reported, told: _Told, fits: tuple[ErrorFit, ErrorFit
         outlier_share=None if astray is None else astray.value, uncertainty=uncertainty,
     )  # fmt: skip
     return Calibration(
-        sensor=sensor, errors=_errors(told, along, across), clock_offset_s=0.0 if is_latency else lag_s,
+        sensor=sensor, errors=_errors(paired, along, across), clock_offset_s=0.0 if is_latency else lag_s,
         n_detections=len(scene.detections), n_pairs=int(reported.pairs.one.size),
         n_vehicles=int(np.unique(reported.rows.vehicle[reported.pairs.one]).size), unknown=tuple(unknown),
     )  # fmt: skip
@@ -226,11 +228,11 @@ def _calibration(reported: Reported, told: _Told, fits: tuple[ErrorFit, ErrorFit
 LAGS_S = np.arange(0.0, 3.01, 0.1)
 
 
-def _errors(told: _Told, along: ErrorFit, across: ErrorFit) -> Errors:
-    time_s, is_first = told.time_s[told.usual], told.is_first
+def _errors(paired: _PairedErrors, along: ErrorFit, across: ErrorFit) -> Errors:
+    time_s, is_first = paired.time_s[paired.usual], paired.is_first
     correlation = [autocorrelation(fit.residual, time_s, is_first, LAGS_S, within_s=0.03) for fit in (along, across)]
     return Errors(
-        time_s=time_s, is_first=is_first, speed=told.speed[told.usual],
+        time_s=time_s, is_first=is_first, speed=paired.speed[paired.usual],
         along=along.residual + along.coefficients[0], across=across.residual + across.coefficients[0],
         lag_s=LAGS_S, along_correlation=correlation[0], across_correlation=correlation[1],
     )  # fmt: skip

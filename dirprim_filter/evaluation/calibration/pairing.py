@@ -162,8 +162,8 @@ class Scene:
         if same.sum() < SAME_NAMES * near.sum():
             return None
         wanted = {key: i for i, key in enumerate(zip(rows.frame.tolist(), self.names[rows.vehicle], strict=True))}
-        told = zip(self.frame_of.tolist(), reported, strict=True)
-        pairs = [(wanted[key], row) for row, key in enumerate(told) if key in wanted]
+        keys = zip(self.frame_of.tolist(), reported, strict=True)
+        pairs = [(wanted[key], row) for row, key in enumerate(keys) if key in wanted]
         return Pairs(*np.array(pairs, np.int64).reshape(-1, 2).T)
 
     def are_named(self, rows: TruthRows) -> bool:

@@ -128,9 +128,9 @@ class Smoother:
             time_ns=frame.time_ns, detections=frame.detections, estimates=frame.estimates, particles=Particles.none(),
             begun_anew=frame.begun_anew,
         ))  # fmt: skip
-        settled_ns = frame.time_ns - self._lag_ns
-        if settled_ns >= self._frames[0].time_ns + self._every_ns:
-            self._pass_on(settled_ns, now_ns=frame.time_ns)
+        final_ns = frame.time_ns - self._lag_ns
+        if final_ns >= self._frames[0].time_ns + self._every_ns:
+            self._pass_on(final_ns, now_ns=frame.time_ns)
 
     def __enter__(self) -> Self:
         return self
@@ -142,31 +142,31 @@ class Smoother:
             last_ns = self._frames[-1].time_ns
             self._pass_on(last_ns, now_ns=last_ns + self._gap_ns + 1)
 
-    def _pass_on(self, settled_ns: int, *, now_ns: int) -> None:
-        told: list[tuple[Chain, Smoothed]] = []
+    def _pass_on(self, final_ns: int, *, now_ns: int) -> None:
+        smoothed_chains: list[tuple[Chain, Smoothed]] = []
         open_names = set()
         for tracker in self._trackers:
             frames_ns = np.array(tracker.frames_ns, np.int64)
-            tracker.frames_ns = [t for t in tracker.frames_ns if t > settled_ns]
+            tracker.frames_ns = [t for t in tracker.frames_ns if t > final_ns]
             kept = []
             for chain in tracker.chains():
                 is_over = chain.until_ns is not None or now_ns - chain.last.time_ns > self._gap_ns
                 if chain.name:
-                    times = _reached(chain, frames_ns[: np.searchsorted(frames_ns, settled_ns, side="right")])
+                    times = _reached(chain, frames_ns[: np.searchsorted(frames_ns, final_ns, side="right")])
                     if times.size:
-                        told.append((chain, chain.smoothed().at(times)))
+                        smoothed_chains.append((chain, chain.smoothed().at(times)))
                     if not is_over:
                         open_names.add(chain.name)
-                chain.forget(before_ns=settled_ns)
-                if not (is_over and chain.last.time_ns <= settled_ns):
+                chain.forget(before_ns=final_ns)
+                if not (is_over and chain.last.time_ns <= final_ns):
                     kept.append(chain)
             tracker.keep(kept)
-        smoothed = _estimates(told)
+        smoothed = _estimates(smoothed_chains)
         smoothed = smoothed[np.argsort(smoothed.time_ns, kind="stable")]
-        for frame in self._settled(settled_ns):
+        for frame in self._final(final_ns):
             first, end = np.searchsorted(smoothed.time_ns, [frame.time_ns, frame.time_ns + 1])
             rows = smoothed[np.arange(first, end)]
-            late = _unsettled(frame, rows.track_id, open_names)
+            late = _not_final(frame, rows.track_id, open_names)
             estimates = Estimates.concatenate([rows, frame.estimates[late]]) if late.size else rows
             for tell in self.tell:
                 tell(TrackedFrame(
@@ -174,8 +174,8 @@ class Smoother:
                     particles=frame.particles, begun_anew=frame.begun_anew,
                 ))  # fmt: skip
 
-    def _settled(self, settled_ns: int) -> Iterator[TrackedFrame]:
-        while self._frames and self._frames[0].time_ns <= settled_ns:
+    def _final(self, final_ns: int) -> Iterator[TrackedFrame]:
+        while self._frames and self._frames[0].time_ns <= final_ns:
             yield self._frames.popleft()
 
 
@@ -186,18 +186,18 @@ def _reached(chain: Chain, frames_ns: IntArray) -> IntArray:
     return frames_ns[first:end]
 
 
-def _unsettled(frame: TrackedFrame, track_id: AnyArray, open_names: set[str]) -> IntArray:
+def _not_final(frame: TrackedFrame, track_id: AnyArray, open_names: set[str]) -> IntArray:
     """Rows of the filter's estimates of vehicles that have not been measured since, and may be again."""
     has = set(track_id.astype(np.str_).tolist())
     return np.array([i for i, name in enumerate(frame.names) if name in open_names and name not in has], np.int64)
 
 
-def _estimates(told: list[tuple[Chain, Smoothed]]) -> Estimates:
+def _estimates(chains: list[tuple[Chain, Smoothed]]) -> Estimates:
     """All beliefs of all chains, as estimates."""
-    if not told:
+    if not chains:
         return Estimates.concatenate([])
-    of = Smoothed(*(np.concatenate(columns) for columns in zip(*(beliefs for _, beliefs in told), strict=True)))
-    n_each = [beliefs.time_ns.size for _, beliefs in told]
+    of = Smoothed(*(np.concatenate(columns) for columns in zip(*(beliefs for _, beliefs in chains), strict=True)))
+    n_each = [beliefs.time_ns.size for _, beliefs in chains]
     velocity, spread = of.mean[:, 2:], of.covariance[:, 2:, 2:]
     facing = velocity + STANDING_SPEED * of.course
     length = np.hypot(*facing.T) + 1e-12
@@ -205,7 +205,7 @@ def _estimates(told: list[tuple[Chain, Smoothed]]) -> Estimates:
     across = np.column_stack([-along[:, 1], along[:, 0]])
     n = of.time_ns.size
     return Estimates(
-        track_id=np.repeat([chain.name for chain, _ in told], n_each),
+        track_id=np.repeat([chain.name for chain, _ in chains], n_each),
         time_ns=of.time_ns,
         position=of.mean[:, :2],
         covariance=of.covariance[:, :2, :2],
@@ -215,7 +215,7 @@ def _estimates(told: list[tuple[Chain, Smoothed]]) -> Estimates:
         speed_std=np.sqrt(_variance(along, spread)),
         effective_sample_size=np.ones(n),
         log_evidence=np.zeros(n),
-        existence=np.repeat([chain.existence for chain, _ in told], n_each),
+        existence=np.repeat([chain.existence for chain, _ in chains], n_each),
         unseen_s=np.asarray((of.time_ns - of.measured_ns) * 1e-9, np.float64),
     )
 

@@ -92,8 +92,8 @@ def _draw_scores(axes: Axes, table: DensityTable, scores: list[tuple[float, floa
             axes.errorbar(mean, row, xerr=np.nan_to_num(spread), fmt="o", color=color, markersize=5, linewidth=1.2)
         else:
             axes.plot(least, row, "<", color=color, markersize=6)
-        told = f"{mean:.3g}" if abs(mean) < 1 else f"{mean:.2f}"
-        axes.annotate(told, (shown, row), (0, 5), textcoords="offset points", ha="center", fontsize=SMALL - 1)
+        label = f"{mean:.3g}" if abs(mean) < 1 else f"{mean:.2f}"
+        axes.annotate(label, (shown, row), (0, 5), textcoords="offset points", ha="center", fontsize=SMALL - 1)
     axes.grid(axis="x", color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     dress(axes)

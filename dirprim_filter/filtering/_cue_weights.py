@@ -1,7 +1,7 @@
-"""Compiled: particles weighed by what a vehicle tells of where it will turn (Senanayake et al. 2020, Eq. 4).
+"""Compiled: particle weights by a cue such as a turn signal (Senanayake et al. 2020, Eq. 4).
 
-p_t is the cue, a mixture of von Mises over the direction some seconds later relative to the one now; p_0 is what the
-particles are about to do: how far vehicles of their manoeuvre have turned by then.
+p_t is the cue: a mixture of von Mises over the direction some seconds later, relative to the current one. p_0 is given
+by the particles: how far vehicles on their manoeuvre have turned by then.
 """
 
 import math
@@ -14,20 +14,20 @@ from dirprim_filter.primitives._manoeuvres import AHEAD, MotionTable
 
 
 @njit(cache=True, nogil=True)
-def heed(
+def weigh_by_cue(
     table: MotionTable, cloud: Cloud, vehicle: IntArray, log_evidence: FloatArray, turn: FloatArray,
     log_scale: FloatArray, concentration: FloatArray,
 ) -> None:  # fmt: skip
-    """Weigh by a cue; normalise. Fills (V,) the log density of the cue under each belief.
+    """Multiply the weights by the cue's density and normalise. Fills (V,) the log density of the cue under each belief.
 
     Args:
         table: the map.
         cloud: the particles.
-        vehicle: (V,) which.
-        log_evidence: (V,) is filled.
-        turn: (M,) radians, the cue's mean directions relative to the one now.
-        log_scale: (M,) log of weight over what normalises each.
-        concentration: (M,) of each.
+        vehicle: (V,) the vehicles that give the cue.
+        log_evidence: (V,) filled.
+        turn: (M,) radians, the cue's mean directions, relative to the current direction.
+        log_scale: (M,) log of each weight over its von Mises normaliser.
+        concentration: (M,) of each von Mises.
     """
     for i in range(vehicle.size):
         v, weight = vehicle[i], cloud.weight[vehicle[i]]

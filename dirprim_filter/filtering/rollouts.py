@@ -16,9 +16,9 @@ from dirprim_filter.arrays import FloatArray, as_floats
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering import _interaction, _kernels
-from dirprim_filter.filtering._heeding import heed
+from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.filtering.heeding import cue_columns
+from dirprim_filter.filtering.cue_weights import cue_columns
 from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import LeaderTable
@@ -136,16 +136,16 @@ def sample_paths(
     n = steps.n_samples * (1 if cue is None else PER_SAMPLE)
     repeated = Start(*(np.repeat(column[:, None], n, axis=1) for column in start))
     cloud = _cloud(repeated, rng=rng)
-    _kernels.settle(table, cloud, np.arange(start.speed.size))
+    _kernels.initialise_motion(table, cloud, np.arange(start.speed.size))
     if cue is not None:
-        cloud = _heeded(table, cloud, cue, rng=rng)
+        cloud = _weighted_by_cue(table, cloud, cue, rng=rng)
     return projected(table, cloud, steps.dt_s, response)
 
 
 def sampled_state(table: MotionTable, start: Start, steps: Steps, *, rng: np.random.Generator) -> Cloud:
     """Samples of one vehicle that all begin at one state, (1,)."""
     cloud = _cloud(Start(*(np.repeat(column[:, None], steps.n_samples, axis=1) for column in start)), rng=rng)
-    _kernels.settle(table, cloud, np.zeros(1, np.int64))
+    _kernels.initialise_motion(table, cloud, np.zeros(1, np.int64))
     return cloud
 
 
@@ -156,7 +156,7 @@ def sampled_belief(table: MotionTable, belief: Particles, steps: Steps, *, rng: 
     """
     chosen = belief[rng.choice(len(belief), steps.n_samples, p=belief.weight / belief.weight.sum())]
     cloud = _cloud(Start(chosen.position[None], chosen.direction[None], chosen.speed[None]), rng=rng)
-    _kernels.settle(table, cloud, np.zeros(1, np.int64))
+    _kernels.initialise_motion(table, cloud, np.zeros(1, np.int64))
     placed = (chosen.manoeuvre >= 0) & (chosen.manoeuvre < table.begin[-1])
     cloud.manoeuvre[0, placed], cloud.push[0, placed] = chosen.manoeuvre[placed], chosen.push[placed]
     return cloud
@@ -183,11 +183,11 @@ def _cloud(start: Start, *, rng: np.random.Generator) -> Cloud:
     )
 
 
-def _heeded(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Generator) -> Cloud:
+def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.random.Generator) -> Cloud:
     """One in `PER_SAMPLE` of the particles, drawn by how well they fit a cue (Eq. 4)."""
     v, n = cloud.speed.shape
     vehicle = np.arange(v)
-    heed(table, cloud, vehicle, np.empty(v), *cue_columns(cue))
+    weigh_by_cue(table, cloud, vehicle, np.empty(v), *cue_columns(cue))
     _kernels.resample(cloud, vehicle, np.inf)
     kept = rng.permuted(np.tile(np.arange(n), (v, 1)), axis=1)[:, : n // PER_SAMPLE]
     of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}

@@ -39,10 +39,10 @@ def test_of_three_ways_each_is_taken_as_eq_4_says(cue):
     prior = np.array([0.2, 0.5, 0.3])
     ways = crossing(right=4, straight=10, left=6)
     np.testing.assert_allclose(turned_by(ways, None), prior, atol=4 * 0.5 / np.sqrt(4000))
-    told = cue.belief(0.0)
+    reported = cue.belief(0.0)
     density = sum(
         w * stats.vonmises(k, loc=m).pdf(TURNS)
-        for w, m, k in zip(told.weight, told.mean_direction, told.concentration, strict=True)
+        for w, m, k in zip(reported.weight, reported.mean_direction, reported.concentration, strict=True)
     )
     expected = prior * density / (prior @ density)
     np.testing.assert_allclose(turned_by(ways, cue), expected, atol=0.04)
@@ -61,9 +61,9 @@ def started():
 def test_a_cue_that_tells_nothing_changes_nothing_and_has_the_density_of_the_circle(started):
     slot = np.zeros(1, np.int64)
     before = started.belief.cloud.weight[0].copy()
-    assert started.heed(slot, Cue(turn=1.0, concentration=0.0))[0] == pytest.approx(-np.log(2 * np.pi))
+    assert started.weigh_by_cue(slot, Cue(turn=1.0, concentration=0.0))[0] == pytest.approx(-np.log(2 * np.pi))
     np.testing.assert_allclose(started.belief.cloud.weight[0], before, rtol=1e-9)
-    started.heed(slot, TURN_LEFT)
+    started.weigh_by_cue(slot, TURN_LEFT)
     assert np.abs(np.log(started.belief.cloud.weight[0] / before)).max() > 0.5
 
 
@@ -73,5 +73,5 @@ def test_a_particle_is_weighed_by_how_far_its_manoeuvre_turns(started):
     turn = np.array([*TURNS, 0.0, 0.0])[cloud.manoeuvre[0]]  # those of no place go straight on
     assert set(np.unique(cloud.manoeuvre[0])) >= {0, 1, 2}
     fit = stats.vonmises(2.5, loc=np.pi / 2).pdf(turn)
-    assert started.heed(slot, TURN_LEFT)[0] == pytest.approx(np.log(weight @ fit))
+    assert started.weigh_by_cue(slot, TURN_LEFT)[0] == pytest.approx(np.log(weight @ fit))
     np.testing.assert_allclose(cloud.weight[0], weight * fit / (weight @ fit), rtol=1e-9)
