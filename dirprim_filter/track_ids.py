@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
@@ -21,6 +22,10 @@ class Numbers(dict[str, int]):
         self[name] = len(self)
         return len(self) - 1
 
+    def of(self, names: Sequence[str]) -> IntArray:
+        """(n,) the number of each name; a new one for a new name."""
+        return np.fromiter(map(self.__getitem__, names), np.int64, len(names))
+
 
 def numbered(track_id: AnyArray) -> tuple[list[str], IntArray]:
     """The ids as text, each once, and (n,) the place of each row's among them.
@@ -34,7 +39,7 @@ def numbered(track_id: AnyArray) -> tuple[list[str], IntArray]:
     place = np.empty(track_id.size, np.int64)
     for start in range(0, track_id.size, BLOCK_ROWS):
         block = track_id[start : start + BLOCK_ROWS]
-        place[start : start + BLOCK_ROWS] = np.fromiter(map(numbers.__getitem__, block.tolist()), np.int64, block.size)
+        place[start : start + BLOCK_ROWS] = numbers.of(block.tolist())
     return list(numbers), place
 
 

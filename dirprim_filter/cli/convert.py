@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,40 +17,55 @@ if TYPE_CHECKING:
 
 
 class Format(StrEnum):
-    """What the source is."""
+    """What the source is: `tables.FORMATS` by name."""
 
     CSV = "csv"
-    SDD = "sdd"
-    SUMO_FCD = "sumo-fcd"
+    PARQUET = "parquet"
+    FEATHER = "feather"
     JSON = "json"
+    SUMO_FCD = "sumo-fcd"
+    SDD = "sdd"
+    TRAJNET = "trajnet"
+    KITTI = "kitti"
+    ARGOVERSE2 = "argoverse2"
+    NUSCENES = "nuscenes"
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(help="The table.", exists=True, dir_okay=False)],
+    source: Annotated[Path, typer.Argument(help="The table: a file, or a data set's folder.", exists=True)],
     output: Output,
-    form: Annotated[Format, typer.Option("--format", help="Format of the table.")] = Format.CSV,
+    form: Annotated[
+        Format | None, typer.Option("--format", help="Format of the table. Default: recognised, else csv.")
+    ] = None,
     metres_per_pixel: Annotated[float | None, typer.Option(help="sdd: scale of the video.")] = None,
-    frames_per_second: Annotated[float, typer.Option(help="sdd: rate of the video.")] = 30.0,
+    frames_per_second: Annotated[
+        float | None, typer.Option(help="sdd, trajnet, kitti: rate of the frames. Default: 30 of sdd, 10 of kitti.")
+    ] = None,
     columns: Annotated[
-        str | None, typer.Option(help="csv: names of the columns in the table, as x_m=Easting,y_m=Northing,...")
+        str | None,
+        typer.Option(help="csv, parquet, feather: how columns are called in the table: x_m=Easting,y_m=Northing,..."),
     ] = None,
     fields: Annotated[
         str | None,
         typer.Option(help="json: where a frame tells of its objects, as time_s=.t,id=.objects[].id,x=.objects[].x,..."),
     ] = None,
     origin: Annotated[
-        str | None, typer.Option(help="json: latitude,longitude of the plane; left out, the first place.")
+        str | None, typer.Option(help="json, kitti: latitude,longitude of the plane; left out, the first place.")
     ] = None,
     force: Force = False,
 ) -> int:
     """Write a table of tracks, or of detections, as an MCAP log.
 
-    csv has columns by name: time_s, track_id, x_m, y_m; optional heading_rad (of the body),
+    csv, parquet and feather have columns by name: time_s, track_id, x_m, y_m; optional heading_rad (of the body),
     course_rad (over ground), speed_mps, group, length_m, width_m, height_m, and label (or category, or class).
-    Between cells are commas, semicolons or tabs; a .csv.gz is read as well.
+    Between cells of a csv are commas, semicolons or tabs; a .csv.gz is read as well. parquet and feather may have
+    time_ns in place of time_s.
 
     json is an array of frames, or has a frame in each line. --fields names the paths of time_s (or time, nanoseconds),
     id, x and y (or latitude and longitude), and what else there is of speed, heading, label, length, width, ...
+
+    argoverse2 is the folder of a log of the sensor data set, nuscenes the folder of the tables, such as v1.0-mini;
+    kitti is a label_02/0000.txt of the tracking benchmark, with oxts and calib, or poses, beside label_02.
 
     Example: dirprim convert tracks.csv -o tracks.mcap
 
@@ -59,12 +74,24 @@ def convert(
     from dirprim_filter.cli.progress import step_progress, working
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
+    from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+    from dirprim_filter.recording.tables.formats import recognised
+    from dirprim_filter.recording.tables.named_columns import parse_columns
+    from dirprim_filter.recording.transforms.geodesy import Origin
 
+    known = form.value if form else recognised(source)
+    options = {
+        "metres_per_pixel": metres_per_pixel,
+        "frames_per_second": frames_per_second,
+        "columns": parse_columns(columns) if columns else None,
+        "mapping": FieldMapping.parse(fields) if fields else None,
+        "origin": Origin.parse(origin) if origin else None,
+    }
     with working(f"reading {source.name}"):
-        table = _read(source, form, metres_per_pixel, frames_per_second, columns, fields, origin)
+        table = _read(source, known, {name: value for name, value in options.items() if value is not None})
     said = provenance(
-        "convert", inputs=[source], format=form.value, metres_per_pixel=metres_per_pixel, columns=columns,
-        fields=fields, origin=origin,
+        "convert", inputs=table.files or [source], format=known, metres_per_pixel=metres_per_pixel,
+        frames_per_second=frames_per_second, columns=columns, fields=fields, origin=origin,
     )  # fmt: skip
     with step_progress(f"writing {output.name}", "instants") as progress:
         write_tracks(table.tracks, output, labels=table.labels, metadata=said, force=force, progress=progress)
@@ -77,28 +104,19 @@ def convert(
     return losses.tell_dropped(source, table)
 
 
-def _read(
-    source: Path, form: Format, metres_per_pixel: float | None, frames_per_second: float, columns: str | None,
-    fields: str | None, origin: str | None,
-) -> Table:  # fmt: skip
-    from dirprim_filter.recording.schemas.field_mapping import FieldMapping
-    from dirprim_filter.recording.tables import read_csv, read_json, read_sdd, read_sumo_fcd
-    from dirprim_filter.recording.tables.csv_table import parse_columns
-    from dirprim_filter.recording.transforms.geodesy import Origin
+def _read(source: Path, form: str, given: dict[str, Any]) -> Table:
+    """The table, by the reader of its format; options that it has not are refused, as are those that it needs."""
+    from dirprim_filter.recording.tables.formats import FORMATS, options_of
 
-    for option, value in (("--fields", fields), ("--origin", origin)):
-        if value and form is not Format.JSON:
-            raise typer.BadParameter(f"has no meaning for --format {form.value}; it is for json", param_hint=option)
-    if form is Format.CSV:
-        return read_csv(source, columns=parse_columns(columns) if columns else None)
-    if columns:
-        raise typer.BadParameter(f"has no meaning for --format {form.value}; it is for csv", param_hint="--columns")
-    if form is Format.JSON:
-        if fields is None:
-            raise ValueError(f"{source}: expected --fields, which tell where its frames hold objects")
-        return read_json(source, FieldMapping.parse(fields), origin=Origin.parse(origin) if origin else None)
-    if form is Format.SUMO_FCD:
-        return read_sumo_fcd(source)
-    if metres_per_pixel is None:
-        raise ValueError(f"{source}: SDD annotations are in pixels; give the video's scale as --metres-per-pixel")
-    return read_sdd(source, metres_per_pixel=metres_per_pixel, frames_per_second=frames_per_second)
+    takes = options_of(form)
+    for name in given.keys() - takes.keys():
+        others = ", ".join(other for other in FORMATS if name in options_of(other))
+        raise typer.BadParameter(f"has no meaning for --format {form}; it is for {others}", param_hint=_option(name))
+    for name, is_needed in takes.items():
+        if is_needed and name not in given:
+            raise ValueError(f"{source}: expected {_option(name)}, which a table of {form} does not tell itself")
+    return FORMATS[form](source, **given)
+
+
+def _option(name: str) -> str:
+    return "--fields" if name == "mapping" else f"--{name.replace('_', '-')}"

@@ -78,7 +78,8 @@ class MissingExtraError(RecordingError):
 
 
 class TableError(RecordingError):
-    """A line of a table is not what the format asks for."""
+    """A line of a table, or another place in it, is not what the format asks for."""
 
-    def __init__(self, path: Path, line: int, expected: str, got: str, remedy: str) -> None:
-        super().__init__(f"{fspath(path)}, line {line}: expected {expected}, got {got}; {remedy}")
+    def __init__(self, path: Path, place: int | str, expected: str, got: str, remedy: str) -> None:
+        where = f", line {place}" if isinstance(place, int) else f", {place}" if place else ""
+        super().__init__(f"{fspath(path)}{where}: expected {expected}, got {got}; {remedy}")

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
-from dirprim_filter.optional_columns import chosen, joined
+from dirprim_filter.optional_columns import chosen, joined, unknown
 from dirprim_filter.track_ids import as_track_ids
 from dirprim_filter.tracks import Tracks
 
-OPTIONAL = ("direction", "speed", "size", "heading")
-"""Of these `optional_columns.unknown` may stand for a column without any value."""
+OPTIONAL: dict[str, tuple[int, ...]] = {"direction": (), "speed": (), "size": (3,), "heading": ()}
+"""The shape of a row of each; `optional_columns.unknown` may stand for a column without any value."""
+LEFT_OUT: Any = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,20 +29,29 @@ class VehicleRows(ArrayValue):
         position: (n, 2) metres; not finite where unknown.
         direction: (n,) course over ground, radians; NaN where unknown.
         speed: (n,) m/s; NaN where unknown.
-        group: (n,) int64.
+        group: (n,) int64; left out: all 0.
         size: (n, 3) length, width and height, metres; NaN where unknown.
         heading: (n,) yaw of the body, radians; NaN where unknown.
+
+    Columns of which nothing is known are left out.
     """
 
     names: AnyArray
     vehicle: IntArray
     time_ns: IntArray
     position: FloatArray
-    direction: FloatArray
-    speed: FloatArray
-    group: IntArray
-    size: FloatArray
-    heading: FloatArray
+    direction: FloatArray = LEFT_OUT
+    speed: FloatArray = LEFT_OUT
+    group: IntArray = LEFT_OUT
+    size: FloatArray = LEFT_OUT
+    heading: FloatArray = LEFT_OUT
+
+    def __post_init__(self) -> None:
+        for name, shape in OPTIONAL.items():
+            if getattr(self, name) is LEFT_OUT:
+                object.__setattr__(self, name, unknown(len(self), *shape))
+        if self.group is LEFT_OUT:
+            object.__setattr__(self, "group", np.zeros(len(self), np.int64))
 
     def __len__(self) -> int:
         return int(self.vehicle.size)

@@ -10,7 +10,7 @@ import pytest
 
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables import delimited, read_csv, read_sdd, read_sumo_fcd, sumo_fcd
-from dirprim_filter.recording.tables.csv_table import parse_columns
+from dirprim_filter.recording.tables.named_columns import parse_columns
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 real_data = pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")

@@ -27,15 +27,19 @@ class OtherFormat(NamedTuple):
     way: str
 
 
-_AS_CSV = "write it as csv, in pandas by `read_{}(FILE).to_csv(NEW)`, for `dirprim convert`"
+AS_TABLE = "`dirprim convert` without --format makes a log of it"
 OTHER_FORMATS = (
     OtherFormat(b"SQLite format 3", "a ROS 2 bag in SQLite", f"`rosbags-convert --src FOLDER --dst NEW {ROSBAGS}"),
     OtherFormat(b"#ROSBAG", "a ROS 1 bag", f"`rosbags-convert --src FILE --dst NEW {ROSBAGS}"),
     OtherFormat(b"RRF", "a rerun recording", "`dirprim view` shows it"),
-    OtherFormat(b"PAR1", "a Parquet table", _AS_CSV.format("parquet")),
-    OtherFormat(b"ARROW1", "a Feather table", _AS_CSV.format("feather")),
-    OtherFormat(b"FEA1", "a Feather table", _AS_CSV.format("feather")),
-    OtherFormat(b"\x89HDF", "an HDF5 file", _AS_CSV.format("hdf")),
+    OtherFormat(b"PAR1", "a Parquet table", AS_TABLE),
+    OtherFormat(b"ARROW1", "a Feather table", AS_TABLE),
+    OtherFormat(b"FEA1", "a Feather table", AS_TABLE),
+    OtherFormat(
+        b"\x89HDF",
+        "an HDF5 file",
+        "write it as Parquet, in pandas by `read_hdf(FILE).to_parquet(NEW)`, for `dirprim convert`",
+    ),
     OtherFormat(b"PK\x03\x04", "a zip archive", "unpack it first"),
     OtherFormat(b"\x28\xb5\x2f\xfd", "a file compressed by zstd", "decompress it first"),
     OtherFormat(b"\x1f\x8b", "a file compressed by gzip", "decompress it; `dirprim convert` reads a .csv.gz as it is"),

@@ -94,8 +94,7 @@ def rows_of_log(parts: Iterable[TimedRows]) -> VehicleRows:
         if NO_ID in names:
             named = zip(names, time_ns.tolist(), strict=True)
             names = [name or f"{time}/{next(nameless)}" for name, time in named]
-        vehicle = np.fromiter(map(numbers.__getitem__, names), np.int64, len(names))
-        of_batch = {"vehicle": vehicle, "time_ns": time_ns}
+        of_batch = {"vehicle": numbers.of(names), "time_ns": time_ns}
         for name, column in columns.items():
             column.extend(of_batch[name] if name in of_batch else getattr(rows, name))
     whole = VehicleRows(

@@ -40,34 +40,34 @@ class DelimitedText:
 
     Args:
         path: the file, UTF-8.
-        delimiter: the character between cells; None for that of `DELIMITERS` that its first line has most of.
+        delimiters: characters; that one stands between cells that the first line has most of.
 
     Raises:
         TableError: it is a file of another format.
         OSError: the file cannot be read.
     """
 
-    def __init__(self, path: str | Path, *, delimiter: str | None) -> None:
+    def __init__(self, path: str | Path, *, delimiters: str = DELIMITERS) -> None:
         self.path = Path(path)
         with self.path.open("rb") as file:
             opening = file.read(READ_BYTES)
         self._is_compressed = opening.startswith(GZIP)
         if not self._is_compressed and (known := other_format(opening)):
             raise TableError(self.path, 1, "a table of text", known.name, known.way)
-        self._delimiter = delimiter or self._found_delimiter()
+        self._delimiter = self._found_delimiter(delimiters)
 
     def _open(self) -> TextIO:
         if self._is_compressed:
             return gzip.open(self.path, "rt", encoding="utf-8-sig", newline="")
         return self.path.open(encoding="utf-8-sig", newline="")
 
-    def _found_delimiter(self) -> str:
+    def _found_delimiter(self, delimiters: str) -> str:
         try:
             with self._open() as file:
                 header = next((line for line in file if line.strip()), "")
         except (UnicodeDecodeError, EOFError, zlib.error, gzip.BadGzipFile):
-            return DELIMITERS[0]  # `rows` says what is wrong
-        return max(DELIMITERS, key=header.count)
+            return delimiters[0]  # `rows` says what is wrong
+        return max(delimiters, key=header.count)
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """The number of the last line and the cells of each row that is not blank.
@@ -79,6 +79,8 @@ class DelimitedText:
             reader = csv.reader(file, delimiter=self._delimiter, skipinitialspace=True, strict=True)
             try:
                 for row in reader:
+                    if row and row[-1] == "" and self._delimiter == " ":
+                        row.pop()  # of a space at the end of the line
                     if row:
                         yield reader.line_num, row
             except UnicodeDecodeError as error:
@@ -176,6 +178,26 @@ class Block:
             row = next(row for row, text in enumerate(texts) if not _is_int64(text))
             self.fail(row, f"a whole number as {name}", repr(texts[row]), "mend or remove the line")
 
+    def frame_times(self, column: int, *, frames_per_second: float) -> IntArray:
+        """(n,) nanoseconds of numbered frames; `NO_TIME` where the cell holds none.
+
+        Raises:
+            TableError: a cell is no number, or too large.
+            ValueError: a rate that is not positive.
+        """
+        if not (np.isfinite(frames_per_second) and frames_per_second > 0):
+            raise ValueError(f"frames_per_second: expected a positive number, got {frames_per_second}")
+        seconds = self.floats(column, "frame") / frames_per_second
+        return self._in_nanoseconds(seconds, "frame", "mend or remove the line")
+
+    def _in_nanoseconds(self, seconds: FloatArray, name: str, remedy: str) -> IntArray:
+        too_large = np.abs(seconds) > MAX_SECONDS
+        if (too_large & np.isfinite(seconds)).any():
+            row = int(np.argmax(too_large & np.isfinite(seconds)))
+            self.fail(row, f"seconds as {name}", f"{seconds[row]:g}", remedy)
+        known = np.isfinite(seconds)
+        return np.where(known, np.rint(np.where(known, seconds, 0.0) * 1e9).astype(np.int64), NO_TIME)
+
     def nanoseconds(self, column: int, name: str) -> IntArray:
         """(n,) decimal seconds to the nearest nanosecond; `NO_TIME` where the cell holds none.
 
@@ -185,17 +207,11 @@ class Block:
             TableError: a cell is no number, or too large for seconds.
         """
         seconds = self.floats(column, name)
-        known = np.isfinite(seconds)
-        size = np.abs(np.where(known, seconds, 0.0))
-        if (size > MAX_SECONDS).any():
-            row = int(np.argmax(size > MAX_SECONDS))
-            remedy = "divide by 1e3, 1e6 or 1e9 if it counts ms, us or ns"
-            self.fail(row, f"seconds as {name}", f"{seconds[row]:g}", remedy)
-        time_ns = np.rint(np.where(known, seconds, 0.0) * 1e9).astype(np.int64)
+        time_ns = self._in_nanoseconds(seconds, name, "divide by 1e3, 1e6 or 1e9 if it counts ms, us or ns")
         texts = self._decimals(column)
-        for row in np.flatnonzero(size >= EXACT_SECONDS).tolist():
+        for row in np.flatnonzero((np.abs(seconds) >= EXACT_SECONDS) & np.isfinite(seconds)).tolist():
             time_ns[row] = exact_nanoseconds(texts[row])
-        return np.where(known, time_ns, NO_TIME)
+        return time_ns
 
 
 def exact_nanoseconds(seconds: str) -> int:
@@ -227,22 +243,3 @@ def _is_int64(text: str) -> bool:
         return -(2**63) <= int(text) < 2**63
     except ValueError:
         return False
-
-
-class NameTable:
-    """Vehicle ids as numbers, in the order of their first appearance."""
-
-    def __init__(self) -> None:
-        self._number: dict[str, int] = {}
-
-    def numbers(self, names: Sequence[str]) -> IntArray:
-        """(n,) the number of each name; a new one for a new name."""
-        number = self._number
-        for name in dict.fromkeys(names):
-            number.setdefault(name, len(number))
-        return np.fromiter(map(number.__getitem__, names), np.int64, len(names))
-
-    @property
-    def names(self) -> list[str]:
-        """The name of each number."""
-        return list(self._number)

@@ -11,17 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from io import BufferedWriter, FileIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.container.partial_file import PartialFile
-from dirprim_filter.recording.errors import MissingExtraError
+from dirprim_filter.recording.tables.arrow_table import pyarrow
 from dirprim_filter.track_ids import as_texts, numbered
 
 FORMATS = (".csv", ".parquet", ".txt")
@@ -70,19 +68,6 @@ def check_table_format(path: str | Path) -> str:
     if suffix not in FORMATS:
         raise ValueError(f"{path}: expected a name that ends in {', '.join(FORMATS)}, got {suffix or 'no suffix'}")
     return suffix
-
-
-def pyarrow(path: str | Path) -> Any:
-    """The library that knows parquet.
-
-    Raises:
-        MissingExtraError: it is not installed.
-    """
-    try:
-        import_module("pyarrow.parquet")
-        return import_module("pyarrow")
-    except ImportError as error:
-        raise MissingExtraError(str(path), library="pyarrow", extra="parquet") from error
 
 
 def _columns(estimates: Estimates) -> dict[str, AnyArray]:

@@ -12,15 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
-from dirprim_filter.recording.schemas.object_rows import ObjectRows
-from dirprim_filter.recording.tables.delimited import NameTable
 from dirprim_filter.recording.tables.table import Table, table_of
-from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
+from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
 from dirprim_filter.recording.vehicle_rows import VehicleRows
+from dirprim_filter.track_ids import numbered
 
 
 def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None = None) -> Table:
@@ -34,7 +32,7 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
     Raises:
         TableError: the file is no JSON, or no frame of it holds such objects.
         MissingExtraError: pyproj is not installed.
-        ValueError: the mapping tells no time.
+        ValueError: the mapping has no time.
         OSError: the file cannot be read.
     """
     path = Path(path)
@@ -48,26 +46,14 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
     if not len(rows):
         got = next(iter(reasons), f"{len(frames)} frames without one")
         raise TableError(path, 1, f"objects at {mapping}", got, "compare the paths with the file")
-    ids = NameTable()
+    names, vehicle = numbered(rows.track_id)
+    place = np.column_stack([rows.position, np.zeros(len(rows))])
     vehicles = VehicleRows(
-        vehicle=ids.numbers(rows.track_id.tolist()), names=np.array(ids.names, np.str_), time_ns=rows.stamp_ns,
-        position=rows.position if mapping.latitude is None else _plane(rows, origin), direction=rows.direction,
-        speed=rows.speed, group=rows.group, size=rows.size, heading=rows.heading,
+        vehicle=vehicle, names=np.array(names, np.str_), time_ns=rows.stamp_ns,
+        position=rows.position if mapping.latitude is None else placed_on_plane(place, origin)[:, :2],
+        direction=rows.direction, speed=rows.speed, group=rows.group, size=rows.size, heading=rows.heading,
     )  # fmt: skip
     return table_of(vehicles, label=rows.label if mapping.label else None, dropped=dict(reasons))
-
-
-def _plane(rows: ObjectRows, origin: Origin | None) -> FloatArray:
-    """(n, 2) metres from the origin, of rows of longitudes and latitudes; infinite where there is no such place."""
-    longitude, latitude = rows.position.T
-    exists = (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)
-    place = np.full((len(rows), 2), np.inf)
-    if exists.any():
-        first = np.argmax(exists)
-        origin = origin or Origin(float(latitude[first]), float(longitude[first]))
-        geodetic = np.column_stack([rows.position, np.zeros(len(rows))])[exists]
-        place[exists] = on_plane(origin, geodetic)[:, :2]
-    return place
 
 
 def _frames(path: Path) -> list[Any]:

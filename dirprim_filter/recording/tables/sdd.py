@@ -12,14 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
-from dirprim_filter.optional_columns import unknown
-from dirprim_filter.recording.decoding.field_columns import NO_TIME
-from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.tables.delimited import Block, DelimitedText, NameTable
-from dirprim_filter.recording.tables.table import Table, table_of
+from dirprim_filter.recording.tables.delimited import DelimitedText
+from dirprim_filter.recording.tables.table import NO_NAMES, Table, joined_rows, table_of
 from dirprim_filter.recording.vehicle_rows import VehicleRows
+from dirprim_filter.track_ids import Numbers
 
-TRACK_ID, X_MIN, Y_MIN, X_MAX, Y_MAX, FRAME, LOST, LABEL = 0, 1, 2, 3, 4, 5, 6, 9
+TRACK_ID, FRAME, LOST, LABEL = 0, 5, 6, 9
+CORNERS = {1: "xmin", 2: "ymin", 3: "xmax", 4: "ymax"}
 N_CELLS = 10
 
 
@@ -45,37 +44,28 @@ def read_sdd(
         ValueError: a scale that is not positive.
         OSError: the file cannot be read.
     """
-    for name, value in (("metres_per_pixel", metres_per_pixel), ("frames_per_second", frames_per_second)):
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name}: expected a positive number, got {value}")
-    text = DelimitedText(path, delimiter=" ")
-    ids = NameTable()
+    if not (np.isfinite(metres_per_pixel) and metres_per_pixel > 0):
+        raise ValueError(f"metres_per_pixel: expected a positive number, got {metres_per_pixel}")
+    text = DelimitedText(path, delimiters=" ")
+    numbers = Numbers()
     parts: list[VehicleRows] = []
     labels_of: list[AnyArray] = []
     n_lost = n_other = 0
     for block in text.blocks(skip=0, n_cells=N_CELLS):
         lost = block.floats(LOST, "lost") != 0
-        other = np.zeros_like(lost) if labels is None else ~np.isin(block.texts(LABEL), list(labels))
+        label = np.array(block.texts(LABEL), np.str_)
+        other = np.zeros_like(lost) if labels is None else ~np.isin(label, list(labels))
         n_lost += int(lost.sum())
         n_other += int((other & ~lost).sum())
         kept = ~(lost | other)
-        parts.append(_rows_of(block, ids, metres_per_pixel, frames_per_second)[kept])
-        labels_of.append(np.array(block.texts(LABEL), np.str_)[kept])
-    if not parts:
-        raise TableError(text.path, 1, "rows of annotations", "none", "check how the file was made")
+        x_min, y_min, x_max, y_max = (block.floats(column, name) for column, name in CORNERS.items())
+        rows = VehicleRows(
+            names=NO_NAMES, vehicle=numbers.of(block.texts(TRACK_ID)),
+            time_ns=block.frame_times(FRAME, frames_per_second=frames_per_second),
+            position=np.column_stack([x_min + x_max, -(y_min + y_max)]) * (0.5 * metres_per_pixel),
+        )  # fmt: skip
+        parts.append(rows[kept])
+        labels_of.append(label[kept])
+    rows = joined_rows(text.path, parts, numbers)
     dropped = {"marked as lost": n_lost, "of another label": n_other}
-    rows = VehicleRows.concatenate(parts, np.array(ids.names, np.str_))
-    return table_of(rows, label=np.concatenate(labels_of), dropped={why: n for why, n in dropped.items() if n})
-
-
-def _rows_of(block: Block, ids: NameTable, metres_per_pixel: float, frames_per_second: float) -> VehicleRows:
-    named = ((X_MIN, "xmin"), (Y_MIN, "ymin"), (X_MAX, "xmax"), (Y_MAX, "ymax"), (FRAME, "frame"))
-    x_min, y_min, x_max, y_max, frame = (block.floats(column, name) for column, name in named)
-    known, n = np.isfinite(frame), frame.size
-    time_ns = np.rint(np.where(known, frame, 0.0) * (1e9 / frames_per_second)).astype(np.int64)
-    return VehicleRows(
-        names=np.empty(0, np.str_), vehicle=ids.numbers(block.texts(TRACK_ID)),
-        time_ns=np.where(known, time_ns, NO_TIME), group=np.zeros(n, np.int64),
-        position=np.column_stack([x_min + x_max, -(y_min + y_max)]) * (0.5 * metres_per_pixel),
-        direction=unknown(n), speed=unknown(n), size=unknown(n, 3), heading=unknown(n),
-    )  # fmt: skip
+    return table_of(rows, label=np.concatenate(labels_of), dropped=dropped)

@@ -17,9 +17,10 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.optional_columns import is_held, unknown
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.tables.delimited import BLOCK_ROWS, NameTable, exact_nanoseconds, is_number
-from dirprim_filter.recording.tables.table import Table, table_of
+from dirprim_filter.recording.tables.delimited import BLOCK_ROWS, exact_nanoseconds, is_number
+from dirprim_filter.recording.tables.table import NO_NAMES, Table, joined_rows, table_of
 from dirprim_filter.recording.vehicle_rows import VehicleRows
+from dirprim_filter.track_ids import Numbers
 
 READ_BYTES = 1 << 20
 
@@ -59,7 +60,7 @@ class _FcdExport:
         self._times: list[int] = []
         self._vehicles: list[dict[str, str]] = []
         self._parts: list[VehicleRows] = []
-        self._ids = NameTable()
+        self._numbers = Numbers()
         self._n_others = 0
 
     def feed(self, data: bytes, *, last: bool = False) -> None:
@@ -74,11 +75,10 @@ class _FcdExport:
             self._close_block()
         if not self._parts:
             raise self._error("vehicles in time steps", "none", "run SUMO with --fcd-output")
-        rows = VehicleRows.concatenate(self._parts, np.array(self._ids.names, np.str_))
+        rows = joined_rows(self.path, self._parts, self._numbers)
         if not all(is_held(part.heading) for part in self._parts):
             rows = replace(rows, heading=unknown(len(rows)), speed=unknown(len(rows)))
-        dropped = {"persons and containers": self._n_others} if self._n_others else {}
-        return table_of(rows, dropped=dropped)
+        return table_of(rows, dropped={"persons and containers": self._n_others})
 
     def _on_doctype(self, *_: object) -> None:
         raise self._error("no DOCTYPE", "one", "remove it: SUMO writes none")
@@ -105,20 +105,13 @@ class _FcdExport:
 
     def _close_block(self) -> None:
         moving = all("angle" in v and "speed" in v for v in self._vehicles)
-        n = len(self._times)
-        self._parts.append(
-            VehicleRows(
-                names=np.empty(0, np.str_),
-                vehicle=self._ids.numbers(self._texts("id")),
-                time_ns=np.array(self._times, np.int64),
-                position=np.column_stack([self._floats("x"), self._floats("y")]),
-                direction=unknown(n),
-                speed=self._floats("speed") if moving else unknown(n),
-                group=np.zeros(n, np.int64),
-                size=unknown(n, 3),
-                heading=angle_of_compass(self._floats("angle")) if moving else unknown(n),
-            )
-        )
+        rows = VehicleRows(
+            names=NO_NAMES, vehicle=self._numbers.of(self._texts("id")), time_ns=np.array(self._times, np.int64),
+            position=np.column_stack([self._floats("x"), self._floats("y")]),
+        )  # fmt: skip
+        if moving:
+            rows = replace(rows, speed=self._floats("speed"), heading=angle_of_compass(self._floats("angle")))
+        self._parts.append(rows)
         self._lines, self._times, self._vehicles = [], [], []
 
     def _texts(self, name: str) -> list[str]:

@@ -5,18 +5,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
+from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.sizes import known_sizes
-from dirprim_filter.track_ids import as_track_ids, repeated_rows
+from dirprim_filter.track_ids import Numbers, as_track_ids, repeated_rows
 from dirprim_filter.tracks import Tracks
 
 ALONE = "alone in time, so that no velocity can be derived"
+NO_NAMES = np.empty(0, np.str_)
+"""Of parts whose vehicles get their names when all are there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +33,7 @@ class Table:
         notes: what was put right without a loss, and how often.
         labels: what each vehicle is, by its id; of those that the table gives a label.
         unused: the columns of which nothing was read.
+        files: all that were read, where the table is a folder.
     """
 
     tracks: Tracks
@@ -36,6 +41,7 @@ class Table:
     notes: Mapping[str, int] = field(default_factory=dict)
     labels: Mapping[int | str, str] = field(default_factory=dict)
     unused: Sequence[str] = ()
+    files: Sequence[Path] = ()
 
     @property
     def n_lost(self) -> int:
@@ -43,7 +49,25 @@ class Table:
         return sum(n for reason, n in self.dropped.items() if reason != ALONE)
 
 
-def table_of(rows: VehicleRows, *, label: AnyArray | None = None, dropped: Mapping[str, int] | None = None) -> Table:
+def joined_rows(path: Path, parts: Sequence[VehicleRows], numbers: Numbers) -> VehicleRows:
+    """The rows of all parts of a file, of vehicles that are numbered.
+
+    Raises:
+        TableError: there is no part.
+    """
+    if not parts:
+        raise TableError(path, "", "rows", "none", "check how the table was made")
+    return VehicleRows.concatenate(parts, np.array(list(numbers), np.str_))
+
+
+def table_of(
+    rows: VehicleRows,
+    *,
+    label: AnyArray | None = None,
+    dropped: Mapping[str, int] | None = None,
+    notes: Mapping[str, int] | None = None,
+    files: Sequence[Path] = (),
+) -> Table:
     """The table of rows: bad ones dropped and counted, times in order, ids unique.
 
     Dropped are rows whose time or position is missing or beyond `FARTHEST_M`, with an infinite number, with a negative
@@ -55,9 +79,10 @@ def table_of(rows: VehicleRows, *, label: AnyArray | None = None, dropped: Mappi
         rows: as they were read, bad ones among them.
         label: (n,) str, what the vehicle is, empty where unknown; None where the table has none.
         dropped: what the reader dropped before, by reason.
+        notes: what it put right before.
+        files: all that were read.
     """
-    counts = dict(dropped or {})
-    notes: dict[str, int] = {}
+    counts, notes = ({why: n for why, n in (before or {}).items() if n} for before in (dropped, notes))
     finite = (rows.time_ns != NO_TIME) & (np.abs(rows.position) <= FARTHEST_M).all(axis=1)
     finite &= ~np.isinf(rows.direction) & ~np.isinf(rows.speed) & ~np.isinf(rows.heading)
     good = finite & ~(rows.speed < 0)
@@ -77,7 +102,7 @@ def table_of(rows: VehicleRows, *, label: AnyArray | None = None, dropped: Mappi
     tracks, n_alone = rows.to_tracks()
     _count(counts, ALONE, n_alone)
     labels = {} if label is None else _labels(as_track_ids(rows.names)[rows.vehicle], label[kept], notes)
-    return Table(tracks=tracks, dropped=counts, notes=notes, labels=labels)
+    return Table(tracks=tracks, dropped=counts, notes=notes, labels=labels, files=files)
 
 
 def _labels(track_id: AnyArray, label: AnyArray, notes: dict[str, int]) -> dict[int | str, str]:

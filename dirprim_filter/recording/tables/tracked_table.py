@@ -12,9 +12,9 @@ from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError, TableError
 from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.field_groups import matrices
-from dirprim_filter.recording.tables.csv_table import REQUIRED, check_header
+from dirprim_filter.recording.tables.arrow_table import ArrowTable
 from dirprim_filter.recording.tables.delimited import Block, DelimitedText
-from dirprim_filter.recording.tables.estimate_table import pyarrow
+from dirprim_filter.recording.tables.named_columns import REQUIRED, check_header
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -89,7 +89,7 @@ def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> In
 
 
 def _of_csv(path: Path) -> dict[str, AnyArray]:
-    text = DelimitedText(path, delimiter=None)
+    text = DelimitedText(path)
     line, header = next(text.rows(), (1, []))
     names = [name.strip() for name in header]
     check_header(path, line, names)
@@ -115,21 +115,12 @@ def _block(block: Block, place: dict[str, int]) -> dict[str, AnyArray]:
 
 
 def _of_parquet(path: Path) -> dict[str, AnyArray]:
-    arrow = pyarrow(path)
-    try:
-        table = arrow.parquet.read_table(path)
-    except arrow.ArrowInvalid as error:
-        raise RecordingError(f"{path}: expected a parquet file, got {error}") from error
-    wanted = ("time_ns", *REQUIRED[1:])
-    missing = [name for name in wanted if name not in table.column_names]
-    if missing:
-        raise RecordingError(
-            f"{path}: expected columns {', '.join(wanted)}, got {', '.join(table.column_names)}; name the columns so; "
-            f"missing: {', '.join(missing)}"
-        )
-    names = [name for name in (*wanted, "group", *COVARIANCE, "unseen_s") if name in table.column_names]
-    columns = {name: table[name].to_numpy() for name in names}
-    return _joined(columns | {"track_id": np.array(table["track_id"].to_pylist())})
+    table = ArrowTable(path)
+    table.require(("time_ns", *REQUIRED[1:]))
+    floats = ("x_m", "y_m", *COVARIANCE, "unseen_s")
+    columns = {name: table.floats(name) for name in floats if name in table.names}
+    columns |= {name: table.whole_numbers(name) for name in ("time_ns", "group") if name in table.names}
+    return _joined(columns | {"track_id": table.texts("track_id")})
 
 
 def _joined(columns: dict[str, AnyArray]) -> dict[str, AnyArray]:
@@ -145,7 +136,7 @@ def _joined(columns: dict[str, AnyArray]) -> dict[str, AnyArray]:
 def _of_mot(path: Path, truth: Tracks) -> dict[str, AnyArray]:
     instants = np.unique(truth.time_ns)
     parts: list[tuple[IntArray, list[str], FloatArray]] = []
-    for block in DelimitedText(path, delimiter=",").blocks(skip=0, n_cells=MOT_COLUMNS):
+    for block in DelimitedText(path, delimiters=",").blocks(skip=0, n_cells=MOT_COLUMNS):
         frame = block.whole_numbers(0, "frame")
         position = np.column_stack([block.floats(7, "x"), block.floats(8, "y")])
         wrong = (frame < 1) | (frame > instants.size)

@@ -57,3 +57,22 @@ def on_plane(origin: Origin, geodetic: FloatArray) -> FloatArray:
         f"+step +proj=topocentric +ellps=WGS84 +lat_0={origin.latitude_deg!r} +lon_0={origin.longitude_deg!r} +h_0=0"
     )
     return np.column_stack(to_plane.transform(*geodetic.T))
+
+
+def placed_on_plane(geodetic: FloatArray, origin: Origin | None) -> FloatArray:
+    """(n, 3) metres as `on_plane`; infinite where there is no such place.
+
+    Args:
+        geodetic: (n, 3) longitude and latitude, degrees, and height, metres.
+        origin: of the plane; None: the first place.
+
+    Raises:
+        MissingExtraError: pyproj is not installed.
+    """
+    longitude, latitude, _ = geodetic.T
+    exists = (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)
+    place = np.full(geodetic.shape, np.inf)
+    if exists.any():
+        first = np.argmax(exists)
+        place[exists] = on_plane(origin or Origin(float(latitude[first]), float(longitude[first])), geodetic[exists])
+    return place
