@@ -14,22 +14,25 @@ class LearningConfig:
         max_modes: most modes a cell may have of its own. A four-arm junction has up to six manoeuvres in one place.
         max_place_free_modes: most modes of the place-free primitive.
         standing_speed: m/s; slower rows have no meaningful direction and make the mode for standing vehicles.
-        row_interval_s: seconds; rows of a vehicle nearer than this to its last kept row tell nothing new.
-        dbscan_eps: radians, the reach of a neighbourhood (the paper's way to the number of modes).
+        row_interval_s: seconds; rows of a vehicle nearer than this to its last kept row are left out.
+        dbscan_eps: radians, the reach of a neighbourhood (the paper's method for the number of modes).
         dbscan_share: a core point has this share of the cell's rows within reach, and at least three.
         prior_strengths: pseudo-vehicles of the usual spreads of direction and of speed in each mode. They bound the
-            concentration that one vehicle, whose rows all point one way, would make unbounded; held-out vehicles
-            choose among them. The first is tried first.
-        parameter_costs: what a parameter of a mode costs, in those of BIC, of which held-out vehicles choose: BIC
-            counts vehicles, and several rows of one may say more than one row would. The first is tried first.
-        bend_scale: rad/m, standard deviation of a mode's bend before it is seen: the tightest turns that vehicles drive
-            are of about 5 m radius, most are none.
-        gain_scale: 1/m, the same of the gain of log speed: hard braking at 10 m/s halves the speed in 15 m.
+            concentration that one vehicle, whose rows all point one way, would make unbounded; chosen
+            by held-out vehicles. The first is tried first.
+        parameter_costs: cost of a parameter of a mode, in units of BIC's; chosen by held-out vehicles, since BIC
+            counts vehicles, and several rows of one hold more information than one row. The first is tried first.
+        bend_scale: rad/m, prior standard deviation of a mode's bend: the tightest turns of vehicles have a radius of
+            about 5 m, and most do not turn.
+        gain_scale: 1/m, prior standard deviation of the gain of log speed: hard braking at 10 m/s halves the speed in
+            15 m.
         max_concentration: bound of a mode's concentration: 0.6 degrees of spread.
         max_shape: bound of a mode's gamma shape: 1 % of spread in speed.
         cell_sizes: metres, the grid's candidates when no size is asked for.
-        rows_per_cell: on average, the candidates of Voronoi cells laid out evenly; the first also tells what is usual.
-        softness: by how much of its own size a Voronoi cell learns from what is beside it; the first is tried first.
+        rows_per_cell: rows of an average cell, the candidates for evenly laid out Voronoi cells; the first also gives
+            the usual spreads.
+        softness: share of its own size within which a Voronoi cell also learns from rows beside it; the first is tried
+            first.
     """
 
     max_modes: int = 6
@@ -64,12 +67,12 @@ class FilterConfig:
     Attributes:
         n_particles: samples for each vehicle.
         noise_m: metres, standard deviation of a measured position in each axis.
-        outlier_probability: share of measurements that say nothing of the vehicle; keeps every weight positive.
+        outlier_probability: share of measurements that are not of the vehicle; keeps every weight positive.
         outlier_extent_m: metres, the side of the square over which such a measurement may lie.
-        direction_noise: radians, standard deviation of a measured direction: detectors tell it to some degrees.
+        direction_noise: radians, standard deviation of a measured direction: some degrees, for usual detectors.
         speed_noise: m/s, standard deviation of a measured speed.
-        motion_outlier_probability: share of measured directions and speeds that say nothing: detectors turn vehicles
-            round, and give standing ones any course.
+        motion_outlier_probability: share of measured directions and speeds that are outliers: detectors confuse
+            front and rear, and give standing vehicles any course.
         resample_below: resample when the effective sample size falls below this share of the particles.
         place_free_share: least share of the particles that take up a place-free manoeuvre, where they take up any: the
             vehicle that does what none has done there is not lost.
@@ -81,11 +84,11 @@ class FilterConfig:
             do: who does what none did is found by these. Forecasts go by the map alone.
         reach_m: metres; so far beside a cell a vehicle still moves as vehicles do in it: about a lane's width.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
-        drift: m^2/s, how fast a vehicle drifts from the way that its direction and speed say, in each axis: 0.07 m in
+        drift: m^2/s, diffusion of the position beside what direction and speed predict, in each axis: 0.07 m in
             a second.
         max_gap_s: seconds without a measurement after which a belief ends.
-        interaction: "leader": vehicles heed who drives ahead of them, by where the others were estimated in the frame
-            before; "none": what is believed of a vehicle does not depend on any other.
+        interaction: "leader": vehicles respond to the vehicle ahead, by the estimates of the frame before; "none":
+            the belief of a vehicle does not depend on any other.
     """
 
     n_particles: int = 1000
@@ -119,22 +122,23 @@ class FilterConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingConfig:
-    """How a tracker tells vehicles from false detections, and one vehicle from another.
+    """How a tracker distinguishes vehicles from false detections, and one vehicle from another.
 
     Attributes:
         detection_probability: of a vehicle in sight, in each frame.
-        clutter_density: false detections per square metre in each frame: one in a square of 100 m. Labelled or not, a
-            first detection is a vehicle's with the odds of `birth_density` to this.
-        birth_density: vehicles first seen, likewise: one in a hundred frames.
-        occlusion_rate: 1/s, how often a vehicle goes out of sight: behind a lorry or a tree.
+        clutter_density: false detections per square metre in each frame: one in a square of 100 m. Labelled or not, the
+            odds that a first detection is a vehicle are `birth_density` to this.
+        birth_density: new vehicles per square metre in each frame: one in a hundred frames.
+        occlusion_rate: 1/s, how often a vehicle is occluded, as by a lorry or a tree.
         reappearance_rate: 1/s, how fast it comes back: after three seconds.
         departure_rate: 1/s, how often a vehicle leaves for good.
-        gate: squared Mahalanobis distance beyond which a detection is nobody's: one in 3,000 of the vehicle's own.
+        gate: squared Mahalanobis distance beyond which a detection is not assigned to a track; one in 3,000 of its own
+            is excluded.
         confirm_above: probability of existence from which on a track is reported.
         report_above: probability of existence below which a confirmed track is not reported, until it rises again.
         forget_below: a track ends below this share of the existence that a first detection gives.
-        lost_after: measurements in a row that a belief does not explain, after which it begins anew at the last: one
-            may be an outlier.
+        lost_after: consecutive measurements that a belief does not explain, after which it is reinitialised at the
+            last: a single one may be an outlier.
     """
 
     detection_probability: float = 0.9

@@ -27,28 +27,28 @@ MAX_COURSE_ERROR = 0.03
 MAX_GAP_S = 2.0
 """Across a longer gap nothing is differenced: the vehicle may have turned and come back."""
 STANDING_M = 0.3
-"""Who moves less over the window stands: what he moves may be but the rocking of a body, or rounding."""
+"""A vehicle that moves less over the window stands: its motion may be the rocking of a body, or rounding."""
 STANDING_NOISE = 4.0
-"""Nor is a move believed below so many standard deviations of its noise."""
+"""A displacement below so many standard deviations of its noise counts as none."""
 NOISE_SPAN_S = 1.0
-"""Of rows further apart third differences tell of braking and turning, not of noise; it then counts as none."""
+"""Third differences of rows farther apart show braking and turning, not noise; noise then counts as 0."""
 NOISE_SAMPLES = 100_000
-"""Of so many places at most the noise is measured: that is to a third of a percent."""
+"""The most positions that the noise is estimated from: enough for a third of a percent."""
 STANDARD_DEVIATION_OF_MEDIAN = 0.6744897501960817
 """The median of the absolute value of a standard normal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """What positions say of motion, row by row.
+    """Motion derived from positions, row by row.
 
     Attributes:
-        direction: (n,) course over ground, radians; the body's heading where positions do not tell the course.
+        direction: (n,) course over ground, radians; the body's heading where positions do not determine the course.
         speed: (n,) m/s; NaN where a row has no neighbour in time.
-        half_window_s: to either side of a row positions were differenced over this time.
+        half_window_s: positions were differenced over this time to either side of a row.
         noise: standard deviation of each coordinate's white noise, metres.
-        median_speed: of what moves, m/s; NaN where nothing does.
-        keeps_heading: the positions are so noisy that headings tell the course better.
+        median_speed: m/s, of moving rows; NaN if none move.
+        keeps_heading: the positions are so noisy that headings estimate the course better.
     """
 
     direction: FloatArray

@@ -29,8 +29,8 @@ class Detections(ArrayValue):
         position: (n, 2) metres, x east, y north.
         direction: (n,) measured course, radians; NaN where it is not measured. Left out: nowhere.
         speed: (n,) measured speed, m/s; NaN where it is not measured. Left out: nowhere.
-        covariance: (n, 2, 2) of the position's error, square metres; NaN where the sensor does not tell, and the
-            filter's own noise holds. Left out: nowhere.
+        covariance: (n, 2, 2) of the position's error, square metres; NaN where the sensor does not report it, and the
+            filter's own noise applies. Left out: nowhere.
         size: (n, 3) measured length, width and height of the body, metres; NaN where unknown. Left out: nowhere known.
         group: (n,) int64, the world that each row is of, as in `Tracks`. Left out: all 0.
 
@@ -114,7 +114,7 @@ class Detections(ArrayValue):
         return replace(self, track_id=names, group=np.zeros(len(self), np.int64))
 
     def without_ids(self) -> Detections:
-        """The same rows of nobody in particular."""
+        """The same rows without ids."""
         return Detections(
             track_id=np.full(len(self), NO_ID, np.str_), time_ns=self.time_ns, position=self.position,
             direction=self.direction, speed=self.speed, covariance=self.covariance, size=self.size, group=self.group,
@@ -166,7 +166,7 @@ def is_covariance(matrix: FloatArray) -> BoolArray:
 
 
 def _where_known(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """The column, NaN where the sensor does not tell; no row of it is a column that tells nothing."""
+    """The column, NaN where not reported; a column of no rows stands for one that is not reported at all."""
     column = np.asarray(value, dtype=np.float64)
     if column.shape[:1] == (0,) and shape[0]:
         return np.full(shape, np.nan)

@@ -1,4 +1,4 @@
-"""What the filter believes, and whom it tells."""
+"""Estimates of a filter, frame by frame, and the sinks that take them."""
 
 from __future__ import annotations
 

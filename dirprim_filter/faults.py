@@ -1,9 +1,9 @@
 """Faults of observed motion: vehicles that drive backwards or jump, and vehicles that are copies of others.
 
-A log of tracks is taken for the truth, so what is wrong in it is learned, and judged by. Two vehicles cannot be at one
-place, so whoever stays within `COPY_M` of another for a second is the same. A copy shifted in time is harder to tell
-from a vehicle that follows: it repeats the other's whole way, its speed and, to a part of its size, its **noise**, the
-third differences of its positions. Vehicles on one path, in a queue or a platoon, have noise of their own.
+Learning and scoring take a log of tracks for the truth, so its faults enter both. Two vehicles cannot be at one place:
+two that stay within `COPY_M` for a second are one. A copy shifted in time is harder to distinguish from a follower: it
+repeats the other's whole path, its speed and, in part, its **noise**, the third differences of its positions. Vehicles
+on one path, in a queue or a platoon, have noise of their own.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ SHIFTED_SHARE = 2.0 / 3.0
 """of all that the two could share: followers share a third at most where they were counted."""
 MAX_SHIFT_S = 60.0
 MOVING_FROM = 1.0
-"""m/s; who stands repeats himself."""
+"""m/s; standing vehicles repeat their own positions."""
 LEAST_NOISE_M = 1e-3
-"""Less than this, as of simulated drivers who are all alike, cannot tell whose it is."""
+"""Less noise than this, as of simulated vehicles that are all alike, does not identify a copy."""
 SHARED_NOISE = 0.5
-"""What two copies differ by is at most this part of their own noise; of two vehicles it is more than the whole."""
+"""Two copies differ by at most this share of their own noise; two vehicles by more than all of it."""
 SHOWN = 6
-"""Ids of a line; of the others the number."""
+"""Ids listed in a line; the others are counted."""
 
 
 class Misstep(NamedTuple):

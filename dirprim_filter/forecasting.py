@@ -34,9 +34,9 @@ from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 
 REGION_SHARES = (0.9, 0.5)
-"""Of a vehicle's futures: how many each of its regions holds."""
+"""The shares of a vehicle's rollouts that its regions contain."""
 MOST_INSTANTS = 24
-"""Of a region: more could not be told apart."""
+"""Of a region: more could not be distinguished."""
 
 
 def forecast(
@@ -61,10 +61,10 @@ def forecast(
         speed: m/s, not negative.
         horizon_s: seconds to look ahead.
         dt_s: seconds between the positions returned; the motion itself is sampled at `config.step_s`.
-        n_samples: number of futures.
-        cue: what the vehicle tells of where it will turn: its turn signal.
+        n_samples: number of rollouts.
+        cue: of where the vehicle will turn, such as its turn signal.
         config: the motion model's knobs.
-        rng: what the futures are drawn from.
+        rng: draws the rollouts.
 
     Returns:
         (n_samples, n_steps, 2) positions at dt_s, 2 dt_s, ... up to the horizon, metres.
@@ -80,14 +80,14 @@ def forecast(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecasts:
-    """Sampled futures of vehicles, and where they say that the vehicles may be.
+    """Rollouts of vehicles, and the regions where the vehicles may be.
 
     Attributes:
         time_ns: when they were made.
         track_id: n ids of the vehicles.
         start: (n, 2) metres, where the vehicles were then.
         paths: (n, n_samples, n_steps, 2) metres.
-        regions: of each vehicle one for each of `REGION_SHARES`: it holds that share of the futures at every instant.
+        regions: of each vehicle one for each of `REGION_SHARES`: it contains that share of rollouts at every instant.
     """
 
     time_ns: int
@@ -98,7 +98,7 @@ class Forecasts:
 
     @classmethod
     def of(cls, time_ns: int, track_id: Sequence[str], start: npt.ArrayLike, paths: npt.ArrayLike) -> Self:
-        """Check the futures, and find their regions.
+        """Check the rollouts, and find their regions.
 
         Raises:
             ValueError: shapes that do not fit, or a number that is not finite.
@@ -122,14 +122,14 @@ class ForecastSink(Protocol):
     """Takes forecasts as they are made: a log, a viewer."""
 
     def write_forecast(self, forecasts: Forecasts) -> None:
-        """Take the futures of vehicles, after the frame of their time."""
+        """Take the rollouts of vehicles, after the frame of their time."""
         ...
 
 
 class Forecaster:
     """An `EstimateSink` that forecasts every vehicle of a frame, now and then.
 
-    A vehicle's futures follow from the seed, its id and the time: no other vehicle has a part in them, unless
+    A vehicle's rollouts depend on the seed, its id and the time, and on no other vehicle, unless
     `config.interaction` says so. Then sample p of all vehicles of a group is one world.
 
     Args:
@@ -138,7 +138,7 @@ class Forecaster:
         every_s: seconds of log time between forecasts.
         horizon_s: seconds to look ahead.
         dt_s: seconds between positions.
-        n_samples: futures of each vehicle.
+        n_samples: rollouts of each vehicle.
         config: the motion model's knobs.
         rng: one number drawn from it seeds every forecast.
     """
@@ -175,7 +175,7 @@ class Forecaster:
             sink.write_forecast(made)
 
     def paths(self, frame: TrackedFrame) -> FloatArray:
-        """Futures of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""
+        """Rollouts of the frame's vehicles, (n, n_samples, n_steps, 2) metres: from their particles if it has them."""
         clouds = [self._of_vehicle(frame, row) for row in range(len(frame.estimates))]
         path = np.empty((len(clouds), self._steps.n_samples, self._steps.dt_s.size, 2))
         for group in np.unique(frame.group):

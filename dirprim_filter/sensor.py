@@ -101,7 +101,7 @@ class Sensor:
         return cls(along=AxisError(spread_m=noise_m), across=AxisError(spread_m=noise_m))
 
     def numbers(self) -> dict[str, float | None]:
-        """All that it tells, by name."""
+        """All its values, by name."""
         axes = {"along": self.along, "across": self.across}
         own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in (*axes, "uncertainty")}
         return own | {f"{name}.{f.name}": getattr(axis, f.name) for name, axis in axes.items() for f in fields(axis)}

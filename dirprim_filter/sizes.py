@@ -10,12 +10,12 @@ from dirprim_filter.optional_columns import is_held, unknown
 
 
 def known_sizes(reported: FloatArray) -> FloatArray:
-    """(n, 3) as a file tells it; what is not positive and finite is unknown, as is what nobody set."""
+    """(n, 3) as a file reports it; what is not positive and finite is unknown, as are unset fields."""
     return np.where((reported > 0) & (reported < np.inf), reported, np.nan)
 
 
 def as_sizes(value: npt.ArrayLike, n: int) -> FloatArray:
-    """(n, 3) metres, NaN where unknown; that of no row is a column that tells nothing.
+    """(n, 3) metres, NaN where unknown; an empty column stands for one without known sizes.
 
     Raises:
         ValueError: another shape, or a number that is not positive.

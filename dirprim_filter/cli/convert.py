@@ -47,7 +47,7 @@ def convert(
     ] = None,
     fields: Annotated[
         str | None,
-        typer.Option(help="json: where a frame tells of its objects, as time_s=.t,id=.objects[].id,x=.objects[].x,..."),
+        typer.Option(help="json: where a frame holds its objects, as time_s=.t,id=.objects[].id,x=.objects[].x,..."),
     ] = None,
     origin: Annotated[
         str | None, typer.Option(help="json, kitti: latitude,longitude of the plane; left out, the first place.")
@@ -114,7 +114,7 @@ def _read(source: Path, form: str, given: dict[str, Any]) -> Table:
         raise typer.BadParameter(f"has no meaning for --format {form}; it is for {others}", param_hint=_option(name))
     for name, is_needed in takes.items():
         if is_needed and name not in given:
-            raise ValueError(f"{source}: expected {_option(name)}, which a table of {form} does not tell itself")
+            raise ValueError(f"{source}: expected {_option(name)}, which a table of {form} does not contain")
     return FORMATS[form](source, **given)
 
 

@@ -1,7 +1,7 @@
-"""How a command is ended early: Ctrl-C and SIGTERM close its outputs alike, and neither is lost.
+"""Ctrl-C and SIGTERM end a command early: both close its outputs, and neither is lost.
 
-Where compiled code calls back into Python, as the compiler does at each kernel it loads, Python prints and forgets what
-the callback raises, a `KeyboardInterrupt` too. It is raised again then, until somebody hears it.
+Where compiled code calls back into Python, as the compiler does at each kernel it loads, Python prints and drops what
+the callback raises, a `KeyboardInterrupt` too. It is then raised again, until the command receives it.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class WholeVehicles(StrEnum):
 
 
 class Interacts(StrEnum):
-    """Whom vehicles heed."""
+    """Which other vehicles a vehicle responds to."""
 
     NONE = "none"
     LEADER = "leader"

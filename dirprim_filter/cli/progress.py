@@ -68,8 +68,8 @@ class LearningProgress(NamedTuple):
 def learning_progress() -> Iterator[LearningProgress]:
     """Progress of `learn_primitives`; on a terminal, a line.
 
-    When the search for cells is over nobody knows before: told are which of how many stages this is, what it has
-    reached, and how long it can still take, of which it mostly needs little.
+    The duration of the search for cells is not known before. The line shows the stage and the number of stages, the
+    objective reached, and an upper bound of the time left, which is rarely used up.
     """
     if not sys.stderr.isatty():
         yield LearningProgress(None, None)

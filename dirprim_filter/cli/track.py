@@ -179,7 +179,7 @@ def track(
             sinks.append(viewer)
             forecasts.append(viewer)
         if smoother is not None:
-            smoother.tell += [estimates.write_smoothed, *([] if viewer is None else [viewer.write_smoothed])]
+            smoother.sinks += [estimates.write_smoothed, *([] if viewer is None else [viewer.write_smoothed])]
             sinks.append(smoother)
         if forecast > 0:
             rng = np.random.default_rng([seed, 1])
@@ -205,7 +205,7 @@ def _sensing(sensor: Path | None, noise: float | None) -> Sensor | None:
     from dirprim_filter.recording.sensor_file import load_sensor
 
     if sensor is not None and noise is not None:
-        raise typer.BadParameter("a sensor file tells the noise: give one of both", param_hint="--noise")
+        raise typer.BadParameter("a sensor file contains the noise: give one of the two", param_hint="--noise")
     return None if sensor is None else load_sensor(sensor)
 
 

@@ -15,7 +15,7 @@ from dirprim_filter.distributions import _kernels
 from dirprim_filter.distributions.weights import counted
 
 MAX_SHAPE = 1e6
-"""The largest shape that `fit` gives if not told otherwise: a spread of a thousandth of the mean."""
+"""The default bound of the shape in `fit`: a spread of a thousandth of the mean."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +77,7 @@ def fit(
     """Maximum likelihood over the last axis, the shape's bias reduced as Anderson and Ray do. (..., n) -> (...).
 
     The likelihood's shape a, by Newton on log(a) - psi(a) = log(mean) - mean(log), becomes a (n - 3) / n + 2 / (3 n)
-    for n values; the mean stays. Up to three values tell no spread: they give `min_shape`, with their mean. Equal
+    for n values; the mean stays. Up to three values give no spread: they get `min_shape`, with their mean. Equal
     values, four or more, give `max_shape` times (n - 3) / n.
 
     Args:

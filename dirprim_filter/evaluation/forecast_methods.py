@@ -32,7 +32,7 @@ def _rows(learned: PrimitiveMap, horizons_s: tuple[float, ...]) -> dict[str, Sam
 def by_map_and_leaders(
     train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator
 ) -> dict[str, SampleFutures]:
-    """The same, and the map on which vehicles heed who drives ahead of them."""
+    """The same, and the map with vehicles that respond to the vehicle ahead."""
     learned = learn_primitives(train, rng=rng)
     return _rows(learned, horizons_s) | {"prior, leaders": futures_in_worlds(learned, horizons_s)}
 

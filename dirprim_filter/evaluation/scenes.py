@@ -119,7 +119,7 @@ def followed(
     tracked = {scene.group: TrackedWorld(truth=scene.truth, estimates=EstimateList()) for scene in scenes}
     later = {scene.group: TrackedWorld(truth=scene.truth, estimates=EstimateList()) for scene in scenes if smooth}
     smoothers = {
-        group: Smoother(max_gap_s=experiment.filter.max_gap_s, tell=[world.estimates.write])
+        group: Smoother(max_gap_s=experiment.filter.max_gap_s, sinks=[world.estimates.write])
         for group, world in later.items()
     }
 

@@ -31,7 +31,7 @@ class Pairs(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """Slots (v,) of tracks, and the rows (v,) of the frame that are theirs."""
+    """Slots (v,) of tracks, and the rows (v,) of the frame assigned to them."""
 
     slot: IntArray
     row: IntArray
@@ -47,7 +47,7 @@ class Associator:
 
     Args:
         bayes_filter: holds the tracks' beliefs.
-        noise: of measurements that tell none.
+        noise: for measurements that report no covariance.
         config: gate, detection probability and densities.
     """
 

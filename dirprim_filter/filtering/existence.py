@@ -1,7 +1,7 @@
-"""Is there such a vehicle, in sight or occluded, or none? One Markov chain of three states for every track.
+"""Probability that a track is a vehicle, visible or occluded: one Markov chain of three states for every track.
 
-The same for tracks with and without the ids of a sensor: a track begins with one detection, and each frame, a hit or a
-miss, changes the probability that there is a vehicle by Bayes' rule.
+The same for labelled and unlabelled tracks: a track is initialised by one detection, and each frame, a hit or a miss,
+updates the probability by Bayes' rule.
 
 Source: Musicki, Evans and Stankovic, Integrated Probabilistic Data Association, 1994: their "Markov chain two".
 """
@@ -14,41 +14,41 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import TrackingConfig
 
 VISIBLE, OCCLUDED, GONE = range(3)
-"""The states: there and in sight, there but hidden, not there: left, or a false detection from the beginning."""
+"""The states: visible, occluded, or gone: the vehicle left, or the track always was a false detection."""
 
 
 def at_birth(n: int, config: TrackingConfig) -> FloatArray:
-    """(n, 3) after the detection that a track begins with: a new vehicle's, or a false one."""
+    """(n, 3) after the detection that initialises a track: of a new vehicle, or a false one."""
     exists = config.birth_density / (config.birth_density + config.clutter_density)
     return np.tile(np.array([exists, 0.0, 1.0 - exists]), (n, 1))
 
 
 def probability(existence: FloatArray, outside: FloatArray) -> FloatArray:
-    """(n, 3) -> (n,) that there is a vehicle, in sight or not.
+    """(n, 3) -> (n,) probability that there is a vehicle, visible or occluded.
 
     Args:
         existence: by state.
-        outside: (n,) probability that the vehicle is where nobody goes by the map: one that is out of sight there has
-            left. One that is seen there has not.
+        outside: (n,) probability that the vehicle is outside of the map's cells: an occluded one there has left, a
+            visible one has not.
     """
     return np.asarray(existence[:, VISIBLE] + existence[:, OCCLUDED] * (1.0 - outside))
 
 
 def later(existence: FloatArray, dt_s: FloatArray, config: TrackingConfig) -> FloatArray:
-    """(n, 3) -> (n, 3) after `dt_s` (n,) seconds in which nobody looked."""
+    """(n, 3) -> (n, 3) after `dt_s` (n,) seconds without a frame."""
     out, back = config.occlusion_rate, config.reappearance_rate
     stays = np.exp(-config.departure_rate * dt_s)
     mixes = np.exp(-(out + back) * dt_s)
     exists = existence[:, VISIBLE] + existence[:, OCCLUDED]
-    settled = exists * back / (out + back)
-    visible = stays * (settled + (existence[:, VISIBLE] - settled) * mixes)
+    balance = exists * back / (out + back)
+    visible = stays * (balance + (existence[:, VISIBLE] - balance) * mixes)
     return np.column_stack([visible, stays * exists - visible, 1.0 - stays * exists])
 
 
 def after_hit(existence: FloatArray, log_density: FloatArray, config: TrackingConfig) -> FloatArray:
-    """(n, 3) -> (n, 3) once a detection was assigned, of this log density (n,) under the track's belief.
+    """(n, 3) -> (n, 3) after a hit: an assigned detection with this log density (n,) under the track's belief.
 
-    It is the vehicle's, or by chance another's or nobody's, and then the vehicle was missed or is not there.
+    The detection is of the vehicle; or it is clutter or another vehicle, and then this one was missed or is not there.
     """
     by_chance = np.log(config.clutter_density + config.birth_density)
     gain = np.exp(np.clip(log_density - by_chance, -50.0, 50.0))
@@ -57,7 +57,7 @@ def after_hit(existence: FloatArray, log_density: FloatArray, config: TrackingCo
 
 
 def after_miss(existence: FloatArray, config: TrackingConfig) -> FloatArray:
-    """(n, 3) -> (n, 3) once a frame held no detection of the vehicle."""
+    """(n, 3) -> (n, 3) after a miss: a frame without a detection of the vehicle."""
     return _normalised(existence * np.array([1.0 - config.detection_probability, 1.0, 1.0]))
 
 

@@ -22,7 +22,7 @@ from dirprim_filter.filtering.protocols import Evidence
 N_STATES = 5
 PLACE, VELOCITY = np.eye(2, N_STATES), np.eye(2, N_STATES, 2)
 FIRST_SPEED_STD = 10.0
-"""m/s, how little the first position of a vehicle tells of its velocity."""
+"""m/s, prior standard deviation of the velocity at initiation."""
 FIRST_TURN_STD = 0.2
 """rad/s, likewise."""
 SMALLEST_TURN = 1e-6
@@ -56,10 +56,10 @@ class KalmanBank:
                 setattr(self, name, np.concatenate([column, np.zeros((more, *column.shape[1:]))]))
 
     def look_around(self, slot: IntArray, home: IntArray) -> None:
-        """Nothing: no vehicle heeds another."""
+        """Does nothing: Kalman filters have no interaction."""
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
-        """Start beliefs from one measurement each; nothing here is random, so `key` is not looked at."""
+        """Start beliefs from one measurement each; nothing here is random, so `key` is not used."""
         place = measured_covariance(measured, self.config)
         direction, speed = measured_motion(measured)
         for i, s in enumerate(slot):

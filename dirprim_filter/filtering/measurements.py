@@ -1,4 +1,4 @@
-"""What the rows of a sensor say, and how sure they are of it."""
+"""Measurements of a sensor and their errors."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 
 MOVING_FROM = 0.5
-"""m/s; a sensor has no course to tell of what stands."""
+"""m/s; slower vehicles have no measured course."""
 FASTEST = 60.0
-"""m/s; a measured speed that says nothing of the vehicle lies anywhere below it."""
+"""m/s; an outlier of a measured speed lies anywhere below it."""
 
 
 def measured_covariance(measured: Detections, config: FilterConfig) -> FloatArray:
-    """(n, 2, 2) of the positions' errors, square metres: the sensor's where it tells, else the configured noise."""
+    """(n, 2, 2) of the positions' errors, square metres: the sensor's where reported, else the configured noise."""
     unknown = np.isnan(measured.covariance[:, 0, 0])
     return np.where(unknown[:, None, None], config.noise_m**2 * np.eye(2), measured.covariance)
 

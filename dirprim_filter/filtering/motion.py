@@ -10,22 +10,22 @@ from dirprim_filter.primitives.motion_table import MotionKnobs
 from dirprim_filter.primitives.motion_table import motion_table as table_of
 
 STRAIGHT_SHARE = 2.0
-"""Against 1 for all other place-free manoeuvres: a filter looks for who goes straight on even if the log has none."""
+"""Against 1 for all other place-free manoeuvres: vehicles may go straight on even if the log has none."""
 
 
 def tracking_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
-    """The motion of a map for a filter: of particles that draw a manoeuvre anew a share is of no place."""
+    """The motion of a map for a filter: a share of the particles that draw a manoeuvre anew is place-free."""
     return table_of(primitive_map, _knobs(config)._replace(straight_share=STRAIGHT_SHARE))
 
 
 def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionTable:
-    """The same for forecasts, where nothing shows which particles are right: none is redrawn on the way."""
+    """The same for forecasts, which have no measurements to correct particles: none is redrawn."""
     of_map = _knobs(config)._replace(place_free_share=0.0, redraw_rate=0.0, direction_spread=0.0, push=0.0, agility=1.0)
     return table_of(primitive_map, of_map)
 
 
 def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTable | None:
-    """How vehicles go on behind others; None where they shall not heed them, or the map says that they do not.
+    """The response to leaders; None without interaction, or where the map holds that there is none.
 
     Raises:
         ValueError: the map does not know.

@@ -65,15 +65,15 @@ class ParticleFilter:
         self._surroundings.reserve(n_slots)
 
     def look_around(self, slot: IntArray, home: IntArray) -> None:
-        """Note where vehicles are: leaders of the others until this is called again. (v,), (v,) see `BayesFilter`."""
+        """Note where vehicles are: possible leaders until this is called again. (v,), (v,) see `BayesFilter`."""
         self._surroundings.see(self.moments(slot), home)
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
-        """Start beliefs from one measurement each, and from the primitive at its place.
+        """Initialise beliefs from one measurement each and the primitive at its place.
 
         Args:
             slot: (v,) slots of the vehicles.
-            key: (v,) uint64, what their random numbers follow from.
+            key: (v,) uint64, seeds their random numbers.
             measured: v rows.
         """
         self.belief.step += 1
@@ -83,8 +83,8 @@ class ParticleFilter:
         cloud = self.belief.cloud
         for s in np.unique(spread):
             rows = np.flatnonzero(spread == s)
-            born = (slot[rows], np.asarray(key)[rows], measured.position[rows])
-            self._split(_kernels.initialise, (self._table, self._primitives, cloud), born, (float(s),), each_ns=150.0)
+            first = (slot[rows], np.asarray(key)[rows], measured.position[rows])
+            self._split(_kernels.initialise, (self._table, self._primitives, cloud), first, (float(s),), each_ns=150.0)
         more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if more.size:
             columns = self._columns(measured[more])
@@ -128,16 +128,16 @@ class ParticleFilter:
         return self._judged(evidence)
 
     def _judged(self, evidence: FloatArray) -> Evidence:
-        """(v, 2) log densities of a measurement and of its position alone -> what they say."""
+        """(v, 2) log densities of a measurement and of its position alone -> the evidence."""
         unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
         return Evidence(evidence[:, 0], unexplained | ~np.isfinite(evidence[:, 0]))
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
-        """Weigh the particles of vehicles by a cue that they give: Eq. 4, of the direction some seconds later.
+        """Weigh particles by a cue of the direction some seconds later: Eq. 4.
 
         Args:
-            slot: (v,) vehicles that give it.
-            cue: where they will turn, relative to their direction now.
+            slot: (v,) the vehicles that give the cue.
+            cue: where they will turn, relative to their current direction.
 
         Returns:
             (v,) natural log of the density of the cue's turn under each belief, per radian.

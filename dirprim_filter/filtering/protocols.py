@@ -1,7 +1,7 @@
-"""What a tracker asks of a filter: beliefs in numbered slots, moved, measured against and corrected.
+"""What a tracker asks of a filter: beliefs in numbered slots, which it predicts and corrects.
 
-The same tracker holds the particle filter on the map and the Kalman filters it is compared with, so that a comparison
-is one of motion models and of nothing else.
+One tracker serves the particle filter on the map and the Kalman filters, so that a comparison is one of motion models
+alone.
 """
 
 from typing import NamedTuple, Protocol
@@ -12,11 +12,11 @@ from dirprim_filter.estimates import Samples
 
 
 class Evidence(NamedTuple):
-    """What measurements say of the beliefs they were weighed against.
+    """How well beliefs explain their measurements.
 
     Attributes:
         log_density: (v,) natural log of the density of each measurement given those before it.
-        is_unexplained: (v,) where it is better explained as an outlier, or by nothing at all.
+        is_unexplained: (v,) where an outlier explains it better, or nothing does.
     """
 
     log_density: FloatArray
@@ -24,17 +24,17 @@ class Evidence(NamedTuple):
 
 
 class BayesFilter(Protocol):
-    """Beliefs of many vehicles; every step takes the slots (v,) of those it concerns.
+    """Beliefs of many vehicles; every step takes the slots (v,) it is about.
 
-    No belief sees another, unless the filter's configuration says that vehicles interact.
+    No belief depends on another, unless the filter's configuration says that vehicles interact.
     """
 
     def reserve(self, n_slots: int) -> None:
-        """Make room for so many slots; what the present ones hold stays."""
+        """Make room for so many slots; the present beliefs stay."""
         ...
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
-        """Start beliefs from one measurement each; `key` (v,) uint64 is what their random numbers follow from."""
+        """Initialise beliefs from one measurement each; `key` (v,) uint64 seeds their random numbers."""
         ...
 
     def copy(self, source: IntArray, target: IntArray) -> None:
@@ -42,16 +42,16 @@ class BayesFilter(Protocol):
         ...
 
     def look_around(self, slot: IntArray, home: IntArray) -> None:
-        """Note where vehicles are, for filters whose vehicles interact: others of these do nothing.
+        """Note where vehicles are, for filters with interaction; the others do nothing.
 
         Args:
-            slot: (v,) what holds their beliefs, all of one instant.
-            home: (v,) the slots in which those go on.
+            slot: (v,) the slots of their beliefs, all at one time.
+            home: (v,) the slots of the tracks.
         """
         ...
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
-        """Move beliefs on by times of their own, seconds."""
+        """Predict each belief by its own time, seconds."""
         ...
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
@@ -70,11 +70,11 @@ class BayesFilter(Protocol):
         ...
 
     def probability_outside(self, slot: IntArray) -> FloatArray:
-        """(v,) that a vehicle is where by the motion model nobody goes; 0 where the model knows no places."""
+        """(v,) probability that a vehicle is outside of the map's cells; 0 for models without places."""
         ...
 
     def resample(self, slot: IntArray) -> None:
-        """Renew the samples that have lost their weight."""
+        """Resample beliefs whose samples have degenerated."""
         ...
 
     def particles(self, slot: IntArray) -> Samples:

@@ -1,7 +1,7 @@
-"""Sampled futures of vehicles under the motion model of a map.
+"""Rollouts: sampled trajectories of vehicles under the motion model of a map.
 
-Source: Senanayake et al. 2020, Algorithm 1: sample what a vehicle does here, project it by one step, look where it has
-come to, repeat.
+Source: Senanayake et al. 2020, Algorithm 1: sample the motion at a vehicle's place, project it by one step, and
+repeat at its new place.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
 
 PER_SAMPLE = 16
-"""Futures to choose one from, where a cue tells of them: what few vehicles do there must be among them."""
+"""Rollouts drawn for each one that is kept, where a cue weighs them: rare manoeuvres must be among them."""
 
 
 def forecast_states(
@@ -41,7 +41,7 @@ def forecast_states(
     config: FilterConfig | None = None,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Sample where each of many vehicles goes.
+    """Sample rollouts of many vehicles.
 
     Each as if it were alone or, where `config.interaction` says "leader", all in one world: then sample p of every
     vehicle belongs together.
@@ -52,10 +52,10 @@ def forecast_states(
         direction: (n,) course over ground, radians.
         speed: (n,) m/s, not negative.
         time_s: (n_times,) ascending, seconds ahead.
-        n_samples: number of futures of each.
-        cue: what each of them tells of where it will turn.
-        config: the motion model's knobs, and whether vehicles heed each other.
-        rng: what the futures are drawn from.
+        n_samples: number of rollouts of each.
+        cue: of where each of them will turn, such as a turn signal.
+        config: the parameters of the motion model, and whether vehicles interact.
+        rng: draws the rollouts.
 
     Returns:
         (n, n_samples, n_times, 2) metres.
@@ -94,7 +94,7 @@ class Start(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """When to look, and at how many futures of each vehicle."""
+    """The times of a forecast, and the number of rollouts of each vehicle."""
 
     dt_s: FloatArray  # (n_steps,)
     n_samples: int
@@ -132,7 +132,7 @@ def sample_paths(
     table: MotionTable, start: Start, steps: Steps, *, cue: Cue | None = None, response: LeaderTable | None = None,
     rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip
-    """Futures of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
+    """Rollouts of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
     n = steps.n_samples * (1 if cue is None else PER_SAMPLE)
     repeated = Start(*(np.repeat(column[:, None], n, axis=1) for column in start))
     cloud = _cloud(repeated, rng=rng)

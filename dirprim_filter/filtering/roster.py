@@ -28,10 +28,10 @@ class Roster:
         measured_ns: (slots,) the time of its last measurement.
         counted_ns: (slots,) the time of the last frame that counted as a hit or a miss of it.
         is_labelled: (slots,) whether its sensor gives it an id.
-        is_confirmed: (slots,) whether it has ever been a vehicle beyond doubt.
+        is_confirmed: (slots,) whether it was ever confirmed.
         existence: (slots, 3) see `existence`.
-        outside: (slots,) probability that it is where nobody goes by the map.
-        n_unexplained: (slots,) how many of its last measurements, in a row, it did not explain.
+        outside: (slots,) probability that it is outside of the map's cells.
+        n_unexplained: (slots,) consecutive measurements that its belief did not explain.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
     """
 
@@ -39,7 +39,7 @@ class Roster:
         self._filter = bayes_filter
         self._slot: dict[str, int] = {}
         self._free: list[int] = []
-        self._members: dict[bool, tuple[list[str], IntArray]] = {}  # until somebody comes or goes
+        self._members: dict[bool, tuple[list[str], IntArray]] = {}  # until a track begins or ends
         self.time_ns: IntArray = np.empty(0, np.int64)
         self.existence_ns: IntArray = np.empty(0, np.int64)
         self.measured_ns: IntArray = np.empty(0, np.int64)
@@ -103,7 +103,7 @@ class Roster:
         return self._members[is_labelled]
 
     def spare(self, n: int) -> IntArray:
-        """(n,) slots that nobody has: room to think in, until somebody enters."""
+        """(n,) free slots, for temporary beliefs until a track takes them."""
         if n > len(self._free):
             self._grow(max(self.time_ns.size, n))
         return np.array(self._free[len(self._free) - n :], dtype=np.int64)

@@ -19,7 +19,7 @@ from dirprim_filter.sensor import Sensor
 class SensedParticles(ParticleFilter):
     """A `ParticleFilter` whose measurements err as a `Sensor` says, latency aside: that is the tracker's.
 
-    What a row itself tells of its covariance is not used: the sensor was measured.
+    A covariance that a detection reports is not used: that of the calibrated sensor replaces it.
 
     Args:
         primitive_map: how vehicles move at each place.
@@ -49,14 +49,14 @@ class SensedParticles(ParticleFilter):
             self._carried = larger
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
-        """Start beliefs from one measurement each, and from the primitive at its place."""
+        """Initialise beliefs from one measurement each and the primitive at its place."""
         self.belief.step += 1
         cloud, columns = self.belief.cloud, _columns(measured)
-        born = (slot, np.asarray(key), measured.position)
-        self._split(_kernels.initialise, (self._table, self._primitives, cloud), born, (self._spread,), each_ns=150.0)
+        first = (slot, np.asarray(key), measured.position)
+        self._split(_kernels.initialise, (self._table, self._primitives, cloud), first, (self._spread,), each_ns=150.0)
         known = np.flatnonzero(~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if known.size:
-            drawn = np.full((known.size, 8), 0.0)  # as they were drawn: the place tells nothing more
+            drawn = np.full((known.size, 8), 0.0)  # as they were drawn: the position is already used
             drawn[:, [_measuring.XX, _measuring.YY]] = self._spread**-2
             drawn[:, :2], drawn[:, 6:] = columns[known, :2], columns[known, 2:]
             spread = np.full(known.size, self._spread)
@@ -104,7 +104,7 @@ class SensedParticles(ParticleFilter):
 
 
 def knobs_of(sensor: Sensor) -> dict[str, float]:
-    """The knobs of `FilterConfig` and `TrackingConfig`, by name, as far as a sensor tells them.
+    """The knobs of `FilterConfig` and `TrackingConfig`, by name, that a sensor determines.
 
     The noise of a round error holds for gates alone; it is as wide as the sensor's errors are in any direction.
     """

@@ -29,7 +29,7 @@ class Surroundings:
             self.since_s = np.append(self.since_s, np.zeros(more))
 
     def see(self, moments: FloatArray, home: IntArray) -> None:
-        """Vehicles as `BayesFilter.moments` tells of them, and the slots of their beliefs. (m, 10), (m,)."""
+        """Vehicles, as `BayesFilter.moments` gives them, and the slots of their beliefs. (m, 10), (m,)."""
         self.state = np.ascontiguousarray(moments[None][..., [0, 1, 5, 7]])
         self.own[:], self.since_s[:] = -1, 0.0
         self.own[home] = np.arange(home.size)

@@ -28,16 +28,16 @@ from dirprim_filter.sensor import Sensor
 logger = logging.getLogger(__name__)
 NO_ROWS: IntArray = np.empty(0, np.int64)
 TENTATIVE = "\0"
-"""What the names of unlabelled tracks begin with until they are confirmed: no sensor's id does."""
+"""Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
 
 
 @dataclass(slots=True, kw_only=True)
 class _Frame:
-    """The frame at hand, and whose its detections are.
+    """The current frame, and the tracks that its detections are assigned to.
 
     Attributes:
-        detections: as of the time when they were true: a latency before they came.
-        hits: tracks that were there before, and the rows of `detections` to weigh them by.
+        detections: with the times when they were true: a latency before they arrived.
+        hits: tracks of earlier frames, and the rows of `detections` assigned to them.
         kinds: whether it is about labelled tracks (True), unlabelled ones (False), or both, as an empty one is.
         home: slots of all tracks that may be reported: labelled ones of the frame in its order, labelled ones that it
             does not hold, and unlabelled ones.
@@ -47,7 +47,7 @@ class _Frame:
         shown_home: likewise of `home`.
         shown_names: their names.
         innovation: (slots, 2) distance and normalised square, where they were asked for.
-        lost: the slots of beliefs that were begun anew.
+        lost: the slots of reinitialised beliefs.
     """
 
     detections: Detections = field(default_factory=Detections.none)
@@ -64,27 +64,26 @@ class _Frame:
 
 
 class Tracker:
-    """Tracks the vehicles of a log, also while they are out of sight.
+    """Tracks the vehicles of a log, also while they are occluded.
 
-    A detection with an id belongs to the track of that id, one without to the track that predicted it best; whichever
-    belongs to none begins a track. A track exists with a probability, see `existence`, and is reported once it is
-    confirmed, as long as it is likelier there than not.
+    A labelled detection is assigned to the track of its id, an unlabelled one to the track that predicted it best; one
+    that is not assigned initialises a track. A track exists with a probability, see `existence`. It is reported once it
+    is confirmed, as long as that probability is above one half.
 
     The belief of a labelled track moves from its own measurement to its next, cut in whole steps from its own, never by
-    the times of others: where a vehicle is believed to be does not depend on which other vehicles the log holds.
+    the times of others: the belief of a vehicle does not depend on which other vehicles the log contains.
 
     Args:
-        model: the map that says how vehicles move, for a particle filter on it; or any other filter.
-        config: the knobs of the filter; left out, the defaults.
-        tracking: the knobs of association and existence; left out, the defaults.
-        sensor: how the measurements of a particle filter on the map err; left out, by the round noise of `config`.
+        model: a map, for a particle filter on it; or any other filter.
+        config: parameters of the filter; left out, the defaults.
+        tracking: parameters of association and existence; left out, the defaults.
+        sensor: errors of the measurements, for a particle filter on the map; left out, the isotropic noise of `config`.
             Beliefs are of the time when a detection was true, its latency ago; estimates are of the frame's own time.
-        with_innovations: tell how far measurements were from where they were expected: for whoever looks for the frame
-            where a filter went wrong; costs some 5 % of the time.
+        with_innovations: report innovations, to find the frame where a filter went wrong; costs some 5 % of the time.
         rng: one number drawn from it seeds every vehicle, together with its id.
 
     Attributes:
-        recoveries: how many beliefs no longer explained their vehicle's positions, and were begun anew.
+        recoveries: number of beliefs that no longer explained their vehicle's positions and were reinitialised.
     """
 
     def __init__(
@@ -113,7 +112,7 @@ class Tracker:
         self._frame = _Frame()
 
     def predict(self, detections: Detections, *, time_ns: int | None = None) -> None:
-        """Move beliefs to the frame's time, find whose its detections are, and begin tracks at those that are nobody's.
+        """Predict beliefs to the frame's time, assign its detections, and initialise tracks at those not assigned.
 
         Args:
             detections: one instant, each id once; none is no frame, unless `time_ns` says when nothing was seen.
@@ -260,7 +259,7 @@ class Tracker:
         return Hits(slot, row[is_known])
 
     def _begin_tracks(self, row: IntArray, *, is_labelled: bool) -> None:
-        """A track for each detection (d,) that is nobody's; an unlabelled one has no name until it is confirmed."""
+        """Initialise a track for each unassigned detection (d,); an unlabelled track is named when it is confirmed."""
         names = self._frame.detections.track_id[row].tolist()
         if not is_labelled:
             names = [f"{TENTATIVE}{self._n_begun + i}" for i in range(row.size)]

@@ -1,4 +1,4 @@
-"""Cues: what a vehicle tells about where it will turn, as a belief about its direction.
+"""Cues: a vehicle's signal of where it will turn, as a density over its direction.
 
 A cue is p_t of Eq. 4 in Senanayake et al. 2020. With what is usual at the place, p_0, it gives what the vehicle will do
 there: `multiply_mixtures(map.primitive_at(position).direction, cue.belief(heading)).mixture`.
@@ -26,7 +26,7 @@ class Cue:
 
     Attributes:
         turn: () or (M,) radians from the heading to the mean direction, counter-clockwise.
-        concentration: () or (M,) of the von Mises around it, at least 0: 0 tells nothing.
+        concentration: () or (M,) of the von Mises around it, at least 0; 0 is no information.
 
     Raises:
         ValueError: shapes that do not fit, or a negative concentration.

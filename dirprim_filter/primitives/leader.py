@@ -23,7 +23,7 @@ class LeaderResponse:
     Attributes:
         gain: (10,) of the acceleration, m/s^2, by each of the features of `_leader.describe`.
         push: m/s^2, standard deviation of a driver's own acceleration beside that.
-        trust: share of that acceleration; the rest is what the place says. 0 where leaders tell nothing.
+        trust: share of that acceleration; the rest is the primitive's. 0 where leaders do not improve predictions.
         start_rate: (3,) 1/s, how often a vehicle that stands starts behind one that stands, that has just started, and
             that drives.
 

@@ -1,7 +1,7 @@
 """Learning how drivers go on behind a leader: a ridge regression from additive sums.
 
-It is judged by drivers that it has not seen: where their acceleration is told no better with the leader than by their
-own speed alone, as of pedestrians on a square, leaders are not heeded.
+It is judged on held-out drivers: where the leader predicts their acceleration no better than their own speed alone, as
+for pedestrians on a square, vehicles do not respond to leaders.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ EVERY_S, AHEAD_S = 0.5, 1.0
 MOST_INSTANTS = 5000
 """Of so many every driver has been seen often."""
 N_FOLDS = 5
-"""Of the drivers, each judged by what the others tell."""
+"""Folds of the drivers, each predicted from the others."""
 OF_SPEED = (0, 4, 8)
-"""The features that tell nothing of the leader: 1, speed and its square."""
+"""The features without the leader: 1, speed and its square."""
 WORTH = 0.05
-"""By this share of the mean squared error held-out drivers must be told better with their leaders than without."""
+"""Leaders must lower the mean squared error on held-out drivers by this share."""
 RIDGE = 1.0
 """Pairs of a driver and its leader, by which each feature leans on having no effect."""
 TRUSTED_PAIRS = 50.0
@@ -47,7 +47,7 @@ MOST_STARTS = 0.95
 
 
 def learn_leader(tracks: Tracks) -> LeaderResponse:
-    """How the drivers of a log go on behind a leader."""
+    """The response to leaders of the drivers of a log."""
     return LeaderSums.of(tracks).response()
 
 
@@ -55,7 +55,7 @@ class LeaderSums(NamedTuple):
     """What the response is learned from; sums of two logs are the sums of both."""
 
     acceleration: Regression  # by `_leader.describe`'s features, a row for each fold; a pair of vehicles counts once
-    stood: FloatArray  # (4,) instants at which a vehicle stood: behind one of each pace, and behind nobody
+    stood: FloatArray  # (4,) instants at which a vehicle stood: behind a leader of each pace, and without one
     started: FloatArray  # (4,) of these, where it drove `AHEAD_S` later
 
     @classmethod
@@ -90,7 +90,7 @@ class LeaderSums(NamedTuple):
         return LeaderSums(*(a - b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
     def response(self) -> LeaderResponse:
-        """The response that the sums say; none, where that tells drivers it has not seen no better."""
+        """The response that follows from the sums; none where it does not improve predictions of held-out drivers."""
         with_leader, by_speed = _held_out_error(self.acceleration), _held_out_error(_part(self.acceleration, OF_SPEED))
         pairs = float(self.acceleration.weight.sum())
         logger.info("%.0f pairs of a driver and its leader: held-out error %.3g of that by speed alone", pairs,

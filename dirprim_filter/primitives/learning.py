@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 PLACE_FREE_STRENGTHS = np.geomspace(0.01, 10.0, 13)
 """Pseudo-vehicles with which the place-free primitive may enter a cell."""
 MANY_GROUPS = 200
-"""From so many groups or vehicles on, a third of them held out once tells enough; of fewer, each third in turn."""
+"""From so many groups or vehicles on one third is held out once; of fewer, each third in turn."""
 WEAK = 0.002
 """Pseudo-vehicles that lean on nothing, while it is found out what is usual."""
 MANY_ROWS = 5000
@@ -74,8 +74,8 @@ def learn_primitives(
         primitive: "curved", a mode's mean direction and log mean speed vary linearly across the cell where BIC says
             so; "flat", constant in a cell as in the paper. With "dbscan" cells are flat.
         config: every other knob.
-        progress: told the number of cells and the held-out objective while cells are learned.
-        stage: told the number of each of `STAGES` as it begins.
+        progress: called with the number of cells and the held-out objective while cells are learned.
+        stage: called with the number of each of `STAGES` as it begins.
         rng: chooses the held-out vehicles and the first cells.
 
     Returns:
@@ -247,7 +247,7 @@ def _choose(
     """The cells, the strength of what is usual in their modes, and that of the place-free primitive."""
     recipes = [_with_usual(rows, layout, recipe, free) for layout in layouts]
     groups = np.unique(rows.group)
-    if groups.size < 2:  # nobody to hold out
+    if groups.size < 2:  # none to hold out
         return layouts[-1], recipes[-1], 1.0
     thirds = np.array_split(rng.permutation(groups), min(3, groups.size))
     folds = [np.isin(rows.group, third) for third in thirds][: 1 if groups.size >= MANY_GROUPS else None]

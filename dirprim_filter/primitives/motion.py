@@ -1,7 +1,7 @@
-"""How vehicles go on from place to place: manoeuvres of each mode, and which manoeuvre follows which.
+"""Motion from cell to cell: the manoeuvres of each mode, and the transitions between manoeuvres.
 
-A mode says which way and how fast vehicles drive in a cell; its *manoeuvres* tell those apart that go on to different
-places: who leaves a roundabout at the next exit, who brakes for the line. Senanayake et al. 2020 name interactions
+A mode holds the direction and speed of vehicles in a cell; its *manoeuvres* separate those that continue differently:
+vehicles that leave a roundabout at the next exit, or that brake for the line. Senanayake et al. 2020 name interactions
 between cells as future work: here they are counts of transitions from manoeuvre to manoeuvre.
 """
 
@@ -18,26 +18,26 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.leader import LeaderResponse
 
 CREEP = 0.3
-"""m/s, added to speeds before their logarithm is taken, so that slow vehicles are alike."""
+"""m/s, added to speeds before their logarithm is taken, so that slow vehicles are similar."""
 PUSH_RATE = 0.5
-"""1/s: how fast a vehicle's own acceleration is forgotten."""
+"""1/s: rate at which a vehicle's own acceleration decays."""
 JUMP_S = 1.0
-"""Seconds, after which a vehicle of no place may do something else."""
+"""Seconds after which a place-free vehicle may change its manoeuvre."""
 REVERSION = 0.2
-"""1/s, of the speed to its mode's where no visits say how fast."""
+"""1/s, reversion of the speed to its mode's where there are no visits."""
 ANYWHERE_PUSH, ANYWHERE_TURNING = 1.0, 0.2
-"""m/s^2, and radians in the square root of a second: how vehicles manoeuvre where no log says."""
+"""m/s^2, and radians in the square root of a second: place-free motion without a log."""
 START_RATE = 0.1
-"""1/s: how often a vehicle starts that stands, where no log says."""
+"""1/s: rate at which standing vehicles start, without a log."""
 WIDE_M = 3.0
-"""Spread across the way where it is not known: about a lane."""
+"""Metres: spread across the path where it is not known, about a lane."""
 ASSUMED_VISITS = 100.0
-"""Of a cell whose vehicles nobody counted."""
+"""Visits of a cell whose vehicles were not counted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Manoeuvres, in order of their cells; last those that are of no place.
+    """Manoeuvres in order of their cells; the place-free ones are last.
 
     Linear fields are of the offset from the cell's centre, metres east and north.
 
@@ -52,21 +52,21 @@ class Motion:
         log_pace: (z,) log of speed + 0.3 m/s, at the centre.
         gain: (z, 2) 1/m, its field.
         log_pace_spread: (z,).
-        path: (z, 3) how far across the way, to the left, the path is: by 1, u and u^2 along the mode's mean direction.
+        path: (z, 3) offset of the path to the left: coefficients of 1, u and u^2 along the mode's mean direction.
         path_spread: (z,) metres.
-        path_direction: (z,) radians, which way `u` counts.
+        path_direction: (z,) radians, direction of `u`.
         acceleration: (z, 4) m/s^2 by 1, metres east, metres north, m/s of the vehicle's speed.
         push: (z,) m/s^2, standard deviation of a vehicle's own acceleration beside that.
-        stretch: (z,) by how much longer the way is than speeds say; speedometers and curbs differ from place to place.
-        start_rate: (z,) 1/s, how often a vehicle that stands starts; 0 for those in motion.
+        stretch: (z,) distance driven over the integral of speed; speedometers and curbs differ from place to place.
+        start_rate: (z,) 1/s, rate at which standing vehicles start; 0 for manoeuvres in motion.
         turn_ahead: (z,) radians by which vehicles have turned `AHEAD_S` later.
-        curvature: (z,) 1/m, of place-free manoeuvres; the others turn as their course bends.
+        curvature: (z,) 1/m, of place-free manoeuvres; the others turn by their bend.
         first: (z + 1,) transitions of manoeuvre z are those from first[z] to first[z + 1].
         following: (t,) the manoeuvre that followed: in the next cell, or of place-free ones `JUMP_S` later.
         count: (t,) how often.
-        course_rate: 1/s, how fast a vehicle's deviation from the course of its manoeuvre is forgotten.
-        strength: how much a place-free manoeuvre counts against those of a cell, in visits.
-        leader: how vehicles go on behind others; None where nobody looked.
+        course_rate: 1/s, rate at which a vehicle's deviation from the course of its manoeuvre decays.
+        strength: weight of a place-free manoeuvre against those of a cell, in visits.
+        leader: the response to leaders; None where it was not learned.
 
     Raises:
         ValueError: columns of different lengths, numbers that are not finite, amounts below zero, or transitions to
@@ -144,7 +144,7 @@ class Motion:
     def settling(
         cls, direction: VonMisesMixture, speed: Gamma, bend: FloatArray, gain: FloatArray, n_place_free: int
     ) -> Self:
-        """Motion that primitives alone say: one manoeuvre for each mode, on which vehicles settle.
+        """Motion by primitives alone: one manoeuvre for each mode, to which vehicles revert.
 
         The spread of the acceleration is what keeps the speed's variance that of the mode's gamma. (n_cells + 1, M).
         """

@@ -29,13 +29,13 @@ PATH_RIDGE = np.array([1e-6, 0.05, 0.5])
 ACCELERATION_RIDGE = np.array([0.3, 3.0, 3.0, 6.0])
 STRETCH_RIDGE = np.array([0.5])
 VARIANCE_OF_PLACE = 1.0 / 12.0
-"""Of a coordinate of places in a square cell, by its area."""
+"""Variance of a coordinate in a square cell, per its area."""
 ANY_COURSE = 2.0
-"""Radians, spread of the course of those that stand: of no meaning."""
+"""Radians, spread of the course of standing manoeuvres: without meaning."""
 SPREAD_VISITS = 3.0
-"""With which a manoeuvre's spreads lean on those of all."""
+"""Visits with which a manoeuvre's spreads are shrunk to those of all."""
 FEWEST_VISITS = 3
-"""That tell what spread is usual."""
+"""Of a manoeuvre from which the usual spread is estimated."""
 LEAST_REVERSION, MOST_REVERSION = 0.02, 1.0
 """1/s, of the speed to the mean."""
 

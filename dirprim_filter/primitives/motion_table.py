@@ -20,11 +20,11 @@ FINE_PIXEL_M = 1.5
 MAX_REFINEMENT = 10
 MAX_PIXELS = 20_000_000
 COURSE_FLOOR, PACE_FLOOR, PATH_FLOOR = 0.02, 0.03, 0.1
-"""Radians, log speed, metres, added to a manoeuvre's spreads where it is told how well a vehicle fits it."""
+"""Radians, log speed, metres, added to a manoeuvre's spreads where its fit to a vehicle is computed."""
 
 
 PLACE_FREE_DENSITY = np.exp(-2.0)
-"""Of a vehicle's course, log pace and path where no cell says, in those units: any way or pace, on three lanes."""
+"""Density of course, log pace and path outside of cells, in those units: any direction or pace, on three lanes."""
 
 
 class MotionKnobs(NamedTuple):
@@ -87,9 +87,9 @@ def _rows(primitives: PrimitiveMap, knobs: MotionKnobs) -> FloatArray:
 def reaching(locator: Locator, reach_m: float) -> Locator:
     """The locator whose cells also cover what lies within `reach_m` of them, to the nearest.
 
-    A vehicle beside the cells, where nobody happened to be seen, still follows the road beside it. The raster is made
+    A vehicle just outside of the cells, where none was observed by chance, still follows the road. The raster is made
     as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`. Where several generators share the
-    nearest pixel, the nearest of them has the vehicle.
+    nearest pixel, the vehicle is in the cell of the nearest.
     """
     finer = int(np.clip(np.ceil(1.0 / (locator.pixels_per_metre * FINE_PIXEL_M)), 1, MAX_REFINEMENT))
     while finer > 1 and locator.pixel.size * finer**2 > MAX_PIXELS:

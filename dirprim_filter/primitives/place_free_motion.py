@@ -22,11 +22,11 @@ INSTANTS_EACH = 100
 """Instants of moving vehicles, at least so many for each group."""
 MOST_INSTANTS = 20_000
 LOG_PACE = 0.35
-"""By so much speeds, as log(v + 1), are unlike as are a typical gain of speed or a typical turn."""
+"""A difference of log(v + 1) that counts as much as a typical gain of speed or a typical turn."""
 LEAST_WAYS, LEAST_FASTER = 1.0, 10.0
-"""m^2, and m^2/s^2: sums of squares from which on a curvature, or a reversion of speed, is told from none."""
+"""m^2, and m^2/s^2: sums of squares above which a curvature, or a reversion of speed, is estimated."""
 FARTHEST = 3.0
-"""Typical deviations, beyond which one gain or turn is like another."""
+"""Typical deviations at which gains and turns are clipped."""
 LEAST_PUSH, LEAST_TURNING = 0.1, 0.01
 """m/s^2, and radians in the square root of a second."""
 STRAIGHT_SHARE = 0.001
@@ -67,7 +67,7 @@ def learn_place_free(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[
 
 
 def _add_straight_on(columns: dict[str, FloatArray], speed: FloatArray) -> None:
-    """Append a manoeuvre of vehicles that keep their direction at any speed: in the log of a roundabout nobody does."""
+    """Append a manoeuvre that keeps its direction at any speed: the log of a roundabout may have none."""
     log_pace = np.log(speed + CREEP)
     straight = {
         "share": STRAIGHT_SHARE, "log_pace": log_pace.mean(), "log_pace_spread": log_pace.std() + LOG_PACE,
@@ -81,7 +81,7 @@ def _add_straight_on(columns: dict[str, FloatArray], speed: FloatArray) -> None:
 def _follow(label: IntArray, later: IntArray, share: FloatArray) -> csr_array:
     """How often one manoeuvre followed the other, from the label of each instant and of that `JUMP_S` later.
 
-    Of `share` (k,) manoeuvres in motion the last goes straight on, whom no instant shows; behind them is standing.
+    Of `share` (k,) manoeuvres in motion the last goes straight on and is never observed; standing follows them.
     """
     known = np.flatnonzero((later >= 0) & (label >= 0))
     known = known[label[later[known]] >= 0]

@@ -19,7 +19,7 @@ MAX_GROUP_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackRows:
-    """Rows of tracks that tell something new, sorted by vehicle and time.
+    """Rows of tracks after thinning, sorted by vehicle and time.
 
     Attributes:
         vehicle: (n,) 0 to n_vehicles - 1.
@@ -117,7 +117,7 @@ class CellRows:
 
     @classmethod
     def of(cls, rows: TrackRows, members: Members, position: FloatArray, *, standing_speed: float) -> CellRows:
-        """Tell the moving members of each cell from those that stand.
+        """Separate the moving members of each cell from those that stand.
 
         Args:
             rows: observations sorted by vehicle and time.

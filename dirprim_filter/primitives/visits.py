@@ -99,9 +99,9 @@ class Visits:
         return found
 
     def features(self, centers: FloatArray) -> FloatArray:
-        """What tells visits of one cell apart: how they come, and how they go on. (v, f), NaN where not seen.
+        """What distinguishes visits of one cell: how they enter and continue. (v, f), NaN where not observed.
 
-        Each is in units of the distance within which two visits are alike. Which manoeuvre a vehicle drives shows
+        Each is in units of the distance within which two visits are similar. The manoeuvre of a vehicle is seen
         later: where it is 8, 16 and 30 m on, and how fast 1.5 and 3 s on.
         """
         first, last, middle = self.begin, self.end - 1, (self.begin + self.end - 1) // 2

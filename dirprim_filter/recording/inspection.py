@@ -1,4 +1,4 @@
-"""Reading a log once, in whole, to tell what is in it and what is broken."""
+"""Inspection: reading a log once, in whole, for its contents and its damage."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def inspect(
     mapping: FieldMapping | None = None,
     strict: bool = False,
 ) -> LogSummary:
-    """Read a log once and tell what is in it.
+    """Read a log once and summarise its contents.
 
     Args:
         path: the log.

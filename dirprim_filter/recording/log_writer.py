@@ -26,7 +26,7 @@ METADATA_NAME = "dirprim"
 
 
 def producer_version() -> str:
-    """The version of this package; a source tree that nobody installed has none."""
+    """The version of this package; a source tree that is not installed has none."""
     try:
         return installed.version(PRODUCER)
     except installed.PackageNotFoundError:
@@ -48,7 +48,7 @@ class LogWriter:
         level: of the compression: 1 takes half the time of 3, -3 half of that.
         force: overwrite an existing file.
         keep_when_interrupted: Ctrl-C ends the log as the end of the body does: of a log that grows with time, what is
-            there is whole; of one that holds a given thing, it is a part that nobody would tell from the whole.
+            there is whole; of one that holds a given thing, it is a part that looks like the whole.
 
     Raises:
         OutputExistsError: the file exists, and `force` is not set.

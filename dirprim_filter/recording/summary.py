@@ -44,8 +44,8 @@ class SizeSummary:
     """How large the objects of a topic are.
 
     Attributes:
-        rows: how many tell of their size.
-        length_m: median over those that tell it, to a centimetre; None where none does.
+        rows: how many report their size.
+        length_m: median over those that report it, to a centimetre; None where none does.
         width_m: the same across.
         height_m: the same upwards.
     """
@@ -68,10 +68,10 @@ class LogSummary:
         damage: what could not be read.
         is_checked: every chunk was read; else all this is what the log's index says.
         stamps: what is odd about the times of messages in the order of the file, by their source: log, publish, and the
-            header of messages that tell of objects; None where it is not checked.
+            header of messages that contain objects; None where it is not checked.
         labels: by topic, how many rows each label of its objects has; of topics that have labels.
         groups: by topic, how many rows each group of its objects has; of topics that have more than one.
-        sizes: by topic, how large its objects are; of topics that tell sizes.
+        sizes: by topic, the sizes of its objects, of topics that report sizes.
         attachments: names of the files attached.
         metadata: names of the metadata records.
     """

@@ -32,7 +32,7 @@ WARM_UP_S = 90
 SETTINGS = {
     "--step-length": str(STEP_MS / 1000),
     "--lateral-resolution": "0.4",  # the sublane model: vehicles have a place across the lane
-    "--time-to-teleport": "-1",  # nobody jumps out of a jam
+    "--time-to-teleport": "-1",  # no vehicle jumps out of a jam
     "--collision.action": "warn",
     "--precision": "3",
     "--xml-validation": "never",  # asks the network for schemas otherwise

@@ -37,7 +37,7 @@ def _accompany(command: list[str]) -> int:
     signal.signal(signal.SIGTERM, lambda *_: program.terminate())
 
     def watch() -> None:
-        sys.stdin.buffer.read()  # nobody writes: it ends when nobody could
+        sys.stdin.buffer.read()  # nothing is ever written: it ends when the writer is gone
         program.terminate()
 
     Thread(target=watch, daemon=True).start()

@@ -2,7 +2,7 @@
 
 In dense traffic only a few are drawn in full, by the same measure: a thousand ellipses would hide each other.
 
-Told are its speed between the quantiles of the prior's speeds, and Eq. 4 around the circle: what is usual at the place
+Shown are its speed between the quantiles of the prior's speeds, and Eq. 4 around the circle: what is usual at the place
 (the prior), what its course says (the cue), and both together.
 """
 

@@ -18,7 +18,7 @@ class Outlet:
     Args:
         stream: to a file, a viewer or both.
         file: an .rrd under its temporary name, and its own.
-        live: somebody may be watching.
+        live: a viewer may be open.
         server: of the web viewer, which ends with the stream.
     """
 

@@ -41,7 +41,7 @@ BATCH_FRAMES = 64
 BUSY_SHARE = 0.75
 """The view is fitted to the square that holds this share of the traffic."""
 BOX_PATH = "/view"
-"""Tells which part of the plane the view is fitted to."""
+"""Gives the part of the plane that the view is fitted to."""
 
 
 class RerunSink:

@@ -106,7 +106,7 @@ def followed(learned, truth, seen, sensor):
             self.write = lambda frame: rows.append(frame.estimates)
 
     config = FilterConfig(n_particles=200, **({"noise_m": knobs_of(sensor)["noise_m"]} if sensor else {}))
-    smoother = Smoother(max_gap_s=5.0, tell=[Keep(reported[1]).write])
+    smoother = Smoother(max_gap_s=5.0, sinks=[Keep(reported[1]).write])
     rng = np.random.default_rng(0)
     tracker = smoother.tracker(0, learned, config=config, tracking=TrackingConfig(), sensor=sensor, rng=rng)
     with smoother:

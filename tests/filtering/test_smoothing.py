@@ -30,7 +30,7 @@ def measured(tracks, *, seed=3, hidden=()):
 def smoothed(seen, *, model=None, lag_s=None, with_ids=True, times=None, group=0):
     """What the filter and what the smoother says of detections."""
     found, later = EstimateList(), EstimateList()
-    smoother = Smoother(max_gap_s=CONFIG.max_gap_s, lag_s=lag_s, tell=[later.write])
+    smoother = Smoother(max_gap_s=CONFIG.max_gap_s, lag_s=lag_s, sinks=[later.write])
     model = model or ConstantVelocityKalman(acceleration_density=DENSITY, config=CONFIG)
     tracker = smoother.tracker(group, model, config=CONFIG, tracking=TrackingConfig(), rng=np.random.default_rng(0))
     frames = {int(frame.time_ns[0]): frame if with_ids else frame.without_ids() for frame in seen.frames()}
@@ -109,7 +109,7 @@ def test_logs_longer_than_what_is_kept_are_smoothed_as_if_all_were(monkeypatch):
 def test_frames_come_in_order_each_once_and_hold_the_detections_of_their_time():
     tracks = ring_traffic(np.random.default_rng(2), n_vehicles=2, n_rows=50)
     frames = []
-    smoother = Smoother(max_gap_s=5.0, lag_s=1.0, tell=[frames.append])
+    smoother = Smoother(max_gap_s=5.0, lag_s=1.0, sinks=[frames.append])
     worlds = Worlds(
         lambda group: smoother.tracker(
             group, ConstantVelocityKalman(acceleration_density=DENSITY, config=CONFIG), config=CONFIG,

@@ -74,7 +74,7 @@ class Calibration:
         n_detections: all.
         n_pairs: of them, those of true vehicles.
         n_vehicles: true vehicles that were detected.
-        unknown: what the data cannot tell, and why.
+        unknown: what the data do not determine, and why.
     """
 
     sensor: Sensor
@@ -189,13 +189,13 @@ def _calibration(
     elif is_latency:
         uncertainty["latency_s"] = WIDE * float(along.coefficients_se[1])
     else:
-        unknown.append("latency_s: clocks differ, and what of that is latency nobody can tell")
+        unknown.append("latency_s: the clocks differ, and latency cannot be separated from their difference")
     named = scene.are_named(reported.rows)
     seen = detection_probability(reported)
     false, why = clutter(reported)
     astray = share(int((~paired.usual).sum()), paired.usual.size) if named else None
     if astray is None:
-        unknown.append("outlier_share: the truth's names are not the detections', so a far detection is nobody's")
+        unknown.append("outlier_share: the truth's ids are not the detections', so a far detection cannot be assigned")
     if false is None:
         unknown.append(f"clutter_density: {why}")
     for name, found in (("detection_probability", seen), ("clutter_density", false), ("outlier_share", astray)):

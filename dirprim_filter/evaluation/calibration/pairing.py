@@ -35,7 +35,7 @@ LEAP_S = 0.5
 LONGEST_PAUSE_S = 5.0
 """Between two frames with detections; in shorter ones there were frames that held none."""
 SAME_NAMES = 0.5
-"""Share of the nearest pairs that bear the same name, from which on names tell who is who."""
+"""Share of the nearest pairs with equal ids, above which pairs are made by id."""
 
 
 class TruthRows(NamedTuple):
@@ -141,7 +141,7 @@ class Scene:
         return float((1.0 - (distance[near] / gate_m) ** 2).sum())
 
     def matched(self, rows: TruthRows, *, gate_m: float) -> Pairs:
-        """Rows of the truth, each with a detection: by name where names tell, else the best assignment in a gate."""
+        """Rows of the truth, each with a detection: by id where ids agree, else the best assignment in a gate."""
         by_name = self._by_name(rows)
         if by_name is not None:
             return by_name
@@ -167,7 +167,7 @@ class Scene:
         return Pairs(*np.array(pairs, np.int64).reshape(-1, 2).T)
 
     def are_named(self, rows: TruthRows) -> bool:
-        """Whether the names of detections tell whose they are."""
+        """Whether the ids of detections identify the vehicles of the truth."""
         return self._by_name(rows) is not None
 
     def _nearest(self, rows: TruthRows, gate_m: float) -> tuple[FloatArray, IntArray]:

@@ -12,11 +12,11 @@ from dirprim_filter.evaluation.calibration.pairing import APART_M, Scene, TruthR
 from dirprim_filter.filtering.association import Pairs
 
 FEWEST_FRAMES = 30
-"""In which a vehicle may be seen or missed, of all vehicles together."""
+"""Fewest frames in which a vehicle may be seen or missed, of all vehicles together."""
 FASTEST = 20.0
-"""m/s: farther than by this from one frame to the next nobody is looked for who goes on."""
+"""m/s: a stray detection continues in the next frame if one is within the distance of this speed."""
 GOING_ON = 0.3
-"""Share of the detections of nobody that go on in the next frame beyond chance, from which on they are of vehicles."""
+"""Share of stray detections that continue in the next frame beyond chance, above which they are of vehicles."""
 
 
 class Measured(NamedTuple):
@@ -27,19 +27,19 @@ class Measured(NamedTuple):
 
 
 class Reported:
-    """Which rows of the truth were detected, and which detections are of none of them.
+    """Which rows of the truth were detected, and which detections are stray.
 
     Args:
         scene: detections beside the truth.
-        rows: where vehicles were at the frames.
+        rows: positions of vehicles at the frames.
         pairs: rows, each with its detection.
 
     Attributes:
         scene: as given.
         rows: as given.
         pairs: as given.
-        hits: of each vehicle whether it was seen in each of its frames, between the first and the last such one.
-        stray: detections of nobody in the truth.
+        hits: of each vehicle, whether it was detected in each frame from its first detection to its last.
+        stray: detections that belong to no vehicle of the truth.
     """
 
     def __init__(self, scene: Scene, rows: TruthRows, pairs: Pairs) -> None:
@@ -77,7 +77,7 @@ def detection_probability(reported: Reported) -> Measured | None:
 
 
 def clutter(reported: Reported) -> tuple[Measured | None, str]:
-    """Detections of nobody, per square metre of the truth's bounding box and frame; or why that is not known."""
+    """Stray detections per square metre of the truth's bounding box and frame; or why that is not known."""
     scene, position = reported.scene, reported.rows.position
     low, high = position.min(axis=0), position.max(axis=0)
     area = float(np.prod(np.maximum(high - low, 1.0)))
@@ -86,7 +86,7 @@ def clutter(reported: Reported) -> tuple[Measured | None, str]:
     counted = ((where >= low) & (where <= high)).all(axis=1) & np.isin(scene.frame_of[reported.stray], covered)
     stray = reported.stray[counted]
     if _go_on(scene, scene.detections.position[stray], scene.frame_of[stray], area):
-        return None, "detections of nobody go on from frame to frame: the truth does not hold all vehicles"
+        return None, "stray detections continue from frame to frame: the truth does not contain all vehicles"
     exposure = area * covered.size
     return Measured((stray.size + 0.5) / exposure, float(np.sqrt(stray.size + 1.0)) / exposure), ""
 

@@ -1,4 +1,4 @@
-"""What is kept of one belief's way, so that later measurements can correct what was believed earlier."""
+"""The recorded states of one belief, so that later measurements can correct earlier estimates."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LINK = np.dtype(
 """187 bytes: how a state of a vehicle followed from a later one, see `_kernels`.
 
 `spread` is the lower triangle; `course` is the mean of cosine and sine of the direction; `ahead` counts the links to
-the later state's; `is_measured` tells whether the vehicle was measured at that time.
+the later state's; `is_measured` says whether the vehicle was measured at that time.
 """
 FIRST_CAPACITY = 64
 
@@ -86,8 +86,8 @@ class Chain:
     """The links of one belief from its birth to its last measurement.
 
     Attributes:
-        name: of the vehicle; empty until somebody told of it.
-        existence: probability that there is such a vehicle: the largest that was told of it.
+        name: of the vehicle; empty until it is reported.
+        existence: the largest reported probability that the track is a vehicle.
         first_ns: time of the first measurement.
         last: what the filter believed at the last measurement.
         until_ns: from this time on another chain has the slot; None while none does.

@@ -1,7 +1,7 @@
-"""Filters that keep, of each belief, how its states followed from one another: what a smoother needs.
+"""Filters that record, for each belief, the regression between successive states that a smoother needs.
 
 Between two measurements particles are not resampled, so each is a path of its own, and the particles' joint moments at
-two times tell how the earlier follows from the later. Across a gap they are taken with the weights that the later
+two times give the regression of the earlier on the later. Across a gap they are taken with the weights that the later
 measurement gave, as far as enough particles are left: of a belief with several arms that counts which the vehicle took.
 
 Source: Raanes, On the ensemble Rauch-Tung-Striebel smoother, 2016; Beaumont, Zhang and Balding, Approximate Bayesian

@@ -1,7 +1,7 @@
-"""Estimates that know what came later: each frame again, when the measurements after it are in.
+"""Smoothed estimates: each frame is estimated again from the measurements before and after it.
 
-A measurement tells less and less of what was long before it. So a sweep over a few seconds is as good as one over the
-whole log, and memory does not grow with its length.
+A measurement hardly changes estimates of long before it. So a sweep over a few seconds is as good as one over the whole
+log, and memory does not grow with its length.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from dirprim_filter.sensor import Sensor
 from dirprim_filter.track_ids import world_names
 
 WHOLE_S = 30.0
-"""Measurements so long after an instant tell nothing of it; the longest gap is added."""
+"""Measurements so long after an instant do not change its estimate; the longest gap is added."""
 STANDING_SPEED = 0.1
-"""m/s: below some of it a velocity tells no direction, and that of the filter counts."""
+"""m/s: a slower velocity has no direction, and the filter's direction is used."""
 
 
 class RecordedTracker(Tracker):
@@ -60,7 +60,7 @@ class RecordedTracker(Tracker):
         self.frames_ns: list[int] = []
 
     def frame(self) -> TrackedFrame:
-        """As of a `Tracker`; the chains of its vehicles learn their names."""
+        """As of a `Tracker`; the chains of its vehicles get their names."""
         frame = super().frame()
         self.frames_ns.append(frame.time_ns)
         names = world_names(frame.estimates.track_id, np.full(len(frame.estimates), self._group))
@@ -72,7 +72,7 @@ class RecordedTracker(Tracker):
         return frame
 
     def chains(self) -> list[Chain]:
-        """All that may have something to tell, in the order in which they began."""
+        """All chains that may still be smoothed, in the order in which they began."""
         return self._recorded.chains
 
     def keep(self, chains: list[Chain]) -> None:
@@ -81,31 +81,31 @@ class RecordedTracker(Tracker):
 
 
 class Smoother:
-    """An `EstimateSink` that passes each frame on again, smoothed, when what followed it is known; a context manager.
+    """An `EstimateSink` that passes each frame on, smoothed, once its later measurements are in; a context manager.
 
-    When the context ends nothing more will be known, and what is left is passed on.
+    When the context ends, the remaining frames are passed on.
 
-    A vehicle is told of from its first measurement to its last; one that a sensor does not name only if the filter told
-    of it, then from its first measurement too.
+    A vehicle is reported from its first measurement to its last; an unlabelled track only if the filter confirmed it,
+    then from its first measurement too.
 
     Args:
         max_gap_s: seconds without a measurement after which a belief ends.
         lag_s: seconds by which frames are late, at least 0. Left out: as long as anything can be learned.
-        tell: take the smoothed frames, in order of time.
+        sinks: take the smoothed frames, in order of time.
 
     Attributes:
-        tell: as given; more may be added before the first frame.
+        sinks: as given; more may be added before the first frame.
 
     Raises:
         ValueError: a negative lag.
     """
 
     def __init__(
-        self, *, max_gap_s: float, lag_s: float | None = None, tell: Sequence[Callable[[TrackedFrame], None]] = ()
+        self, *, max_gap_s: float, lag_s: float | None = None, sinks: Sequence[Callable[[TrackedFrame], None]] = ()
     ) -> None:
         if lag_s is not None and not 0 <= lag_s < np.inf:
             raise ValueError(f"lag_s: expected a finite number of seconds, at least 0, got {lag_s}")
-        self.tell = list(tell)
+        self.sinks = list(sinks)
         self._gap_ns = int(max_gap_s * 1e9)
         whole_ns = int((WHOLE_S + max_gap_s) * 1e9)
         self._lag_ns, self._every_ns = (whole_ns, whole_ns) if lag_s is None else (int(lag_s * 1e9), 0)
@@ -168,8 +168,8 @@ class Smoother:
             rows = smoothed[np.arange(first, end)]
             late = _not_final(frame, rows.track_id, open_names)
             estimates = Estimates.concatenate([rows, frame.estimates[late]]) if late.size else rows
-            for tell in self.tell:
-                tell(TrackedFrame(
+            for sink in self.sinks:
+                sink(TrackedFrame(
                     time_ns=frame.time_ns, detections=frame.detections, estimates=estimates,
                     particles=frame.particles, begun_anew=frame.begun_anew,
                 ))  # fmt: skip

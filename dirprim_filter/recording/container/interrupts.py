@@ -14,7 +14,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 def uninterrupted() -> Iterator[None]:
     """Signals inside the body count behind it; threads other than the main one are never interrupted anyway.
 
-    A SIGTERM that nobody handles ends the process at once: what is there then can be recovered.
+    An unhandled SIGTERM ends the process at once: what was written can be recovered.
     """
     handlers = {number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))}
     if current_thread() is not main_thread() or not handlers:

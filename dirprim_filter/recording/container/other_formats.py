@@ -43,7 +43,7 @@ OTHER_FORMATS = (
     OtherFormat(b"PK\x03\x04", "a zip archive", "unpack it first"),
     OtherFormat(b"\x28\xb5\x2f\xfd", "a file compressed by zstd", "decompress it first"),
     OtherFormat(b"\x1f\x8b", "a file compressed by gzip", "decompress it; `dirprim convert` reads a .csv.gz as it is"),
-    OtherFormat(b"\x89MCAP", "an MCAP log", "it needs no converting: `dirprim info` tells what it holds"),
+    OtherFormat(b"\x89MCAP", "an MCAP log", "it needs no converting: `dirprim info` shows what it contains"),
 )
 
 

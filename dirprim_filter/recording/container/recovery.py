@@ -67,7 +67,7 @@ class Recovery:
 
     @property
     def lost(self) -> int:
-        """Messages known to be lost; there may be more where a damage cannot tell."""
+        """Messages known to be lost; there may be more where the damage hides their number."""
         return sum(damage.messages or 0 for damage in self.damage)
 
     def as_json(self) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from dirprim_filter.recording.container.chunk import FIXED_SIZE, Chunk, chunk_at
 from dirprim_filter.recording.container.records import FIELDS, PRIVATE, RECORD_HEADER_SIZE, fields_end, record_end
 
 MAX_CHECKS = 8
-"""So many times the bytes of the file are checked at most to tell chunks from noise."""
+"""At most so many times the bytes of the file are checked to distinguish chunks from noise."""
 CHUNK_HEADER = re.compile(
     rb"\x06(?=.{6}\0\0.{16}.{6}\0\0.{4}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0).{6}\0\0)", re.DOTALL
 )

@@ -95,7 +95,7 @@ def _fetched(name: str, url: str) -> Path:
             return _copied(name, remote)
     except NoRoomError:
         raise
-    except FileNotFoundError as error:  # some tell no more than a path, even where nobody answers
+    except FileNotFoundError as error:  # some name only a path, even if no server answers
         why = f": {error.__cause__}" if error.__cause__ else ""
         raise FileNotFoundError(errno.ENOENT, f"No such file{why}", url) from error
     except Exception as error:  # the scheme is unknown, its package is missing, or of that package's own kind

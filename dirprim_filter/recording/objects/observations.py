@@ -1,4 +1,4 @@
-"""The objects that a log's messages tell of, batch by batch, and what had to be left out of them."""
+"""The objects that a log's messages report, batch by batch, and what had to be left out."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Observations:
             number, time_ns, rows = number[order], time_ns[order], rows[order]
         wanted = self._wanted(number, time_ns, rows)
         wanted[wanted] = self._valid(rows[wanted])
-        with np.errstate(all="ignore"):  # of a stranger's transforms; what is not finite is left out below
+        with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
             rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
         self.drops.unplaced += int((~placed).sum())
         near = _is_near(rows.position)

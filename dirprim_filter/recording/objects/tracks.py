@@ -82,7 +82,7 @@ def rows_of_log(parts: Iterable[TimedRows]) -> VehicleRows:
     An object without a name gets one of its own, "time/number": nothing is taken for the same vehicle at two
     times, and what such a row says of its motion is kept. An id that stands in several groups is a vehicle in each.
     """
-    nameless = count()
+    unlabelled = count()
     numbers = Numbers()
     columns = {
         "vehicle": _Column(np.int64), "time_ns": _Column(np.int64), "position": _Column(np.float64, 2),
@@ -93,7 +93,7 @@ def rows_of_log(parts: Iterable[TimedRows]) -> VehicleRows:
         names = rows.track_id.tolist()
         if NO_ID in names:
             named = zip(names, time_ns.tolist(), strict=True)
-            names = [name or f"{time}/{next(nameless)}" for name, time in named]
+            names = [name or f"{time}/{next(unlabelled)}" for name, time in named]
         of_batch = {"vehicle": numbers.of(names), "time_ns": time_ns}
         for name, column in columns.items():
             column.extend(of_batch[name] if name in of_batch else getattr(rows, name))

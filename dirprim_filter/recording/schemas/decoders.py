@@ -26,7 +26,7 @@ BATCH_BYTES = 1 << 21
 
 
 def family_of(channel: Channel) -> Family | None:
-    """What reads the objects of a channel; None where its messages tell of none that is known."""
+    """The decoder of a channel's objects; None where its schema is not known to contain any."""
     if channel.message_encoding not in ENCODINGS:
         return None
     return FAMILIES.get(schema_name(channel))
@@ -69,7 +69,7 @@ class Decoders:
         return channel.message_encoding in ENCODINGS and not isinstance(self._plan(channel), SchemaError)
 
     def carries_objects(self, channel: Channel) -> bool:
-        """Whether the channel's messages tell of objects unasked; transforms do so only where they are named."""
+        """Whether the channel's objects are read by default; those of transforms only on request."""
         family = family_of(channel)
         return self.reads(channel) and (self._mapped is not None or any(family in kind for kind in KINDS))
 
@@ -99,7 +99,7 @@ class Decoders:
             columns = self.columns(messages)
         except SchemaError as error:
             return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
-        with np.errstate(all="ignore"):  # of a stranger's numbers; where rows are checked, only finite ones stay
+        with np.errstate(all="ignore"):  # numbers of any origin; where rows are checked, only finite ones stay
             rows = self._family(messages.first_channel).objects(columns, messages.topic)
         if columns.failures:
             rows = rows[~np.isin(rows.message, list(columns.failures))]

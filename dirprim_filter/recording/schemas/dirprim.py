@@ -106,7 +106,7 @@ def _covariance_of(message: Message, n: int) -> FloatArray:
 def encode_observations(
     observed: Tracks | Detections, rows: IntArray, time_ns: int, *, labels: Mapping[int | str, str] | None = None
 ) -> dirprim_pb2.Observations:
-    """The rows of one instant as a message; detections tell no group, and of their motion what was measured.
+    """The rows of one instant as a message; detections have no group, and only the motion that was measured.
 
     Args:
         observed: rows of any instants.

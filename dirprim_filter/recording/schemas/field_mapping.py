@@ -22,7 +22,7 @@ FARTHEST_S = float(1 << 63) / NANOSECONDS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldMapping:
-    """Paths of what is to be read, such as `.objects[].pose.position.x`; None for what a schema does not tell.
+    """Paths of what is to be read, such as `.objects[].pose.position.x`; None for what a schema does not contain.
 
     Paths through a repeated field all go through the same one, or stand in messages beside each other at equal
     lengths (`.x[]` and `.y[]`); a path without `[]` holds for all objects of its message. The time is a message of

@@ -2,7 +2,7 @@
 
 Degrees on WGS 84, to be projected to a local plane. The vehicle is named after the topic: the frame is that of the
 antenna. A receiver without a fix says so by a status below 0, by 0 degrees north and 0 east to the last
-bit, which are fields that nobody set, or by degrees that do not exist. Covariances are of east, north and up in
+bit, which are unset fields, or by degrees that do not exist. Covariances are of east, north and up in
 square metres, and mean nothing where their type is unknown.
 
 Sources: foxglove/LocationFix.proto of the Foxglove SDK; sensor_msgs/msg/NavSatFix.msg, NavSatStatus.msg of ROS 2.

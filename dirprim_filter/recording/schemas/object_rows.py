@@ -170,7 +170,7 @@ def rows_of(
     """Rows of which all but the place may be unknown.
 
     The place is (n, 3) metres, of which an unknown height counts as 0; a size that is not positive is unknown, as a
-    field that nobody set reads as 0; so is a heading that is not finite. All else is as in `ObjectRows`.
+    field that was not set reads as 0; so is a heading that is not finite. All else is as in `ObjectRows`.
     """
     none = np.full(message.size, np.nan)
     return ObjectRows(

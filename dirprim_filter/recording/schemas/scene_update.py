@@ -4,7 +4,7 @@ One entity is one object; its first cube is the object's body, or its first upri
 other primitives (lines of a lane map, arrows, texts) are no objects, so entities without a body are passed over.
 Velocity is not part of the schema: it is taken from the entity's metadata `direction_rad` and `speed_mps` where these
 are, and `group` and `category`, what the object is, likewise. The size is the body's, a model's unknown, and the
-heading that of a cube; where metadata tell the speed both stand there too, as `length_m`, `width_m`, `height_m` and
+heading that of a cube; where metadata contain the speed both are there too, as `length_m`, `width_m`, `height_m` and
 `heading_rad`, and those of the cube are but drawn.
 
 Source: https://docs.foxglove.dev/docs/sdk/schemas/scene-update and https://github.com/foxglove/nuscenes2mcap.

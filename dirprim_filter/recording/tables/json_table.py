@@ -26,7 +26,7 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
 
     Args:
         path: the file; UTF-8.
-        mapping: where a frame tells of its objects; a time among it.
+        mapping: where a frame contains its objects, its time included.
         origin: of the plane, where places are longitudes and latitudes; left out, the first place.
 
     Raises:

@@ -2,7 +2,7 @@
 
 Source: https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html. x, y are metres of SUMO's network (not lon,
 lat: SUMO must run without --fcd-output.geo) and belong to the middle of the vehicle's front bumper; they are
-kept as they are, since the file does not tell how long the vehicle is. angle is the body's, in compass degrees,
+kept as they are, since the file does not contain the vehicle's length. angle is the body's, in compass degrees,
 clockwise from north; the course is that of the positions.
 """
 

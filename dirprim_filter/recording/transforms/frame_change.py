@@ -162,6 +162,6 @@ def _turned(covariance: FloatArray, rotation: Rotation) -> FloatArray:
     if np.isnan(covariance).all():
         return covariance
     plane = rotation.as_matrix()[:, :2, :2]
-    with np.errstate(invalid="ignore", over="ignore"):  # infinite ones, which nobody will believe
+    with np.errstate(invalid="ignore", over="ignore"):  # infinite covariances, which weigh nothing
         turned = plane @ covariance @ plane.transpose(0, 2, 1)
     return np.asarray((turned + turned.transpose(0, 2, 1)) / 2)  # symmetric to the last bit
