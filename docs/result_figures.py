@@ -16,24 +16,24 @@ Entries = Callable[[str], Mapping[str, Any]]
 
 def methods(output: str) -> dict[str, Any]:
     """The methods of an `evaluate` command's JSON, each with that of the last, by which it may be divided."""
-    told = json.loads(output)["methods"]
-    return {method["name"]: method | {"last": told[-1]} for method in told}
+    methods = json.loads(output)["methods"]
+    return {method["name"]: method | {"last": methods[-1]} for method in methods}
 
 
 def quantities(output: str) -> dict[str, Any]:
     """Directions and speeds of `evaluate density`, all methods of each."""
-    told = json.loads(output)["methods"]
+    methods = json.loads(output)["methods"]
     return {
-        name: {method["name"]: method[name] for method in told if method[name]}
+        name: {method["name"]: method[name] for method in methods if method[name]}
         for name in ("direction", "speed", "joint")
     }
 
 
 def observations(output: str) -> dict[str, Any]:
     """The two observations of `evaluate cues`, each with the prior."""
-    told = json.loads(output)
+    methods = json.loads(output)
     return {
-        name: told[key] | {"prior": told["prior"]}
+        name: methods[key] | {"prior": methods["prior"]}
         for name, key in (("cell before", "cell_before"), ("own course", "own_course"))
     }
 

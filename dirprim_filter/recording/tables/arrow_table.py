@@ -52,17 +52,17 @@ def read_arrow(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
     has_ns = TIME_NS in table.names or TIME_NS in columns
     required = (TIME_NS if has_ns else REQUIRED[0], *REQUIRED[1:])
     place, unused = places_of(table.path, "its columns", table.names, columns, required=required)
-    told = {name: table.names[at] for name, at in place.items()}
+    present = {name: table.names[at] for name, at in place.items()}
     read: dict[str, AnyArray] = {
-        name: table.floats(told[name]) for name in ("x_m", "y_m", *FLOATS, *SIZE) if name in told
+        name: table.floats(present[name]) for name in ("x_m", "y_m", *FLOATS, *SIZE) if name in present
     }
-    read[TIME_NS] = table.nanoseconds(told[TIME_NS]) if has_ns else table.seconds(told["time_s"])
-    if "group" in told:
-        read["group"] = table.whole_numbers(told["group"])
-    names, read["track_id"] = numbered(table.texts(told["track_id"]))
+    read[TIME_NS] = table.nanoseconds(present[TIME_NS]) if has_ns else table.seconds(present["time_s"])
+    if "group" in present:
+        read["group"] = table.whole_numbers(present["group"])
+    names, read["track_id"] = numbered(table.texts(present["track_id"]))
     rows = rows_of(np.array(names, np.str_), read)
     suspect_degrees(table.path, rows)
-    return replace(table_of(rows, label=table.texts(told[LABEL]) if LABEL in told else None), unused=unused)
+    return replace(table_of(rows, label=table.texts(present[LABEL]) if LABEL in present else None), unused=unused)
 
 
 class ArrowTable:
