@@ -36,6 +36,8 @@ class Hexagons:
 
     def cell_of(self, position):
         position = np.asarray(position, dtype=np.float64)
+        if not np.isfinite(position).all():
+            raise ValueError("position: expected finite numbers")
         hexagons, of = np.unique(self._axial(position.reshape(-1, 2)), axis=0, return_inverse=True)
         cells = np.array([self._number.get(tuple(hexagon), OUTSIDE) for hexagon in hexagons.tolist()], dtype=np.int64)
         return cells[of].reshape(position.shape[:-1])
