@@ -144,10 +144,11 @@ def _cases(rows: TrackRows, rng: np.random.Generator) -> Cases | None:
 
 def _energy(path: FloatArray, later: FloatArray) -> float:
     """Energy score of samples, as the mean over lags of its logarithm. (n, p, lags, 2), (n, lags, 2)."""
-    off = np.linalg.norm(path - later[:, None], axis=-1).mean(axis=1)
-    n = path.shape[1]
-    apart = sum(np.linalg.norm(path - np.roll(path, i, axis=1), axis=-1).mean(axis=1) for i in range(1, n))
-    score = off - 0.5 * apart / (n - 1)
+    east, north = np.moveaxis(path, (3, 1), (0, 1)).copy()
+    off = np.hypot(east - later[..., 0], north - later[..., 1]).mean(axis=0)
+    n = len(east)
+    pairs = sum(np.sqrt((east[i:] - east[:-i]) ** 2 + (north[i:] - north[:-i]) ** 2).sum(axis=0) for i in range(1, n))
+    score = off - pairs / (n * (n - 1))
     known = np.isfinite(score).sum(axis=0) >= FEWEST_STARTS // 2
     return float(np.log(np.nanmean(score[:, known], axis=0)).mean())
 

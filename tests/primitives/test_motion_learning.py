@@ -7,7 +7,7 @@ import pytest
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.filtering.rollouts import forecast_states
-from dirprim_filter.primitives.motion_choice import learn_motion
+from dirprim_filter.primitives.motion_choice import _energy, learn_motion
 from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, label_visits
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
@@ -31,6 +31,19 @@ def energy_score(learned, tracks):
         apart = np.linalg.norm(paths[:, :, None] - paths[:, None], axis=-1).sum(axis=(1, 2)) / (64 * 63)
         scores.append((off - apart / 2).mean())
     return float(np.mean(scores))
+
+
+def test_the_score_that_knobs_are_chosen_by_is_the_energy_score():
+    rng = np.random.default_rng(0)
+    paths, later = rng.normal(size=(30, 5, 2, 2)), rng.normal(size=(30, 2, 2))
+    later[:3, 1] = np.nan
+    mean = [0.0, 0.0]
+    for lag, cases in enumerate((range(30), range(3, 30))):
+        for i in cases:
+            x, y = paths[i, :, lag], later[i, lag]
+            off, apart = (np.mean([np.linalg.norm(a - b) for a in x for b in others]) for others in ([y], x))
+            mean[lag] += (off - 0.5 * apart * 5 / 4) / len(cases)
+    assert _energy(paths, later) == pytest.approx(np.log(mean).mean(), rel=1e-12)
 
 
 @pytest.mark.parametrize("traffic", [ring_traffic, junction_traffic])
