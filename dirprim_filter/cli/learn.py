@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import Cells, Force, Logs, Output, Seed, SensorFile, Tessellation
+from dirprim_filter.cli.options import (
+    Cells,
+    Force,
+    LogsOrStore,
+    Output,
+    Seed,
+    SensorFile,
+    Tessellation,
+    seconds,
+    time_ns,
+)
 from dirprim_filter.cli.reading import Reading, reads_logs
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from dirprim_filter.primitives import PrimitiveMap
 
 
 class Modes(StrEnum):
@@ -27,9 +42,22 @@ class Shape(StrEnum):
     FLAT = "flat"
 
 
+MinVehicles = Annotated[
+    int | None, typer.Option("--min-vehicles", min=1, help="Of a store: leave out what fewer vehicles did. Default: 5.")
+]
+HalfLife = Annotated[
+    float | None,
+    typer.Option("--half-life", help="Of a store: vehicles so old count half, such as 30d.", parser=seconds),
+]
+Now = Annotated[
+    str | None,
+    typer.Option("--now", help="With --half-life: when age is counted from, ns or RFC 3339. Default: the last log's."),
+]
+
+
 @reads_logs
 def learn(
-    logs: Logs,
+    logs: LogsOrStore,
     output: Output,
     tessellation: Tessellation = Cells.JOINT,
     cell_size: Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")] = None,
@@ -37,11 +65,14 @@ def learn(
     modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,
     primitive: Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")] = Shape.CURVED,
     sensor: SensorFile = None,
+    min_vehicles: MinVehicles = None,
+    half_life: HalfLife = None,
+    now: Now = None,
     seed: Seed = 0,
     reading: Reading = Reading(),
     force: Force = False,
 ) -> int:
-    """Learn from logs how vehicles move at each place.
+    """Learn from logs, or from a store of them, how vehicles move at each place.
 
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """
@@ -50,34 +81,90 @@ def learn(
     from dirprim_filter.cli.progress import learning_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import LearningConfig
-    from dirprim_filter.primitives import learn_primitives
     from dirprim_filter.recording import save_map
     from dirprim_filter.recording.errors import OutputExistsError
-    from dirprim_filter.recording.sensor_file import load_sensor
-    from dirprim_filter.sensor import without_bias
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
-    sensing = None if sensor is None else load_sensor(sensor)
-    log = reading.tracks(logs)
-    tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
+    source: _Logs | _Store
+    if any(path.is_dir() for path in logs):
+        if len(logs) > 1 or sensor is not None or reading != Reading():
+            raise ValueError(
+                f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
+            )
+        source = _Store(logs[0], min_vehicles, half_life, now)
+    elif (min_vehicles, half_life, now) != (None, None, None):
+        raise ValueError("--min-vehicles, --half-life, --now: expected a store, got logs; see `dirprim store add`")
+    else:
+        source = _Logs(logs, sensor, reading)
     config = LearningConfig()
+    options = {
+        "tessellation": tessellation.value, "cell_size": cell_size, "n_cells": cells, "modes": modes.value,
+        "primitive": primitive.value,
+    }  # fmt: skip
     with learning_progress() as bars:
-        learned = learn_primitives(
-            tracks, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells, modes=modes.value,
-            primitive=primitive.value, config=config, progress=bars.progress, stage=bars.stage,
-            rng=np.random.default_rng(seed),
-        )  # fmt: skip
-    said = provenance(
-        "learn", inputs=logs, config=config, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
-        modes=modes.value, primitive=primitive.value, seed=seed, sensor=None if sensing is None else repr(sensing),
-        **reading.said(),
-    )  # fmt: skip
+        learned = source.learn(
+            config=config, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed), **options
+        )
+    said = provenance("learn", inputs=source.files, config=config, seed=seed, **options, **source.said)
     save_map(learned, output, metadata=said, force=force)
     n_modes = float((learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1).mean())
     typer.echo(
         f"{output}: {counted(learned.tessellation.n_cells, 'cell')} of "
-        f"{float(learned.tessellation.area.mean()) ** 0.5:.3g} m, {n_modes:.1f} modes each, "
-        f"from {counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}"
+        f"{float(learned.tessellation.area.mean()) ** 0.5:.3g} m, {n_modes:.1f} modes each, from {source.counts}"
     )
-    return losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)
+    return source.exit_code
+
+
+class _Logs:
+    """Logs to learn from."""
+
+    def __init__(self, logs: list[Path], sensor: Path | None, reading: Reading) -> None:
+        from dirprim_filter.recording.sensor_file import load_sensor
+        from dirprim_filter.sensor import without_bias
+
+        sensing = None if sensor is None else load_sensor(sensor)
+        log = reading.tracks(logs)
+        self._tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
+        self.files = logs
+        self.said = {"sensor": None if sensing is None else repr(sensing), **reading.said()}
+        self.counts = f"{counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}"
+        self.exit_code = losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)
+
+    def learn(self, **options: Any) -> PrimitiveMap:
+        from dirprim_filter.primitives import learn_primitives
+
+        return learn_primitives(self._tracks, **options)
+
+
+class _Store:
+    """A store to learn from; what of its logs was lost has been said when they were added."""
+
+    exit_code = losses.DONE
+    files: tuple[Path, ...] = ()
+
+    def __init__(self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None) -> None:
+        from dirprim_filter.store.learning import MIN_VEHICLES, Fading
+        from dirprim_filter.store.store import Store
+
+        if now is not None and half_life_s is None:
+            raise ValueError("--now: expected --half-life with it")
+        store = Store.open(folder)
+        entries = store.entries()
+        if not entries:
+            raise ValueError(f"{folder}: expected logs to learn from, the store is empty; see `dirprim store add`")
+        now_ns = time_ns(now)
+        self._summary = store.summary()
+        self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
+        self._fading = None
+        if half_life_s is not None:
+            end_ns = max(entry.end_ns for entry in entries)
+            self._fading = Fading(half_life_s=half_life_s, now_ns=end_ns if now_ns is None else now_ns)
+        self.said = {"sha256 store": self._summary.digest, "min_vehicles": self._least, "fading": self._fading}
+        n_rows = sum({entry.rows: entry.n_rows for entry in entries}.values())
+        self.counts = f"{counted(len(entries), 'log')}, {counted(n_rows, 'row')}"
+
+    def learn(self, **options: Any) -> PrimitiveMap:
+        from dirprim_filter.store.learning import learn_from_summary
+
+        return learn_from_summary(self._summary, min_vehicles=self._least, fading=self._fading, **options)

@@ -25,6 +25,7 @@ from dirprim_filter.cli import (
     replay,
     score,
     simulate,
+    store,
     track,
     view,
 )
@@ -82,6 +83,7 @@ for command in (
 ):  # fmt: skip
     app.command()(checked(command))
 app.add_typer(evaluate.evaluate)
+app.add_typer(store.store)
 
 
 def main() -> None:

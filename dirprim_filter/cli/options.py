@@ -92,8 +92,35 @@ def _log(text: str) -> Path:
     return path
 
 
+def _log_or_folder(text: str) -> Path:
+    """The same, or a folder."""
+    return Path(text) if "://" not in text and Path(text).is_dir() else _log(text)
+
+
+def seconds(text: str) -> float:
+    """A duration such as 12h, 30d or 2w, in seconds.
+
+    Raises:
+        BadParameter: it is none.
+    """
+    unit = {"s": 1.0, "h": 3600.0, "d": 86400.0, "w": 604800.0}.get(text[-1:], 0.0)
+    try:
+        duration = float(text[:-1]) * unit
+    except ValueError:
+        duration = 0.0
+    if not 0.0 < duration < float("inf"):
+        raise typer.BadParameter(f"{text!r}: expected a positive duration such as 12h, 30d or 2w")
+    return duration
+
+
 Log = Annotated[Path, typer.Argument(help="An MCAP log; - for standard input, or a URL.", parser=_log)]
 Logs = Annotated[list[Path], typer.Argument(help="MCAP logs; - for standard input, or URLs.", parser=_log)]
+LogsOrStore = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="LOG...|STORE", help="MCAP logs; - for standard input, or URLs. Or one store.", parser=_log_or_folder
+    ),
+]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what exists.")]

@@ -72,7 +72,7 @@ def label_visits(primitives: PrimitiveMap, visits: Visits, *, detail: float, rng
     """Group the visits of each mode of each cell."""
     inside = np.flatnonzero(visits.cell >= 0)
     feature = visits.features(primitives.centers)
-    mode = _modes_of(primitives, visits)
+    mode = modes_of(primitives, visits)
     n_modes = primitives.direction.weight.shape[1]
     key = visits.cell[inside] * n_modes + mode[inside]
     order = np.argsort(key, kind="stable")
@@ -90,7 +90,7 @@ def label_visits(primitives: PrimitiveMap, visits: Visits, *, detail: float, rng
     return Labels(label, cell, mode_of)
 
 
-def _modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
+def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
     """(v,) the mode of each visit: the likeliest of all its instants together; of who stands the last of its cell's."""
     n_own = primitives.direction.weight.shape[1] - primitives.n_place_free_modes
     direction, speed = primitives.primitive_at(visits.position)

@@ -14,6 +14,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.tracks import Tracks
 from tessellation import Tessellation
 
 STEP_S = 0.1
@@ -151,16 +152,33 @@ def _filled_in(rows: TrackRows) -> tuple[IntArray, IntArray, FloatArray, FloatAr
     if not index:
         none, nothing = np.empty(0, np.int64), np.empty(0)
         return none, none, np.empty((0, 2)), nothing, nothing
-    i, u, h = np.concatenate(index), np.concatenate(share)[:, None], np.concatenate(width)[:, None]
-    velocity = rows.speed[:, None] * np.column_stack([np.cos(rows.direction), np.sin(rows.direction)])
-    position = (
-        (1 + 2 * u) * (1 - u) ** 2 * rows.position[i] + u * (1 - u) ** 2 * h * velocity[i]
-        + u * u * (3 - 2 * u) * rows.position[i + 1] + u * u * (u - 1) * h * velocity[i + 1]
-    )  # fmt: skip
-    turned = (rows.direction[i + 1] - rows.direction[i] + np.pi) % (2.0 * np.pi) - np.pi
-    course = (rows.direction[i] + u[:, 0] * turned + np.pi) % (2.0 * np.pi) - np.pi
-    speed = (1 - u[:, 0]) * rows.speed[i] + u[:, 0] * rows.speed[i + 1]
+    i, u, h = np.concatenate(index), np.concatenate(share), np.concatenate(width)
+    position, course, speed = between(rows, i, i + 1, u, h)
     return np.concatenate(vehicle), np.concatenate(segment), position, course, speed
+
+
+def between(
+    rows: TrackRows | Tracks, before: IntArray, after: IntArray, share: FloatArray, width_s: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, course and speed between rows of a vehicle, by cubic Hermite splines. -> (n, 2), (n,), (n,).
+
+    Args:
+        rows: observations.
+        before: (n,) a row before each instant, or at it.
+        after: (n,) a row after it.
+        share: (n,) of the time between the two that has gone by.
+        width_s: (n,) seconds between the two.
+    """
+    u, h = share[:, None], width_s[:, None]
+    position, direction, speed = rows.position, rows.direction, rows.speed
+    velocity = speed[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+    place = (
+        (1 + 2 * u) * (1 - u) ** 2 * position[before] + u * (1 - u) ** 2 * h * velocity[before]
+        + u * u * (3 - 2 * u) * position[after] + u * u * (u - 1) * h * velocity[after]
+    )  # fmt: skip
+    turned = (direction[after] - direction[before] + np.pi) % (2.0 * np.pi) - np.pi
+    course = (direction[before] + share * turned + np.pi) % (2.0 * np.pi) - np.pi
+    return place, course, (1 - share) * speed[before] + share * speed[after]
 
 
 def _stands(segment: IntArray, speed: FloatArray) -> BoolArray:

@@ -115,7 +115,7 @@ def read_track_logs(
         options = replace(options, origin=observations.origin)  # one plane for all logs
     tracks, n_alone = rows_of_logs(parts, [path.stem for path in paths]).to_tracks()
     dropped.alone += n_alone
-    return TrackResult(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock)
+    return TrackResult(tracks=tracks, damage=tuple(damage), dropped=dropped, clock=clock, frame=observations.frame)
 
 
 def _reporting(

@@ -56,6 +56,12 @@ def local_file(path: str | PathLike[str]) -> Path:
     return file
 
 
+def drop_copy(path: str | PathLike[str]) -> None:
+    """Remove the copy of a pipe or a URL, if there is one: who reads many need not keep them all."""
+    if copy := _copies.pop(fspath(path), None):
+        copy.unlink(missing_ok=True)
+
+
 def mapped(path: str | PathLike[str]) -> mmap.mmap:
     """The bytes of a log.
 

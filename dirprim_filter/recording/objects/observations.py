@@ -59,6 +59,13 @@ class Observations:
         """Of the plane on which satellite positions were put; None where none was needed or given."""
         return self._frame.origin
 
+    @property
+    def frame(self) -> str:
+        """Of the positions: its name, or the place of the plane they were put on; empty where none is named."""
+        if self._frame.origin is not None:
+            return "plane at {:.9f},{:.9f}".format(*self._frame.origin)
+        return self._frame.target
+
     def __iter__(self) -> Iterator[TimedRows]:
         """Objects in order of log time; messages of other schemas are passed over.
 

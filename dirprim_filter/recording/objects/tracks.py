@@ -29,12 +29,14 @@ class TrackResult:
         damage: path and damage, for each place that could not be read.
         dropped: what of the readable messages was left out.
         clock: what is odd about the times of the messages.
+        frame: of the last log's positions: a frame's name, or "plane at LATITUDE,LONGITUDE"; empty where none is named.
     """
 
     tracks: Tracks
     damage: tuple[tuple[Path, Damage], ...]
     dropped: Drops
     clock: ClockFaults
+    frame: str = ""
 
 
 class _Column:

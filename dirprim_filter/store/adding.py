@@ -1,0 +1,155 @@
+"""Adding logs to a store: each is summarised by itself, in this process or by workers, and then counted."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from dirprim_filter.recording.container.source import drop_copy
+from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.reader import TrackResult, read_track_logs
+from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.lattice import unpacked
+from dirprim_filter.store.log_files import LogFile
+from dirprim_filter.store.manifest import Entry, new_file
+from dirprim_filter.store.steps import HERE
+from dirprim_filter.store.store import RECORDINGS, Store
+from dirprim_filter.store.summary import Summary
+from dirprim_filter.store.table import write_summary
+from dirprim_filter.store.workers import InProcess, Workers
+from dirprim_filter.track_ids import as_texts
+from dirprim_filter.tracks import Tracks
+
+
+class Receipt(NamedTuple):
+    """What came of a log.
+
+    Attributes:
+        log: it.
+        entry: for the manifest; None where the log cannot be counted.
+        frame: of its positions.
+        error: why it cannot, in one line; empty where it can.
+    """
+
+    log: LogFile
+    entry: Entry | None
+    frame: str
+    error: str
+
+
+class Added(NamedTuple):
+    """What came of all.
+
+    Attributes:
+        known: logs that were in the store before, unchanged.
+        receipts: of the others, in order of their names.
+    """
+
+    known: int
+    receipts: list[Receipt]
+
+
+def add_logs(
+    store: Store,
+    logs: Sequence[LogFile],
+    *,
+    workers: Workers | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Added:
+    """Add logs that the store does not know; run again after an interruption, it goes on where it was.
+
+    Args:
+        store: it.
+        logs: see `log_files.find_logs`.
+        workers: who summarise them; left out, this process.
+        progress: told how many of how many are done.
+    """
+    store.tidy()
+    new = [log for log in logs if not _is_known(store, log)]
+    receipts: list[Receipt] = []
+    rest = list(new)
+
+    def count(receipt: Receipt) -> None:
+        if receipt.entry is not None:
+            try:
+                store.record(receipt.entry, receipt.frame)
+            except ValueError as error:
+                receipt = receipt._replace(entry=None, error=str(error))
+        receipts.append(receipt)
+        if progress is not None:
+            progress(len(receipts), len(new))
+
+    summarise = partial(summarise_log, config=store.config, folder=store.path / RECORDINGS)
+    while rest and store.frame is None:  # the first log in order of names says which frame is the store's
+        count(summarise(rest.pop(0)))
+    for receipt in (workers or InProcess()).each(summarise, rest):
+        count(receipt)
+    return Added(len(logs) - len(new), sorted(receipts, key=lambda receipt: receipt.log.url))
+
+
+def summarise_log(log: LogFile, *, config: StoreConfig, folder: Path) -> Receipt:
+    """Write the summary of a log, unless that of the same rows is there.
+
+    What is wrong with the log, the receipt says: errors do not stop others.
+    """
+    try:
+        read = _read(log, config)
+        rows = hash_of_rows(read.tracks)
+        summary = Summary.of(read.tracks, lattice=config.lattice, frame=read.frame)
+        path = folder / f"{rows}.parquet"
+        if not path.exists():
+            with new_file(path) as file:
+                write_summary(summary, file)
+    except (RecordingError, OSError, ValueError) as error:
+        return Receipt(log, None, "", _one_line(log, error))
+    finally:
+        drop_copy(log.url)
+    entry = Entry(
+        url=log.url, size=log.size, mark=log.mark, rows=rows, n_rows=len(read.tracks),
+        n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
+        n_squares=len(np.unique(unpacked(summary.steps.key[:, HERE])[0], axis=0)), config=config.digest,
+        status="damaged" if read.damage or read.dropped.lost else "whole",
+    )  # fmt: skip
+    return Receipt(log, entry, read.frame, "")
+
+
+def _read(log: LogFile, config: StoreConfig) -> TrackResult:
+    read = read_track_logs(log.url, **config.reading)
+    if not len(read.tracks):
+        raise RecordingError(f"{log.url}: expected moving objects, got none; left out: {read.dropped}")
+    return read
+
+
+def hash_of_rows(tracks: Tracks) -> str:
+    """SHA-256 of what a log says, however it is written: ids, groups, times, positions, directions and speeds."""
+    order = np.lexsort((tracks.vehicle, tracks.time_ns))
+    _, first = np.unique(tracks.vehicle, return_index=True)
+    names = list(zip(tracks.group[first].tolist(), as_texts(tracks.track_id[first]).tolist(), strict=True))
+    digest = hashlib.sha256(repr(names).encode())
+    for column in (tracks.vehicle, tracks.time_ns, tracks.position, tracks.direction, tracks.speed):
+        digest.update(np.ascontiguousarray(column[order], column.dtype.newbyteorder("<")).tobytes())
+    return digest.hexdigest()
+
+
+def _is_known(store: Store, log: LogFile) -> bool:
+    """Whether a log was added and has not changed since, and its recording is there."""
+    entry = store.entry_of(log.url)
+    return (
+        entry is not None and log.mark != "" and (entry.size, entry.mark) == (log.size, log.mark)
+        and entry.config == store.config.digest and store.recording(entry.rows).exists()
+    )  # fmt: skip
+
+
+def _one_line(log: LogFile, error: Exception) -> str:
+    said = " ".join(str(error).split()) or type(error).__name__
+    return said if log.url in said else f"{log.url}: {said}"
+
+
+def failures(added: Added) -> Iterator[str]:
+    """Why logs could not be counted, a line each."""
+    return (receipt.error for receipt in added.receipts if receipt.error)

@@ -1,0 +1,114 @@
+"""A map learned from a summary: of the steps of pseudo-vehicles, faded by age, without what few vehicles did."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.primitives import learn_primitives
+from dirprim_filter.primitives.leader import LeaderResponse
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.store.pseudo_tracks import pseudo_tracks
+from dirprim_filter.store.steps import HOUR_NS, passed_place
+from dirprim_filter.store.summary import Summary
+from dirprim_filter.store.withholding import withheld
+from dirprim_filter.tracks import Tracks
+
+logger = logging.getLogger(__name__)
+
+MIN_VEHICLES = 5
+MOST_STEPS = 1_000_000
+"""Of pseudo-vehicles drawn evenly from all hours: more tell next to nothing new."""
+GOLDEN = 0.6180339887498949
+"""Multiples of it, modulo 1, are spread evenly: every block of them holds its share below any number."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fading:
+    """How what is older counts less.
+
+    Attributes:
+        half_life_s: seconds, after which a vehicle counts half.
+        now_ns: nanoseconds since 1970-01-01, from when age is counted; what is later is left out.
+
+    Raises:
+        ValueError: a half-life that is not positive.
+    """
+
+    half_life_s: float
+    now_ns: int
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.half_life_s) and self.half_life_s > 0):
+            raise ValueError(f"half_life_s: expected a positive number of seconds, got {self.half_life_s}")
+
+    def share(self, hour: IntArray) -> FloatArray:
+        """(n,) of the vehicles that came into sight in hours since 1970-01-01."""
+        age_s = (self.now_ns // HOUR_NS - hour) * 3600.0
+        return np.where(age_s < 0, 0.0, 0.5 ** (np.maximum(age_s, 0.0) / self.half_life_s))
+
+
+def learn_from_summary(
+    summary: Summary,
+    *,
+    min_vehicles: int = MIN_VEHICLES,
+    fading: Fading | None = None,
+    rng: np.random.Generator,
+    **options: Any,
+) -> PrimitiveMap:
+    """Learn a map: the same for the same summary, however it came together, and the same state of `rng`.
+
+    Args:
+        summary: of recordings.
+        min_vehicles: of what fewer vehicles did at a place the map says nothing; see `withheld`.
+        fading: left out, all recordings count alike.
+        rng: as for `learn_primitives`.
+        options: others of `learn_primitives`.
+
+    Raises:
+        ValueError: nothing is left to learn from, or options as for `learn_primitives`.
+    """
+    if min_vehicles < 1:
+        raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
+    tracks = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading)
+    learned = learn_primitives(tracks, rng=rng, **options)
+    sums = summary.leader_sums
+    seen = float(sums.acceleration.weight.sum()) >= min_vehicles
+    leader = sums.response() if seen else LeaderResponse.none()
+    learned = replace(learned, motion=replace(learned.motion, leader=leader))
+    return learned if min_vehicles == 1 else withheld(learned, tracks, min_vehicles)
+
+
+def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Tracks:
+    """Pseudo-vehicles, where at least so many vehicles passed each place each way; of older ones as many as count.
+
+    Raises:
+        ValueError: none is left.
+    """
+    if not len(summary.steps):
+        raise ValueError("summary: expected at least one vehicle, got none; add a recording first")
+    tracks, when = pseudo_tracks(summary.steps, summary.lattice)
+    share = np.ones(when.size) if fading is None else fading.share(when // summary.lattice.n_folds)
+    share *= min(1.0, MOST_STEPS / max(float(share.sum()), 1.0))
+    kept = (tracks.track_id * GOLDEN) % 1.0 < share
+    shown = kept & _is_passed(summary, tracks, min_vehicles)
+    if not shown.any():
+        raise ValueError(
+            f"summary: expected places that {min_vehicles} vehicles passed the same way, got none among "
+            f"{tracks.n_tracks}; add recordings, or ask for fewer vehicles"
+        )
+    logger.info("%d of %d steps of pseudo-vehicles are learned from", int(shown.sum()), when.size)
+    return tracks[shown]
+
+
+def _is_passed(summary: Summary, tracks: Tracks, min_vehicles: int) -> BoolArray:
+    """(n,) where so many vehicles passed the place the way the row does."""
+    state, _ = summary.lattice.states(tracks.position, tracks.direction, tracks.speed)
+    place = passed_place(state, summary.lattice)
+    known = summary.passed.key[:, 0]
+    at = np.minimum(np.searchsorted(known, place), max(known.size - 1, 0))
+    return np.asarray((known[at] == place) & (summary.passed.value[at, 0] >= min_vehicles))

@@ -1,0 +1,90 @@
+"""Logs by path, URL or pattern, and what tells that one has not changed."""
+
+from __future__ import annotations
+
+import errno
+import glob
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dirprim_filter.recording.errors import MissingExtraError, RecordingError
+
+MARKS = ("ETag", "etag", "LastModified", "last_modified", "mtime", "updated")
+"""What file systems call it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogFile:
+    """A log that can be read.
+
+    Attributes:
+        url: its URL, or its absolute path.
+        size: bytes.
+        mark: its ETag or time of change; empty where nobody knows.
+    """
+
+    url: str
+    size: int
+    mark: str
+
+
+def find_logs(patterns: Iterable[str]) -> list[LogFile]:
+    """The logs of paths, URLs, and patterns with `*` and `**` of either, each once, in order of their names.
+
+    Raises:
+        RecordingError: a pattern finds nothing, a URL cannot be asked, or standard input is asked for.
+        OSError: a file cannot be read.
+    """
+    found: dict[str, LogFile] = {}
+    for pattern in patterns:
+        if pattern == "-":
+            raise RecordingError(
+                "-: expected a file or a URL, for a store knows logs by their names; write it to a file"
+            )
+        logs = _remote(pattern) if "://" in pattern else _local(pattern)
+        if not logs:
+            raise RecordingError(f"{pattern}: expected logs, found none; check the pattern, and quote it")
+        found |= {log.url: log for log in logs}
+    return [found[url] for url in sorted(found)]
+
+
+def url_of(text: str) -> str:
+    """What a store calls a log."""
+    return text if "://" in text else str(Path(text).resolve())
+
+
+def _local(pattern: str) -> list[LogFile]:
+    paths = [pattern] if Path(pattern).exists() else glob.glob(pattern, recursive=True)  # noqa: PTH207 (Path has no absolute patterns)
+    if not paths and not glob.has_magic(pattern):
+        raise FileNotFoundError(errno.ENOENT, "No such file", pattern)
+    logs = []
+    for path in map(Path, paths):
+        if path.is_file():
+            stat = path.stat()
+            logs.append(LogFile(url=url_of(str(path)), size=stat.st_size, mark=str(stat.st_mtime_ns)))
+    return logs
+
+
+def _remote(pattern: str) -> list[LogFile]:
+    try:
+        import fsspec  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise MissingExtraError(pattern, library="fsspec", extra="fleet") from error
+    try:
+        files, path = fsspec.core.url_to_fs(pattern)
+        paths = files.glob(path) if glob.has_magic(pattern) else [path]
+        about: list[dict[str, Any]] = [files.info(one) for one in paths]
+    except FileNotFoundError as error:
+        raise FileNotFoundError(errno.ENOENT, "No such file", pattern) from error
+    except Exception as error:  # of the scheme's own package
+        raise RecordingError(f"{pattern}: expected a URL that fsspec can ask: {error}; copy the logs here") from error
+    return [
+        LogFile(url=files.unstrip_protocol(path), size=int(info.get("size") or 0), mark=_mark(info))
+        for path, info in zip(paths, about, strict=True) if info.get("type") != "directory"
+    ]  # fmt: skip
+
+
+def _mark(info: dict[str, Any]) -> str:
+    return next((str(info[name]) for name in MARKS if info.get(name)), "")

@@ -1,0 +1,95 @@
+"""Steps of vehicles on the lattice: what each was doing a step before, here, and a step after."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+from zlib import crc32
+
+import numpy as np
+
+from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.primitives import _sorting
+from dirprim_filter.primitives.visits import LONGEST_GAP_S, between
+from dirprim_filter.store.lattice import NONE, Lattice, packed, unpacked
+from dirprim_filter.store.tallies import Tally
+from dirprim_filter.track_ids import world_names
+from dirprim_filter.tracks import Tracks
+
+HOUR_NS = 3600 * 10**9
+WHEN, BEFORE, HERE, AFTER = range(4)
+"""Columns of a step's key."""
+PASSED_SQUARES = 4
+"""Vehicles are counted by squares of so many of the lattice's each way."""
+PASSED_WAYS = 8
+"""And by so many directions; one more is for those that stand."""
+
+
+class Instants(NamedTuple):
+    """Vehicles at steps from the first row of each segment on; a segment is a vehicle's rows without a long gap."""
+
+    segment: IntArray  # (n,) ascending
+    vehicle: IntArray  # (n,)
+    position: FloatArray  # (n, 2) metres
+    direction: FloatArray  # (n,) radians
+    speed: FloatArray  # (n,) m/s
+    hour: IntArray  # (n,) since 1970-01-01, in which the segment begins
+
+    @classmethod
+    def of(cls, tracks: Tracks, step_s: float) -> Self:
+        """The vehicles of tracks every `step_s`, by Hermite splines between their rows."""
+        vehicle = tracks.vehicle
+        n_vehicles = int(vehicle.max(initial=-1)) + 1
+        order = _sorting.sort_by(vehicle, n_vehicles, np.empty(n_vehicles + 1, np.int64))
+        time, who = tracks.time_ns[order], vehicle[order]
+        begins = np.ones(time.size, np.bool_)
+        begins[1:] = (np.diff(who) != 0) | (np.diff(time) > int(LONGEST_GAP_S * 1e9))
+        first = np.flatnonzero(begins)
+        last = np.append(first[1:], time.size)[: first.size] - 1
+        step = int(step_s * 1e9)
+        n = (time[last] - time[first]) // step + 1
+        segment = np.repeat(np.arange(first.size), n)
+        since = (np.arange(segment.size) - np.repeat(np.cumsum(n) - n, n)) * step
+        # Segments one after the other on one axis of time, so that all are found in one search.
+        begin = np.cumsum(np.append(0, time[last] - time[first] + 1))[:-1]
+        on_axis = time - time[first][np.cumsum(begins) - 1] + begin[np.cumsum(begins) - 1]
+        row = np.searchsorted(on_axis, begin[segment] + since, side="right") - 1
+        row = np.maximum(np.minimum(row, last[segment] - 1), first[segment])
+        following = np.minimum(row + 1, last[segment])
+        width = (time[following] - time[row]) * 1e-9
+        share = np.where(width > 0, (since - (time[row] - time[first[segment]])) * 1e-9 / np.maximum(width, 1e-9), 0.0)
+        position, direction, speed = between(tracks, order[row], order[following], share, width)
+        return cls(segment, who[row], position, direction, speed, time[first][segment] // HOUR_NS)
+
+
+def tally_steps(tracks: Tracks, lattice: Lattice) -> tuple[Tally, Tally]:
+    """What a recording's vehicles did from step to step, and how many vehicles passed each place each way.
+
+    Returns:
+        `Summary.steps` and `Summary.passed`.
+    """
+    seen = Instants.of(tracks, lattice.step_s)
+    here, parts = lattice.states(seen.position, seen.direction, seen.speed)
+    same = seen.segment[1:] == seen.segment[:-1]
+    before, after = np.full(here.size, NONE), np.full(here.size, NONE)
+    before[1:][same], after[:-1][same] = here[:-1][same], here[1:][same]
+    when = seen.hour * lattice.n_folds + _folds(tracks, lattice.n_folds)[seen.vehicle]
+    steps = Tally.of(
+        np.column_stack([when, before, here, after]),
+        np.column_stack([np.ones(here.size, np.int64), *parts, *(part * part for part in parts)]),
+    )
+    vehicle_at = np.unique(np.column_stack([passed_place(here, lattice), seen.vehicle]), axis=0)
+    return steps, Tally.of(vehicle_at[:, :1], np.ones((len(vehicle_at), 1), np.int64))
+
+
+def passed_place(state: IntArray, lattice: Lattice) -> IntArray:
+    """(n,) the place and way by which vehicles of states are counted."""
+    square, turn, pace = unpacked(state)
+    way = np.where(pace == 0, PASSED_WAYS, turn * PASSED_WAYS // lattice.n_directions)
+    return packed(square // PASSED_SQUARES, way, np.zeros_like(way))
+
+
+def _folds(tracks: Tracks, n_folds: int) -> IntArray:
+    """(n_tracks,) the fold of each vehicle, by its name: the same whichever others there are."""
+    _, first = np.unique(tracks.vehicle, return_index=True)
+    names = world_names(tracks.track_id[first], tracks.group[first])
+    return np.array([crc32(name.encode()) % n_folds for name in names.tolist()], np.int64)

@@ -1,0 +1,199 @@
+"""A store: a folder of summaries, one for each recording, and a manifest of the logs they came from.
+
+    STORE/store.json                  how logs are read and counted, and the frame of their positions
+    STORE/logs/HASH-OF-URL.json       the manifest
+    STORE/recordings/HASH-OF-ROWS.parquet
+
+What counts are the recordings that the manifest names, each once. A recording is written before the manifest names it,
+and every file takes its name when it is whole: so whatever is killed, nothing half counts.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Self
+
+from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.store.config import FORMAT, StoreConfig
+from dirprim_filter.store.manifest import Entry, new_file, remove_parts
+from dirprim_filter.store.summary import Summary
+from dirprim_filter.store.table import read_summary
+
+CONFIG_FILE, MANIFEST, RECORDINGS = "store.json", "logs", "recordings"
+SUMMED_AT_ONCE = 4_000_000
+"""Keys in memory, beside those of the sum."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Store:
+    """A store that exists.
+
+    Attributes:
+        path: its folder.
+        config: how its logs are read and counted.
+    """
+
+    path: Path
+    config: StoreConfig
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """A store that is there.
+
+        Raises:
+            RecordingError: there is none, or of another version.
+        """
+        try:
+            said = json.loads((path / CONFIG_FILE).read_bytes())
+            return cls(path=path, config=StoreConfig.from_json(said["config"], said["format"]))
+        except (FileNotFoundError, NotADirectoryError):
+            raise RecordingError(f"{path}: expected a store, found none; make one with `dirprim store add`") from None
+        except (ValueError, TypeError, KeyError) as error:
+            raise RecordingError(f"{path / CONFIG_FILE}: expected a store of format {FORMAT}, got {error}") from error
+
+    @classmethod
+    def create(cls, path: Path, config: StoreConfig) -> Self:
+        """A new store, in a folder that is not there yet or empty.
+
+        Raises:
+            RecordingError: the folder holds something else.
+            OSError: it cannot be made.
+        """
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise RecordingError(f"{path}: expected a store or an empty folder, found other files; choose another")
+        for name in (MANIFEST, RECORDINGS):
+            (path / name).mkdir(parents=True, exist_ok=True)
+        store = cls(path=path, config=config)
+        store._write_config(None)
+        return store
+
+    @property
+    def frame(self) -> str | None:
+        """Of all positions; None while there is no recording."""
+        frame = json.loads((self.path / CONFIG_FILE).read_bytes())["frame"]
+        return None if frame is None else str(frame)
+
+    def entries(self) -> list[Entry]:
+        """The logs that were added, in order of their URLs."""
+        return sorted((Entry.read(path) for path in (self.path / MANIFEST).glob("*.json")), key=lambda entry: entry.url)
+
+    def recording(self, rows: str) -> Path:
+        """The file of a recording, by the hash of its rows."""
+        return self.path / RECORDINGS / f"{rows}.parquet"
+
+    def summary(self) -> Summary:
+        """The sum of all recordings: the same whatever order they were added in, and from wherever."""
+        recordings = sorted({entry.rows for entry in self.entries()})
+        total = Summary.none(lattice=self.config.lattice, frame=self.frame or "")
+        for parts in _by_size(read_summary(self.recording(rows)) for rows in recordings):
+            total = Summary.total([total, *parts])
+        return total
+
+    def record(self, entry: Entry, frame: str) -> None:
+        """Count a log whose recording is written.
+
+        Raises:
+            ValueError: positions in another frame than those of the store.
+        """
+        self.check_frame(entry.url, frame)
+        replaced = self.entry_of(entry.url)
+        entry.write(self.path / MANIFEST)
+        if replaced is not None and replaced.rows != entry.rows:
+            self._drop(replaced.rows)
+
+    def check_frame(self, url: str, frame: str) -> None:
+        """Whether positions can be counted beside those of the store; the first log's frame becomes the store's.
+
+        Raises:
+            ValueError: they cannot.
+        """
+        ours = self.frame
+        if ours is None:
+            self._write_config(frame)
+        elif ours != frame:
+            raise ValueError(
+                f"{url}: expected positions in frame {ours!r} as in the rest of the store, got {frame!r}; use another "
+                "store, or another --frame or --origin for this one from its first log on"
+            )
+
+    def entry_of(self, url: str) -> Entry | None:
+        """The entry of a log; None where it was not added."""
+        wanted = self.path / MANIFEST / Entry.name_of(url)
+        return Entry.read(wanted) if wanted.exists() else None
+
+    def forget(self, url: str) -> Entry:
+        """Take a log out: the rest is what it would be had it never been added.
+
+        Raises:
+            ValueError: it is not in the store.
+        """
+        entry = self.entry_of(url)
+        if entry is None:
+            raise ValueError(f"{url}: is not in the store; `dirprim store info {self.path}` lists what is")
+        (self.path / MANIFEST / Entry.name_of(url)).unlink()
+        self._drop(entry.rows)
+        return entry
+
+    def merge(self, other: Store) -> int:
+        """Add all recordings of another store; -> how many logs are new.
+
+        Raises:
+            ValueError: it was read or counted otherwise, is in another frame, or holds another version of a log.
+        """
+        self.check_config(other.config)
+        theirs = other.entries()
+        if theirs:
+            self.check_frame(str(other.path), other.frame or "")
+        mine = {entry.url: entry for entry in self.entries()}
+        for entry in theirs:
+            if entry.url in mine and mine[entry.url].rows != entry.rows:
+                raise ValueError(f"{entry.url}: the stores hold two versions of it; forget one of them first")
+        new = [entry for entry in theirs if entry.url not in mine]
+        for entry in new:
+            if not self.recording(entry.rows).exists():
+                with other.recording(entry.rows).open("rb") as source, new_file(self.recording(entry.rows)) as file:
+                    shutil.copyfileobj(source, file)
+            entry.write(self.path / MANIFEST)
+        return len(new)
+
+    def check_config(self, asked: StoreConfig) -> None:
+        """Whether logs read and counted so can be added.
+
+        Raises:
+            ValueError: they cannot.
+        """
+        for field in fields(StoreConfig):
+            ours, theirs = getattr(self.config, field.name), getattr(asked, field.name)
+            if ours != theirs:
+                raise ValueError(f"{self.path}: expected {field.name} {ours}, as its logs are counted, got {theirs}")
+
+    def tidy(self) -> None:
+        """Remove what killed processes left."""
+        for name in (MANIFEST, RECORDINGS, "."):
+            remove_parts(self.path / name)
+
+    def _drop(self, rows: str) -> None:
+        """Remove a recording that no log holds any more."""
+        if all(entry.rows != rows for entry in self.entries()):
+            self.recording(rows).unlink(missing_ok=True)
+
+    def _write_config(self, frame: str | None) -> None:
+        said = {"format": FORMAT, "config": self.config.to_json(), "frame": frame}
+        with new_file(self.path / CONFIG_FILE) as file:
+            file.write(json.dumps(said, sort_keys=True, indent=1).encode())
+
+
+def _by_size(summaries: Iterable[Summary]) -> Iterator[list[Summary]]:
+    """The same in lists of about `SUMMED_AT_ONCE` keys."""
+    parts: list[Summary] = []
+    for summary in summaries:
+        parts.append(summary)
+        if sum(len(part.steps) for part in parts) >= SUMMED_AT_ONCE:
+            yield parts
+            parts = []
+    if parts:
+        yield parts

@@ -1,0 +1,66 @@
+"""What a map must not say: how few vehicles moved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from dirprim_filter.arrays import BoolArray, FloatArray
+from dirprim_filter.distributions import VonMisesMixture
+from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.motion_learning import modes_of
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.visits import Visits
+from dirprim_filter.tracks import Tracks
+
+
+def withheld(learned: PrimitiveMap, tracks: Tracks, min_vehicles: int) -> PrimitiveMap:
+    """The map without modes, manoeuvres and transitions of fewer vehicles.
+
+    A vehicle is of the mode that its visit to the cell fits best. What such modes weighed goes to the place-free
+    primitive, and a cell without modes is place-free.
+
+    Args:
+        learned: the map.
+        tracks: that it was learned from.
+        min_vehicles: so many at least.
+    """
+    enough = _vehicles_of_modes(learned, tracks) >= min_vehicles
+    own = enough.shape[1]
+    weight = learned.direction.weight.copy()
+    weight[:-1, :own] *= enough
+    weight /= weight.sum(axis=1, keepdims=True)
+    direction = VonMisesMixture(
+        weight=weight, mean_direction=learned.direction.mean_direction, concentration=learned.direction.concentration
+    )
+    return replace(learned, direction=direction, motion=_often_driven(learned.motion, enough, min_vehicles))
+
+
+def _vehicles_of_modes(learned: PrimitiveMap, tracks: Tracks) -> FloatArray:
+    """(n_cells, own modes) how many vehicles visited each."""
+    own = learned.direction.weight.shape[1] - learned.n_place_free_modes
+    visits = Visits.of(TrackRows.thinned(tracks, interval_s=0.0), learned.tessellation)
+    inside = visits.cell >= 0
+    mode = modes_of(learned, visits)[inside]
+    visited = np.unique(np.column_stack([visits.cell[inside], mode, visits.vehicle[visits.begin[inside]]]), axis=0)
+    n_cells = learned.tessellation.n_cells
+    return np.bincount(visited[:, 0] * own + visited[:, 1], minlength=n_cells * own).reshape(n_cells, own).astype(float)
+
+
+def _often_driven(motion: Motion, enough: BoolArray, least: int) -> Motion:
+    """The manoeuvres, of modes that are left, and the transitions between them that happened at least so often."""
+    placed = motion.cell >= 0
+    kept = ~placed
+    kept[placed] = enough[motion.cell[placed], motion.mode[placed]] & (motion.visits[placed] >= least)
+    z = kept.size
+    often = motion.count >= np.where(np.repeat(placed, np.diff(motion.first)), least, 0.0)
+    start = np.repeat(np.arange(z), np.diff(motion.first))[often]
+    transition = csr_array((motion.count[often], (start, motion.following[often])), shape=(z, z))[kept][:, kept]
+    columns = {name: getattr(motion, name)[kept] for name in (*FLOATS, "cell", "mode")}
+    return replace(
+        motion, **columns, first=transition.indptr.astype(np.int64), following=transition.indices.astype(np.int64),
+        count=transition.data.astype(np.float64),
+    )  # fmt: skip

@@ -1,0 +1,97 @@
+"""Who does many tasks: this process, or workers of Dask's `distributed`. The only file that knows of Dask.
+
+Futures alone, no collections: a task writes its result into the store and returns a small receipt, and the future is
+released at once, or what is held would be computed again when a worker dies. A task whose worker dies is done again by
+another; a task that kills its workers gives up after `RETRIES`.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Protocol, TypeVar
+
+from dirprim_filter.recording.errors import MissingExtraError
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+RETRIES = 3
+ALLOWED_FAILURES = 10
+"""Of workers, while they hold a task, before it is given up: a worker that dies takes what it holds along."""
+ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+class Workers(Protocol):
+    """Does tasks."""
+
+    def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        """The result of every task, in the order in which they are done."""
+        ...
+
+
+class InProcess:
+    """One task after the other."""
+
+    def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        """The results in the order of the tasks."""
+        return map(work, tasks)
+
+
+class LocalWorkers:
+    """Processes of this machine, one thread each.
+
+    Args:
+        n: how many.
+    """
+
+    def __init__(self, n: int) -> None:
+        if n < 1:
+            raise ValueError(f"workers: expected at least 1, got {n}")
+        self._n = n
+
+    def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        """The results as they come.
+
+        Raises:
+            MissingExtraError: `distributed` is not installed.
+        """
+        if not tasks:
+            return
+        dask, distributed = _dask()
+        settings = {
+            "distributed.scheduler.allowed-failures": ALLOWED_FAILURES, "distributed.nanny.environ": ONE_THREAD,
+            "distributed.worker.daemon": False,
+        }  # fmt: skip
+        with (
+            dask.config.set(settings),
+            distributed.LocalCluster(
+                n_workers=min(self._n, len(tasks)), threads_per_worker=1, processes=True, dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            distributed.Client(cluster) as client,
+        ):  # fmt: skip
+            futures = client.map(work, tasks, retries=RETRIES, pure=False)
+            for future in distributed.as_completed(futures):
+                result = future.result()
+                future.release()
+                yield result
+
+
+def workers_for(n_tasks: int, asked: int | None) -> Workers:
+    """So many workers as are asked for; of none asked for, this process where there are few tasks."""
+    n = min(os.cpu_count() or 1, n_tasks // FEW) if asked is None else asked
+    return InProcess() if n <= 1 else LocalWorkers(n)
+
+
+FEW = 8
+"""Tasks for each worker below which starting it takes as long as doing them."""
+
+
+def _dask() -> tuple[Any, Any]:
+    try:
+        import dask  # noqa: PLC0415 (an extra)
+        import distributed  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingExtraError("--workers", library="distributed", extra="fleet") from error
+    return dask, distributed

@@ -1,0 +1,78 @@
+"""`dirprim store` and `dirprim learn STORE`, from the command line to a map."""
+
+import json
+
+import numpy as np
+import pytest
+
+from dirprim_filter import load_map, write_tracks
+from dirprim_filter.cli.main import run
+from situations import ring_traffic
+
+
+@pytest.fixture
+def logs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for seed in range(2):
+        write_tracks(ring_traffic(np.random.default_rng(seed), n_vehicles=6, n_rows=40), tmp_path / f"{seed}.mcap")
+    return tmp_path
+
+
+def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
+    assert run(["store", "add", "fleet", "*.mcap"]) == 0
+    assert "added 2 logs, 480 rows; 0 known, 0 failed" in capsys.readouterr().out
+    assert run(["store", "add", "fleet", "0.mcap", "1.mcap"]) == 0
+    assert "added 0 logs, 0 rows; 2 known" in capsys.readouterr().out
+    assert run(["store", "info", "fleet", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rows"] == 480
+    grid = ["--tessellation", "grid", "--cell-size", "10"]
+    assert run(["learn", "fleet", "-o", "map.mcap", "--min-vehicles", "3", *grid]) == 0
+    assert "from 2 logs, 480 rows" in capsys.readouterr().out
+    assert run(["store", "merge", "other", "fleet"]) == 0
+    assert run(["learn", "other", "-o", "same.mcap", "--min-vehicles", "3", *grid]) == 0
+    assert (logs / "map.mcap").read_bytes() == (logs / "same.mcap").read_bytes()
+    assert load_map("map.mcap").motion.n_placed > 0
+    assert run(["store", "forget", "fleet", "0.mcap"]) == 0
+    capsys.readouterr()
+    assert run(["store", "info", "fleet"]) == 0
+    assert "1 log of 1 recording, 240 rows, 6 vehicles" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["learn", "fleet", "-o", "m.mcap", "--min-vehicles", "20"], "20 vehicles passed the same way"),
+        (["learn", "fleet", "1.mcap", "-o", "m.mcap"], "a store is learned from alone"),
+        (["learn", "fleet", "-o", "m.mcap", "--topics", "x"], "fixes how its logs are read"),
+        (["learn", "0.mcap", "-o", "m.mcap", "--min-vehicles", "3"], "expected a store, got logs"),
+        (["learn", "fleet", "-o", "m.mcap", "--now", "3"], "expected --half-life with it"),
+        (["store", "add", "fleet", "1.mcap", "--frame", "odom"], "expected frame None"),
+        (["store", "add", "fleet", "absent.mcap"], "absent.mcap: No such file"),
+        (["store", "forget", "fleet", "1.mcap"], "is not in the store"),
+        (["store", "info", "absent"], "expected a store, found none"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_what_cannot_be_done_is_said_in_one_line(logs, capsys, arguments, said):
+    assert run(["store", "add", "fleet", "0.mcap"]) == 0
+    capsys.readouterr()
+    assert run(arguments) == 1
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.startswith("error: ")
+    assert told.count("\n") == 1
+
+
+def test_durations_have_a_unit(logs, capsys):
+    assert run(["store", "add", "fleet", "0.mcap"]) == 0
+    for wrong in ("30", "-1d", "d", "nand"):
+        assert run(["learn", "fleet", "-o", "m.mcap", "--half-life", wrong]) == 2
+        assert "expected a positive duration such as 12h, 30d or 2w" in " ".join(capsys.readouterr().err.split())
+
+
+def test_one_log_that_fails_does_not_hide_that_others_were_added(logs, capsys):
+    (logs / "2.mcap").write_text("no log")
+    assert run(["store", "add", "fleet", "*.mcap"]) == 1
+    told = capsys.readouterr()
+    assert "added 2 logs" in told.out
+    assert "2.mcap" in told.err

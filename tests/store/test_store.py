@@ -1,0 +1,235 @@
+"""A store of logs: what counts, what is skipped, forgotten, merged and refused, and what a crash leaves."""
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dirprim_filter import write_tracks
+from dirprim_filter.recording.errors import MissingExtraError, RecordingError
+from dirprim_filter.recording.reader import read_track_logs
+from dirprim_filter.store import adding, table, workers
+from dirprim_filter.store.adding import add_logs, failures, hash_of_rows
+from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.lattice import Lattice
+from dirprim_filter.store.log_files import find_logs
+from dirprim_filter.store.store import Store
+from dirprim_filter.store.summary import Summary
+from dirprim_filter.store.workers import LocalWorkers
+from situations import ring_traffic
+
+
+def traffic(seed):
+    return ring_traffic(np.random.default_rng(seed), n_vehicles=3, n_rows=20)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A folder of three logs."""
+    folder = tmp_path_factory.mktemp("logs")
+    for seed in range(3):
+        write_tracks(traffic(seed), folder / f"{seed}.mcap")
+    return folder
+
+
+@pytest.fixture
+def store(tmp_path):
+    return Store.create(tmp_path / "store", StoreConfig())
+
+
+@pytest.fixture
+def full(store, logs):
+    add_logs(store, find_logs([str(logs / "*.mcap")]))
+    return store
+
+
+def files(store):
+    return {str(path.relative_to(store.path)): path.read_bytes() for path in store.path.rglob("*") if path.is_file()}
+
+
+def test_a_store_sums_its_recordings_whatever_the_order(full, logs, tmp_path):
+    backwards = Store.create(tmp_path / "backwards", StoreConfig())
+    for seed in (2, 0, 1):
+        add_logs(backwards, find_logs([str(logs / f"{seed}.mcap")]))
+    assert files(backwards) == files(full)
+    frame = full.frame
+    assert full.summary() == Summary.total([Summary.of(traffic(seed), frame=frame) for seed in range(3)])
+
+
+def test_known_logs_are_not_opened_again(full, logs, monkeypatch):
+    before = files(full)
+    monkeypatch.setattr(adding, "read_track_logs", None)
+    assert add_logs(full, find_logs([str(logs / "*.mcap")])).known == 3
+    assert files(full) == before
+
+
+def test_a_log_that_has_changed_replaces_what_it_was(full, tmp_path):
+    log = tmp_path / "log.mcap"
+    for seed in (7, 8):
+        write_tracks(traffic(seed), log, force=True)
+        os.utime(log, ns=(seed, seed))
+        add_logs(full, find_logs([str(log)]))
+    assert len(full.entries()) == 4
+    assert len(list((full.path / "recordings").iterdir())) == 4
+    assert full.entry_of(str(log)).rows == hash_of_rows(traffic(8))
+
+
+def test_a_copy_counts_once_and_stays_when_one_is_forgotten(full, logs, tmp_path):
+    total = full.summary()
+    (tmp_path / "copy.mcap").write_bytes((logs / "0.mcap").read_bytes())
+    add_logs(full, find_logs([str(tmp_path / "copy.mcap")]))
+    assert (len(full.entries()), full.summary()) == (4, total)
+    full.forget(str(logs / "0.mcap"))
+    assert full.summary() == total
+
+
+def test_forgetting_leaves_what_never_adding_would(full, logs, tmp_path):
+    without = Store.create(tmp_path / "without", StoreConfig())
+    add_logs(without, find_logs([str(logs / "0.mcap"), str(logs / "2.mcap")]))
+    full.forget(str(logs / "1.mcap"))
+    assert files(full) == files(without)
+    with pytest.raises(ValueError, match=r"1.mcap: is not in the store"):
+        full.forget(str(logs / "1.mcap"))
+
+
+def test_stores_merge_to_what_one_would_be(full, logs, tmp_path):
+    halves = [Store.create(tmp_path / name, StoreConfig()) for name in "ab"]
+    for half, numbers in zip(halves, ([0, 1], [1, 2]), strict=True):
+        add_logs(half, find_logs([str(logs / f"{number}.mcap") for number in numbers]))
+    assert (halves[0].merge(halves[1]), halves[0].merge(halves[1])) == (1, 0)
+    assert files(halves[0]) == files(full)
+    other = Store.create(tmp_path / "c", StoreConfig(lattice=Lattice(square_m=1.0)))
+    with pytest.raises(ValueError, match="expected lattice"):
+        full.merge(other)
+
+
+def test_another_frame_is_refused_and_the_rest_is_added(store, logs, tmp_path, monkeypatch):
+    write_tracks(traffic(5), tmp_path / "other.mcap")
+
+    def read(url, **reading):
+        result = read_track_logs(url, **reading)
+        return replace(result, frame="odom") if url.endswith("other.mcap") else result
+
+    monkeypatch.setattr(adding, "read_track_logs", read)
+    found = find_logs([str(logs / "0.mcap"), str(tmp_path / "other.mcap"), str(logs / "1.mcap")])
+    added = add_logs(store, sorted(found, key=lambda log: log.url != str(logs / "0.mcap")))
+    (line,) = failures(added)
+    assert f"{tmp_path / 'other.mcap'}: expected positions in frame 'map'" in line
+    assert [entry.url for entry in store.entries()] == [str(logs / "0.mcap"), str(logs / "1.mcap")]
+
+
+def test_a_log_that_cannot_be_read_does_not_stop_the_others(store, logs, tmp_path):
+    (tmp_path / "broken.mcap").write_text("no log")
+    added = add_logs(store, find_logs([str(tmp_path / "broken.mcap"), str(logs / "*.mcap")]))
+    assert [line.partition(":")[0] for line in failures(added)] == [str(tmp_path / "broken.mcap")]
+    assert len(store.entries()) == 3
+
+
+def test_a_crash_leaves_nothing_that_counts(store, logs, monkeypatch):
+    real = table.write_summary
+
+    def half(summary, file):
+        file.write(b"PAR1 half of it")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(adding, "write_summary", half)
+    with pytest.raises(KeyboardInterrupt):
+        add_logs(store, find_logs([str(logs / "0.mcap")]))
+    assert not any((store.path / "recordings").iterdir())
+    mine, theirs = (
+        store.path / "recordings" / f".{os.uname().nodename}-{number}-x.part" for number in (os.getpid(), 2**22 + 1)
+    )
+    mine.touch(), theirs.touch()
+    monkeypatch.setattr(adding, "write_summary", real)
+    add_logs(store, find_logs([str(logs / "0.mcap")]))
+    assert mine.exists()
+    assert not theirs.exists()
+    assert len(store.entries()) == 1
+
+
+def test_a_summary_comes_back_from_its_file(tmp_path):
+    summary = Summary.of(traffic(1), frame="odom")
+    for name in ("one", "other"):
+        with (tmp_path / name).open("wb") as file:
+            table.write_summary(summary, file)
+    assert table.read_summary(tmp_path / "one") == summary
+    written = (tmp_path / "one").read_bytes()
+    assert written == (tmp_path / "other").read_bytes()
+    for broken in (b"", written[:-20], written[:400] + b"xxxx" + written[404:], b"no table"):
+        (tmp_path / "broken").write_bytes(broken)
+        with pytest.raises(RecordingError, match=r"broken: expected statistics of a recording"):
+            table.read_summary(tmp_path / "broken")
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [("store.json", "{}"), ("store.json", "[1]"), ("store.json", '{"config": {}, "format": 9}'), ("logs/x.json", "[]"),
+     ("logs/x.json", '{"url": 3}')],
+)  # fmt: skip
+def test_damaged_files_of_a_store_are_named(full, file, text):
+    (full.path / file).write_text(text)
+    with pytest.raises(RecordingError, match=file):
+        Store.open(full.path).entries()
+
+
+def test_an_entry_names_no_file_outside_of_the_store(full):
+    entry = full.entries()[0]
+    path = full.path / "logs" / entry.name_of(entry.url)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"rows": "../../x"}))
+    with pytest.raises(RecordingError, match="expected the hash of a recording"):
+        full.entries()
+
+
+def test_what_finds_nothing_is_said(tmp_path):
+    for pattern, match in (("*.mcap", "expected logs, found none"), ("-", "expected a file or a URL")):
+        with pytest.raises(RecordingError, match=match):
+            find_logs([pattern if pattern == "-" else str(tmp_path / pattern)])
+    with pytest.raises(FileNotFoundError):
+        find_logs([str(tmp_path / "absent.mcap")])
+    with pytest.raises(RecordingError, match="expected a store, found none"):
+        Store.open(tmp_path / "absent")
+    (tmp_path / "file").touch()
+    with pytest.raises(RecordingError, match="expected a store or an empty folder"):
+        Store.create(tmp_path, StoreConfig())
+
+
+def test_urls_are_known_by_what_their_file_system_says(store, logs):
+    pytest.importorskip("fsspec")
+    found = find_logs([f"file://{logs}/*.mcap"])
+    assert [log.size for log in found] == [(logs / f"{i}.mcap").stat().st_size for i in range(3)]
+    assert all(log.url.startswith("file://") and log.mark for log in found)
+    add_logs(store, found[:1])
+    assert add_logs(store, found[:1]).known == 1
+    assert store.entry_of(found[0].url).rows == hash_of_rows(traffic(0))
+
+
+def test_without_an_extra_one_line_says_which(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'dirprim-filter\[fleet\]'"):
+        list(LocalWorkers(2).each(str, [1]))
+    assert isinstance(workers.workers_for(3, None), workers.InProcess)
+    assert isinstance(workers.workers_for(3, 2), LocalWorkers)
+
+
+def once_killed(task):
+    """Kills its own process, the first time that it is asked for what is not there yet."""
+    path, number = task
+    if number == 1 and not path.exists():
+        path.touch()
+        os.kill(os.getpid(), 9)
+    return number
+
+
+def test_a_killed_worker_loses_nothing(tmp_path):
+    pytest.importorskip("distributed")
+    tasks = [(tmp_path / "killed", number) for number in range(6)]
+    assert sorted(LocalWorkers(1).each(once_killed, tasks)) == list(range(6))
+    assert (tmp_path / "killed").exists()
+
+
+def test_config_refuses_what_differs(store):
+    with pytest.raises(ValueError, match="expected labels None, as its logs are counted, got car"):
+        store.check_config(replace(store.config, labels="car"))
+    assert Store.open(store.path) == store
