@@ -59,6 +59,11 @@ class ParticleFilter:
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
+    @property
+    def manoeuvres(self) -> FloatArray:
+        """(z, n) what each manoeuvre has particles do, in the columns of `MotionTable`."""
+        return self._table.row
+
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
         self.belief.reserve(n_slots)

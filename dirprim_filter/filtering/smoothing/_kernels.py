@@ -1,7 +1,6 @@
 """Compiled steps of the smoother: particles as columns, their joint moments, and the sweep back.
 
-A state is x, y and their rates. A link says what the state at one time was, given that at a later one:
-x | x' ~ N(mean + gain (x' - later), spread).
+A link says what the state at one time was, given that at a later one: x | x' ~ N(mean + gain (x' - later), spread).
 """
 
 import math
@@ -12,30 +11,41 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._elementary import squared_sine
 from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
+from dirprim_filter.primitives._manoeuvres import A_0, A_E, A_N, A_V, EAST, EXTENT, NORTH, PUSH, STARTS
 
-N_STATES = 4
-N_COLUMNS = 6
+N_STATES = 5
+"""Of a particle: x, y, their rates, and the acceleration along its way, which lasts: without it a sweep takes each
+step's error for one of its own, and is too sure."""
+N_COLUMNS = 7
 """Of a particle: its state, then cosine and sine of its direction."""
 HALVINGS = 12
 """Of the interval in which the exponent of weights is looked for."""
-LEAST_VARIANCE = np.array([1e-8, 1e-8, 1e-6, 1e-6])
+LEAST_VARIANCE = np.array([1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
 """Added to what a later state varies by: standing vehicles' velocities do not vary at all."""
 
 
 @njit(cache=True, nogil=True)
-def columns_of(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
-    """Fills (V, 6, P): x, y, their rates, cosine and sine of the direction."""
+def columns_of(cloud: Cloud, rows: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
+    """Fills (V, 7, P): x, y, their rates, acceleration, cosine and sine of the direction; `rows` see `MotionTable`."""
     for i in range(vehicle.size):
         v = vehicle[i]
         place, direction, speed, column = cloud.position[v], cloud.direction[v], cloud.speed[v], out[i]
+        manoeuvre, push = cloud.manoeuvre[v], cloud.push[v]
         for p in range(direction.size):
-            column[4, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
+            column[5, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
         for p in range(direction.size):
-            column[5, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
+            column[6, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
         for p in range(direction.size):
             column[0, p], column[1, p] = place[p, 0], place[p, 1]
         for p in range(direction.size):
-            column[2, p], column[3, p] = speed[p] * column[4, p], speed[p] * column[5, p]
+            column[2, p], column[3, p] = speed[p] * column[5, p], speed[p] * column[6, p]
+        for p in range(direction.size):
+            row = rows[manoeuvre[p]]
+            extent, moves = row[EXTENT], 0.0 if row[STARTS] > 0.0 else 1.0
+            east = min(max(place[p, 0] - row[EAST], -extent), extent)
+            north = min(max(place[p, 1] - row[NORTH], -extent), extent)
+            gained = row[A_0] + row[A_E] * east + row[A_N] * north + row[A_V] * speed[p] + row[PUSH] * push[p]
+            column[4, p] = moves * gained
 
 
 @njit(cache=True, nogil=True)
@@ -68,7 +78,7 @@ def tempered(before: FloatArray, after: FloatArray, least: float, weight: FloatA
 
 @njit(cache=True, nogil=True)
 def moments(weight: FloatArray, column: FloatArray, mean: FloatArray, covariance: FloatArray) -> None:
-    """Fills (6,) and (4, 4) from (6, P) columns."""
+    """Fills (7,) and (5, 5) from (7, P) columns."""
     mean[:] = np.dot(column, weight)
     off = np.empty((N_STATES, weight.size))
     covariance[:] = np.dot(weighted(weight, column, mean, off), off.T)
@@ -76,7 +86,7 @@ def moments(weight: FloatArray, column: FloatArray, mean: FloatArray, covariance
 
 @njit(cache=True, nogil=True)
 def weighted(weight: FloatArray, column: FloatArray, mean: FloatArray, off: FloatArray) -> FloatArray:
-    """Fills (4, P) deviations of the states from their mean; -> (4, P) the same by weight."""
+    """Fills (5, P) deviations of the states from their mean; -> (5, P) the same by weight."""
     by_weight = np.empty_like(off)
     for a in range(N_STATES):
         for p in range(weight.size):
@@ -91,7 +101,7 @@ def link(
     weight: FloatArray, then: FloatArray, now: FloatArray, mean: FloatArray, later: FloatArray, gain: FloatArray,
     spread: FloatArray,
 ) -> None:  # fmt: skip
-    """The link from particles `then` (6, P) to the same ones `now`: mean (6,), later (4,), gain and spread (4, 4).
+    """The link from particles `then` (7, P) to the same ones `now`: mean (7,), later (5,), gain and spread (5, 5).
 
     gain = C (P' + least)^-1 and spread = P - gain C^T - C gain^T + gain P' gain^T, C = cov(then, now).
     """
@@ -155,25 +165,26 @@ def sweep_back(
 
     Args:
         ahead: (n,) how many links ahead the later state of each stands.
-        mean: (n, 4) of each state.
-        later: (n, 4) of its later state.
-        gain: (n, 4, 4) from a later state's deviation to its own.
-        spread: (n, 4, 4) of what the later state leaves open.
-        state: (n + 1, 4) of which the last is given; the others are filled.
-        covariance: (n + 1, 4, 4), likewise.
+        mean: (n, d) of each state.
+        later: (n, d) of its later state.
+        gain: (n, d, d) from a later state's deviation to its own.
+        spread: (n, d, d) of what the later state leaves open.
+        state: (n + 1, d) of which the last is given; the others are filled.
+        covariance: (n + 1, d, d), likewise.
     """
-    half = np.empty((N_STATES, N_STATES))
+    d = mean.shape[1]
+    half = np.empty((d, d))
     for i in range(ahead.size - 1, -1, -1):
         j = i + ahead[i]
-        for a in range(N_STATES):
+        for a in range(d):
             state[i, a] = mean[i, a]
-            for k in range(N_STATES):
+            for k in range(d):
                 state[i, a] += gain[i, a, k] * (state[j, k] - later[i, k])
                 half[a, k] = 0.0
-                for m in range(N_STATES):
+                for m in range(d):
                     half[a, k] += gain[i, a, m] * covariance[j, m, k]
-        for a in range(N_STATES):
-            for b in range(N_STATES):
+        for a in range(d):
+            for b in range(d):
                 covariance[i, a, b] = spread[i, a, b]
-                for k in range(N_STATES):
+                for k in range(d):
                     covariance[i, a, b] += half[a, k] * gain[i, b, k]
