@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
+from shutil import copy
 
 import numpy as np
 import pytest
@@ -34,16 +35,23 @@ def few(ring):
     return ring[ring.track_id < 6]
 
 
-@pytest.fixture
-def log(few, tmp_path):
-    write_tracks(few, tmp_path / "few.mcap")
-    return tmp_path / "few.mcap"
+@pytest.fixture(scope="module")
+def files(few, tmp_path_factory):
+    """A folder of a log and of the map that is learned from it."""
+    folder = tmp_path_factory.mktemp("files")
+    write_tracks(few, folder / "few.mcap")
+    assert dirprim("learn", folder / "few.mcap", "-o", folder / "map.mcap", *GRID, "--cell-size", 6) == DONE
+    return folder
 
 
 @pytest.fixture
-def learned(log, tmp_path):
-    assert dirprim("learn", log, "-o", tmp_path / "map.mcap", *GRID, "--cell-size", 6) == DONE
-    return tmp_path / "map.mcap"
+def log(files, tmp_path):
+    return Path(copy(files / "few.mcap", tmp_path))
+
+
+@pytest.fixture
+def learned(files, tmp_path):
+    return Path(copy(files / "map.mcap", tmp_path))
 
 
 def csv_of(tracks, path, *, noise_m=0.0, rng=None):

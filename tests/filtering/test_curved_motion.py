@@ -11,6 +11,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives import _manoeuvres
 from moving import only_places
 from situations import one_cell_map, ring_traffic
@@ -21,13 +22,12 @@ RADIUS = 20.0
 
 def off_the_ring(primitive_map, *, horizon_s=3.0):
     """Mean distance from the ring of vehicles that were not learned from, that many seconds later."""
-    rng = np.random.default_rng(0)
     test = ring_traffic(np.random.default_rng(77), n_vehicles=40, n_rows=1)
-    last = np.concatenate([
-        forecast(primitive_map, position=p, direction=d, speed=s, horizon_s=horizon_s, rng=rng)[:, -1]
-        for p, d, s in zip(test.position, test.direction, test.speed, strict=True)
-    ])  # fmt: skip
-    return np.abs(np.hypot(*last.T) - RADIUS).mean()
+    last = forecast_states(
+        primitive_map, position=test.position, direction=test.direction, speed=test.speed, time_s=[horizon_s],
+        rng=np.random.default_rng(0),
+    )  # fmt: skip
+    return np.abs(np.hypot(last[..., 0], last[..., 1]) - RADIUS).mean()
 
 
 @pytest.mark.parametrize("cell_size", [6.0, 9.0])
