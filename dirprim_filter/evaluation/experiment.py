@@ -12,7 +12,7 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.estimates import EstimateSink
 from dirprim_filter.evaluation.baselines.constant_velocity_smoother import best_in_hindsight
 from dirprim_filter.evaluation.baselines.raw_detections import as_reported
-from dirprim_filter.evaluation.methods import RAW, SMOOTHED, filters
+from dirprim_filter.evaluation.methods import ON_A_MAP, RAW, SMOOTHED, filters
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scoring import TrackedWorld, report
 from dirprim_filter.evaluation.splits import honest_split
@@ -128,7 +128,9 @@ def evaluate_tracking(
     for i in range(experiment.n_seeds):
         deal, learn, sense, fit, filtering = np.random.default_rng([experiment.seed, i]).spawn(5)
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
-        learned = primitive_map or learn_primitives(train, rng=learn)
+        learned = primitive_map
+        if learned is None and not set(ON_A_MAP).isdisjoint(experiment.methods):
+            learned = learn_primitives(train, rng=learn)
         steps.add()
         sensing = int(sense.integers(2**63))
         scenes = [Scene.of(world, experiment, sensor, seed=sensing) for world in test.worlds()]

@@ -30,6 +30,8 @@ Method = Literal["prior", "place-free", "constant velocity", "constant turn", "i
 METHODS: tuple[Method, ...] = get_args(Method)
 SMOOTHED: tuple[Method, ...] = ("prior", "place-free", "constant velocity")
 """Those that have a smoother."""
+ON_A_MAP: tuple[Method, ...] = ("prior", "place-free")
+"""Those that need a map."""
 MakeFilter = Callable[[], BayesFilter]
 
 SCALES = (0.1, 0.3, 1.0, 3.0)
@@ -41,14 +43,14 @@ MAX_FITTED = 10
 
 
 def filters(
-    methods: tuple[Method, ...], primitive_map: PrimitiveMap, train: Tracks, config: FilterConfig, *,
+    methods: tuple[Method, ...], primitive_map: PrimitiveMap | None, train: Tracks, config: FilterConfig, *,
     rng: np.random.Generator,
 ) -> dict[Method, MakeFilter]:  # fmt: skip
     """What makes the filter of each method that has one, fitted once.
 
     Args:
         methods: which.
-        primitive_map: for the particle filters.
+        primitive_map: for those of `ON_A_MAP`; None without them.
         train: vehicles that the Kalman filters are fitted to.
         config: measurements and particles.
         rng: the noise of the measurements they are fitted by.
@@ -74,7 +76,7 @@ def filters(
         if method in kalman:
             turns = TURNS if method != "constant velocity" else TURNS[:1]
             made[method] = _best(kalman[method], turns, seen, config)
-        elif method != RAW:
+        elif primitive_map is not None and method in ON_A_MAP:
             of = primitive_map if method == "prior" else primitive_map.without_places()
             made[method] = _particles(of, config)
     return made

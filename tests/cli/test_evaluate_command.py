@@ -36,12 +36,12 @@ def remembered(evaluation):
     results = {}
 
     def evaluate_once(tracks, *settings, progress, sinks=(), rng=None, **options):
+        drawn = None if rng is None else str(rng.bit_generator.state)
+        key = (tracks.position.tobytes(), repr(settings), repr({**options, "rng": drawn}))
         if sinks:
             options["sinks"] = sinks
         if rng is not None:
             options["rng"] = rng
-        drawn = None if rng is None else str(rng.bit_generator.state)
-        key = (tracks.position.tobytes(), repr(settings), repr({**options, "rng": drawn}))
         if key not in results or sinks:
             results[key] = evaluation(tracks, *settings, progress=progress, **options)
         return results[key]
@@ -81,7 +81,9 @@ def test_density_tells_people_and_machines_the_same(log, capsys):
     assert f"DGM: {grid_map['setting']}" in text
 
 
-def test_one_fold_has_no_deviation_of_folds(log, capsys):
+def test_one_fold_has_no_deviation_of_folds(log, capsys, monkeypatch):
+    first, *_ = density.all_methods(max_speed=20.0)
+    monkeypatch.setattr(density, "all_methods", lambda **_: [first])
     assert evaluate("density", log, "--split", "random", "--folds", 1, "--every", 2.0, "--json") == DONE
     table = json.loads(capsys.readouterr().out)
     assert table["n_held_out"] == 4
@@ -200,8 +202,10 @@ def test_forecasts_can_be_had_again_from_what_was_reported(log, capsys, tmp_path
     (tmp_path / "run.json").write_text(first)
     assert evaluate("forecast", log, "--config", tmp_path / "run.json", "--json") == DONE
     assert capsys.readouterr().out == first
-    assert evaluate("forecast", log, "--config", tmp_path / "run.json", "--seed", 0, "--json") == DONE
-    assert json.loads(capsys.readouterr().out)["experiment"] == json.loads(first)["experiment"] | {"seed": 0}
+    others = ("--seed", 0, "--interaction", "none")
+    assert evaluate("forecast", log, "--config", tmp_path / "run.json", *others, "--json") == DONE
+    changed = {"seed": 0, "interaction": "none"}
+    assert json.loads(capsys.readouterr().out)["experiment"] == json.loads(first)["experiment"] | changed
     (tmp_path / "wrong.toml").write_text("n_fold = 2")
     assert evaluate("forecast", log, "--config", tmp_path / "wrong.toml") == FAILED
     assert "experiment: n_fold: expected one of split_by" in capsys.readouterr().err
