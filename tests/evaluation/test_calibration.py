@@ -77,7 +77,7 @@ def test_clocks_apart_are_found_and_are_no_latency():
     assert found.clock_offset_s == pytest.approx(7.3, abs=0.05)
     assert found.sensor.latency_s == 0.0
     assert "latency_s" not in found.sensor.uncertainty
-    assert any(line.startswith("latency_s: clocks differ") for line in found.unknown)
+    assert any(line.startswith("latency_s: the clocks differ") for line in found.unknown)
 
 
 def test_a_truth_of_some_vehicles_serves_without_names():
