@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from tessellation._arrays import FloatArray, IntArray
 from tessellation._gating import border_distance
@@ -61,8 +60,7 @@ def scoring_step(
     row, column = np.nonzero(np.isfinite(gate))
     log_p = np.full(gate.shape, -np.inf)
     log_p[row, column] = log_density(row, cell[row, column])
-    prior = np.exp(gate - logsumexp(gate, axis=1, keepdims=True))
-    posterior = np.exp(gate + log_p - logsumexp(gate + log_p, axis=1, keepdims=True))
+    prior, posterior = _shares(gate), _shares(gate + log_p)
     score, information = _score(position, weight, generators, cell, half_apart, metres[:, 0], prior, posterior)
     ridge = RIDGE * np.trace(information, axis1=1, axis2=2) + 1e-9
     information += ridge[:, None, None] * np.eye(2)
@@ -72,6 +70,12 @@ def scoring_step(
     length = np.linalg.norm(step, axis=1)
     step *= np.minimum(1.0, FARTHEST_MOVE * spacing / np.maximum(length, 1e-300))[:, None]
     return Scoring(step, cell, posterior)
+
+
+def _shares(log_p: FloatArray) -> FloatArray:
+    """exp(log_p), scaled so that each row sums to one. (n, k)."""
+    share = np.exp(log_p - log_p.max(axis=1, keepdims=True))
+    return np.asarray(share / share.sum(axis=1, keepdims=True))
 
 
 def _score(

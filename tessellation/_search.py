@@ -13,7 +13,7 @@ from tessellation._gating import halve, leave_out, sort_by_cell, unite
 from tessellation._scoring import N_RIVALS, Scoring, scoring_step
 from tessellation._state import State, joined, known, sums, taken
 from tessellation.gates import LEAST_SHARE, members_of, nearest_generators, part_of_members
-from tessellation.protocols import CellModel, Cells, Data_contra, Members
+from tessellation.protocols import CellModel, Cells, Data_contra, Members, RefittingModel
 
 LEAST_ROWS = 4
 """A cell of fewer rows is not split."""
@@ -66,17 +66,25 @@ class Search(Generic[Data_contra, Cells]):
 
     # States -----------------------------------------------------------------------------------------------------------
 
-    def evaluate(self, generators: FloatArray, softness: float, *before: State[Cells]) -> State[Cells]:
-        """The state of these generators; cells that one of `before` has with the same members are taken from it."""
+    def evaluate(
+        self, generators: FloatArray, softness: float, *before: State[Cells], near: State[Cells] | None = None
+    ) -> State[Cells]:
+        """The state of these generators.
+
+        Args:
+            generators: (n_cells, 2).
+            softness: of the gates.
+            before: cells that one of these states has with the same members are taken from it.
+            near: a state of as many cells, each with nearly the same members; fits start from its.
+        """
         members, cell = members_of(self.position[self.row], generators, softness=softness)
         signature = sums(members.weight * self.salt[self.row[members.row]], members.start)
         source, number = known(generators, signature, before)
         new = np.flatnonzero(source < 0)
-        fitted = self._fit(part_of_members(members, new))
+        fitted = self._fit(part_of_members(members, new), None if near is None else self._of_folds(near.fits, new))
         source[new], number[new] = len(before), np.arange(new.size)
         first = np.cumsum([0, *(len(state.generators) for state in before)])
-        held_out = (first[source] + number)[:, None] * self.n_folds + np.arange(self.n_folds)
-        fits = taken(joined([*(state.fits for state in before), fitted]), held_out.ravel())
+        fits = self._of_folds(joined([*(state.fits for state in before), fitted]), first[source] + number)
         score = np.empty(self.row.size)
         again = np.ones(self.row.size, np.bool_)
         finished = np.zeros(len(generators), np.bool_)
@@ -93,12 +101,24 @@ class Search(Generic[Data_contra, Cells]):
             refused=before[0].refused if before else np.empty(0),
         )  # fmt: skip
 
-    def _fit(self, members: Members) -> Cells:
-        """Every cell without each of the folds."""
+    def _fit(self, members: Members, near: Cells | None = None) -> Cells:
+        """Every cell without each of the folds, from fits of nearly the same members where there are any."""
         start, row, weight = leave_out(members.start, members.row, members.weight, self.fold, self.n_folds)
-        kept = self.row[row]
         center = np.repeat(members.center, self.n_folds, axis=0)
-        return self.model.fit(self.position, self.data, Members(start, kept, weight * self.weight[kept], center))
+        return self._fit_all(Members(start, row, weight, center), near)
+
+    def _fit_all(self, members: Members, near: Cells | None) -> Cells:
+        """Every cell from all its members, which are numbered among the data that are used."""
+        row = self.row[members.row]
+        members = Members(members.start, row, members.weight * self.weight[row], members.center)
+        if near is not None and isinstance(self.model, RefittingModel):
+            fits: Cells = self.model.refit(self.position, self.data, members, near)
+            return fits
+        return self.model.fit(self.position, self.data, members)
+
+    def _of_folds(self, fits: Cells, cell: IntArray) -> Cells:
+        """The fits of some cells, without each of the folds."""
+        return taken(fits, (cell[:, None] * self.n_folds + np.arange(self.n_folds)).ravel())
 
     def _log_density(self, fits: Cells, row: IntArray, cell: IntArray) -> FloatArray:
         """Of rows, numbered among those used, in cells as fitted without the row's fold."""
@@ -209,12 +229,10 @@ class Search(Generic[Data_contra, Cells]):
             return state
         generators = state.generators
         members = state.members
+        fits: Cells | None = None
         for width in ANNEALING_WIDTHS:
             for _ in range(ANNEALING_STEPS):
-                row = self.row[members.row]
-                fits = self.model.fit(
-                    self.position, self.data, Members(members.start, row, members.weight * self.weight[row], generators)
-                )
+                fits = self._fit_all(members, fits)
                 scoring = self._scoring(generators, width, fits, held_out=False)
                 generators = generators + scoring.step
                 datum, rival = np.nonzero(scoring.responsibility >= LEAST_SHARE)
@@ -233,9 +251,11 @@ class Search(Generic[Data_contra, Cells]):
 
     def _helpful(self, state: State[Cells], trial: FloatArray) -> State[Cells] | None:
         """The better of all the moves, and of those alone that help the cells around; None if neither is any good."""
-        every = self.evaluate(trial, state.softness, state)
+        every = self.evaluate(trial, state.softness, state, near=state)
         helped = self._gain_around(state, every) > 0
-        some = self.evaluate(np.where(helped[:, None], trial, state.generators), state.softness, state, every)
+        some = self.evaluate(
+            np.where(helped[:, None], trial, state.generators), state.softness, state, every, near=state
+        )
         best = min((every, some), key=lambda found: found.objective)
         return best if best.objective < state.objective else None
 

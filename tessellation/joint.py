@@ -153,12 +153,20 @@ def fit_jointly(
 def _first(
     search: Search[Data_contra, Cells], spread: Callable[[int], FloatArray], n_cells: int | None, softness: float
 ) -> State[Cells]:
-    """Even cells to begin with."""
+    """Even cells to begin with: the best power of two, from the middle one on as long as the objective falls."""
     most = n_cells or max(1, search.row.size // FEWEST_ROWS)
-    numbers = 2 ** np.arange(int(np.log2(most)) + 1)
-    objective = [search.evaluate(spread(int(n)), softness).objective for n in numbers]
-    best = int(numbers[np.argmin(objective)])
-    return search.evaluate(spread(max(1, int(START_SHARE * best))), softness)
+    last = int(np.log2(most))
+    objective: dict[int, float] = {-1: np.inf, last + 1: np.inf}
+
+    def worse(power: int) -> float:
+        if power not in objective:
+            objective[power] = search.evaluate(spread(2**power), softness).objective
+        return objective[power]
+
+    best = (last + 1) // 2
+    while (near := min((best, best - 1, best + 1), key=worse)) != best:
+        best = near
+    return search.evaluate(spread(max(1, int(START_SHARE * 2**best))), softness)
 
 
 def _descend(
@@ -173,14 +181,15 @@ def _descend(
     for _ in range(MAX_ROUNDS):
         before = state
         split = search.split(state, n_cells)
+        still_to_come = n_cells is not None and split is not before
         state = search.move(split)
-        if split is before:
+        if not still_to_come and state.objective >= before.objective - search.least_gain:
             state = search.anneal(state)
             state = search.merge(state) if n_cells is None else state
             state = search.soften(state, softness)
         if state is not before:
             report(state)
-        if state.objective >= before.objective - search.least_gain and len(state.generators) == len(before.generators):
+        if not still_to_come and state.objective >= before.objective - search.least_gain:
             break
     return state
 

@@ -68,6 +68,14 @@ class Modes(NamedTuple):
         shape = np.minimum(np.exp(log_shape), bounds.max_shape)
         return cls(weight, mean, concentration, shape, shape / np.exp(log_mean_speed), *slopes)
 
+    def table(self) -> FloatArray:
+        """What `of` took apart. -> (..., K, N_CURVED)."""
+        weight, mean, concentration, shape, rate, *slopes = self
+        log_weight = np.where(weight > 0.0, np.log(np.maximum(weight, 1e-300)), NO_MODE)
+        log_shape = np.log(np.maximum(shape, 1.0))
+        log_mean_speed = np.log(np.maximum(shape, 1.0) / np.where(rate > 0.0, rate, 1.0))
+        return np.stack([log_weight, mean, np.log1p(concentration), log_shape, log_mean_speed, *slopes], axis=-1)
+
 
 def empty_table(*shape: int) -> FloatArray:
     """Room for modes, none of them there yet. -> (*shape, N_CURVED)."""

@@ -11,6 +11,7 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.primitives import _cell_density
+from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.fitting import fit_all
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe, Usual
@@ -63,8 +64,11 @@ class PrimitiveModel(NamedTuple):
 
     def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
+        return self._fitted(position, data, members, None)
+
+    def _fitted(self, position: FloatArray, data: TrackRows, members: Members, near: Modes | None) -> PrimitiveCells:
         cells = CellRows.of(data, members, position, standing_speed=self.recipe.config.standing_speed)
-        modes = fit_all(cells, self.recipe.bounds, at_once=self.recipe.modes == "bic")
+        modes = fit_all(cells, self.recipe.bounds, at_once=self.recipe.modes == "bic", near=near)
         n_rows = cells.n_moving + cells.n_standing
         return PrimitiveCells(
             *modes,
@@ -73,6 +77,16 @@ class PrimitiveModel(NamedTuple):
             n_rows=n_rows,
             center=members.center,
         )
+
+    def refit(self, position: FloatArray, data: TrackRows, members: Members, cells: PrimitiveCells) -> PrimitiveCells:
+        """Every cell's modes, from those before its members changed a little; see `tessellation.RefittingModel`."""
+        east, north = (members.center - cells.center).T[..., None]
+        before = Modes(*cells[: len(Modes._fields)])
+        near = before._replace(
+            mean=before.mean + before.bend_east * east + before.bend_north * north,
+            rate=before.rate * np.exp(-before.gain_east * east - before.gain_north * north),
+        )
+        return self._fitted(position, data, members, near)
 
     def log_density(
         self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray

@@ -52,8 +52,6 @@ FINISHING_ITERATIONS = 10
 TOLERANCE = 1e-7
 """Of the objective per vehicle."""
 ROUGH_TOLERANCE = 1e-3
-SIDE_BY_SIDE = 4
-"""Numbers in a vector instruction."""
 CELLS_PER_SHARE = 16
 """Threads take so many cells at a time: few enough to level out what cells cost."""
 
@@ -148,6 +146,7 @@ def fit_all(
     bounds: Bounds,
     *,
     at_once: bool,
+    near: Modes | None = None,
     worth_merging: int = WORTH_MERGING,
     n_threads: int | None = None,
 ) -> Modes:
@@ -157,6 +156,8 @@ def fit_all(
         in_cells: the rows of each cell.
         bounds: priors and bounds.
         at_once: direction and speed together and modes by BIC, or else the paper's two steps.
+        near: (n_cells, max_modes) modes of nearly the same rows: with `at_once` cells that have any keep their number,
+            and climb from there.
         worth_merging: rows that large cells must have together before any are merged.
         n_threads: as many as there are cores if absent.
 
@@ -167,9 +168,9 @@ def fit_all(
     given = in_cells if at_once else in_cells.by_direction()
     bounds = bounds._replace(with_speed=at_once, curved=at_once and bounds.curved)
     merged = to_merge(in_cells, bounds, worth_merging) if at_once else np.zeros(in_cells.n_vehicles.size, np.bool_)
-    columns, start = columns_of(given, bounds, merged) if at_once else _unmerged(given, side_by_side=1)
+    columns, start = columns_of(given, bounds, merged)
     n_cells = in_cells.n_vehicles.size
-    table = empty_table(n_cells, bounds.max_modes)
+    table = empty_table(n_cells, bounds.max_modes) if near is None or not at_once else near.table()
 
     def fit_share(first: int) -> None:
         fit(columns, start, in_cells.n_vehicles, bounds, first, min(first + CELLS_PER_SHARE, n_cells), table)
@@ -226,28 +227,20 @@ def columns_of(in_cells: CellRows, bounds: Bounds, merged: BoolArray) -> tuple[F
     return np.concatenate(parts, axis=1), start
 
 
-def _unmerged(
-    in_cells: CellRows, of_cells: BoolArray | None = None, *, side_by_side: int = SIDE_BY_SIDE
-) -> tuple[FloatArray, IntArray]:
-    """A column for each member of positive weight of the cells that are asked for.
-
-    Each cell's are filled up with columns of no weight to a multiple of `side_by_side`, for what a loop leaves over is
-    done one by one.
-    """
+def _unmerged(in_cells: CellRows, of_cells: BoolArray | None = None) -> tuple[FloatArray, IntArray]:
+    """A column for each member of positive weight of the cells that are asked for."""
     n_members = np.diff(in_cells.start)
     cell = np.repeat(np.arange(n_members.size), n_members)
     meant = in_cells.weight > 0.0
     if of_cells is not None:
         meant &= of_cells[cell]
     cell, row = cell[meant], in_cells.row[meant]
-    n = np.bincount(cell, minlength=n_members.size)
-    start = np.concatenate([[0], np.cumsum(-(-n // side_by_side) * side_by_side)])
-    column = np.arange(cell.size) + (start[:-1] - np.cumsum(n) + n)[cell]
-    columns = np.zeros((N_COLUMNS, start[-1]))
-    columns[COSINE], columns[SPEED] = 1.0, 1.0
-    direction, speed = in_cells.direction[row], in_cells.speed[row]
-    columns[COSINE, column], columns[SINE, column] = np.cos(direction), np.sin(direction)
-    columns[SPEED, column], columns[LOG_SPEED, column] = speed, np.log(speed)
-    columns[WEIGHT, column] = in_cells.weight[meant]
-    columns[EAST, column], columns[NORTH, column] = (in_cells.position[row] - in_cells.center[cell]).T
+    start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=n_members.size))])
+    used, index = (slice(None), row) if row.size > in_cells.speed.size else (row, slice(None))  # what costs less
+    direction, speed = in_cells.direction[used], np.maximum(in_cells.speed[used], 1e-300)
+    columns = np.empty((N_COLUMNS, row.size))
+    columns[COSINE], columns[SINE] = np.cos(direction)[index], np.sin(direction)[index]
+    columns[SPEED], columns[LOG_SPEED] = speed[index], np.log(speed)[index]
+    columns[WEIGHT] = in_cells.weight[meant]
+    columns[EAST], columns[NORTH] = (in_cells.position[row] - in_cells.center[cell]).T
     return columns, start

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,14 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives.motion import Motion
-from dirprim_filter.primitives.motion_learning import Labels, LearningKnobs, fit_motion, label_visits, motion_of
+from dirprim_filter.primitives.motion_learning import (
+    Compared,
+    Labels,
+    LearningKnobs,
+    fit_motion,
+    label_visits,
+    motion_of,
+)
 from dirprim_filter.primitives.motion_sums import MotionSums
 from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
 from dirprim_filter.primitives.place_free_motion import learn_place_free
@@ -72,14 +80,19 @@ def choose_knobs(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Ge
             folds.append(_Fold(primitives, Visits.of(rows[~held_out], primitives.tessellation), cases, rng))
     if not folds:
         return LearningKnobs()
+
+    @cache
+    def forecasts(trial: LearningKnobs) -> tuple[FloatArray, FloatArray]:
+        return np.concatenate([f.forecast(trial) for f in folds]), np.concatenate([f.cases.later for f in folds])
+
     knobs = LearningKnobs()
     for name, values in CANDIDATES.items():
         trials = [knobs._replace(**{name: value}) for value in values]
-        scores = [_energy(*_forecasts(folds, trial)) for trial in trials]
+        scores = [_energy(*forecasts(trial)) for trial in trials]
         best = int(np.argmin(scores))
         knobs = trials[best if scores[best] < scores[0] - WORTH else 0]
     trials = [knobs._replace(spread=spread) for spread in SPREADS]
-    knobs = min(trials, key=lambda trial: _surprise(*_forecasts(folds, trial)))
+    knobs = min(trials, key=lambda trial: _surprise(*forecasts(trial)))
     logger.info("motion: %s", knobs)
     return knobs
 
@@ -89,6 +102,7 @@ class _Fold:
 
     def __init__(self, primitives: PrimitiveMap, seen: Visits, cases: Cases, rng: np.random.Generator) -> None:
         self._primitives, self._seen, self.cases = primitives, seen, cases
+        self._compared = Compared.of(primitives, seen)
         self._place_free = learn_place_free(seen, rng=rng)
         self._seed = int(rng.integers(2**63))
         self._grouped: dict[float, tuple[Labels, MotionSums]] = {}
@@ -97,7 +111,7 @@ class _Fold:
         """(n, N_SAMPLES, lags, 2) metres, where the cases' vehicles may be."""
         if knobs.detail not in self._grouped:
             rng = np.random.default_rng(self._seed)
-            labels = label_visits(self._primitives, self._seen, detail=knobs.detail, rng=rng)
+            labels = label_visits(self._primitives, self._seen, detail=knobs.detail, rng=rng, compared=self._compared)
             self._grouped[knobs.detail] = labels, MotionSums.of(self._seen, *labels, self._primitives)
         labels, sums = self._grouped[knobs.detail]
         motion = motion_of(sums, labels, self._primitives, self._place_free, knobs)
@@ -111,11 +125,6 @@ class _Fold:
         with ThreadPoolExecutor() as threads:
             list(threads.map(roll, [slice(i, i + AT_ONCE) for i in range(0, len(path), AT_ONCE)]))
         return path
-
-
-def _forecasts(folds: list[_Fold], knobs: LearningKnobs) -> tuple[FloatArray, FloatArray]:
-    """Of the cases of all folds, and where those vehicles were later."""
-    return np.concatenate([fold.forecast(knobs) for fold in folds]), np.concatenate([f.cases.later for f in folds])
 
 
 class Cases(NamedTuple):

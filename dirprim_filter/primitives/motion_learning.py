@@ -10,8 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array
+from scipy.special import gammaln
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.distributions import von_mises
+from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.primitives import _clustering
 from dirprim_filter.primitives.motion import CREEP, Motion, joined
 from dirprim_filter.primitives.motion_sums import MotionSums, Regression, _of_pace
@@ -68,11 +71,33 @@ def fit_motion(
     return motion_of(sums, labels, primitives, learn_place_free(visits, rng=rng), knobs)
 
 
-def label_visits(primitives: PrimitiveMap, visits: Visits, *, detail: float, rng: np.random.Generator) -> Labels:
-    """Group the visits of each mode of each cell."""
+class Compared(NamedTuple):
+    """What tells visits apart, whatever the detail."""
+
+    mode: IntArray  # (v,)
+    feature: FloatArray  # (v, f), see `Visits.features`
+
+    @classmethod
+    def of(cls, primitives: PrimitiveMap, visits: Visits) -> Compared:
+        """Visits by the modes of a map."""
+        return cls(modes_of(primitives, visits), visits.features(primitives.centers))
+
+
+def label_visits(
+    primitives: PrimitiveMap, visits: Visits, *, detail: float, rng: np.random.Generator,
+    compared: Compared | None = None,
+) -> Labels:  # fmt: skip
+    """Group the visits of each mode of each cell.
+
+    Args:
+        primitives: the map.
+        visits: of its vehicles.
+        detail: see `LearningKnobs`.
+        rng: the order in which visits are grouped.
+        compared: `Compared.of` both, where that is known already.
+    """
     inside = np.flatnonzero(visits.cell >= 0)
-    feature = visits.features(primitives.centers)
-    mode = modes_of(primitives, visits)
+    mode, feature = compared or Compared.of(primitives, visits)
     n_modes = primitives.direction.weight.shape[1]
     key = visits.cell[inside] * n_modes + mode[inside]
     order = np.argsort(key, kind="stable")
@@ -93,11 +118,22 @@ def label_visits(primitives: PrimitiveMap, visits: Visits, *, detail: float, rng
 def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
     """(v,) the mode of each visit: the likeliest of all its instants together; of who stands the last of its cell's."""
     n_own = primitives.direction.weight.shape[1] - primitives.n_place_free_modes
-    direction, speed = primitives.primitive_at(visits.position)
-    log_p = direction.mode_log_density(visits.course) + speed.log_density(np.maximum(visits.speed, 1e-2)[:, None])
-    of_instant = visits.of_instant
-    moving = max(n_own - 1, 1)  # the last is for standing
-    total = [np.bincount(of_instant, np.maximum(log_p[:, m], -30.0), minlength=len(visits)) for m in range(moving)]
+    direction, speed, of_instant = primitives.direction, primitives.speed, visits.of_instant
+    constant = log_weights(direction.weight) - von_mises.log_normaliser(direction.concentration)
+    constant += speed.shape * np.log(speed.rate) - gammaln(speed.shape)
+    cell = primitives.tessellation.cell_of(visits.position)
+    east, north = (visits.position - primitives.centers[cell]).T
+    v = np.maximum(visits.speed, 1e-2)
+    total = np.empty((max(n_own - 1, 1), len(visits)))  # the last is for standing
+    for m, log_p in enumerate(total):
+        bend, gain = primitives.bend[cell, m], primitives.gain[cell, m]
+        off = visits.course - direction.mean_direction[cell, m] - bend[:, 0] * east - bend[:, 1] * north
+        log_gain = gain[:, 0] * east + gain[:, 1] * north
+        of_direction = -2.0 * direction.concentration[cell, m] * np.sin(0.5 * off) ** 2
+        shape, rate = speed.shape[cell, m], speed.rate[cell, m]
+        of_speed = (shape - 1.0) * np.log(v) - shape * log_gain - rate * v * np.exp(-log_gain)
+        each = np.maximum(constant[cell, m] + of_direction + of_speed, -30.0)
+        log_p[:] = np.bincount(of_instant, each, minlength=len(visits))
     return np.asarray(np.where(visits.stands, n_own - 1, np.argmax(total, axis=0)), np.int64)
 
 

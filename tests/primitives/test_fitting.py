@@ -212,6 +212,29 @@ def test_any_number_of_threads_fits_the_identical_modes(at_once):
     assert (one.weight[np.diff(start) == 0] == 0).all()
 
 
+def test_a_fit_from_the_modes_of_like_rows_finds_its_own_and_keeps_their_number():
+    rng = np.random.default_rng(9)
+    direction, speed = simulated(FIG_2, 1200, 10)
+    direction = wrap(direction + np.repeat([0.0, 0.1], 600))
+    rows = replace(
+        CellRows.one(direction, speed, n_vehicles=600), start=np.array([0, 600, 1200]), center=np.zeros((2, 2)),
+        n_vehicles=np.array([600.0, 600.0]), position=rng.uniform(-5, 5, (1200, 2)),
+    )  # fmt: skip
+    bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.05, curved=True)
+    alone = fit_all(rows, bounds, at_once=True)
+    np.testing.assert_allclose(Modes.of(alone.table(), bounds), alone, rtol=1e-12, atol=1e-300)
+    exchanged = Modes(*(column[::-1].copy() for column in alone))
+    near = fit_all(rows, bounds, at_once=True, near=exchanged)
+    np.testing.assert_array_equal(np.sort(near.weight > 0), np.sort(exchanged.weight > 0))
+    for cell, half in enumerate((slice(0, 600), slice(600, 1200))):
+        own, of_near, of_other = (
+            log_density(Modes(*(column[cell] for column in modes)), rows)[half].mean()
+            for modes in (alone, near, exchanged)
+        )
+        assert own - 2e-3 < of_near < own + 2e-3
+        assert of_other < of_near - 5e-3  # the test can tell
+
+
 def test_standing_vehicles_make_a_mode_of_their_own():
     direction, speed = simulated(FIG_2, 300, 9)
     modes, speeds = fit_motion(np.append(direction, np.linspace(-3, 3, 100)), np.append(speed, np.zeros(100)))
