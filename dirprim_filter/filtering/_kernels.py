@@ -79,6 +79,15 @@ def initialise(
     noise: float,
 ) -> None:  # fmt: skip
     """Initialise a belief from one measurement: positions around it, direction and speed from the primitive there."""
+    scatter(primitives, cloud, vehicle, key, measured, noise)
+    initialise_motion(table, cloud, vehicle)
+
+
+@njit(cache=True, nogil=True)
+def scatter(
+    primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float
+) -> None:
+    """All of `initialise` but cells and manoeuvres."""
     n = cloud.speed.shape[1]
     block = np.empty(n // ROWS + 1, np.uint64)
     for i in range(vehicle.size):
@@ -92,7 +101,6 @@ def initialise(
             block[b] = random.bits(state)
         _map_kernels.draw(primitives, cloud.position[v], block, cloud.direction[v], cloud.speed[v])
         cloud.weight[v] = 1.0 / n
-    initialise_motion(table, cloud, vehicle)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})

@@ -75,23 +75,36 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
         for p in range(n):
             dx, dy = place[p, 0] - x, place[p, 1] - y
             fit[p] = dx * (xx * dx + 2.0 * xy * dy) + yy * dy * dy
+        weigh_by(weight, direction, speed, fit, scale, course, pace, noise, evidence[i])
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def weigh_by(
+    weight: FloatArray, direction: FloatArray, speed: FloatArray, fit: FloatArray, scale: float, course: float,
+    pace: float, noise: Noise, evidence: FloatArray,
+) -> None:  # fmt: skip
+    """Weigh (P,) particles by the squared distances `fit`, which are lost, and by a course and a pace; normalise.
+
+    `scale` is the density of no distance, 1/m2. Fills (2,) as `weigh`.
+    """
+    n = weight.size
+    for p in range(n):
+        density = scale * exp(-0.5 * fit[p]) + noise.outlier
+        fit[p] = density if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
+    near = mean_of(weight, fit, 1.0)
+    if not math.isnan(course):
         for p in range(n):
-            density = scale * exp(-0.5 * fit[p]) + noise.outlier
-            fit[p] = density if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
-        near = mean_of(weight, fit, 1.0)
-        if not math.isnan(course):
-            for p in range(n):
-                fit[p] *= direction_fit(noise, direction[p], course)
-        if not math.isnan(pace):
-            for p in range(n):
-                fit[p] *= speed_fit(noise, speed[p], pace)
-        total = mean_of(weight, fit, 1.0)
-        evidence[i, 0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
-        evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
-        if total > 0.0:
-            for p in range(n):
-                later = weight[p] * fit[p] / total
-                weight[p] = later if later > LEAST else 0.0
+            fit[p] *= direction_fit(noise, direction[p], course)
+    if not math.isnan(pace):
+        for p in range(n):
+            fit[p] *= speed_fit(noise, speed[p], pace)
+    total = mean_of(weight, fit, 1.0)
+    evidence[0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
+    evidence[1] = math.log(near) if near > 0.0 else -np.inf
+    if total > 0.0:
+        for p in range(n):
+            later = weight[p] * fit[p] / total
+            weight[p] = later if later > LEAST else 0.0
 
 
 @njit(cache=True, nogil=True)

@@ -16,15 +16,22 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions import _random as random
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions._elementary import exp, squared_sine
 from dirprim_filter.filtering import _kernels
-from dirprim_filter.filtering._kernels import Cloud, effective_sample_size, mean_of, systematic
-from dirprim_filter.filtering._measuring import LEAST, Noise, direction_fit, speed_fit
+from dirprim_filter.filtering._kernels import Cloud, mean_of
+from dirprim_filter.filtering._measuring import Noise, direction_fit, speed_fit, weigh_by
 from dirprim_filter.primitives._manoeuvres import MotionTable
 
 X, Y, DIRECTION, SPEED = range(4)
+COSINE, SINE = 2, 3
+"""Rows of `off`, below metres along and across."""
+COURSE_FROM, COURSE_UNTIL = 0.95, 0.7
+"""Resultants of a belief's directions from which on it has a course, and below which it has none any more.
+
+Were the bias in the axes of each particle for good, it would be a lever: what it swings across would tell the filter of
+directions far more than a body's heading, smooth as it is, tells of the motion's noise in them.
+"""
 
 
 class Axes(NamedTuple):
@@ -42,6 +49,7 @@ class Carried(NamedTuple):
     mean: FloatArray  # (V, P, 2) metres along and across, given the particle's path
     variance: FloatArray  # (V, 2) of that
     since_s: FloatArray  # (V,) since both held
+    has_course: BoolArray  # (V,) the particles agree on a course: the bias is in its axes, for all alike
 
 
 @njit(cache=True, nogil=True)
@@ -50,13 +58,12 @@ def begin(
     spread: float,
 ) -> None:  # fmt: skip
     """Move particles drawn around measurements (V, 4) with an isotropic `spread` to where the errors put them."""
+    along = math.sqrt(axes.correlated[0] + axes.white[0]) / spread
+    across = math.sqrt(axes.correlated[1] + axes.white[1]) / spread
+    share, share_across = correlated_share(axes, 0), correlated_share(axes, 1)
     for i in range(vehicle.size):
         v = vehicle[i]
         place, direction, mean = cloud.position[v], cloud.direction[v], carried.mean[v]
-        along = math.sqrt(axes.correlated[0] + axes.white[0]) / spread
-        across = math.sqrt(axes.correlated[1] + axes.white[1]) / spread
-        share = axes.correlated[0] / (axes.correlated[0] + axes.white[0])
-        share_across = axes.correlated[1] / (axes.correlated[1] + axes.white[1])
         for p in range(direction.size):
             c, s = math.cos(direction[p]), math.sin(direction[p])
             dx, dy = measured[i, X] - place[p, 0], measured[i, Y] - place[p, 1]
@@ -68,7 +75,14 @@ def begin(
         carried.variance[v, 0] = share * axes.white[0]
         carried.variance[v, 1] = share_across * axes.white[1]
         carried.since_s[v] = 0.0
+        carried.has_course[v] = False
     _kernels.initialise_motion(table, cloud, vehicle)
+
+
+@njit(cache=True, inline="always")
+def correlated_share(axes: Axes, a: int) -> float:
+    """Of the variance along an axis."""
+    return axes.correlated[a] / (axes.correlated[a] + axes.white[a])
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
@@ -77,8 +91,8 @@ def left_by(
 ) -> float:
     """What each particle's path and carried error leave of a measurement (4,).
 
-    Fills off (2, P), metres along and across, and fit (P,), the squares of them in their variances. Returns the density
-    of no difference, 1/m2.
+    Fills off (4, P), metres along and across and the unit vector of each course, and fit (P,), the squares of the
+    metres in their variances. Returns the density of no difference, 1/m2.
     """
     place, direction, mean = cloud.position[v], cloud.direction[v], carried.mean[v]
     x, y, since = measured[X], measured[Y], carried.since_s[v]
@@ -88,14 +102,44 @@ def left_by(
     bias, bias_across = axes.bias[0], axes.bias[1]
     precision, precision_across = 1.0 / s, 1.0 / s_across
     for p in range(direction.size):
-        cosine = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
-        sine = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
+        off[COSINE, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
+        off[SINE, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
+    if carried.has_course[v]:
+        c, s = course_of(cloud.weight[v], off)
+        x, y = x - (bias * c - bias_across * s), y - (bias * s + bias_across * c)
+        bias = bias_across = 0.0
+    for p in range(direction.size):
         dx, dy = x - place[p, 0], y - place[p, 1]
-        off[0, p] = dx * cosine + dy * sine - bias - kept * mean[p, 0]
-        off[1, p] = dy * cosine - dx * sine - bias_across - other * mean[p, 1]
+        off[0, p] = dx * off[COSINE, p] + dy * off[SINE, p] - bias - kept * mean[p, 0]
+        off[1, p] = dy * off[COSINE, p] - dx * off[SINE, p] - bias_across - other * mean[p, 1]
     for p in range(direction.size):
         fit[p] = precision * off[0, p] * off[0, p] + precision_across * off[1, p] * off[1, p]
-    return 1.0 / (2.0 * math.pi * math.sqrt(s * s_across))
+    return math.sqrt(precision * precision_across) / (2.0 * math.pi)
+
+
+@njit(cache=True)
+def course_of(weight: FloatArray, off: FloatArray) -> tuple[float, float]:
+    """The unit vector of the belief's course; off (4, P) as `left_by` fills it."""
+    c, s = mean_of(weight, off[COSINE], 1.0), mean_of(weight, off[SINE], 1.0)
+    length = max(math.hypot(c, s), 1e-9)
+    return c / length, s / length
+
+
+@njit(cache=True)
+def heed_course(cloud: Cloud, carried: Carried, v: int, axes: Axes, off: FloatArray) -> None:
+    """Note whether the particles agree on a course; where that changes, move them so that detections fit as before."""
+    weight, place, had = cloud.weight[v], cloud.position[v], carried.has_course[v]
+    resultant = math.hypot(mean_of(weight, off[COSINE], 1.0), mean_of(weight, off[SINE], 1.0))
+    has = resultant >= (COURSE_UNTIL if had else COURSE_FROM)
+    if has == had:
+        return
+    carried.has_course[v] = has
+    c, s = course_of(weight, off)
+    sign = 1.0 if has else -1.0
+    for p in range(weight.size):
+        dc, ds = sign * (off[COSINE, p] - c), sign * (off[SINE, p] - s)
+        place[p, 0] += axes.bias[0] * dc - axes.bias[1] * ds
+        place[p, 1] += axes.bias[0] * ds + axes.bias[1] * dc
 
 
 @njit(cache=True, inline="always")
@@ -104,41 +148,27 @@ def expected(variance: float, kept: float, correlated: float) -> float:
     return kept * kept * variance + (1.0 - kept * kept) * correlated
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def weigh(
     cloud: Cloud, carried: Carried, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, axes: Axes,
     noise: Noise,
 ) -> None:  # fmt: skip
     """Weigh each vehicle's particles by its measurement (V, 4), and learn of the error that each carries.
 
-    Fills (V, 2) as `_measuring.weigh`. A measurement that the belief as a whole calls an outlier does not update the
+    Fills (V, 2) as `_measuring.weigh`. A measurement that the belief as a whole calls an outlier tells nothing of the
     carried error.
     """
     n = cloud.position.shape[1]
-    fit, off = np.empty(n), np.empty((2, n))
+    fit, off = np.empty(n), np.empty((4, n))
     for i in range(vehicle.size):
         v = vehicle[i]
-        weight, direction, speed = cloud.weight[v], cloud.direction[v], cloud.speed[v]
-        course, pace = measured[i, DIRECTION], measured[i, SPEED]
         scale = noise.kept * left_by(cloud, carried, v, measured[i], axes, off, fit)
-        for p in range(n):
-            density = scale * exp(-0.5 * fit[p]) + noise.outlier
-            fit[p] = density if fit[p] < np.inf else 0.0
-        near = mean_of(weight, fit, 1.0)
-        if not math.isnan(course):
-            for p in range(n):
-                fit[p] *= direction_fit(noise, direction[p], course)
-        if not math.isnan(pace):
-            for p in range(n):
-                fit[p] *= speed_fit(noise, speed[p], pace)
-        total = mean_of(weight, fit, 1.0)
-        evidence[i, 0] = math.log(total) if total > 0.0 else -np.inf
-        evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
-        if total > 0.0:
-            for p in range(n):
-                later = weight[p] * fit[p] / total
-                weight[p] = later if later > LEAST else 0.0
-        learn(carried, v, axes, off, near >= 2.0 * noise.outlier)
+        weigh_by(
+            cloud.weight[v], cloud.direction[v], cloud.speed[v], fit, scale, measured[i, DIRECTION],
+            measured[i, SPEED], noise, evidence[i],
+        )  # fmt: skip
+        learn(carried, v, axes, off, evidence[i, 1] >= math.log(2.0 * noise.outlier))
+        heed_course(cloud, carried, v, axes, off)
 
 
 @njit(cache=True, nogil=True)
@@ -160,7 +190,7 @@ def log_likelihood(
 ) -> None:
     """Fills (V,): natural log of the density of each measurement (V, 4) under the belief, outliers aside."""
     n = cloud.position.shape[1]
-    fit, off = np.empty(n), np.empty((2, n))
+    fit, off = np.empty(n), np.empty((4, n))
     for i in range(vehicle.size):
         v = vehicle[i]
         scale = left_by(cloud, carried, v, measured[i], axes, off, fit)
@@ -174,37 +204,3 @@ def log_likelihood(
             fit[p] = density
         total = mean_of(cloud.weight[v], fit, 1.0)
         out[i] = math.log(total * scale) - 0.5 * nearest if total > 0.0 else -np.inf
-
-
-@njit(cache=True, nogil=True)
-def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, below: float) -> None:
-    """`_kernels.resample`, with the error that each survivor carries.
-
-    A copy that is put beside its survivor carries the error that leaves the detections where they were.
-    """
-    n = cloud.position.shape[1]
-    survivors, parent, place = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 2))
-    for i in range(vehicle.size):
-        v = vehicle[i]
-        if effective_sample_size(cloud.weight[v]) >= below:
-            continue
-        systematic(cloud.weight[v], random.uniform(cloud.state[v].copy()), survivors)  # the very draw it will make
-        free = 0
-        for a in range(n):
-            if survivors[a] > 0:
-                parent[a] = a
-            for _ in range(survivors[a] - 1):
-                while survivors[free] > 0:
-                    free += 1
-                parent[free] = a
-                free += 1
-        place[:] = cloud.position[v]
-        _kernels.resample(cloud, vehicle[i : i + 1], below)
-        mean, direction = carried.mean[v], cloud.direction[v]
-        for p in range(n):
-            if parent[p] != p:
-                dx = cloud.position[v, p, 0] - place[parent[p], 0]
-                dy = cloud.position[v, p, 1] - place[parent[p], 1]
-                c, s = math.cos(direction[p]), math.sin(direction[p])
-                mean[p, 0] = mean[parent[p], 0] - (dx * c + dy * s)
-                mean[p, 1] = mean[parent[p], 1] - (dy * c - dx * s)

@@ -7,7 +7,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import _kernels, _measuring, _sensing
+from dirprim_filter.filtering import _kernels, _measuring, _resampling, _sensing
 from dirprim_filter.filtering._sensing import Axes, Carried
 from dirprim_filter.filtering.measurements import measured_motion
 from dirprim_filter.filtering.particle_filter import ParticleFilter
@@ -53,7 +53,7 @@ class SensedParticles(ParticleFilter):
         self.belief.step += 1
         cloud, columns = self.belief.cloud, _columns(measured)
         first = (slot, np.asarray(key), measured.position)
-        self._split(_kernels.initialise, (self._table, self._primitives, cloud), first, (self._spread,), each_ns=150.0)
+        self._split(_kernels.scatter, (self._primitives, cloud), first, (self._spread,), each_ns=150.0)
         known = np.flatnonzero(~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if known.size:
             drawn = np.full((known.size, 8), 0.0)  # as they were drawn: the position is already used
@@ -100,7 +100,9 @@ class SensedParticles(ParticleFilter):
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.belief.step += 1
         below = self.config.resample_below * self.config.n_particles
-        self._split(_sensing.resample, (self.belief.cloud, self._carried), (slot,), (below,), each_ns=15.0)
+        self._split(
+            _resampling.resample, (self.belief.cloud, self._carried), (slot,), (self._axes, below), each_ns=15.0
+        )
 
 
 def knobs_of(sensor: Sensor) -> dict[str, float]:
@@ -119,7 +121,9 @@ def knobs_of(sensor: Sensor) -> dict[str, float]:
 
 
 def _no_errors(n_slots: int, n_particles: int) -> Carried:
-    return Carried(np.zeros((n_slots, n_particles, 2)), np.zeros((n_slots, 2)), np.zeros(n_slots))
+    return Carried(
+        np.zeros((n_slots, n_particles, 2)), np.zeros((n_slots, 2)), np.zeros(n_slots), np.zeros(n_slots, np.bool_)
+    )
 
 
 def _columns(measured: Detections) -> FloatArray:

@@ -1,12 +1,14 @@
 """Errors that are biased, correlated and late: weights against the joint Gaussian, beliefs against the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import ParticleFilter, Tracker
+from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.sensed_particles import SensedParticles, knobs_of
 from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.primitives import learn_primitives
@@ -67,34 +69,72 @@ def test_weights_and_evidence_are_those_of_the_joint_gaussian(learned):
     assert sum(reported) == pytest.approx(np.log(np.exp(log_fit).mean()), abs=0.01)
 
 
-def test_without_bias_and_correlation_it_is_the_plain_filter(learned):
-    made, plain = begun(learned, Sensor.white(0.5)), ParticleFilter(learned, FilterConfig(n_particles=40))
-    for column, other in zip(plain.belief.cloud, made.belief.cloud, strict=True):
-        column[:] = other
-    z = seen_at([31.2, 2.2])
-    assert made.log_likelihood(SLOT, z) == pytest.approx(plain.log_likelihood(SLOT, z))
-    assert made.weigh(SLOT, z).log_density == pytest.approx(plain.weigh(SLOT, z).log_density)
-    np.testing.assert_allclose(made.belief.cloud.weight[0], plain.belief.cloud.weight[0])
+def estimates_of(learned, seen, sensor, n_particles):
+    """(n, 2) positions and (n,) directions of all estimates."""
+    rows = []
+
+    class Keep:
+        write = staticmethod(lambda frame: rows.append(frame.estimates))
+
+    config = FilterConfig(n_particles=n_particles, noise_m=0.5)
+    replay(seen.frames(), Tracker(learned, sensor=sensor, config=config, rng=np.random.default_rng(0)), [Keep()])
+    return (np.concatenate([getattr(of, name) for of in rows]) for name in ("position", "direction"))
 
 
-def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned):
-    """After resampling, place and carried error of each particle still meet at what its survivor foresaw."""
-    made = begun(learned, SENSOR)
+def test_with_white_round_errors_it_is_the_plain_filter(learned):
+    """To the last belief of a log, not only in one step: both draw, weigh and resample alike."""
+    seen = sense(circling(3, 20), Sensor.white(0.5), rng=np.random.default_rng(1))
+    plain, _ = estimates_of(learned, seen, None, 60)
+    sensed, _ = estimates_of(learned, seen, Sensor.white(0.5), 60)
+    np.testing.assert_allclose(sensed, plain, atol=1e-6)
+    other, _ = estimates_of(learned, seen, Sensor(along=AxisError(spread_m=0.5), across=AxisError(spread_m=0.4)), 60)
+    assert not np.allclose(other, plain, atol=1e-6)
+
+
+def test_a_bias_moves_no_estimate(learned):
+    """Detections that lie ahead by what the sensor's model says are followed as those that do not.
+
+    Particles whose directions differ must not differ in where the bias puts them for good: they would run ahead.
+    """
+    axes = {
+        name: AxisError(spread_m=0.3, correlated_share=0.99, correlation_s=time_s)
+        for name, time_s in (("along", 2.5), ("across", 20.0))
+    }
+    truth = circling(12, 40)
+    seen = sense(truth, Sensor(**axes), rng=np.random.default_rng(0))
+    course = np.column_stack([np.cos(truth.direction), np.sin(truth.direction)])
+    where = {(v, t): u for v, t, u in zip(truth.track_id, truth.time_ns.tolist(), course, strict=True)}
+    along = np.array([where[v, t] for v, t in zip(seen.track_id, seen.time_ns.tolist(), strict=True)])
+    ahead = replace(seen, position=seen.position + 2.0 * along)
+    biased = Sensor(along=replace(axes["along"], bias_m=2.0), across=axes["across"])
+    at, direction = estimates_of(learned, seen, Sensor(**axes), 200)
+    other, _ = estimates_of(learned, ahead, biased, 200)
+    off = (other - at) @ np.array([1.0, 1j]) * np.exp(-1j * direction)
+    assert abs(off.real.mean()) < 0.1
+
+
+@pytest.mark.parametrize("n_left", [3, 15])
+def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned, n_left):
+    """After resampling, place and carried error of each particle still meet at what its survivor foresaw.
+
+    Where few are left, their errors are spread as widely as the sensor's are; where more are, as they were.
+    """
+    lasting = AxisError(spread_m=0.5, correlated_share=0.99, correlation_s=5.0)
+    made = begun(learned, Sensor(along=lasting, across=lasting))
     cloud, mean = made.belief.cloud, made._carried.mean
-    cloud.weight[0], cloud.weight[0, :3] = 1e-9, 1.0 / 3.0  # few are left: copies are spread in place as well
+    cloud.weight[0], cloud.weight[0, :n_left] = 1e-9, 1.0 / n_left
+    cloud.direction[0], along = 0.4, np.array([np.cos(0.4), np.sin(0.4)])
+    across = np.array([-along[1], along[0]])
 
     def foreseen():
-        along = np.column_stack([np.cos(cloud.direction[0]), np.sin(cloud.direction[0])])
-        across = np.column_stack([-along[:, 1], along[:, 0]])
         return cloud.position[0] + mean[0, :, :1] * along + mean[0, :, 1:] * across
 
-    cloud.direction[0] = 0.4
-    before = foreseen()[:3]
+    before, spread = foreseen()[:n_left], mean[0, :n_left].std(axis=0)
     made.resample(SLOT)
     away = np.linalg.norm(foreseen()[:, None] - before, axis=2).min(axis=1)
-    turned = np.abs(np.angle(np.exp(1j * (cloud.direction[0] - 0.4))))
-    assert (away <= np.linalg.norm(mean[0], axis=1).max() * turned + 1e-9).all()
-    assert np.unique(cloud.position[0], axis=0).shape[0] > 30
+    assert (away <= 0.02).all()
+    assert np.unique(cloud.position[0], axis=0).shape[0] == 40
+    np.testing.assert_allclose(mean[0].std(axis=0), lasting.spread_m if n_left == 3 else spread, rtol=0.35)
 
 
 def followed(learned, truth, seen, sensor):
