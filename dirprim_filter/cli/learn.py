@@ -82,12 +82,13 @@ def learn(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.recording import save_map
+    from dirprim_filter.recording.container.rosbag2 import METADATA
     from dirprim_filter.recording.errors import OutputExistsError
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
     source: _Logs | _Store
-    if any(path.is_dir() for path in logs):
+    if any(path.is_dir() and not (path / METADATA).exists() for path in logs):  # no rosbag2 recording
         if len(logs) > 1 or sensor is not None or reading != Reading():
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"

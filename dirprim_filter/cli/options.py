@@ -85,16 +85,11 @@ def former(old: str, new: str) -> Any:
 
 
 def _log(text: str) -> Path:
-    """A file that exists, "-", or a URL."""
+    """A file or folder that exists, "-", or a URL."""
     path = Path(text)
-    if text != "-" and "://" not in text and (not path.exists() or path.is_dir()):
-        raise typer.BadParameter(f"File '{text}' does not exist." if not path.exists() else f"'{text}' is a folder.")
+    if text != "-" and "://" not in text and not path.exists():
+        raise typer.BadParameter(f"File '{text}' does not exist.")
     return path
-
-
-def _log_or_folder(text: str) -> Path:
-    """The same, or a folder."""
-    return Path(text) if "://" not in text and Path(text).is_dir() else _log(text)
 
 
 def seconds(text: str) -> float:
@@ -113,13 +108,15 @@ def seconds(text: str) -> float:
     return duration
 
 
-Log = Annotated[Path, typer.Argument(help="An MCAP log; - for standard input, or a URL.", parser=_log)]
-Logs = Annotated[list[Path], typer.Argument(help="MCAP logs; - for standard input, or URLs.", parser=_log)]
+Log = Annotated[
+    Path, typer.Argument(help="An MCAP log or rosbag2 folder; - for standard input, or a URL.", parser=_log)
+]
+Logs = Annotated[
+    list[Path], typer.Argument(help="MCAP logs or rosbag2 folders; - for standard input, or URLs.", parser=_log)
+]
 LogsOrStore = Annotated[
     list[Path],
-    typer.Argument(
-        metavar="LOG...|STORE", help="MCAP logs; - for standard input, or URLs. Or one store.", parser=_log_or_folder
-    ),
+    typer.Argument(metavar="LOG...|STORE", help="MCAP logs; - for standard input, or URLs. Or one store.", parser=_log),
 ]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]

@@ -22,8 +22,11 @@ def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **op
 
 
 def checksum(path: Path) -> str:
-    """The file's SHA-256, in hexadecimal."""
-    from dirprim_filter.recording.container.source import local_file
+    """The file's SHA-256, in hexadecimal; of several files that of theirs."""
+    from dirprim_filter.recording.container.source import local_files
 
-    with local_file(path).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    sums = []
+    for one in local_files(path):
+        with one.open("rb") as file:
+            sums.append(hashlib.file_digest(file, "sha256").hexdigest())
+    return sums[0] if len(sums) == 1 else hashlib.sha256(" ".join(sums).encode()).hexdigest()

@@ -68,7 +68,7 @@ def inspect(
             if len(columns):
                 reading.take(columns)
         damage = tuple(log.damage)
-        attachments = tuple(attachment.name for attachment in log.log.outline.attachments)
+        attachments = tuple(attachment.name for attachment, _ in log.attachments())
         metadata = tuple(name for name, _ in log.metadata)
     if strict and damage:
         raise DamagedRecordingError(path, damage)

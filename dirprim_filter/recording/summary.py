@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.records import Statistics
 
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.source import mapped
+from dirprim_filter.recording.container.source import local_files, mapped
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
 
 if TYPE_CHECKING:
@@ -111,25 +112,36 @@ def summarise_by_index(
         NotMcapError: the file is no MCAP log.
         OSError: it cannot be opened.
     """
-    with mapped(path) as file:
-        section = read_summary(file) if len(file) >= from_bytes else None
-    return None if section is None or section.statistics is None else _of(section, section.statistics, topics)
+    files = local_files(path)
+    if sum(file.stat().st_size for file in files) < from_bytes:
+        return None
+    sections = []
+    for file in files:
+        with mapped(file, path) as bytes_of:
+            section = read_summary(bytes_of)
+        if section is None or section.statistics is None:
+            return None
+        sections.append((section, section.statistics))
+    return _of(sections, topics)
 
 
-def _of(section: Summary, statistics: Statistics, wanted: Callable[[str], bool] | None) -> LogSummary:
-    messages: dict[tuple[str, str, str], int] = {}
-    for channel_id, channel in section.channels.items():
-        if wanted is None or wanted(channel.topic):
-            key = (channel.topic, channel.schema.name, channel.message_encoding)
-            messages[key] = messages.get(key, 0) + statistics.channel_message_counts.get(channel_id, 0)
+def _of(sections: list[tuple[Summary, Statistics]], wanted: Callable[[str], bool] | None) -> LogSummary:
+    messages: Counter[tuple[str, str, str]] = Counter()
+    for section, statistics in sections:
+        for channel_id, channel in section.channels.items():
+            if wanted is None or wanted(channel.topic):
+                key = (channel.topic, channel.schema.name, channel.message_encoding)
+                messages[key] += statistics.channel_message_counts.get(channel_id, 0)
     topics = tuple(
         TopicSummary(name=name, schema=schema, encoding=encoding, messages=n, tracks=None)
         for (name, schema, encoding), n in sorted(messages.items())
     )
-    n_messages = sum(messages.values())
+    n_messages = messages.total()
+    spans = [(of.message_start_time, of.message_end_time) for _, of in sections if of.message_count]
     return LogSummary(
         topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={}, groups={}, sizes={},
-        start_ns=statistics.message_start_time if n_messages else None,
-        end_ns=statistics.message_end_time if n_messages else None,
-        attachments=tuple(section.attachments), metadata=tuple(section.metadata),
+        start_ns=min(start for start, _ in spans) if n_messages else None,
+        end_ns=max(end for _, end in spans) if n_messages else None,
+        attachments=tuple(name for section, _ in sections for name in section.attachments),
+        metadata=tuple(name for section, _ in sections for name in section.metadata),
     )  # fmt: skip

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.json_format import MessageToDict
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from mcap_files import columns_of
 from mcap_protobuf.schema import build_file_descriptor_set
 from ros_messages import header, write_ros2_log
@@ -69,6 +70,7 @@ def subjects(folder):
     return made
 
 
+@cache
 def schema_of(kind):
     definition = build_file_descriptor_set(kind).SerializeToString()
     return Schema(name=kind.DESCRIPTOR.full_name, encoding="protobuf", data=definition)
@@ -115,11 +117,18 @@ def broken(data, rng):
     return bytes(data)
 
 
+@cache
+def read_alone(subject):
+    """What reads a subject, and its rows."""
+    decoders = Decoders()
+    return decoders, decoders.rows(columns_of(subject.channel, [subject.payload]))[0]
+
+
 def check_payload(subject, rng):
     """A broken message between two whole ones: these read as alone. -> whether the broken one was refused."""
-    whole, _ = Decoders().rows(columns_of(subject.channel, [subject.payload]))
+    decoders, whole = read_alone(subject)
     mixed = columns_of(subject.channel, [subject.payload, broken(subject.payload, rng), subject.payload])
-    rows, failures = Decoders().rows(mixed)
+    rows, failures = decoders.rows(mixed)
     assert set(failures) <= {1}, failures
     for message in (0, 2):
         own = rows[rows.message == message]
@@ -143,7 +152,7 @@ def check_transforms(rng, path, n):
     """Broken transforms behind whole ones in a log: what is placed is turned by a rotation. -> messages refused."""
     data = some_transforms().SerializeToString()
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = Writer(file, compression=CompressionType.NONE)
         writer.start()
         kind = schema_of(FrameTransforms)
         channel = writer.register_channel(

@@ -15,7 +15,7 @@ from dirprim_filter.recording.tables import read_csv
 
 LONGEST = 600
 FILES = {
-    "bag_0.db3": (b"SQLite format 3\0", "a ROS 2 bag in SQLite; `rosbags-convert"),
+    "bag_0": (b"SQLite format 3\0", "a ROS 2 bag in SQLite; `dirprim` reads its folder, or a file named .db3"),
     "old.bag": (b"#ROSBAG V2.0\n", "a ROS 1 bag; `rosbags-convert"),
     "run.rrd": (b"RRF2\0\0\0\0", "a rerun recording; `dirprim view`"),
     "av2.feather": (b"ARROW1\0\0", "a Feather table; `dirprim convert` without --format makes"),

@@ -191,7 +191,7 @@ def test_of_the_log_times_that_are_not_wanted_chunks_stay_closed(tmp_path, monke
     n_opened = len(opened)
     assert len(list(stream_detections(path, **wanted))) == 10
     assert (len(opened) - n_opened) == n_opened
-    n_chunks = len(scan(path).log.outline.chunks)
+    n_chunks = len(scan(path).log.chunks)
     assert n_opened < n_chunks / 4 if source == "log" else n_opened == n_chunks > 10
 
 

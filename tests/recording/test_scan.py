@@ -75,7 +75,7 @@ def test_short_and_long_messages_of_chunks_that_overlap_or_not(log_file, monkeyp
     times[100:300] = times[100:300][::-1]
     sent = [("/t", int(time), rng.bytes(int(rng.integers(0, longest + 1)))) for time in times]
     log = scan(log_file(log_bytes(sent, chunk_size=8 * longest + 400)))
-    assert len(log.log.outline.chunks) > 10
+    assert len(log.log.chunks) > 10
     assert [(m.topic, m.log_time_ns, m.data) for m in log] == sorted(sent, key=lambda message: message[1])
     in_file = [message.data for _, columns in log.parts() for message in columns.messages()]
     assert sorted(in_file) == sorted(data for _, _, data in sent)

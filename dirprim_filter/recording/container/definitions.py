@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from mmap import mmap
 
 from mcap.opcode import Opcode
 
 from dirprim_filter.recording.container.chunk import read_contents
-from dirprim_filter.recording.container.outline import Outline
+from dirprim_filter.recording.container.outline import LogFile
 from dirprim_filter.recording.container.records import (
     RECORD_HEADER_SIZE,
     Channel,
@@ -33,9 +32,9 @@ class Definitions:
         channels: likewise.
     """
 
-    def __init__(self, file: mmap, outline: Outline) -> None:
-        self._file = file
-        self._outline = outline
+    def __init__(self, file: LogFile) -> None:
+        self._file = file.bytes_of
+        self._outline = outline = file.outline
         self.schemas: dict[int, Schema] = dict(outline.schemas)
         self.channels: dict[int, Channel] = {**outline.summary_channels, **outline.channels}
         self._has_all = False

@@ -10,6 +10,7 @@ Source: the MCAP specification, version 0 (https://mcap.dev/spec).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import chain
 from os import PathLike
 from pathlib import Path
@@ -25,9 +26,9 @@ from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.definitions import Definitions
 from dirprim_filter.recording.container.merge import TimeMerge
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.outline import read_outline
+from dirprim_filter.recording.container.outline import LogFile, read_outline
 from dirprim_filter.recording.container.records import Attachment, Channel, MalformedRecordError, Message
-from dirprim_filter.recording.container.source import let_go, mapped
+from dirprim_filter.recording.container.source import let_go, local_files, mapped
 
 UNSEEN, UNKNOWN, UNWANTED = -3, -2, -1
 """What stands for a channel id in place of an index into the list of channels."""
@@ -45,8 +46,8 @@ def scan(
     """Open an MCAP log for reading.
 
     Args:
-        path: a file; "-" for standard input, another pipe, or a URL that fsspec can read: these are copied to a
-            temporary file first.
+        path: a file; the folder of a rosbag2 recording, split or not; "-" for standard input, another pipe, or a URL
+            that fsspec can read: these are copied to a temporary file first, as are bags in SQLite.
         topics: says whether a topic's messages are wanted; left out: all are. Chunks that hold none of them by the
             log's index are not opened, so damage in them is not seen.
         start_ns: the first log time wanted. Chunks outside of the time are not opened, as above.
@@ -64,20 +65,24 @@ class Log:
     """An MCAP log that is opened once, however often it is then read; a context manager.
 
     Attributes:
-        path: the file, as it was named.
-        file: its bytes.
-        outline: where everything stands in it, and what of that is broken.
+        path: the log, as it was named.
+        files: those that it consists of: one, or of a split recording several.
 
     Raises:
-        NotMcapError: the file is empty, or no MCAP log.
-        RecordingError: a URL that cannot be read here.
+        NotMcapError: a file is empty, or no MCAP log.
+        RecordingError: a URL or a recording that cannot be read here.
         OSError: it cannot be opened.
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:
         self.path = Path(path)
-        self.file = mapped(path)
-        self.outline = read_outline(self.file)
+        files = local_files(path)
+        self.files: list[LogFile] = []
+        for file in files:
+            is_one = len(files) == 1
+            bytes_of = mapped(file, self.path if is_one else file)
+            name = "" if is_one else file.name
+            self.files.append(LogFile(name=name, bytes_of=bytes_of, outline=read_outline(bytes_of)))
 
     def __enter__(self) -> Self:
         return self
@@ -88,8 +93,9 @@ class Log:
         self.close()
 
     def close(self) -> None:
-        """Let go of the file; no more messages come."""
-        self.file.close()
+        """Let go of the files; no more messages come."""
+        for file in self.files:
+            file.bytes_of.close()
 
     def scan(
         self, topics: Callable[[str], bool] | None = None, *, start_ns: int | None = None, end_ns: int | None = None
@@ -99,7 +105,12 @@ class Log:
 
     def channels(self) -> list[Channel]:
         """All channels, from the summary where it repeats them, else from within the chunks."""
-        return Definitions(self.file, self.outline).all_channels()
+        return list(dict.fromkeys(channel for file in self.files for channel in Definitions(file).all_channels()))
+
+    @property
+    def chunks(self) -> list[Chunk]:
+        """Of all files, in their order."""
+        return [chunk for file in self.files for chunk in file.outline.chunks]
 
 
 class Scan:
@@ -126,7 +137,7 @@ class Scan:
             NO_TIMES[0] if start_ns is None else max(start_ns, NO_TIMES[0]),
             NO_TIMES[1] if end_ns is None else max(min(end_ns, NO_TIMES[1]), NO_TIMES[0]),
         )
-        self._latest = _Pass(self)
+        self.by_file()
 
     def __enter__(self) -> Self:
         return self
@@ -148,13 +159,21 @@ class Scan:
     @property
     def end_ns(self) -> int | None:
         """The last log time to come, as the chunks say; None of an empty log."""
-        last = max((chunk.end_ns for chunk in self.log.outline.chunks), default=None)
+        last = max((chunk.end_ns for chunk in self.log.chunks), default=None)
         return last if last is None else min(last, self._times[1])
 
     @property
     def metadata(self) -> list[tuple[str, dict[str, str]]]:
         """Name and entries of each metadata record."""
-        return self.log.outline.metadata
+        return [record for file in self.log.files for record in file.outline.metadata]
+
+    def attachments(self) -> list[tuple[Attachment, bytes]]:
+        """The files attached to the log whose checksum holds, and their contents."""
+        return [
+            (attachment, file.bytes_of[attachment.data_offset : attachment.data_offset + attachment.size])
+            for file in self.log.files
+            for attachment in file.outline.attachments
+        ]
 
     def is_wanted(self, topic: str) -> bool:
         """Whether messages of a topic are delivered."""
@@ -164,47 +183,30 @@ class Scan:
         """All channels of the log, wanted or not."""
         return self.log.channels()
 
-    def attachments(self) -> list[tuple[Attachment, bytes]]:
-        """The files attached to the log whose checksum holds, and their contents."""
-        return [
-            (attachment, self.log.file[attachment.data_offset : attachment.data_offset + attachment.size])
-            for attachment in self.log.outline.attachments
-        ]
-
     @property
     def damage(self) -> list[Damage]:
         """What the iteration that was begun last could not read so far; empty when all was read."""
-        return self._latest.damage
-
-    @property
-    def definitions(self) -> Definitions:
-        """Schemas and channels by their ids, as far as the iteration that was begun last knows them."""
-        return self._latest.definitions
+        return self._seen.damage
 
     def __iter__(self) -> Iterator[Message]:
         return chain.from_iterable(map(MessageColumns.messages, self.columns()))
 
     def columns(self) -> Iterator[MessageColumns]:
         """The messages in order of log time, some at a time, as columns."""
-        self._latest = _Pass(self)
-        return self._latest.columns()
+        return _merged([(file, chunk) for file in self.by_file() for chunk in file.outline.chunks])
 
     def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
-        """Each chunk and its messages, in the order of the file; `damage` grows as they come."""
-        self._latest = _Pass(self)
-        return self._latest.parts()
+        """Each chunk and its messages, in the order of the files; `damage` grows as they come."""
+        return chain.from_iterable(map(FilePass.parts, self.by_file()))
 
-    def is_beside(self, chunk: Chunk) -> bool:
-        """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
-        said = self.log.outline.index.get(chunk.offset)
-        if said is None or (said.message_start_time, said.message_end_time) != (chunk.start_ns, chunk.end_ns):
-            return False
-        if said.message_index_offsets and (chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]):
-            return True  # a chunk without messages may state any times, and define channels
-        if self._topics is None or not said.message_index_offsets:
-            return False
-        channels = map(self.log.outline.summary_channels.get, said.message_index_offsets)
-        return all(channel is not None and not self.is_wanted(channel.topic) for channel in channels)
+    def by_file(self) -> list[FilePass]:
+        """An iteration that gives each file's chunks apart."""
+        self._seen = _Seen()
+        return [FilePass(self, self._seen, file) for file in self.log.files]
+
+    def is_outside(self, chunk: Chunk) -> bool:
+        """Whether no time of a chunk is wanted."""
+        return chunk.end_ns < self._times[0] or chunk.start_ns >= self._times[1]
 
     def wanted(self, columns: MessageColumns) -> MessageColumns:
         """Those of wanted topics and times."""
@@ -217,41 +219,74 @@ class Scan:
         return columns if wanted.all() else columns[wanted]
 
 
-class _Pass:
-    """One iteration: what it has learnt of channels so far, and what it could not read."""
-
-    def __init__(self, wanted: Scan) -> None:
-        self._scan = wanted
-        self._file, self._outline = wanted.log.file, wanted.log.outline
-        self.damage: list[Damage] = list(self._outline.damage)
-        self.definitions = Definitions(self._file, self._outline)
-        self._channels: list[Channel] = []
-        self._index_of: dict[Channel, int] = {}
-        self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
-
-    def columns(self) -> Iterator[MessageColumns]:
-        """The messages in order of log time, some at a time."""
-        chunks = self._outline.chunks
-        with TimeMerge() as merge:
-            for position in sorted(range(len(chunks)), key=lambda i: chunks[i].start_ns):
-                chunk = chunks[position]
-                if self._scan.is_beside(chunk):
-                    continue
+def _merged(chunks: list[tuple[FilePass, Chunk]]) -> Iterator[MessageColumns]:
+    """The messages of all chunks in order of log time, some at a time."""
+    with TimeMerge() as merge:
+        for position in sorted(range(len(chunks)), key=lambda i: chunks[i][1].start_ns):
+            file, chunk = chunks[position]
+            if not file.is_beside(chunk):
                 yield from merge.release((chunk.start_ns, position))
-                merge.hold(position, self._messages(chunk))
-            yield from merge.release(None)
+                merge.hold(position, file.messages(chunk))
+        yield from merge.release(None)
+
+
+class _Seen:
+    """What an iteration could not read so far, and the channels that it has met."""
+
+    def __init__(self) -> None:
+        self.damage: list[Damage] = []
+        self.channels: list[Channel] = []
+        self._index_of: dict[Channel, int] = {}
+
+    def index_of(self, channel: Channel) -> int:
+        """Where a channel stands in the list."""
+        if channel not in self._index_of:
+            self._index_of[channel] = len(self.channels)
+            self.channels.append(channel)
+        return self._index_of[channel]
+
+
+class FilePass:
+    """One iteration through one file.
+
+    Attributes:
+        bytes_of: the file.
+        outline: where everything stands in it.
+        definitions: schemas and channels by their ids, as far as the iteration knows them.
+    """
+
+    def __init__(self, scan: Scan, seen: _Seen, file: LogFile) -> None:
+        self.bytes_of, self.outline, self._name = file.bytes_of, file.outline, file.name
+        self.definitions = Definitions(file)
+        self._scan = scan
+        self._seen = seen
+        self._lookup = np.full(N_CHANNEL_IDS, UNSEEN, np.int32)
+        for damage in file.outline.damage:
+            self._report(damage)
 
     def parts(self) -> Iterator[tuple[Chunk, MessageColumns]]:
         """Each chunk and its messages, in the order of the file."""
-        for chunk in self._outline.chunks:
-            yield chunk, self._messages(chunk)
+        for chunk in self.outline.chunks:
+            yield chunk, self.messages(chunk)
 
-    def _messages(self, chunk: Chunk) -> MessageColumns:
+    def is_beside(self, chunk: Chunk) -> bool:
+        """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
+        said = self.outline.index.get(chunk.offset)
+        if said is None or (said.message_start_time, said.message_end_time) != (chunk.start_ns, chunk.end_ns):
+            return False
+        if not said.message_index_offsets:
+            return False  # a chunk without messages may state any times, and define channels
+        if self._scan.is_outside(chunk):
+            return True
+        channels = map(self.outline.summary_channels.get, said.message_index_offsets)
+        return all(channel is not None and not self._scan.is_wanted(channel.topic) for channel in channels)
+
+    def messages(self, chunk: Chunk) -> MessageColumns:
         """The wanted messages of a chunk, sorted by log time, stably."""
-        contents, damage = read_contents(self._file, chunk)
-        let_go(self._file, chunk.offset, chunk.end)
+        contents, damage = read_contents(self.bytes_of, chunk)
+        let_go(self.bytes_of, chunk.offset, chunk.end)
         if damage:
-            self.damage.append(damage)
+            self._report(damage)
         buffer = np.frombuffer(contents, np.uint8)
         n_messages, n_others, end = count_records(buffer)
         channel_id, sequence, log_time, publish_time, start, stop, others = read_records(buffer, n_messages, n_others)
@@ -261,7 +296,7 @@ class _Pass:
         columns = MessageColumns(
             log_time_ns=log_time, publish_time_ns=publish_time, sequence=sequence,
             channel=self._resolved(chunk, contents, channel_id, start, others),
-            start=start, stop=stop, contents=contents, channels=self._channels,
+            start=start, stop=stop, contents=contents, channels=self._seen.channels,
         )  # fmt: skip
         columns = self._scan.wanted(columns).sorted()
         if len(columns) and columns.log_time_ns[0] < chunk.start_ns:
@@ -302,16 +337,14 @@ class _Pass:
         return index
 
     def _index(self, channel_id: int) -> int:
-        """Where the channel of that id stands in the list."""
         channel = self.definitions.channel(channel_id)
         if channel is None:
             return UNKNOWN
-        if not self._scan.is_wanted(channel.topic):
-            return UNWANTED
-        if channel not in self._index_of:
-            self._index_of[channel] = len(self._channels)
-            self._channels.append(channel)
-        return self._index_of[channel]
+        return self._seen.index_of(channel) if self._scan.is_wanted(channel.topic) else UNWANTED
 
     def _damaged(self, kind: DamageKind, chunk: Chunk, messages: int | None, detail: str) -> None:
-        self.damage.append(chunk.damaged(kind, messages, detail))
+        self._report(chunk.damaged(kind, messages, detail))
+
+    def _report(self, damage: Damage) -> None:
+        detail = f"{self._name}: {damage.detail}" if self._name else damage.detail
+        self._seen.damage.append(replace(damage, detail=detail))

@@ -29,7 +29,7 @@ class OtherFormat(NamedTuple):
 
 AS_TABLE = "`dirprim convert` without --format makes a log of it"
 OTHER_FORMATS = (
-    OtherFormat(b"SQLite format 3", "a ROS 2 bag in SQLite", f"`rosbags-convert --src FOLDER --dst NEW {ROSBAGS}"),
+    OtherFormat(b"SQLite format 3", "a ROS 2 bag in SQLite", "`dirprim` reads its folder, or a file named .db3"),
     OtherFormat(b"#ROSBAG", "a ROS 1 bag", f"`rosbags-convert --src FILE --dst NEW {ROSBAGS}"),
     OtherFormat(b"RRF", "a rerun recording", "`dirprim view` shows it"),
     OtherFormat(b"PAR1", "a Parquet table", AS_TABLE),

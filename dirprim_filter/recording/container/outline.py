@@ -77,6 +77,21 @@ class Outline:
     damage: list[Damage] = field(default_factory=list)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogFile:
+    """One file of a log.
+
+    Attributes:
+        name: of the file, where the log has several; else empty.
+        bytes_of: mapped into memory.
+        outline: where everything stands in it, and what of that is broken.
+    """
+
+    name: str
+    bytes_of: mmap
+    outline: Outline
+
+
 def read_outline(file: mmap) -> Outline:
     """The outline of a file that starts like an MCAP log."""
     walk = _Walk(file)

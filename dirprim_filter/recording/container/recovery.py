@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from itertools import count
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.definitions import definition_records
 from dirprim_filter.recording.container.errors import DamagedRecordingError
-from dirprim_filter.recording.container.log import Log, Scan
+from dirprim_filter.recording.container.log import FilePass, Log, Scan
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.partial_file import PartialFile
@@ -91,7 +92,7 @@ def recover(
     """Write all that can be read of a log as a whole one.
 
     Args:
-        path: the log; a `.partial` file that a killed process left, for example.
+        path: the log; a `.partial` file that a killed process left, for example, or a split recording's folder.
         output: the log to write.
         strict: raise where something is damaged, instead of going on.
         force: overwrite an existing file.
@@ -104,27 +105,31 @@ def recover(
         OSError: a file cannot be read or written.
     """
     with Log(path) as opened, PartialFile(output, force=force) as file:
-        log, outline = opened.scan(), opened.outline
-        writer = McapWriter(file, profile=outline.profile, library=outline.library)
-        for name, entries in outline.metadata:
+        log, first = opened.scan(), opened.files[0].outline
+        writer = McapWriter(file, profile=first.profile, library=first.library)
+        for name, entries in log.metadata:
             writer.add_metadata(name, entries)
-        copier = _Copier(log, writer)
-        for done, (chunk, columns) in enumerate(log.parts(), start=1):
-            if strict and log.damage:
-                raise DamagedRecordingError(log.path, log.damage)
-            copier.take(chunk, columns)
-            if progress is not None:
-                progress(done, len(outline.chunks))
+        copier, done, n_chunks = _Copier(log, writer), count(1), len(opened.chunks)
+        for part in log.by_file():
+            for chunk, columns in part.parts():
+                if strict and log.damage:
+                    raise DamagedRecordingError(log.path, log.damage)
+                copier.take(part, chunk, columns)
+                if progress is not None:
+                    progress(next(done), n_chunks)
         if strict and log.damage:
             raise DamagedRecordingError(log.path, log.damage)
-        for attachment in outline.attachments:
-            writer.add_attachment(attachment, opened.file[attachment.offset : attachment.end])
-        for start, end in outline.private:
-            writer.add_private(opened.file[start:end])
+        n_attachments = 0
+        for one in opened.files:
+            for attachment in one.outline.attachments:
+                writer.add_attachment(attachment, one.bytes_of[attachment.offset : attachment.end])
+                n_attachments += 1
+            for start, end in one.outline.private:
+                writer.add_private(one.bytes_of[start:end])
         writer.finish()
         return Recovery(
             saved=copier.saved, chunks_copied=copier.copied, chunks_rewritten=copier.rewritten,
-            attachments=len(outline.attachments), metadata=len(outline.metadata), damage=tuple(log.damage),
+            attachments=n_attachments, metadata=len(log.metadata), damage=tuple(log.damage),
         )  # fmt: skip
 
 
@@ -137,7 +142,8 @@ class _Copier:
         self.saved = self.copied = self.rewritten = 0
         self._seen_damage = 0
 
-    def take(self, chunk: Chunk, columns: MessageColumns) -> None:
+    def take(self, part: FilePass, chunk: Chunk, columns: MessageColumns) -> None:
+        self.file, self.definitions = part.bytes_of, part.definitions
         self.saved += len(columns)
         is_clean = len(self.scan.damage) == self._seen_damage or not self._is_hit(chunk)
         self._seen_damage = len(self.scan.damage)
@@ -152,7 +158,7 @@ class _Copier:
 
     def _is_whole(self, chunk: Chunk) -> bool:
         """Whether it stands in the file as one record whose two lengths agree."""
-        file = self.scan.log.file
+        file = self.file
         is_record = chunk.data_offset > chunk.offset and file[chunk.offset] == Opcode.CHUNK and not chunk.is_cut
         return is_record and chunk.end == chunk.claimed_end == record_end(file, chunk.offset)
 
@@ -164,7 +170,7 @@ class _Copier:
         ids = _channel_ids(columns)
         pairs = np.unique(np.column_stack([ids, columns.channel]), axis=0).tolist()
         used = {channel_id: columns.channels[index] for channel_id, index in pairs}
-        schemas, channels = _definitions(bytes(columns.contents), self.scan.definitions.schemas)
+        schemas, channels = _definitions(bytes(columns.contents), self.definitions.schemas)
         if len(used) < len(pairs) or not self._fits(used, schemas, channels):
             return False
         for schema_id, channel in channels.values():
@@ -172,7 +178,7 @@ class _Copier:
             if is_missing and self.writer.define_schema(channel.schema, schema_id) != schema_id:
                 return False
         for one in used.keys() - channels.keys() - self.writer.channels.keys():
-            self.writer.define(used[one], one, _key_of(self.scan.definitions.schemas, used[one].schema))
+            self.writer.define(used[one], one, _key_of(self.definitions.schemas, used[one].schema))
         self.writer.close_chunk()
         self.writer.schemas.update(schemas)
         for schema_id, channel in channels.values():
@@ -185,7 +191,7 @@ class _Copier:
             message_index_length=0, message_index_offsets={},
         )  # fmt: skip
         offsets = (columns.start - MESSAGE_HEADER.size).astype(np.uint64)
-        record = self.scan.log.file[chunk.offset : chunk.end]
+        record = self.file[chunk.offset : chunk.end]
         self.writer.put_chunk(record, index, ids, np.column_stack([times, offsets]))
         return True
 
@@ -216,8 +222,8 @@ class _Copier:
         written = {known: known_id for known_id, (_, known) in self.writer.channels.items()}
         if channel in written:
             return written[channel]
-        wanted = _key_of(self.scan.definitions.channels, channel)
-        return self.writer.define(channel, wanted, _key_of(self.scan.definitions.schemas, channel.schema))
+        wanted = _key_of(self.definitions.channels, channel)
+        return self.writer.define(channel, wanted, _key_of(self.definitions.schemas, channel.schema))
 
 
 def _key_of(known: Mapping[int, Schema] | Mapping[int, Channel], value: Schema | Channel) -> int | None:

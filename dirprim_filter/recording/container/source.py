@@ -1,4 +1,4 @@
-"""Where the bytes of a log come from: a file, a pipe, or a URL; in the end always a file that can be mapped.
+"""Where the bytes of a log come from: files, a pipe, a URL or a bag; in the end always files that can be mapped.
 
 The order of log time needs the whole log, so what cannot be mapped is copied to a temporary file first; memory stays
 bounded. The copy lasts as long as the process: a pipe can be read only once, but a log is opened several times.
@@ -14,10 +14,13 @@ import re
 import stat
 import sys
 import tempfile
+from collections.abc import Callable
+from io import FileIO
 from os import PathLike, fspath
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
+from dirprim_filter.recording.container import rosbag2
 from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.container.other_formats import READ_BYTES
 from dirprim_filter.recording.container.records import MAGIC
@@ -28,32 +31,38 @@ STDIN = "-"
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
 BLOCK_BYTES = 1 << 22
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.:-]+?):/+(?P<rest>[^/].*)")
 """`Path` folds the slashes of a URL; what names no file and starts like this is taken for one."""
 
 _copies: dict[str, Path] = {}
 
 
-def local_file(path: str | PathLike[str]) -> Path:
-    """The file itself; of a pipe ("-" is standard input) or of a URL the copy, made when first asked for.
+def local_files(path: str | PathLike[str]) -> list[Path]:
+    """The file itself, or those of a folder that rosbag2 recorded; of what cannot be mapped the copy.
+
+    A pipe ("-" is standard input), a URL and a bag in SQLite are copied when they are first asked for.
 
     Raises:
-        RecordingError: a URL that cannot be read, or fsspec or what it needs for this scheme is missing.
+        RecordingError: a URL or a folder that cannot be read, or fsspec or what it needs for this scheme is missing.
         OSError: it cannot be read.
     """
     name = fspath(path)
     if name in _copies:
-        return _copies[name]
+        return [_copies[name]]
     if name == STDIN:
-        return _copied(name, sys.stdin.buffer)
+        return [_copied(name, _blocks(sys.stdin.buffer))]
     file = Path(name)
     if (match := URL.fullmatch(name)) and not file.exists():
         root = "/" if match["scheme"] in ("file", "local") else ""
-        return _fetched(name, f"{match['scheme']}://{root}{match['rest']}")
-    if not stat.S_ISREG(file.stat().st_mode) and not file.is_dir():
+        return [_fetched(name, f"{match['scheme']}://{root}{match['rest']}")]
+    if file.is_dir() or file.suffix == rosbag2.SQLITE:
+        files = rosbag2.files_of(file) if file.is_dir() else []
+        return files or [_copied(name, rosbag2.as_mcap(file))]
+    if not stat.S_ISREG(file.stat().st_mode):
         with file.open("rb") as pipe:
-            return _copied(name, pipe)
-    return file
+            return [_copied(name, _blocks(pipe))]
+    return [file]
 
 
 def drop_copy(path: str | PathLike[str]) -> None:
@@ -62,15 +71,17 @@ def drop_copy(path: str | PathLike[str]) -> None:
         copy.unlink(missing_ok=True)
 
 
-def mapped(path: str | PathLike[str]) -> mmap.mmap:
-    """The bytes of a log.
+def mapped(file: Path, path: str | PathLike[str]) -> mmap.mmap:
+    """The bytes of a local file of a log.
+
+    Args:
+        file: what is mapped.
+        path: what the user calls it.
 
     Raises:
         NotMcapError: it is empty, or neither starts nor ends like an MCAP log.
-        RecordingError: a URL that cannot be read here.
         OSError: it cannot be opened.
     """
-    file = local_file(path)
     with file.open("rb") as opened:
         if file.stat().st_size == 0:
             raise NotMcapError(path, b"")
@@ -98,7 +109,7 @@ def _fetched(name: str, url: str) -> Path:
         ) from error
     try:
         with fsspec.open(url, "rb") as remote:
-            return _copied(name, remote)
+            return _copied(name, _blocks(remote))
     except NoRoomError:
         raise
     except FileNotFoundError as error:  # some name only a path, even if no server answers
@@ -109,17 +120,29 @@ def _fetched(name: str, url: str) -> Path:
         raise RecordingError(f"{url}: expected a URL that fsspec can read: {why}; copy the log here") from error
 
 
-def _copied(name: str, stream: BinaryIO) -> Path:
-    with tempfile.NamedTemporaryFile(prefix="dirprim-", suffix=".mcap", delete=False) as copy:
+def _copied(name: str, write: Callable[[FileIO], None]) -> Path:
+    with tempfile.NamedTemporaryFile(prefix="dirprim-", suffix=".mcap", buffering=0, delete=False) as copy:
         atexit.register(Path(copy.name).unlink, missing_ok=True)
-        while block := stream.read(BLOCK_BYTES):
-            try:
-                copy.write(block)
-            except OSError as error:
-                raise NoRoomError(
-                    f"{name}: expected to copy it to {tempfile.gettempdir()}: {error.strerror}; make room there, or "
-                    "set TMPDIR to a folder that has some"
-                ) from error
+        try:
+            write(cast("FileIO", copy))
+        except OSError as error:
+            if error.errno not in NO_ROOM:
+                raise
+            raise NoRoomError(
+                f"{name}: expected to copy it to {tempfile.gettempdir()}: {error.strerror}; make room there, or "
+                "set TMPDIR to a folder that has some"
+            ) from error
     _copies[name] = Path(copy.name)
     logger.info("%s: copied to %s", name, copy.name)
     return _copies[name]
+
+
+def _blocks(stream: BinaryIO) -> Callable[[FileIO], None]:
+    """Writes what a stream holds."""
+
+    def write(file: FileIO) -> None:
+        while block := memoryview(stream.read(BLOCK_BYTES)):
+            while block:
+                block = block[file.write(block) :]
+
+    return write

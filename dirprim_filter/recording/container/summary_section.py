@@ -7,12 +7,13 @@ Source: the MCAP specification, version 0, "Summary Section".
 
 from __future__ import annotations
 
+import struct
 import zlib
 from dataclasses import dataclass, field
 from mmap import mmap
 
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex, Statistics
+from mcap.records import Statistics
 
 from dirprim_filter.recording.container.records import (
     MAGIC,
@@ -28,6 +29,9 @@ from dirprim_filter.recording.container.records import (
 )
 
 FOOTER_SIZE = RECORD_HEADER_SIZE + 20
+CHUNK_PLACE = struct.Struct("<QQ")
+"""Of a chunk index, behind two times: where the chunk starts, and its length."""
+CHUNK_PLACE_END = RECORD_HEADER_SIZE + 4 * 8
 
 
 @dataclass(slots=True, kw_only=True)
@@ -37,7 +41,6 @@ class Summary:
     Attributes:
         schemas: by id.
         channels: by id.
-        chunks: what it says of each.
         statistics: None where there is no such record.
         attachments: their names.
         metadata: their records' names.
@@ -45,7 +48,6 @@ class Summary:
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    chunks: list[ChunkIndex] = field(default_factory=list)
     statistics: Statistics | None = None
     attachments: list[str] = field(default_factory=list)
     metadata: list[str] = field(default_factory=list)
@@ -65,13 +67,12 @@ def read_summary(file: mmap) -> Summary | None:
         with memoryview(file) as view:
             if said.summary_crc not in (0, zlib.crc32(view[start : footer + FOOTER_SIZE - U32.size])):
                 return None
-        summary = _parsed(file, start, footer)
+        return _parsed(file, start, footer, data_end)
     except MalformedRecordError:
         return None
-    return summary if all(_is_chunk(file, chunk, data_end) for chunk in summary.chunks) else None
 
 
-def _parsed(file: mmap, at: int, footer: int) -> Summary:
+def _parsed(file: mmap, at: int, footer: int, data_end: int) -> Summary:
     summary = Summary()
     while at < footer:
         end, opcode = record_end(file, at), file[at]
@@ -84,7 +85,7 @@ def _parsed(file: mmap, at: int, footer: int) -> Summary:
             channel_id, channel = parse_channel(file, at, summary.schemas)
             summary.channels[channel_id] = channel
         elif opcode == Opcode.CHUNK_INDEX:
-            summary.chunks.append(parse(file, at))
+            _check_chunk(file, at, end, data_end)
         elif opcode == Opcode.ATTACHMENT_INDEX:
             summary.attachments.append(parse(file, at).name)
         elif opcode == Opcode.METADATA_INDEX:
@@ -95,6 +96,15 @@ def _parsed(file: mmap, at: int, footer: int) -> Summary:
     return summary
 
 
-def _is_chunk(file: mmap, chunk: ChunkIndex, data_end: int) -> bool:
-    start, length = chunk.chunk_start_offset, chunk.chunk_length
-    return start + length <= data_end and file[start] == Opcode.CHUNK and record_end(file, start) == start + length
+def _check_chunk(file: mmap, at: int, end: int, data_end: int) -> None:
+    """What a chunk index, the record from `at` to `end`, says is a chunk; a long log has hundreds of thousands.
+
+    Raises:
+        MalformedRecordError: otherwise.
+    """
+    if end - at >= CHUNK_PLACE_END:
+        start, length = CHUNK_PLACE.unpack_from(file, at + CHUNK_PLACE_END - CHUNK_PLACE.size)
+        stop = start + length
+        if stop <= data_end and file[start] == Opcode.CHUNK and record_end(file, start) == stop:
+            return
+    raise MalformedRecordError("a chunk index of the summary points where no chunk is")

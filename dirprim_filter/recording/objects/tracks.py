@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from dirprim_filter.arrays import AnyArray
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.optional_columns import is_held, unknown
 from dirprim_filter.recording.container.damage import Damage
+from dirprim_filter.recording.decoding.growing_column import GrowingColumn
 from dirprim_filter.recording.losses import ClockFaults, Drops
 from dirprim_filter.recording.objects.observations import TimedRows
 from dirprim_filter.recording.vehicle_rows import VehicleRows
@@ -39,26 +41,7 @@ class TrackResult:
     frame: str = ""
 
 
-class _Column:
-    """A column under way, one block that grows: of many small ones the system would not get its memory back."""
-
-    def __init__(self, kind: type, *width: int) -> None:
-        self._values: AnyArray = np.empty((0, *width), kind)
-        self._n = 0
-
-    def extend(self, values: AnyArray) -> None:
-        end = self._n + len(values)
-        if end > len(self._values):
-            self._values.resize((end + end // 8, *self._values.shape[1:]), refcheck=False)
-        self._values[self._n : end] = values
-        self._n = end
-
-    def whole(self) -> AnyArray:
-        self._values.resize((self._n, *self._values.shape[1:]), refcheck=False)
-        return self._values
-
-
-class _OptionalColumn(_Column):
+class _OptionalColumn(GrowingColumn):
     """Sizes or headings: begun at the first that is known, as most logs have none."""
 
     def __init__(self, *width: int) -> None:
@@ -86,10 +69,10 @@ def rows_of_log(parts: Iterable[TimedRows]) -> VehicleRows:
     """
     unlabelled = count()
     numbers = Numbers()
+    number, real = partial(GrowingColumn, np.int64), partial(GrowingColumn, np.float64)
     columns = {
-        "vehicle": _Column(np.int64), "time_ns": _Column(np.int64), "position": _Column(np.float64, 2),
-        "direction": _Column(np.float64), "speed": _Column(np.float64), "group": _Column(np.int64),
-        "size": _OptionalColumn(3), "heading": _OptionalColumn(),
+        "vehicle": number(), "time_ns": number(), "position": real(2), "direction": real(), "speed": real(),
+        "group": number(), "size": _OptionalColumn(3), "heading": _OptionalColumn(),
     }  # fmt: skip
     for time_ns, rows in parts:
         names = rows.track_id.tolist()

@@ -29,8 +29,8 @@ class TransformRows(NamedTuple):
     translation: FloatArray  # (n, 3) metres
     rotation: FloatArray  # (n, 4) quaternion x, y, z, w
 
-    def of(self, rows: BoolArray) -> TransformRows:
-        """Those of a mask."""
+    def of(self, rows: BoolArray | IntArray) -> TransformRows:
+        """Those of a mask, or of indices."""
         columns: list[Any] = [column[rows] for column in self]
         return TransformRows(*columns)
 

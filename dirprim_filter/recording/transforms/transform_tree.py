@@ -19,12 +19,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, signed
 from dirprim_filter.recording.decoding.fields import SchemaError
+from dirprim_filter.recording.decoding.growing_column import GrowingColumn
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
 from dirprim_filter.recording.losses import Drops
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, family_of
@@ -77,8 +78,9 @@ class Edge:
     is_constant: bool = field(init=False)
 
     def __post_init__(self) -> None:
-        same = (self.translation == self.translation[0]).all() and (self.rotation == self.rotation[0]).all()
-        object.__setattr__(self, "is_constant", bool(same))
+        values = (self.translation, self.rotation)
+        same = all((of[-1] == of[0]).all() for of in values) and all((of == of[0]).all() for of in values)
+        object.__setattr__(self, "is_constant", same)
 
     def at(self, time_ns: IntArray) -> Placement:
         """The frame in its parent at (n,) times."""
@@ -205,47 +207,54 @@ def _valid(rows: TransformRows) -> BoolArray:
     return np.asarray(is_pose & (rows.child != rows.parent) & (np.abs(rows.stamp_ns // 2) < 1 << 61))
 
 
-class _Transforms:
-    """Columns of transforms under way; names as numbers, for a column of text is as wide as its longest."""
+class _GrowingEdge:
+    """A frame in the first parent that the log gives it, under way."""
 
-    def __init__(self) -> None:
-        self._names = Numbers()
-        self._columns: tuple[list[AnyArray], ...] = ([], [], [], [], [])
+    def __init__(self, parent: str) -> None:
+        self.parent = parent
+        self.has_others = False
+        self._columns = GrowingColumn(np.int64), GrowingColumn(np.float64, 3), GrowingColumn(np.float64, 4)
 
     def extend(self, rows: TransformRows) -> None:
-        child, parent = (
-            np.fromiter(map(self._names.__getitem__, names.tolist()), np.int64, names.size)
-            for names in (rows.child, rows.parent)
-        )
+        is_own = rows.parent == self.parent
+        if not is_own.all():
+            self.has_others, rows = True, rows.of(is_own)
         rotation = rows.rotation / np.linalg.norm(rows.rotation, axis=1, keepdims=True)
-        for column, values in zip(
-            self._columns, (child, parent, rows.stamp_ns, rows.translation, rotation), strict=True
-        ):
-            column.append(values)
+        for column, values in zip(self._columns, (rows.stamp_ns, rows.translation, rotation), strict=True):
+            column.extend(values)
+
+    def whole(self) -> Edge:
+        """In order of time; of one time the last. Columns that are in order already are not copied."""
+        time_ns, translation, rotation = (column.whole() for column in self._columns)
+        if not (time_ns[1:] > time_ns[:-1]).all():
+            order = np.argsort(time_ns, kind="stable")
+            kept = order[np.append(np.diff(time_ns[order]) > 0, True)]
+            time_ns, translation, rotation = time_ns[kept], translation[kept], rotation[kept]
+        return Edge(parent=self.parent, time_ns=time_ns, translation=translation, rotation=rotation)
+
+
+class _Transforms:
+    """The edges of a log, under way."""
+
+    def __init__(self) -> None:
+        self._edges: dict[str, _GrowingEdge] = {}
+
+    def extend(self, rows: TransformRows) -> None:
+        if not rows.stamp_ns.size:
+            return
+        numbers = Numbers()
+        child = numbers.of(rows.child.tolist())
+        names = list(numbers)
+        by_child = np.argsort(child, kind="stable")
+        for own in np.split(by_child, np.flatnonzero(np.diff(child[by_child])) + 1):
+            name = names[child[own[0]]]
+            if name not in self._edges:
+                self._edges[name] = _GrowingEdge(str(rows.parent[own[0]]))
+            self._edges[name].extend(rows.of(own))
 
     def edges(self, path: Path) -> dict[str, Edge]:
-        """The edges of all transforms; of several parents the first is kept, of one time the last."""
-        if not self._columns[0]:
-            return {}
-        child, parent, time_ns, translation, rotation = map(_joined, self._columns)
-        names = list(self._names)
-        by_child = np.argsort(child, kind="stable")
-        edges = {}
-        for of_child in np.split(by_child, np.flatnonzero(np.diff(child[by_child])) + 1):
-            name, above = names[child[of_child[0]]], parent[of_child[0]]
-            own = of_child[parent[of_child] == above]
-            if own.size < of_child.size:
-                logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, names[above])
-            order = own[np.argsort(time_ns[own], kind="stable")]
-            kept = order[np.append(np.diff(time_ns[order]) > 0, True)]
-            edges[name] = Edge(
-                parent=names[above], time_ns=time_ns[kept], translation=translation[kept], rotation=rotation[kept]
-            )
-        return edges
-
-
-def _joined(column: list[AnyArray]) -> AnyArray:
-    """The blocks of a column as one; they are let go."""
-    whole = np.concatenate(column)
-    column.clear()
-    return whole
+        """The edges of all transforms."""
+        for name, edge in self._edges.items():
+            if edge.has_others:
+                logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, edge.parent)
+        return {name: edge.whole() for name, edge in self._edges.items()}

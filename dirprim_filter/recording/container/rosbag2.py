@@ -1,0 +1,109 @@
+"""Recordings of rosbag2: folders of MCAP files, split or not, and bags in SQLite, which the rosbags package reads.
+
+Source: rosbag2's `metadata.yaml`, which lists the files of a folder in their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from io import FileIO
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from dirprim_filter.recording.container.errors import RecordingError
+from dirprim_filter.recording.container.mcap_writer import McapWriter
+from dirprim_filter.recording.container.records import Channel, Schema
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+
+SQLITE = ".db3"
+METADATA = "metadata.yaml"
+MAX_METADATA_BYTES = 1 << 26
+FASTEST = 1
+"""Level of the compression of what is read once."""
+
+
+def files_of(folder: Path) -> list[Path]:
+    """The MCAP files of a folder in their order; none where its messages are in SQLite.
+
+    Raises:
+        RecordingError: it has no such `metadata.yaml`, or a file that this lists is missing.
+        OSError: it cannot be read.
+    """
+    if not (folder / METADATA).exists():
+        raise RecordingError(
+            f"{folder}: expected a file, or a folder of rosbag2 with {METADATA}, got one without; give its files "
+            "one by one, or write it by `ros2 bag reindex`"
+        )
+    said = _metadata(folder / METADATA)
+    try:
+        names, storage = [PurePosixPath(name).name for name in said["relative_file_paths"]], said["storage_identifier"]
+    except (KeyError, TypeError) as error:
+        raise _no_metadata(folder / METADATA, f"none with {error}") from error
+    files = [folder / name for name in names]
+    missing = [file.name for file in files if not file.is_file()]
+    if missing or not files:
+        got = f"no {missing[0]}" if missing else "an empty list"
+        raise RecordingError(
+            f"{folder}: expected all files that {METADATA} lists, got {got}; write the list by `ros2 bag reindex`"
+        )
+    return [] if storage == "sqlite3" else files
+
+
+def as_mcap(bag: Path) -> Callable[[FileIO], None]:
+    """Writes the messages of a folder, or of a single file, into an MCAP log.
+
+    Raises (when it writes):
+        RecordingError: rosbags cannot read it.
+    """
+
+    def write(file: FileIO) -> None:
+        from apsw import Error as SqliteError  # noqa: PLC0415  (loaded for such bags alone)
+        from rosbags.rosbag2 import Reader, ReaderError  # noqa: PLC0415
+
+        writer = McapWriter(file, profile="ros2", library="rosbags", level=FASTEST)
+        try:
+            with Reader(bag) as reader:
+                ids = {one.id: writer.define(_channel(one)) for one in reader.connections}
+                for connection, time_ns, data in reader.messages():
+                    writer.add(ids[connection.id], 0, max(time_ns, 0), max(time_ns, 0), data)
+        except (ReaderError, SqliteError) as error:
+            way = "of a broken one `sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
+            raise RecordingError(f"{bag}: expected a bag that rosbags can read, got {error}; {way}") from error
+        writer.finish()
+
+    return write
+
+
+def _channel(connection: Connection) -> Channel:
+    from rosbags.interfaces import MessageDefinitionFormat  # noqa: PLC0415
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+    definition, kind = connection.msgdef.data, connection.msgdef.format
+    encoding = "ros2idl" if kind is MessageDefinitionFormat.IDL else "ros2msg"
+    if kind is MessageDefinitionFormat.NONE:  # older bags have none; those of ROS itself are known
+        known = get_typestore(Stores.LATEST)
+        is_known = connection.msgtype in known.fielddefs
+        definition = known.generate_msgdef(connection.msgtype, ros_version=2)[0] if is_known else ""
+    schema = Schema(name=connection.msgtype, encoding=encoding, data=definition.encode())
+    return Channel(topic=connection.topic, message_encoding="cdr", schema=schema, metadata=())
+
+
+def _metadata(path: Path) -> dict[str, Any]:
+    from ruamel.yaml import YAML  # noqa: PLC0415  (rosbags brings it)
+    from ruamel.yaml.error import YAMLError  # noqa: PLC0415
+
+    with path.open(encoding="utf-8", errors="replace") as file:
+        text = file.read(MAX_METADATA_BYTES)
+    try:
+        said = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
+    except (YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise _no_metadata(path, " ".join(str(error).split())[:100]) from error
+    if not isinstance(said, dict):
+        raise _no_metadata(path, type(said).__name__)
+    return said
+
+
+def _no_metadata(path: Path, got: str) -> RecordingError:
+    return RecordingError(f"{path}: expected rosbag2_bagfile_information, got {got}; write it by `ros2 bag reindex`")

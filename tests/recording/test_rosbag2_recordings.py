@@ -1,0 +1,195 @@
+"""Folders of rosbag2 as one recording: split MCAP files as one file would, bags in SQLite as rosbags reads them."""
+
+import json
+import shutil
+import sqlite3
+
+import numpy as np
+import pytest
+from mcap_files import DATA, log_bytes
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from dirprim_filter import read_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording.container import source
+from dirprim_filter.recording.container.recovery import recover
+from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.scan import scan
+from dirprim_filter.recording.summary import summarise_by_index
+
+DONE, FAILED, INPUT_LOST = 0, 1, 3
+PARTS = [  # channel 1 is another topic in each; the second begins before the first ends
+    [("/a", t, b"0") for t in range(0, 60, 2)] + [("/b", 40, b"b")],
+    [("/b", 55, b"1"), *(("/a", t, b"1") for t in range(55, 90))],
+    [("/c", 90, b"2"), ("/a", 91, b"2")],
+]
+
+
+@pytest.fixture(autouse=True)
+def forget_copies(monkeypatch):
+    monkeypatch.setattr(source, "_copies", {})
+
+
+def rows(log):
+    return [(m.topic, m.log_time_ns, m.data) for m in log]
+
+
+def described(folder, names, storage="mcap"):
+    """The folder, with the metadata that rosbag2 would write."""
+    (folder / "metadata.yaml").write_text(json.dumps({  # which is YAML too
+        "rosbag2_bagfile_information": {
+            "version": 5, "storage_identifier": storage, "relative_file_paths": names,
+            "files": [{"path": name} for name in names],
+        }
+    }))  # fmt: skip
+    return folder
+
+
+@pytest.fixture
+def split(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for i, part in enumerate(PARTS):
+        (folder / f"run_{i}.mcap").write_bytes(log_bytes(part, chunk_size=100))
+    return described(folder, [f"run/run_{i}.mcap" for i in range(len(PARTS))])
+
+
+def test_a_split_recording_is_one_log(split):
+    log = scan(split)
+    assert rows(log) == sorted((m for part in PARTS for m in part), key=lambda m: m[1])  # stably: in the files' order
+    assert log.damage == []
+    assert rows(scan(split, topics="/b".__eq__)) == [("/b", 40, b"b"), ("/b", 55, b"1")]
+    assert rows(scan(split, start_ns=90)) == PARTS[2]
+    assert [channel.topic for channel in log.channels()] == ["/a", "/b", "/c"]
+    assert log.end_ns == 91
+
+
+def test_the_index_of_a_split_recording_is_that_of_its_files(split):
+    summary = summarise_by_index(split, from_bytes=0)
+    assert {topic.name: topic.messages for topic in summary.topics} == {"/a": 66, "/b": 2, "/c": 1}
+    assert (summary.messages, summary.start_ns, summary.end_ns) == (69, 0, 91)
+    (split / "run_1.mcap").write_bytes(log_bytes(PARTS[1])[:-50])
+    assert summarise_by_index(split, from_bytes=0) is None
+
+
+def test_damage_of_a_split_recording_names_the_file_and_costs_no_other(split):
+    path = split / "run_1.mcap"
+    path.write_bytes(path.read_bytes()[:-50])
+    log = scan(split)
+    assert len(rows(log)) == sum(map(len, PARTS))
+    assert {damage.kind for damage in log.damage} == {"truncated"}
+    assert all(damage.detail.startswith("run_1.mcap: ") for damage in log.damage)
+
+
+def test_a_split_recording_is_recovered_into_one_file(split, tmp_path):
+    recovery = recover(split, tmp_path / "one.mcap")
+    assert recovery.is_lossless
+    assert rows(scan(tmp_path / "one.mcap")) == rows(scan(split))
+    assert recovery.saved == sum(map(len, PARTS))
+
+
+@pytest.mark.parametrize(
+    ("metadata", "told"),
+    [
+        (None, r"run: expected a file, or a folder of rosbag2 with metadata\.yaml, got one without"),
+        ("a: [", r"metadata\.yaml: expected rosbag2_bagfile_information, got "),
+        ("[]", r"metadata\.yaml: expected rosbag2_bagfile_information, got "),
+        ("rosbag2_bagfile_information: 3", "got int"),
+        ("rosbag2_bagfile_information: {storage_identifier: mcap}", "got none with 'relative_file_paths'"),
+        ("rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: []}", "got an empty list"),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [../gone.mcap]}",
+            "no gone.mcap",
+        ),
+    ],
+)
+def test_a_folder_that_is_no_recording_is_told_in_one_line(split, metadata, told, capsys):
+    if metadata is None:
+        (split / "metadata.yaml").unlink()
+    else:
+        (split / "metadata.yaml").write_text(metadata)
+    with pytest.raises(RecordingError, match=told) as caught:
+        scan(split)
+    assert "\n" not in str(caught.value)
+    assert run(["info", str(split)]) == FAILED
+
+
+ROS = get_typestore(Stores.ROS2_JAZZY)
+
+
+def write_bag(path, plugin, *, n=20):
+    """Odometry of a car that drives 10 m/s to the north."""
+    kinds = {name.rpartition("/")[2]: kind for name, kind in ROS.types.items()}
+    with Writer(path, version=9, storage_plugin=plugin) as bag:
+        odometry = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=ROS)
+        for k in range(n):
+            stamp = kinds["Time"](sec=k // 10, nanosec=k % 10 * 100_000_000)
+            pose = kinds["Pose"](
+                position=kinds["Point"](x=5.0, y=1.0 * k, z=0.0),
+                orientation=kinds["Quaternion"](x=0.0, y=0.0, z=np.sqrt(0.5), w=np.sqrt(0.5)),
+            )
+            none = kinds["Vector3"](x=0.0, y=0.0, z=0.0)
+            twist = kinds["Twist"](linear=kinds["Vector3"](x=10.0, y=0.0, z=0.0), angular=none)
+            message = kinds["Odometry"](
+                header=kinds["Header"](stamp=stamp, frame_id="map"), child_frame_id="car",
+                pose=kinds["PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
+                twist=kinds["TwistWithCovariance"](twist=twist, covariance=np.zeros(36)),
+            )  # fmt: skip
+            bag.write(odometry, k * 100_000_000, ROS.serialize_cdr(message, odometry.msgtype))
+    return path
+
+
+@pytest.fixture(scope="module", params=list(StoragePlugin), ids=lambda plugin: plugin.name)
+def bag(tmp_path_factory, request):
+    return write_bag(tmp_path_factory.mktemp("bags") / "bag", request.param)
+
+
+def test_a_bag_reads_whatever_its_storage(bag, tmp_path, capsys):
+    tracks = read_tracks(bag)
+    np.testing.assert_allclose(tracks.position[:, 1], np.arange(20))
+    np.testing.assert_allclose(tracks.direction, np.pi / 2)
+    np.testing.assert_allclose(tracks.speed, 10.0)
+    with Reader(bag) as reader:
+        assert [(m.log_time_ns, m.data) for m in scan(bag)] == [(time, data) for _, time, data in reader.messages()]
+    assert run(["info", str(bag)]) == DONE
+    assert "nav_msgs/msg/Odometry" in capsys.readouterr().out
+    assert (
+        run(["learn", str(bag), "-o", str(tmp_path / "map.mcap"), "--tessellation", "grid", "--cell-size", "9"]) == DONE
+    )
+    (file,) = [file for file in bag.iterdir() if file.name != "metadata.yaml"]
+    assert read_tracks(file).position.tolist() == tracks.position.tolist()
+
+
+def test_a_bag_without_definitions_is_read_by_those_of_ros(tmp_path):
+    file = next(write_bag(tmp_path / "old", StoragePlugin.SQLITE3).glob("*.db3"))
+    with sqlite3.connect(file) as database:
+        database.execute("DELETE FROM message_definitions")
+    assert len(read_tracks(file)) == 20
+
+
+def test_a_broken_bag_says_how_to_save_what_is_left(tmp_path):
+    file = next(write_bag(tmp_path / "long", StoragePlugin.SQLITE3, n=200).glob("*.db3"))
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 20_000] = bytes(20_000)
+    file.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"long\.db3: expected a bag .*malformed; of a broken one `sqlite3 OLD"):
+        scan(file)
+
+
+@pytest.mark.parametrize("data", [b"", b"SQLite format 3\0" + bytes(100)])
+def test_a_file_that_is_no_bag_is_told_in_one_line(tmp_path, data):
+    (tmp_path / "a.db3").write_bytes(data)
+    with pytest.raises(RecordingError, match=r"a\.db3: expected a bag that rosbags can read, got ") as caught:
+        scan(tmp_path / "a.db3")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
+@pytest.mark.parametrize("name", ["rosbag2_py__test__resources__mcap__wbag__wbag"])
+def test_a_real_split_recording_has_all_messages_of_its_files(tmp_path, name):
+    files = sorted((DATA / "mcap_rosbag2").glob(f"{name}_*.mcap"))
+    assert len(files) > 1
+    names = [shutil.copy(file, tmp_path / file.name).name for file in files]
+    apart = [row for file in files for row in rows(scan(file))]
+    assert rows(scan(described(tmp_path, names))) == sorted(apart, key=lambda row: row[1])
