@@ -409,7 +409,7 @@ def test_options_that_a_format_has_not_are_refused_and_those_that_it_needs_asked
     (tmp_path / "t.txt").write_text("0 1 2 3\n10 1 3 3\n")
     out = ["-o", str(tmp_path / "out.mcap"), "--force"]
     assert run(["convert", str(tmp_path / "t.txt"), *out, "--format", "trajnet"]) == FAILED
-    assert "expected --frames-per-second, which a table of trajnet does not tell" in capsys.readouterr().err
+    assert "expected --frames-per-second, which a table of trajnet does not contain" in capsys.readouterr().err
     assert run(["convert", str(tmp_path / "t.txt"), *out, "--format", "trajnet", "--frames-per-second", "25"]) == DONE
     assert run(["convert", str(kitti), *out, "--format", "kitti", "--origin", "49.01,8.43"]) == DONE
     assert "DontCare" in capsys.readouterr().err
