@@ -22,6 +22,7 @@ SHORTER = {
     "n_particles = 1000": "n_particles = 50",
     "--seeds 1 --method": "--seeds 1 --particles 50 --method",
     "--every 2": "--every 10",
+    "learn fleet -o map.mcap": "learn fleet -o map.mcap --tessellation grid --cell-size 8",
 }
 """Of a block, what is replaced: the same path, sooner done."""
 WITHOUT_BLOCKS = {"method.md", "results.md"}  # and its figures are of logs that do not ship
@@ -79,7 +80,7 @@ def test_commands_in_the_text_and_links_exist(page, capsys):
     helps: dict[tuple[str, ...], str] = {}
     for said in re.findall(r"`(dirprim [a-z][^`]*)`", FENCE.sub("", text)):
         words = said.split()[1:]
-        command = tuple(words[:2] if words[0] == "evaluate" else words[:1])
+        command = tuple(words[:2] if words[0] in {"evaluate", "store"} else words[:1])
         if command == ("COMMAND",):
             continue
         if command not in helps:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.tracks import Tracks
 from tessellation import Tessellation
 
 STEP_S = 0.1
@@ -157,8 +157,27 @@ def _filled_in(rows: TrackRows) -> tuple[IntArray, IntArray, FloatArray, FloatAr
     return np.concatenate(vehicle), np.concatenate(segment), position, course, speed
 
 
+class MovingRows(Protocol):
+    """Rows of vehicles."""
+
+    @property
+    def position(self) -> FloatArray:
+        """(n, 2) metres."""
+        ...
+
+    @property
+    def direction(self) -> FloatArray:
+        """(n,) radians."""
+        ...
+
+    @property
+    def speed(self) -> FloatArray:
+        """(n,) m/s."""
+        ...
+
+
 def between(
-    rows: TrackRows | Tracks, before: IntArray, after: IntArray, share: FloatArray, width_s: FloatArray
+    rows: MovingRows, before: IntArray, after: IntArray, share: FloatArray, width_s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position, course and speed between rows of a vehicle, by cubic Hermite splines. -> (n, 2), (n,), (n,).
 

@@ -24,6 +24,18 @@ PASSED_WAYS = 8
 """And by so many directions; one more is for those that stand."""
 
 
+class _Rows(NamedTuple):
+    """Some rows of tracks: of a log of 10 Hz few are needed."""
+
+    position: FloatArray
+    direction: FloatArray
+    speed: FloatArray
+
+    @classmethod
+    def of(cls, tracks: Tracks, rows: IntArray) -> Self:
+        return cls(tracks.position[rows], tracks.direction[rows], tracks.speed[rows])
+
+
 class Instants(NamedTuple):
     """Vehicles at steps from the first row of each segment on; a segment is a vehicle's rows without a long gap."""
 
@@ -57,7 +69,10 @@ class Instants(NamedTuple):
         following = np.minimum(row + 1, last[segment])
         width = (time[following] - time[row]) * 1e-9
         share = np.where(width > 0, (since - (time[row] - time[first[segment]])) * 1e-9 / np.maximum(width, 1e-9), 0.0)
-        position, direction, speed = between(tracks, order[row], order[following], share, width)
+        used = np.zeros(time.size, np.bool_)
+        used[row] = used[following] = True
+        place = np.cumsum(used) - 1
+        position, direction, speed = between(_Rows.of(tracks, order[used]), place[row], place[following], share, width)
         return cls(segment, who[row], position, direction, speed, time[first][segment] // HOUR_NS)
 
 
@@ -77,8 +92,15 @@ def tally_steps(tracks: Tracks, lattice: Lattice) -> tuple[Tally, Tally]:
         np.column_stack([when, before, here, after]),
         np.column_stack([np.ones(here.size, np.int64), *parts, *(part * part for part in parts)]),
     )
-    vehicle_at = np.unique(np.column_stack([passed_place(here, lattice), seen.vehicle]), axis=0)
-    return steps, Tally.of(vehicle_at[:, :1], np.ones((len(vehicle_at), 1), np.int64))
+    return steps, _passed(passed_place(here, lattice), seen.vehicle)
+
+
+def _passed(place: IntArray, vehicle: IntArray) -> Tally:
+    """How many vehicles were at each place."""
+    order = np.lexsort((vehicle, place))
+    place, vehicle = place[order], vehicle[order]
+    is_new = np.append(True, (np.diff(place) != 0) | (np.diff(vehicle) != 0))[: place.size]
+    return Tally.of(place[is_new][:, None], np.ones((int(is_new.sum()), 1), np.int64))
 
 
 def passed_place(state: IntArray, lattice: Lattice) -> IntArray:

@@ -41,6 +41,8 @@ COLUMNS = (
     "hour", "fold", *STATE, "before", "after", *(f"before_{name}" for name in STATE),
     *(f"after_{name}" for name in STATE), *SUMS, *SPREADS,
 )  # fmt: skip
+WIDE = (*SUMS, *SPREADS)
+"""These take 64 bits, the others 32: the same in all files, so that they can be read as one."""
 
 
 def write_summary(summary: Summary, file: Any) -> None:
@@ -56,7 +58,7 @@ def write_summary(summary: Summary, file: Any) -> None:
     columns: dict[str, Any] = {"kind": pa.array(np.repeat(KINDS, lengths)).dictionary_encode()}
     for name in COLUMNS:
         column = np.concatenate([parts[kind].get(name, none[:n]) for kind, n in zip(KINDS, lengths, strict=True)])
-        columns[name] = pa.array(column, _width(pa, column))
+        columns[name] = pa.array(column, pa.int64() if name in WIDE else pa.int32())
     about = {"version": VERSION, "lattice": asdict(summary.lattice), "frame": summary.frame}
     table = pa.table(columns).replace_schema_metadata({FORMAT: json.dumps(about, sort_keys=True)})
     pq.write_table(table, file, compression="zstd", compression_level=9)
@@ -122,7 +124,9 @@ def _state(bins: list[IntArray]) -> IntArray:
 
 
 def _of_steps(summary: Summary) -> dict[str, IntArray]:
-    key, value = summary.steps.key, summary.steps.value
+    """By place, for neighbours compress best side by side."""
+    by_place = np.argsort(summary.steps.key[:, HERE], kind="stable")
+    key, value = summary.steps.key[by_place], summary.steps.value[by_place]
     hour, fold = np.divmod(key[:, WHEN], summary.lattice.n_folds)
     here = _bins(key[:, HERE])
     columns = {"hour": hour, "fold": fold, **dict(zip(STATE, here, strict=True))}
@@ -147,13 +151,6 @@ def _of_leader(leader: Tally) -> dict[str, IntArray]:
 def _bins(state: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     square, turn, pace = unpacked(state)
     return square[:, 0], square[:, 1], turn, pace
-
-
-def _width(pa: Any, column: IntArray) -> Any:
-    """The narrowest kind of integer that holds a column."""
-    low, high = int(column.min(initial=0)), int(column.max(initial=0))
-    fits = [bits for bits in (8, 16, 32, 64) if -(1 << (bits - 1)) <= low and high < 1 << (bits - 1)]
-    return getattr(pa, f"int{fits[0]}")()
 
 
 def _pyarrow() -> tuple[Any, Any]:

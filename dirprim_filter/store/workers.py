@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol, TypeVar
 
-from dirprim_filter.recording.errors import MissingExtraError
+from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -55,6 +55,7 @@ class LocalWorkers:
 
         Raises:
             MissingExtraError: `distributed` is not installed.
+            RecordingError: workers died again and again.
         """
         if not tasks:
             return
@@ -66,14 +67,20 @@ class LocalWorkers:
         with (
             dask.config.set(settings),
             distributed.LocalCluster(
-                n_workers=min(self._n, len(tasks)), threads_per_worker=1, processes=True, dashboard_address=None,
-                silence_logs=logging.CRITICAL,
+                n_workers=min(self._n, len(tasks)), threads_per_worker=1, processes=True,
+                dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False}, silence_logs=logging.CRITICAL,
             ) as cluster,
             distributed.Client(cluster) as client,
         ):  # fmt: skip
             futures = client.map(work, tasks, retries=RETRIES, pure=False)
             for future in distributed.as_completed(futures):
-                result = future.result()
+                try:
+                    result = future.result()
+                except distributed.KilledWorker as error:
+                    raise RecordingError(
+                        f"--workers {self._n}: workers were killed {ALLOWED_FAILURES} times at one log, for want of "
+                        "memory perhaps; what is done counts; run again with fewer workers"
+                    ) from error
                 future.release()
                 yield result
 
@@ -94,4 +101,7 @@ def _dask() -> tuple[Any, Any]:
         import distributed  # noqa: PLC0415
     except ImportError as error:
         raise MissingExtraError("--workers", library="distributed", extra="fleet") from error
+    for name in ("distributed", *logging.root.manager.loggerDict):
+        if name.startswith("distributed"):  # that workers come and go is nothing to tell
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     return dask, distributed

@@ -1,0 +1,167 @@
+"""What a store costs: what binning loses, bytes, speed, memory, and workers that are killed.
+
+Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned from the rows themselves.
+
+    python tests/benchmarks/fleet.py fidelity recordings/roundabout_learn.mcap [--cells 200]
+    python tests/benchmarks/fleet.py speed
+    python tests/benchmarks/fleet.py memory 1000000
+    python tests/benchmarks/fleet.py killing
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from dirprim_filter import learn_primitives, read_tracks, write_tracks
+from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, Cases
+from dirprim_filter.evaluation.forecast_methods import futures_of
+from dirprim_filter.evaluation.splits import honest_split, split, thinned
+from dirprim_filter.store.adding import add_logs
+from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.learning import learn_from_summary
+from dirprim_filter.store.log_files import find_logs
+from dirprim_filter.store.store import Store
+from dirprim_filter.store.summary import Summary
+from dirprim_filter.tracks import Tracks
+
+ROOT = Path(__file__).parents[2]
+N_SAMPLES = 100
+
+
+def fidelity(log: str, cells: int | None, seeds: int) -> None:
+    """Held-out log density and energy score, learned from rows and from a store of them; half of the vehicles each."""
+    tracks = read_tracks(log)
+    how = {} if cells is None else {"tessellation": "voronoi", "n_cells": cells}
+    learners = {
+        "rows": lambda train, rng: learn_primitives(train, rng=rng, **how),
+        "store": lambda train, rng: learn_from_summary(Summary.of(train), min_vehicles=1, rng=rng, **how),
+        "store, 5 vehicles": lambda train, rng: learn_from_summary(Summary.of(train), rng=rng, **how),
+    }
+    found: dict[str, list[np.ndarray]] = {name: [] for name in learners}
+    for fold in split(tracks, by=honest_split(tracks), n_folds=2, rng=np.random.default_rng(0)):
+        for seed in range(seeds):
+            for name, learn in learners.items():
+                found[name].append(scored(learn(fold.train, np.random.default_rng(seed)), fold.test, seed))
+    rows = np.mean(found["rows"], axis=0)
+    for name, scores in found.items():
+        mean = np.mean(scores, axis=0)
+        more = zip(HORIZONS_S, mean[1:] / rows[1:] - 1, strict=True)
+        worse = " ".join(f"{horizon:g} s {energy:+.1%}" for horizon, energy in more)
+        print(f"{log} {name}: log density {mean[0]:.3f} ({mean[0] - rows[0]:+.3f}); energy score {worse}", flush=True)
+
+
+def scored(learned, test: Tracks, seed: int) -> np.ndarray:
+    """Mean log density of the test's rows in motion, and the energy score at each horizon."""
+    rows = thinned(test[test.speed > 0.5], interval_s=0.2)
+    density = learned.log_density(rows.position, rows.direction, rows.speed).mean()
+    cases = Cases.of(test, horizons_s=HORIZONS_S)
+    path = futures_of(learned, HORIZONS_S)(cases, N_SAMPLES, np.random.default_rng(seed))
+    off = np.linalg.norm(path - cases.later[:, None], axis=-1).mean(axis=1)
+    apart = sum(np.linalg.norm(path - np.roll(path, i, axis=1), axis=-1).mean(axis=1) for i in range(1, N_SAMPLES))
+    return np.append(density, np.nanmean(off - 0.5 * apart / (N_SAMPLES - 1), axis=0))
+
+
+def repeated(tracks: Tracks, n_rows: int, first: int = 0) -> Tracks:
+    """The traffic of a log again and again, one time after the other and each a little elsewhere."""
+    k = max(n_rows // len(tracks), 1)
+    lasts, shift = int(np.ptp(tracks.time_ns)) + 10**10, np.random.default_rng(first).uniform(-0.5, 0.5, (k, 2))
+    return Tracks(
+        track_id=np.concatenate([tracks.vehicle + i * tracks.n_tracks for i in range(k)]),
+        time_ns=np.concatenate([tracks.time_ns + (first + i) * lasts for i in range(k)]),
+        position=np.concatenate([tracks.position + move for move in shift]),
+        direction=np.tile(tracks.direction, k),
+        speed=np.tile(tracks.speed, k),
+    )
+
+
+def speed() -> None:
+    """Rows a second of one core, from columns and from a log, and bytes a row."""
+    tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
+    with tempfile.TemporaryDirectory() as folder:
+        for n_rows in (100_000, 1_000_000):
+            many = repeated(tracks, n_rows)
+            Summary.of(many[:1000])
+            began = time.process_time()
+            Summary.of(many)
+            from_columns = time.process_time() - began
+            log = Path(folder) / f"{n_rows}.mcap"
+            said = "not measured"
+            if n_rows <= 100_000:
+                write_tracks(many, log)
+                store = Store.create(Path(folder) / "store", StoreConfig())
+                began = time.process_time()
+                add_logs(store, find_logs([str(log)]))
+                said = f"{len(many) / (time.process_time() - began) / 1e6:.2f} M rows/s"
+                size = sum(path.stat().st_size for path in (store.path / "recordings").iterdir())
+                said += f", {size / len(many):.2f} bytes a row"
+            print(f"{len(many)} rows: from columns {len(many) / from_columns / 1e6:.2f} M rows/s; from a log {said}")
+        for path in sorted((ROOT / "recordings").glob("*.mcap")):
+            store = Store.create(Path(folder) / path.stem, StoreConfig())
+            add_logs(store, find_logs([str(path)]))
+            (entry,) = store.entries()
+            print(f"{path.name}: {store.recording(entry.rows).stat().st_size / entry.n_rows:.2f} bytes a row")
+
+
+def memory(n_rows: int) -> None:
+    """The most memory, and the size of the sum, of recordings of 100,000 rows each, made and added one by one."""
+    tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
+    total, done, began = Summary.none(), 0, time.perf_counter()
+    while done < n_rows:
+        total = Summary.total([total, Summary.of(repeated(tracks, 100_000, first=done))])
+        done += 100_000
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(
+        f"{done} rows: {len(total.steps)} kinds of steps of {int(total.steps.value[:, 0].sum())}, "
+        f"at most {most:.0f} MiB, {time.perf_counter() - began:.0f} s"
+    )
+
+
+def killing() -> None:
+    """`dirprim store add --workers 2`, of which one worker is killed; the store is that of one process."""
+    tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
+    folder = Path(tempfile.mkdtemp())
+    for i in range(24):
+        write_tracks(repeated(tracks, len(tracks), first=i), folder / f"{i}.mcap")
+    command = [sys.executable, "-m", "dirprim_filter.cli", "store", "add"]
+    logs = str(folder / "*.mcap")
+    subprocess.run([*command, str(folder / "one"), logs], check=True)
+    begun = subprocess.Popen([*command, str(folder / "two"), logs, "--workers", "2"])
+    while len(list(folder.glob("two/logs/*.json"))) < 6:
+        time.sleep(0.05)
+    workers = [int(pid) for pid in os.popen(f"pgrep -P {begun.pid}").read().split()]  # noqa: S605
+    inside = [int(pid) for w in workers for pid in os.popen(f"pgrep -P {w}").read().split()]  # noqa: S605
+    victim = (inside or workers)[-1]
+    os.kill(victim, 9)
+    code = begun.wait()
+    same = all(
+        (folder / "two" / "recordings" / path.name).read_bytes() == path.read_bytes()
+        for path in (folder / "one" / "recordings").iterdir()
+    )
+    left = list((folder / "two").rglob("*.part"))
+    print(f"killed {victim}: exit {code}, same bytes: {same}, left over: {len(left)}")
+    shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["fidelity", "speed", "memory", "killing"])
+    parser.add_argument("of", nargs="?")
+    parser.add_argument("--cells", type=int)
+    parser.add_argument("--seeds", type=int, default=1)
+    given = parser.parse_args()
+    if given.what == "fidelity":
+        fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
+    elif given.what == "memory":
+        memory(int(given.of or 1_000_000))
+    else:
+        {"speed": speed, "killing": killing}[given.what]()
