@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.store.pseudo_tracks import pseudo_tracks
-from dirprim_filter.store.steps import HOUR_NS, passed_place
+from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
+from dirprim_filter.store.steps import HOUR_NS, WHEN, passed_place
 from dirprim_filter.store.summary import Summary
+from dirprim_filter.store.tallies import Tally
 from dirprim_filter.store.withholding import withheld
 from dirprim_filter.tracks import Tracks
 
@@ -23,6 +25,8 @@ logger = logging.getLogger(__name__)
 MIN_VEHICLES = 5
 MOST_STEPS = 1_000_000
 """Of pseudo-vehicles drawn evenly from all hours: more tell next to nothing new."""
+BLOCK_STEPS = 500_000
+"""At a time become pseudo-vehicles."""
 GOLDEN = 0.6180339887498949
 """Multiples of it, modulo 1, are spread evenly: every block of them holds its share below any number."""
 
@@ -91,18 +95,32 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
     """
     if not len(summary.steps):
         raise ValueError("summary: expected at least one vehicle, got none; add a recording first")
-    tracks, when = pseudo_tracks(summary.steps, summary.lattice)
-    share = np.ones(when.size) if fading is None else fading.share(when // summary.lattice.n_folds)
-    share *= min(1.0, MOST_STEPS / max(float(share.sum()), 1.0))
-    kept = (tracks.track_id * GOLDEN) % 1.0 < share
-    shown = kept & _is_passed(summary, tracks, min_vehicles)
-    if not shown.any():
+    hour, count = summary.steps.key[:, WHEN] // summary.lattice.n_folds, summary.steps.value[:, 0]
+    share = np.ones(hour.size) if fading is None else fading.share(hour)
+    share *= min(1.0, MOST_STEPS / max(float((share * count).sum()), 1.0))
+    n_ways, end_ns, parts = 0, 0, []
+    for block in _blocks(summary.steps):
+        tracks, kind = pseudo_tracks(summary.steps[block], summary.lattice)
+        way = tracks.track_id + n_ways
+        shown = ((way * GOLDEN) % 1.0 < share[block][kind]) & _is_passed(summary, tracks, min_vehicles)
+        parts.append(replace(tracks, track_id=way, time_ns=tracks.time_ns + end_ns)[shown])
+        n_ways, end_ns = n_ways + tracks.n_tracks, end_ns + int(tracks.time_ns[-1]) + APART_NS
+    tracks = Tracks.concatenate(parts)
+    if not len(tracks):
         raise ValueError(
-            f"summary: expected places that {min_vehicles} vehicles passed the same way, got none among "
-            f"{tracks.n_tracks}; add recordings, or ask for fewer vehicles"
+            f"summary: expected places that {min_vehicles} vehicles passed the same way, got none among {n_ways}; "
+            "add recordings, or ask for fewer vehicles"
         )
-    logger.info("%d of %d steps of pseudo-vehicles are learned from", int(shown.sum()), when.size)
-    return tracks[shown]
+    logger.info("%d of %d steps of pseudo-vehicles are learned from", len(tracks), int(count.sum()))
+    return tracks
+
+
+def _blocks(steps: Tally) -> list[slice]:
+    """Kinds of steps of whole hours and folds, about `BLOCK_STEPS` steps each: all at once may be too many."""
+    begins = np.append(0, 1 + np.flatnonzero(np.diff(steps.key[:, WHEN])))
+    before = np.cumsum(steps.value[:, 0])[begins] - steps.value[begins, 0]
+    begins = begins[np.diff(before // BLOCK_STEPS, prepend=-1) > 0]
+    return [slice(a, b) for a, b in pairwise([*begins.tolist(), len(steps)])]
 
 
 def _is_passed(summary: Summary, tracks: Tracks, min_vehicles: int) -> BoolArray:

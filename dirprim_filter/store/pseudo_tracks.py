@@ -27,7 +27,7 @@ IRRATIONAL = np.array([0.0, 0.6180339887498949, 0.7548776662466927, 0.5698402909
 
 
 def pseudo_tracks(steps: Tally, lattice: Lattice) -> tuple[Tracks, IntArray]:
-    """The ways of all pseudo-vehicles, one after the other in time; and (n,) when each row was counted.
+    """The ways of all pseudo-vehicles, one after the other in time; and (n,) the kind of step of each row.
 
     Args:
         steps: see `Summary.steps`.
@@ -51,7 +51,7 @@ def pseudo_tracks(steps: Tally, lattice: Lattice) -> tuple[Tracks, IntArray]:
         track_id=way[order], time_ns=(begin[way] + place * step_ns)[order], position=position[order],
         direction=direction[order], speed=speed[order],
     )  # fmt: skip
-    return tracks, key[order, WHEN]
+    return tracks, kind[order]
 
 
 def _placed(steps: Tally, kind: IntArray, number: IntArray) -> FloatArray:

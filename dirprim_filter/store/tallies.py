@@ -60,6 +60,10 @@ class Tally(ArrayValue):
     def __len__(self) -> int:
         return len(self.key)
 
+    def __getitem__(self, rows: slice) -> Self:
+        """Some of the keys."""
+        return type(self)(key=self.key[rows], value=self.value[rows])
+
     def __add__(self, other: Self) -> Self:
         return self.total([self, other])
 

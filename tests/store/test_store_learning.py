@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter import save_map
+from dirprim_filter.store import learning
 from dirprim_filter.store.learning import Fading, learn_from_summary, visible_tracks
 from dirprim_filter.store.steps import HOUR_NS
 from dirprim_filter.store.summary import Summary
@@ -77,6 +78,19 @@ def test_age_fades_whole_vehicles_by_its_half_life():
     assert not (tracks.position[:, 1] < 50.0).sum() < len(lane(n))
     before = Fading(half_life_s=3600.0, now_ns=0)
     assert (visible_tracks(summary, min_vehicles=1, fading=before).position[:, 1] > 50.0).all()  # the rest is to come
+
+
+def test_many_steps_are_taken_block_by_block_and_thinned_by_whole_vehicles(monkeypatch):
+    summary = Summary.total([Summary.of(lane(30, hour=hour)) for hour in range(6)])
+    whole = visible_tracks(summary, min_vehicles=1)
+    monkeypatch.setattr(learning, "BLOCK_STEPS", 150)
+    in_blocks = visible_tracks(summary, min_vehicles=1)
+    assert in_blocks.n_tracks == whole.n_tracks == 180
+    assert sorted(in_blocks.position.tolist()) == sorted(whole.position.tolist())
+    monkeypatch.setattr(learning, "MOST_STEPS", len(whole) // 3)
+    some = visible_tracks(summary, min_vehicles=1)
+    assert abs(some.n_tracks - 60) <= 3
+    assert set(np.bincount(some.vehicle)) == set(np.bincount(whole.vehicle))
 
 
 def test_what_cannot_be_learned_from_is_refused():
