@@ -85,7 +85,7 @@ def viewer(folder: Path) -> None:
 
 
 def gap(folder: Path) -> None:
-    """Ways of filter and smoother through gaps, beside the truth."""
+    """Paths of filter and smoother through gaps, beside the truth."""
     learned, n_shown = folder / "gap_map.mcap", 4
     succeed("learn", RECORDINGS / "intersection_learn.mcap", "-o", learned)
     draw_gaps(load_map(learned), read_tracks(RECORDINGS / "intersection_track.mcap"), n_shown, RECORDINGS / "gap.png")

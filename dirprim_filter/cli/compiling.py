@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from numba.core.event import Event
 
-SECONDS = {"demo": 45.0, "learn": 30.0, "track": 30.0, "evaluate": 60.0}
-"""What compiling all that a command needs takes, on the machine of two cores that the documents speak of."""
+SECONDS = {
+    "demo": 45.0,
+    "learn": 30.0,
+    "track": 30.0,
+    "forecast": 30.0,
+    "tracking": 60.0,
+    "density": 60.0,
+    "cues": 60.0,
+}
+"""Of compiling all kernels of a command, on the machine of two cores that the documents name."""
 OTHERS_S = 10.0
+"""The same for the other commands, and where an earlier command has compiled most kernels."""
 UNNOTICED_S = 1.0
 """Seconds without a message; a run that finds most kernels in the cache has compiled the rest by then."""
 
@@ -24,6 +35,7 @@ def compiling_notice(command: str) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
+    seconds = OTHERS_S if has_kernels() else SECONDS.get(command, OTHERS_S)
     from numba.core.event import Listener, install_listener
 
     class Clock(Listener):
@@ -43,15 +55,19 @@ def compiling_notice(command: str) -> Iterator[None]:
                 self.spent_s += time.monotonic() - self.began_s
                 if self.spent_s > UNNOTICED_S and not self.has_said:
                     self.has_said = True
-                    sys.stderr.write(notice(command, self.spent_s))
+                    sys.stderr.write(notice(seconds - self.spent_s))
 
     with install_listener("numba:compile", Clock()):
         yield
 
 
-def notice(command: str, spent_s: float) -> str:
-    """The line, after so many seconds of compiling."""
-    left_s = max(SECONDS.get(command, OTHERS_S) - spent_s, 5.0)
-    return (
-        f"compiling for about {5 * round(left_s / 5):.0f} s more: once per installation, the next run starts at once\n"
-    )
+def has_kernels() -> bool:
+    """Whether this installation has compiled before: numba's index files lie in its cache."""
+    folder = os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1]
+    return any(Path(folder).rglob("*.nbi"))
+
+
+def notice(left_s: float) -> str:
+    """The line, with the seconds left, to the next five."""
+    shown_s = 5 * round(max(left_s, 5.0) / 5)
+    return f"compiling for about {shown_s} s more: once per installation, the next run starts at once\n"

@@ -122,7 +122,7 @@ class Layout:
     def _texts(self) -> rrb.Container:
         root = self.roots[0]
         views: list[rrb.View | rrb.Container] = [
-            rrb.TextDocumentView(origin=f"{root}/legend", name="What is what"),
+            rrb.TextDocumentView(origin=f"{root}/legend", name="Legend"),
             *(
                 rrb.TextDocumentView(origin=f"{root}/report", name=f"Run{title}")
                 for root, title in zip(self.roots, self._suffixes(), strict=True)
@@ -130,7 +130,7 @@ class Layout:
         ]
         if self.tracked:
             views += [
-                rrb.TextLogView(origin=f"{root}/events", name=f"Diary{title}")
+                rrb.TextLogView(origin=f"{root}/events", name=f"Events{title}")
                 for root, title in zip(self.roots, self._suffixes(), strict=True)
             ]
         return rrb.Tabs(*views)

@@ -1,4 +1,4 @@
-"""What a smoother gives, beside what the filter believed: bold ways and thin ellipses, a layer of their own."""
+"""Smoothed estimates beside those of the filter: bold paths and thin ellipses, a layer of their own."""
 
 from __future__ import annotations
 

@@ -188,7 +188,7 @@ def test_without_ids_errors_are_those_of_the_vehicles_that_estimates_are_given_t
     assert np.isnan(found.hidden_rmse)
 
 
-def test_association_is_reported_the_truth_of_the_sensor(traffic):
+def test_association_is_given_the_truth_of_the_sensor(traffic):
     experiment = TrackingExperiment(miss_rate=0.2, false_per_frame=10.0)
     area = np.prod(np.ptp(traffic.position, axis=0))
     reported = honest_tracking(traffic, experiment)

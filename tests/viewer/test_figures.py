@@ -54,7 +54,7 @@ def test_the_demo_shows_the_vehicle_that_is_forecast(
         estimates=Estimates.concatenate([frame.estimates for frame in scene_frames]),
         truth=scene_tracks, forecasts={"8": FUTURES},
     )  # fmt: skip
-    assert figure.axes[1].get_title(loc="left") == "(b)  Tracked: vehicle 8 and its futures"
+    assert figure.axes[1].get_title(loc="left") == "(b)  Tracked: vehicle 8 and its rollouts"
     (cloud,) = [c for c in figure.axes[2].collections if type(c) is PathCollection]
     mine = scene_frames[2].particles.vehicle == 1
     assert (cloud.get_offsets() == scene_frames[2].particles.position[mine]).all()
@@ -69,7 +69,7 @@ def test_the_demo_needs_neither_truth_nor_forecasts_but_its_vehicle(
 ) -> None:
     estimates = Estimates.concatenate([frame.estimates for frame in scene_frames])
     figure = demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=estimates)
-    assert figure.axes[1].get_title(loc="left") == "(b)  Tracked: vehicle 7 and its futures"
+    assert figure.axes[1].get_title(loc="left") == "(b)  Tracked: vehicle 7 and its rollouts"
     with pytest.raises(ValueError, match="focus: vehicle 99 is not among the frame's 2"):
         demo_figure(scene_map, tracks=scene_tracks, frame=scene_frames[2], estimates=estimates, focus="99")
 

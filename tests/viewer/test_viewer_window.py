@@ -138,7 +138,7 @@ def test_every_kind_of_recording_opens_without_a_complaint(
         show_side_by_side([tmp_path / "run.rrd", tmp_path / "other.rrd"], ["run", "other"], sink)
     views = {
         "log": {"Map, north up"},
-        "run": {"Map, north up", "Direction of the ringed vehicle (Eq. 4)", "Run", "Diary",
+        "run": {"Map, north up", "Direction of the ringed vehicle (Eq. 4)", "Run", "Events",
                 "Vehicles: grey coasting, yellow reinitialised", *(curves.title for curves in PLOTS.values())},
         "both": {"run (blue)", "other (orange)"},
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Forecasts: sampled futures as thin lines, and the regions that hold them as areas, in the vehicle's colour."""
+"""Forecasts: rollouts as thin lines, and the regions that hold them as areas, in the vehicle's colour."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def demo_figure(
         frame: the instant shown on the right.
         estimates: of the whole log: the way that the vehicles have come.
         truth: where the vehicles truly were.
-        forecasts: sampled futures from `frame` on.
+        forecasts: rollouts from `frame` on.
         focus: the vehicle shown; the first of the forecasts, else of the frame, if absent.
 
     Raises:
@@ -87,7 +87,7 @@ def demo_figure(
     draw_frame(tracked, seen, truth, color, marker=3.5)
     dress_map(tracked, window)
     tracked.set(ylabel="", yticklabels=[])
-    tracked.set_title(f"(b)  Tracked: vehicle {name} and its futures", loc="left", fontsize=10)
+    tracked.set_title(f"(b)  Tracked: vehicle {name} and its rollouts", loc="left", fontsize=10)
 
     close_up = add_axes(figure, (9.45, 2.25, 2.45, 2.45))
     _draw_close_up(close_up, primitives, frame, truth, row)
@@ -124,7 +124,7 @@ def _draw_key(axes: Axes, *, has_truth: bool) -> None:
     focus: dict[str, Any] = {"color": FOCUS_COLOR, "markeredgecolor": "white"}
     marks = [
         Line2D([], [], linewidth=1.6, marker="o", label=f"estimate, 90 % region, last {WAY_S:g} s", **focus),
-        Line2D([], [], linewidth=0.7, marker=".", color=FOCUS_COLOR, label="its sampled futures"),
+        Line2D([], [], linewidth=0.7, marker=".", color=FOCUS_COLOR, label="its rollouts"),
         Line2D([], [], linewidth=1.6, marker="o", color=OTHER_COLOR, markeredgecolor="white", label="other vehicles"),
         Line2D([], [], linewidth=0, marker="x", color=INK, label="detection"),
     ]
