@@ -4,12 +4,15 @@ import random
 
 import pytest
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap_files import log_bytes
 from mcap_protobuf.schema import build_file_descriptor_set
 from ros_messages import full_definition
 
+from dirprim_filter import read_tracks
 from dirprim_filter.recording.decoding.cdr_plan import MAX_DEPTH, cdr_plan
 from dirprim_filter.recording.decoding.fields import Field, SchemaError
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
+from dirprim_filter.recording.errors import NoTracksError
 from dirprim_filter.recording.schemas import FAMILIES
 
 IDL = b"""module p { module msg {
@@ -93,3 +96,22 @@ def why_not(plan, definition):
     except SchemaError as error:
         return str(error)
     return None
+
+
+@pytest.mark.parametrize("name", [b"orienta\nion", b"orienta\x0bion", b"orientat\xc2\x85on"[:11]])
+def test_a_name_that_would_break_the_line_is_escaped(name):
+    """The fuzzer's find: protobuf repeats a name that is none, whatever characters are in it."""
+    definition = build_file_descriptor_set(SceneUpdate).SerializeToString()
+    assert b"orientation" in definition
+    with pytest.raises(SchemaError, match="invalid name") as caught:
+        protobuf_plan(
+            "foxglove.SceneUpdate", definition.replace(b"orientation", name), {"x": Field(path=".entities[].id")}
+        )
+    assert str(caught.value).isprintable()
+
+
+def test_an_error_is_one_line_whatever_a_log_calls_its_topics(tmp_path):
+    (tmp_path / "log.mcap").write_bytes(log_bytes([("/a\nb\x1b[2J", 0, b"")]))
+    with pytest.raises(NoTracksError, match=r"/a\\nb\\x1b\[2J") as caught:
+        read_tracks(tmp_path / "log.mcap")
+    assert str(caught.value).isprintable()

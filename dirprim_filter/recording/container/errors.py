@@ -10,8 +10,16 @@ from dirprim_filter.recording.container.other_formats import other_format
 Path = str | PathLike[str]
 
 
+def one_line(text: str) -> str:
+    """The text with escapes for what would break the line: names in a stranger's file may hold anything."""
+    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in text)
+
+
 class RecordingError(Exception):
     """A file cannot be read or written as asked; its text is one line for the user."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(one_line(text))
 
 
 class NoRoomError(RecordingError):

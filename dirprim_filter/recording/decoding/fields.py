@@ -13,6 +13,8 @@ from typing import Literal, NamedTuple
 
 from google.protobuf.message import DecodeError
 
+from dirprim_filter.recording.container.errors import one_line
+
 Kind = Literal["number", "name", "time", "presence"]
 """What is wanted of a field: a number; a text, whatever it is; a time; or whether a message is set at all."""
 
@@ -22,7 +24,10 @@ _STEP = re.compile(r"\.([A-Za-z_]\w*)(?:\[(\d{0,6})\])?")
 
 
 class SchemaError(DecodeError):
-    """The definition of a schema cannot be read, or lacks a field that is needed."""
+    """The definition of a schema cannot be read, or lacks a field that is needed; its text is one line."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(one_line(text))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
