@@ -8,6 +8,9 @@ Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking
 
 from __future__ import annotations
 
+from copy import copy
+from typing import Self
+
 import numpy as np
 from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import IMMEstimator, KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
@@ -70,6 +73,20 @@ class KalmanBank:
                 state[2:4], first[2:4, 2:4] = self._velocity(direction[i], speed[i])
             self.mean[s], self.covariance[s] = state, first
             self.probability[s] = 1.0 / len(self._models)
+
+    def sibling(self) -> Self:
+        """One of the same models, without beliefs."""
+        other = copy(self)
+        for name in ("mean", "covariance", "probability"):
+            setattr(other, name, getattr(self, name)[:0])
+        return other
+
+    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
+        """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) not looked at, (v, 4), (v, 4, 4)."""
+        d = mean.shape[1]
+        self.mean[slot], self.covariance[slot] = 0.0, np.diag([0.0] * d + [FIRST_TURN_STD**2])
+        self.mean[slot, :, :d], self.covariance[slot, :, :d, :d] = mean[:, None], covariance[:, None]
+        self.probability[slot] = 1.0 / len(self._models)
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""

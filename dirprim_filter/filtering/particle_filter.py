@@ -8,8 +8,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -96,6 +97,27 @@ class ParticleFilter:
             self._split(
                 _measuring.weigh_at_birth, (cloud,), (slot[more], columns, spread[more]), (self._noise,), each_ns=60.0
             )
+
+    def sibling(self) -> Self:
+        """One that moves by the same map, without beliefs."""
+        other = copy(self)
+        other.belief = ParticleBelief(n_particles=self.config.n_particles, mode_of=self.belief.mode_of)
+        other._surroundings = Surroundings()
+        other._surroundings.reserve(other.belief.n_slots)
+        return other
+
+    def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
+        """Start beliefs from Gaussians of x, y and their rates. (v,), (v,) uint64, (v, 4), (v, 4, 4)."""
+        self.belief.step += 1
+        cloud = self.belief.cloud
+        for s, seed, m, p in zip(slot.tolist(), key, mean, covariance, strict=True):
+            rng = np.random.default_rng(seed)
+            drawn = rng.multivariate_normal(m, p, self.config.n_particles, method="eigh")
+            cloud.position[s], velocity = drawn[:, :2], drawn[:, 2:]
+            cloud.direction[s], cloud.speed[s] = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
+            cloud.weight[s] = 1.0 / self.config.n_particles
+            cloud.state[s] = rng.integers(2**64, size=4, dtype=np.uint64)
+        self._split(_kernels.initialise_motion, (self._table, cloud), (slot,), (), each_ns=100.0)
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""

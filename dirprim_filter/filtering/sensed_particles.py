@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
@@ -65,6 +67,12 @@ class SensedParticles(ParticleFilter):
             _sensing.begin, (self._table, cloud, self._carried), (slot, columns), (self._axes, self._spread),
             each_ns=60.0,
         )  # fmt: skip
+
+    def sibling(self) -> Self:
+        """One that moves by the same map, without beliefs."""
+        other = super().sibling()
+        other._carried = _no_errors(other.belief.n_slots, self.config.n_particles)
+        return other
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""

@@ -10,6 +10,8 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.filtering.smoothing import _kernels
 
 FIRST_CAPACITY = 64
+REST_NS = 350_000_000
+"""A pause: a vehicle in sight is seldom missed for so long."""
 MOVES = 4
 """Of a state: place and velocity, which estimates tell."""
 SAME_VEHICLE = 36.0
@@ -74,6 +76,10 @@ class Smoothed(NamedTuple):
     course: FloatArray
     measured_ns: IntArray
 
+    def first(self) -> Belief:
+        """The earliest of them."""
+        return Belief(int(self.time_ns[0]), self.mean[0], self.covariance[0], self.course[0])
+
     def at(self, time_ns: IntArray) -> Smoothed:
         """The same at times between the first and the last, linear between neighbours: a step of the filter apart."""
         after = np.minimum(np.searchsorted(self.time_ns, time_ns), self.time_ns.size - 1)
@@ -101,6 +107,8 @@ class Chain:
 
     Attributes:
         name: of the vehicle; empty until it is reported.
+        is_labelled: whether the sensor named it.
+        n_pieces: of how many it was joined.
         existence: the largest reported probability that the track is a vehicle.
         first_ns: time of the first measurement.
         last: what the filter believed at the last measurement.
@@ -109,18 +117,23 @@ class Chain:
 
     def __init__(self, first: Belief, kind: np.dtype[np.void]) -> None:
         self.name = ""
+        self.is_labelled = False
+        self.n_pieces = 1
         self.existence = 0.0
         self.last = first
         self.first_ns = first.time_ns
         self.until_ns: int | None = None
         self._links: AnyArray = np.empty(FIRST_CAPACITY, kind)
         self._n = 0
+        self._rests: list[tuple[int, Belief]] = []  # how many links led to a belief that was then not measured for long
 
     def __len__(self) -> int:
         return self._n
 
     def extend(self, links: AnyArray, last: Belief) -> None:
         """Add the links (m,) of the way to a new last measurement."""
+        if last.time_ns - self.last.time_ns > REST_NS:
+            self._rests.append((self._n, self.last))
         end = self._n + links.size
         if end > self._links.size:
             self._links = np.concatenate([self._links[: self._n], np.empty(end, links.dtype)])
@@ -143,6 +156,26 @@ class Chain:
         measured_ns = np.maximum.accumulate(np.where(is_measured, time_ns, np.iinfo(np.int64).min))
         return Smoothed(time_ns, mean[:, :MOVES], covariance[:, :MOVES, :MOVES], course, measured_ns)
 
+    def take_up(self, former: Chain, between: AnyArray) -> None:
+        """Be the continuation of another chain, by links (m,) from its end to the beginning of this one."""
+        self._links = np.concatenate([former._links[: former._n], between, self._links[: self._n]])
+        self._rests = [(n + self._links.size - self._n, belief) for n, belief in self._rests]
+        self._n = self._links.size
+        self.name, self.existence = former.name, max(former.existence, self.existence)
+        self.first_ns, self.n_pieces = former.first_ns, former.n_pieces + self.n_pieces
+
+    def tail(self) -> IntArray:
+        """Times of the measurements since the last long pause, the latest first; none without such a pause."""
+        if not self._rests:
+            return np.empty(0, np.int64)
+        links = self._links[self._rests[-1][0] : self._n]
+        measured_ns = links["time_ns"][links["is_measured"]][1:]  # the first is from before the pause
+        return np.append(measured_ns, self.last.time_ns)[::-1]
+
+    def cut(self) -> None:
+        """End at the measurement before the last long pause."""
+        self._n, self.last = self._rests.pop()
+
     def forget(self, *, before_ns: int) -> None:
         """Drop what is only needed for beliefs at earlier times than this."""
         time_ns = self._links["time_ns"][: self._n]
@@ -150,6 +183,7 @@ class Chain:
         if kept:
             self._links = np.concatenate([self._links[kept : self._n], np.empty(FIRST_CAPACITY, self._links.dtype)])
             self._n -= kept
+            self._rests = [(n - kept, belief) for n, belief in self._rests if n >= kept]
 
 
 def _full(triangle: AnyArray, d: int) -> FloatArray:

@@ -11,8 +11,8 @@ Computation in Population Genetics, 2002, for the regression among the samples t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -30,9 +30,25 @@ LEAST_EFFECTIVE = 0.4
 """Share of the particles that links across a gap are learned from at least."""
 GAP_NS = 1_000_000_000
 """In less no belief forks, and all particles count: those that came near alone are too sure of who starts or stops."""
+STEP_S = 0.1
+"""Of a way across a gap that no filter went."""
+BANDWIDTH = 0.1
+"""Share of the particles' covariance, times n^(-1/4), by which their density is smoothed: it may have several modes."""
 LINK = link_type(N_STATES, gain="<f2")
 """Of particles, 189 bytes: a thousand of them do not know a gain to the half per mille that this keeps."""
 EXACT_LINK = link_type(MOVES, gain="<f4")
+
+
+class Bridge(NamedTuple):
+    """A way from the end of one chain to the beginning of another.
+
+    Attributes:
+        log_density: of the place and velocity at its end, given the beginning, per m^2 (m/s)^2.
+        links: (m,) of the way.
+    """
+
+    log_density: float
+    links: AnyArray
 
 
 class RecordedFilter(ABC):
@@ -112,6 +128,45 @@ class RecordedFilter(ABC):
         """As the filter says."""
         return self._inner.particles(slot)
 
+    def bridges(self, key: IntArray, end: Sequence[Belief], start: Sequence[Belief]) -> list[Bridge]:
+        """Ways (n,) from one belief each to a later one; the beliefs of the first n slots are lost.
+
+        Args:
+            key: (n,) uint64, what random numbers follow from.
+            end: where each begins.
+            start: where it shall end, at a later time.
+        """
+        slot = np.arange(len(end))
+        self.reserve(slot.size)
+        mean, covariance = (
+            [of[:MOVES] for of in column] for column in zip(*((b.mean, b.covariance) for b in end), strict=True)
+        )
+        self._place(slot, key, np.array(mean), np.array(covariance)[:, :, :MOVES])
+        for s, belief in enumerate(end):
+            self._time_ns[s] = belief.time_ns
+            self._start(s)
+        dt_s = np.array([b.time_ns - a.time_ns for a, b in zip(end, start, strict=True)]) * 1e-9
+        n_steps = np.ceil(dt_s / STEP_S - 1e-6).astype(np.int64)
+        for i in range(int(n_steps.max(initial=0))):
+            on = slot[n_steps > i]
+            h = (dt_s / n_steps)[on]
+            self._predict(on, h, np.ones(on.size, np.bool_))
+            for s, one in zip(on.tolist(), h.tolist(), strict=True):
+                self._time_ns[s] += round(one * 1e9)
+        return self._arrived(slot, start)
+
+    @abstractmethod
+    def sibling(self) -> Self:
+        """One of the same filter, without beliefs."""
+
+    @abstractmethod
+    def _place(self, slot: IntArray, key: IntArray, mean: FloatArray, covariance: FloatArray) -> None:
+        """Start beliefs from Gaussians of place and velocity."""
+
+    @abstractmethod
+    def _arrived(self, slot: IntArray, start: Sequence[Belief]) -> list[Bridge]:
+        """Bridges, once the beliefs have been moved on to where they shall end."""
+
     @abstractmethod
     def _belief(self, slot: int) -> Belief:
         """What is believed now."""
@@ -170,32 +225,55 @@ class RecordedParticles(RecordedFilter):
         before = cloud.weight[slot]
         evidence = self._inner.weigh(slot, measured)
         after, now = cloud.weight[slot], self._columns(slot)
-        n_steps = np.array([len(self._past[s]) for s in slot.tolist()], np.int64)
-        vehicle = np.repeat(np.arange(slot.size), n_steps)
-        weight = before[vehicle]
         since_ns = np.array([self._time_ns[s] - past[0][0] if (past := self._past[s]) else 0 for s in slot.tolist()])
+        weight = before.copy()
         for i in np.flatnonzero(since_ns > GAP_NS).tolist():
-            one = np.empty(before.shape[1])
-            _kernels.tempered(before[i], after[i], LEAST_EFFECTIVE * one.size, one)
-            weight[vehicle == i] = one
-        steps = [step for s in slot.tolist() for step in self._past[s]]
-        links = np.empty(len(steps), LINK)
-        if steps:
-            mean, later = np.empty((len(steps), N_COLUMNS)), np.empty((len(steps), N_STATES))
-            gain, spread = np.empty((2, len(steps), N_STATES, N_STATES))
-            then = np.stack([columns for _, columns in steps])
-            _kernels.link_each(weight, then, now[vehicle], mean, later, gain, spread)
-            links["time_ns"] = [time_ns for time_ns, _ in steps]
-            links["mean"], links["step"] = mean[:, :N_STATES], later - mean[:, :N_STATES]
-            links["gain"], links["spread"], links["course"] = gain, spread[:, *lower(N_STATES)], mean[:, N_STATES:]
-            end = np.cumsum(n_steps)
-            links["ahead"] = end[vehicle] - np.arange(len(steps))
-            links["is_measured"] = links["ahead"] == n_steps[vehicle]
-        parts = np.split(links, np.cumsum(n_steps)[:-1]) if slot.size else []
-        for s, own, last in zip(slot.tolist(), parts, self._beliefs(slot, now, after), strict=True):
+            _kernels.tempered(before[i], after[i], LEAST_EFFECTIVE * before.shape[1], weight[i])
+        links = self._linked(slot, weight, now)
+        for s, own, last in zip(slot.tolist(), links, self._beliefs(slot, now, after), strict=True):
             self.chain[s].extend(own, last)
             self._past[s] = []
         return evidence
+
+    def _linked(self, slot: IntArray, weight: FloatArray, now: FloatArray) -> list[AnyArray]:
+        """Links of each vehicle's steps since its last measurement, by weights (v, P) of its particles."""
+        n_steps = np.array([len(self._past[s]) for s in slot.tolist()], np.int64)
+        vehicle = np.repeat(np.arange(slot.size), n_steps)
+        steps = [step for s in slot.tolist() for step in self._past[s]]
+        links = np.empty(len(steps), LINK)
+        if not steps:
+            return [links] * slot.size
+        mean, later = np.empty((len(steps), N_COLUMNS)), np.empty((len(steps), N_STATES))
+        gain, spread = np.empty((2, len(steps), N_STATES, N_STATES))
+        then = np.stack([columns for _, columns in steps])
+        _kernels.link_each(weight[vehicle], then, now[vehicle], mean, later, gain, spread)
+        links["time_ns"] = [time_ns for time_ns, _ in steps]
+        links["mean"], links["step"] = mean[:, :N_STATES], later - mean[:, :N_STATES]
+        links["gain"], links["spread"], links["course"] = gain, spread[:, *lower(N_STATES)], mean[:, N_STATES:]
+        end = np.cumsum(n_steps)
+        links["ahead"] = end[vehicle] - np.arange(len(steps))
+        links["is_measured"] = links["ahead"] == n_steps[vehicle]
+        return np.split(links, end[:-1])
+
+    def sibling(self) -> RecordedParticles:
+        """One that moves by the same map, without beliefs."""
+        return RecordedParticles(self._of.sibling())
+
+    def _place(self, slot: IntArray, key: IntArray, mean: FloatArray, covariance: FloatArray) -> None:
+        self._of.place(slot, key, mean, covariance)
+
+    def _arrived(self, slot: IntArray, start: Sequence[Belief]) -> list[Bridge]:
+        now, n = self._columns(slot), self._of.config.n_particles
+        before, weight, density = np.full(n, 1.0 / n), np.empty((slot.size, n)), []
+        for i, (columns, belief) in enumerate(zip(now[:, :MOVES], start, strict=True)):
+            spread = belief.covariance[:MOVES, :MOVES] + BANDWIDTH * n**-0.25 * np.cov(columns)
+            fit = log_gaussian(columns.T - belief.mean[:MOVES], spread)
+            top = fit.max()
+            near = np.exp(fit - top)
+            density.append(float(top + np.log(near.mean())))
+            _kernels.tempered(before, near / near.sum(), LEAST_EFFECTIVE * n, weight[i])
+        links = self._linked(slot, weight, now)
+        return [Bridge(*both) for both in zip(density, links, strict=True)]
 
 
 class RecordedKalman(RecordedFilter):
@@ -244,6 +322,29 @@ class RecordedKalman(RecordedFilter):
             self.chain[s].extend(np.array(self._links[s], EXACT_LINK), self._belief(s))
             self._links[s] = []
         return evidence
+
+    def sibling(self) -> RecordedKalman:
+        """One of the same noise, without beliefs."""
+        return RecordedKalman(self._of.sibling())
+
+    def _place(self, slot: IntArray, key: IntArray, mean: FloatArray, covariance: FloatArray) -> None:
+        self._of.place(slot, key, mean, covariance)
+
+    def _arrived(self, slot: IntArray, start: Sequence[Belief]) -> list[Bridge]:
+        mean, covariance = self._gaussian(slot)
+        return [
+            Bridge(
+                float(log_gaussian(belief.mean[:MOVES] - m, p + belief.covariance[:MOVES, :MOVES])),
+                np.array(self._links[s], EXACT_LINK),
+            )
+            for s, m, p, belief in zip(slot.tolist(), mean, covariance, start, strict=True)
+        ]
+
+
+def log_gaussian(off: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Natural log density of deviations (..., d) from the mean of a Gaussian of covariance (d, d)."""
+    squared = np.einsum("...i,...i->...", off, np.linalg.solve(covariance, off[..., None])[..., 0])
+    return np.asarray(-0.5 * (squared + np.linalg.slogdet(2.0 * np.pi * covariance)[1]))
 
 
 def recorded(bayes_filter: BayesFilter) -> RecordedFilter:

@@ -19,6 +19,7 @@ from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
 from dirprim_filter.filtering.smoothing.recorded import RecordedFilter, recorded
+from dirprim_filter.filtering.smoothing.stitching import SURE, stitch, trim
 from dirprim_filter.filtering.tracker import Tracker, bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
@@ -57,6 +58,7 @@ class RecordedTracker(Tracker):
         super().__init__(
             self._recorded, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations, rng=rng
         )
+        self._expected: RecordedFilter | None = None
         self.frames_ns: list[int] = []
 
     def frame(self) -> TrackedFrame:
@@ -67,13 +69,47 @@ class RecordedTracker(Tracker):
         home = self._frame.shown_home.tolist()
         for slot, name, exists in zip(home, names.tolist(), frame.estimates.existence.tolist(), strict=True):
             chain = self._recorded.chain[slot]
-            chain.name = str(name)
+            chain.name = str(name) if chain.n_pieces == 1 else chain.name
+            chain.is_labelled = bool(self._roster.is_labelled[slot])
             chain.existence = max(chain.existence, exists)
         return frame
 
     def chains(self) -> list[Chain]:
         """All chains that may still be smoothed, in the order in which they began."""
         return self._recorded.chains
+
+    def stitch(self, *, before_ns: int, gap_ns: int, now_ns: int) -> None:
+        """Drop, trim and join the chains of unlabelled vehicles, now that the log is known for long after them.
+
+        Args:
+            before_ns: time up to which a chain may begin that continues another.
+            gap_ns: the longest gap; whoever was not measured for longer will not be again.
+            now_ns: the last time that is known.
+        """
+        frame_ns = np.diff(self.frames_ns)
+        if frame_ns.size == 0:
+            return
+        frame_s = float(np.median(frame_ns)) * 1e-9
+        pieces = []
+        for chain in self.chains():
+            is_over = chain.until_ns is not None or now_ns - chain.last.time_ns > gap_ns
+            if is_over and not chain.is_labelled:
+                chain.name = chain.name if chain.existence >= SURE else ""
+                trim(
+                    chain,
+                    frame_s=frame_s,
+                    log_density=-np.log(4.0 * np.pi * self.config.noise_m**2) - 1.0,
+                    config=self.tracking,
+                )
+            if chain.name and not chain.is_labelled:
+                pieces.append(chain)
+        if self._expected is None:
+            self._expected = self._recorded.sibling()
+        joined = stitch(
+            pieces, self._expected, before_ns=before_ns, gap_ns=gap_ns, frame_s=frame_s, config=self.tracking
+        )
+        gone = {id(chain) for chain in joined}
+        self.keep([chain for chain in self.chains() if id(chain) not in gone])
 
     def keep(self, chains: list[Chain]) -> None:
         """Forget all chains but these."""
@@ -146,6 +182,8 @@ class Smoother:
         smoothed_chains: list[tuple[Chain, Smoothed]] = []
         open_names = set()
         for tracker in self._trackers:
+            if self._every_ns:
+                tracker.stitch(before_ns=final_ns + self._gap_ns, gap_ns=self._gap_ns, now_ns=now_ns)
             frames_ns = np.array(tracker.frames_ns, np.int64)
             tracker.frames_ns = [t for t in tracker.frames_ns if t > final_ns]
             kept = []
@@ -158,7 +196,7 @@ class Smoother:
                     if not is_over:
                         open_names.add(chain.name)
                 chain.forget(before_ns=final_ns)
-                if not (is_over and chain.last.time_ns <= final_ns):
+                if not (is_over and chain.last.time_ns + self._gap_ns <= final_ns):
                     kept.append(chain)
             tracker.keep(kept)
         smoothed = _estimates(smoothed_chains)

@@ -1,0 +1,135 @@
+"""Pieces of one vehicle's way joined across gaps: of all ways to join them, the likeliest one.
+
+A tracker without ids loses a vehicle that is out of sight for long, or swerves, and calls it by another name when it
+finds it again. Offline both ends are known. A piece may continue another if the filter, from where the one ended,
+expects the state in which the other began; each continues at most one, and is continued by at most one: a path cover
+of least cost, which is an assignment.
+
+Source: Zhang, Li and Nevatia, Global Data Association for Multi-Object Tracking Using Network Flows, 2008.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.config import TrackingConfig
+from dirprim_filter.filtering import existence
+from dirprim_filter.filtering.association import Pairs, best_assignment
+from dirprim_filter.filtering.belief import birth_key
+from dirprim_filter.filtering.measurements import FASTEST
+from dirprim_filter.filtering.smoothing.chain import Belief, Chain
+from dirprim_filter.filtering.smoothing.recorded import Bridge, RecordedFilter
+
+SURE = 0.99
+"""Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
+confirmed for a moment."""
+HARDEST = 8.0
+"""m/s^2: who would have had to turn or brake harder on average is not looked at."""
+SLACK_M = 5.0
+"""Metres, beyond that."""
+AT_ONCE = 64
+"""Pairs, whose particles are held at the same time."""
+
+
+def stitch(
+    chains: Sequence[Chain], expected: RecordedFilter, *, before_ns: int, gap_ns: int, frame_s: float,
+    config: TrackingConfig,
+) -> list[Chain]:  # fmt: skip
+    """Join chains that are pieces of one vehicle's way; the later takes up the earlier.
+
+    Args:
+        chains: of vehicles that no sensor named, with names of their own.
+        expected: a filter without beliefs, which says how vehicles go on.
+        before_ns: time up to which a piece may begin that continues another.
+        gap_ns: the longest gap.
+        frame_s: seconds between two frames.
+        config: how likely vehicles appear, go out of sight, come back and leave.
+
+    Returns:
+        Those that were taken up.
+    """
+    starts = [chain.smoothed().first() for chain in chains]
+    pairs = _candidates(chains, starts, before_ns=before_ns, gap_ns=gap_ns)
+    bridges: list[Bridge] = []
+    for first in range(0, pairs.one.size, AT_ONCE):
+        some = Pairs(*(column[first : first + AT_ONCE] for column in pairs))
+        bridges += _bridges(chains, starts, some, expected)
+    out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in _each(pairs)]) * 1e-9
+    gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, frame_s, config)
+    way = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
+    best = sorted(_each(best_assignment(pairs, gain)), key=lambda pair: starts[pair[1]].time_ns)
+    for i, j in best:
+        chains[j].take_up(chains[i], way[i, j])
+    return [chains[i] for i, _ in best]
+
+
+def _bridges(chains: Sequence[Chain], starts: Sequence[Belief], pairs: Pairs, expected: RecordedFilter) -> list[Bridge]:
+    """The way from the end of one chain to the beginning of another, of each pair."""
+    keys = [birth_key(0, f"{chains[i].name}/{chains[j].name}", starts[j].time_ns) for i, j in _each(pairs)]
+    ends = [chains[i].last for i in pairs.one.tolist()]
+    return expected.bridges(np.array(keys), ends, [starts[j] for j in pairs.other.tolist()])
+
+
+def _each(pairs: Pairs) -> list[tuple[int, int]]:
+    return list(zip(pairs.one.tolist(), pairs.other.tolist(), strict=True))
+
+
+def trim(chain: Chain, *, frame_s: float, log_density: float, config: TrackingConfig) -> None:
+    """End a chain where its vehicle was last seen: before measurements that nothing before or after them confirms.
+
+    A belief that nobody measures grows until it takes a false detection. Looked at backwards, as a track that begins at
+    its end, such a measurement is one that is never confirmed.
+
+    Args:
+        chain: over.
+        frame_s: seconds between two frames.
+        log_density: that a measurement usually has under its belief.
+        config: of existence.
+    """
+    while (tail := chain.tail()).size and not _is_confirmed(tail, frame_s, log_density, config):
+        chain.cut()
+
+
+def _is_confirmed(time_ns: IntArray, frame_s: float, log_density: float, config: TrackingConfig) -> bool:
+    """Whether measurements (n,), in either order, and the misses between them, are of a vehicle."""
+    state, usual = existence.at_birth(1, config), np.array([log_density])
+    for dt_ns in np.abs(np.diff(time_ns)).tolist():
+        n_frames = max(round(dt_ns * 1e-9 / frame_s), 1)
+        for i in range(n_frames):
+            state = existence.later(state, np.array([frame_s]), config)
+            state = existence.after_miss(state, config) if i + 1 < n_frames else state
+        state = existence.after_hit(state, usual, config)
+    return bool(existence.probability(state, np.zeros(1))[0] >= config.confirm_above)
+
+
+def _candidates(chains: Sequence[Chain], starts: Sequence[Belief], *, before_ns: int, gap_ns: int) -> Pairs:
+    """Pairs of a chain that ended and one that began soon after, as near as a vehicle comes in that time."""
+    end = np.array([chain.last.time_ns for chain in chains], np.int64)
+    begin = np.array([start.time_ns for start in starts], np.int64)
+    is_start = (begin <= before_ns) & (begin == np.array([chain.first_ns for chain in chains]))  # not forgotten
+    dt_ns = begin[None] - end[:, None]
+    one, other = np.nonzero((dt_ns > 0) & (dt_ns <= gap_ns) & is_start)
+    dt_s = dt_ns[one, other] * 1e-9
+    ends, firsts = (
+        np.array([of.mean[:4] for of in beliefs]).reshape(-1, 4) for beliefs in ([c.last for c in chains], starts)
+    )
+    off = np.hypot(*(firsts[other, :2] - ends[one, :2] - dt_s[:, None] * ends[one, 2:]).T)
+    near = off <= SLACK_M + 0.5 * HARDEST * dt_s**2
+    return Pairs(one[near], other[near])
+
+
+def _log_odds(out_s: FloatArray, frame_s: float, config: TrackingConfig) -> FloatArray:
+    """Of one vehicle that came back after so long (n,), against one that left and another that appeared.
+
+    The density of the state in which it came back is not in it.
+
+    In a frame a vehicle goes out of sight at the occlusion rate and comes back at the reappearance rate, or leaves at
+    the departure rate; another appears at the birth density, at any velocity up to the fastest.
+    """
+    back = np.log(config.reappearance_rate * frame_s) - config.reappearance_rate * out_s
+    away = np.log(config.occlusion_rate) - np.log(config.departure_rate)
+    other = np.log(config.birth_density) - np.log(np.pi * FASTEST**2)
+    return np.asarray(away + back - other)

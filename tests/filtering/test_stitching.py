@@ -1,0 +1,90 @@
+"""Pieces of unlabelled tracks: joined, trimmed, or left alone."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateList
+from dirprim_filter.filtering import ConstantVelocityKalman, ParticleFilter
+from dirprim_filter.filtering.smoothing import Smoother
+from dirprim_filter.filtering.smoothing.chain import Belief
+from dirprim_filter.filtering.smoothing.recorded import recorded
+from situations import one_cell_map
+
+CONFIG = FilterConfig(n_particles=500)
+N_FRAMES, SIDE_M = 80, 12.0
+
+
+def side_by_side(*, ahead_m):
+    """Two vehicles at 8 m/s, out of sight from 2 to 5 s, then so far ahead of where they would have been."""
+    seen = []
+    for i in [*range(20), *range(50, N_FRAMES)]:
+        x = 0.8 * i + (ahead_m if i >= 50 else 0.0)
+        seen.append(Detections(track_id=["a", "b"], time_ns=[i * 100_000_000] * 2, position=[[x, 0.0], [x, SIDE_M]]))
+    return seen
+
+
+def tracked(seen, *, lag_s=None):
+    """What the filter says without ids, and what the smoother says."""
+    found, later = EstimateList(), EstimateList()
+    smoother = Smoother(max_gap_s=CONFIG.max_gap_s, lag_s=lag_s, sinks=[later.write])
+    model = ConstantVelocityKalman(acceleration_density=0.2, config=CONFIG)
+    tracker = smoother.tracker(0, model, config=CONFIG, tracking=TrackingConfig(), rng=np.random.default_rng(0))
+    frames = {int(frame.time_ns[0]): frame.without_ids() for frame in seen}
+    with smoother:
+        for i in range(N_FRAMES):
+            tracker.predict(frames.get(i * 100_000_000, Detections.none()), time_ns=i * 100_000_000)
+            tracker.weigh()
+            frame = tracker.frame()
+            found.write(frame)
+            smoother.write(frame)
+            tracker.resample()
+    return found.all(), later.all()
+
+
+def test_pieces_of_a_vehicle_become_one_track_that_leads_through_the_gap():
+    found, later = tracked(side_by_side(ahead_m=7.0))
+    assert np.unique(found.track_id).size == 4  # the tracker lost both
+    assert sorted(set(later.track_id.tolist())) == ["track-1", "track-2"]
+    assert len(later) == 2 * N_FRAMES
+    for name in ("track-1", "track-2"):
+        way = later[later.track_id == name].position
+        assert np.ptp(way[:, 1]) < 1.0  # neither took up the other's
+        assert (np.diff(way[:, 0]) > 0.5).all()
+
+
+@pytest.mark.parametrize(("ahead_m", "lag_s"), [(25.0, None), (7.0, 1.0)])
+def test_what_is_too_far_away_is_another_vehicle_and_with_a_lag_nothing_is_joined(ahead_m, lag_s):
+    later = tracked(side_by_side(ahead_m=ahead_m), lag_s=lag_s)[1]
+    assert np.unique(later.track_id).size == 4
+
+
+def test_a_false_detection_long_after_the_last_is_cut_off_and_a_vehicle_seen_again_is_not():
+    def times(again):
+        seen = [Detections(track_id=["a"], time_ns=[i * 100_000_000], position=[[0.8 * i, 0.0]]) for i in again]
+        return tracked(seen)[1].time_ns // 100_000_000
+
+    assert times([*range(20), 30]).max() == 19
+    assert times([*range(20), *range(30, 35)]).max() == 34
+
+
+def test_of_constant_velocity_the_way_across_a_gap_is_exact_and_particles_agree():
+    at = Belief(0, np.array([5.0, 1.0, 8.0, 0.5, 0.0]), np.diag([0.2, 0.1, 0.3, 0.3, 0.01]), np.ones(2))
+    where = [Belief(10**9, np.array([13.0 + off, 1.5, 8.0, 0.5]), 0.1 * np.eye(4), np.ones(2)) for off in (0.0, 2.0)]
+    keys = np.array([3, 4], np.uint64)
+    kalman = recorded(ConstantVelocityKalman(acceleration_density=0.5, config=CONFIG))
+    exact = [bridge.log_density for bridge in kalman.bridges(keys, [at, at], where)]
+    f = np.eye(4)
+    f[0, 2] = f[1, 3] = 1.0
+    q = np.kron([[1 / 3, 1 / 2], [1 / 2, 1.0]], 0.5 * np.eye(2))
+    p = f @ at.covariance[:4, :4] @ f.T + q + 0.1 * np.eye(4)
+    for found, off in zip(exact, (0.0, 2.0), strict=True):
+        d = np.array([off, 0.0, 0.0, 0.0])
+        assert found == pytest.approx(
+            -0.5 * (d @ np.linalg.solve(p, d) + np.linalg.slogdet(2 * np.pi * p)[1]), abs=0.05
+        )
+    particles = recorded(ParticleFilter(one_cell_map(mean=0.06, concentration=300.0, speed=8.0, shape=60.0), CONFIG))
+    near, far = particles.sibling().bridges(keys, [at, at], where)
+    assert near.log_density > far.log_density + 1.0
+    assert near.links["time_ns"].tolist() == [i * 100_000_000 for i in range(10)]
