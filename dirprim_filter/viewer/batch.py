@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.drawing.names import short_name
 from dirprim_filter.drawing.sight import may_be_anywhere
 from dirprim_filter.estimates import Estimates, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -136,7 +137,7 @@ class FrameBatch:
                 strips = (SOUTHWARDS * getattr(curves, name)).astype(np.float32)
                 yield f"/polar/{name}", times, rr.LineStrips2D.columns(strips=strips).partition(n_shown)
             names = rr.Points2D.columns(positions=np.tile([-1.2, 1.2], (len(shown), 1)),
-                                        labels=[look.track_id for look in shown])  # fmt: skip
+                                        labels=[short_name(look.track_id) for look in shown])  # fmt: skip
             yield "/polar/vehicle", times, names.partition(n_shown)
 
 

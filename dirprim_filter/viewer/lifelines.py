@@ -78,13 +78,13 @@ class Lifelines:
     def _news(self, name: str, *, is_coasting: bool, is_anew: bool) -> Iterator[tuple[str, str, str]]:
         state = self._state[name]
         if is_anew:
-            yield "WARN", f"{name} anew", f"{name} reinitialised: its belief did not explain its measurements"
+            yield "WARN", f"{name} reinitialised", f"{name} reinitialised: its belief did not explain its measurements"
         elif is_coasting:
-            if state != f"{name} unseen":
-                yield "INFO", f"{name} unseen", f"{name} out of sight"
-        elif state == f"{name} unseen":
-            yield "INFO", name, f"{name} in sight again"
-        elif state == f"{name} anew":
+            if state != f"{name} coasting":
+                yield "INFO", f"{name} coasting", f"{name} coasts: no measurement"
+        elif state == f"{name} coasting":
+            yield "INFO", name, f"{name} measured again"
+        elif state == f"{name} reinitialised":
             yield "INFO", name, f"{name} explained again"
 
     def _log(self, time_ns: int, name: str, state: str, level: str, text: str) -> None:
@@ -96,9 +96,9 @@ class Lifelines:
         self.changes.setdefault(lane, []).append(Change(time_ns, state))
         if state:
             colors = self.states.setdefault(lane, {})
-            if state.endswith(" anew"):
+            if state.endswith(" reinitialised"):
                 colors[state] = ANEW_COLOR
-            elif state.endswith(" unseen"):
+            elif state.endswith(" coasting"):
                 colors[state] = UNSEEN_COLOR
             else:
                 red, green, blue, _ = track_color(np.array([name]))[0].tolist()

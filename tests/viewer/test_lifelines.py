@@ -37,12 +37,12 @@ def test_a_life_is_reported_from_its_first_estimate_to_its_end() -> None:
     ]:  # fmt: skip
         lines.see(frame)
     reported = [(change.time_ns // STEP_NS, change.state) for change in lines.changes[0]]
-    assert reported == [(0, "a"), (3, "a unseen"), (4, "a"), (5, "a anew"), (6, "a"), (7, "")]
+    assert reported == [(0, "a"), (3, "a coasting"), (4, "a"), (5, "a reinitialised"), (6, "a"), (7, "")]
     assert [entry.text.split(":")[0] for entry in lines.entries] == [
-        "a initialised", "a out of sight", "a in sight again", "a reinitialised", "a explained again", "a ended",
+        "a initialised", "a coasts", "a measured again", "a reinitialised", "a explained again", "a ended",
     ]  # fmt: skip
     assert [entry.level for entry in lines.entries].count("WARN") == 1
-    assert set(lines.states[0]) == {"a", "a unseen", "a anew"}
+    assert set(lines.states[0]) == {"a", "a coasting", "a reinitialised"}
 
 
 def test_no_two_vehicles_share_a_lane_and_lanes_are_used_again() -> None:
