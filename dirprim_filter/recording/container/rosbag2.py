@@ -17,7 +17,6 @@ from dirprim_filter.recording.container.records import Channel, Schema
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
-SQLITE = ".db3"
 METADATA = "metadata.yaml"
 MAX_METADATA_BYTES = 1 << 26
 FASTEST = 1

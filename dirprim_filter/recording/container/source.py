@@ -20,7 +20,6 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from dirprim_filter.recording.container import rosbag2
 from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.container.other_formats import READ_BYTES
 from dirprim_filter.recording.container.records import MAGIC
@@ -28,6 +27,8 @@ from dirprim_filter.recording.container.records import MAGIC
 logger = logging.getLogger(__name__)
 
 STDIN = "-"
+SQLITE = ".db3"
+"""What the name of a bag in SQLite ends in."""
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
 BLOCK_BYTES = 1 << 22
@@ -56,7 +57,9 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
     if (match := URL.fullmatch(name)) and not file.exists():
         root = "/" if match["scheme"] in ("file", "local") else ""
         return [_fetched(name, f"{match['scheme']}://{root}{match['rest']}")]
-    if file.is_dir() or file.suffix == rosbag2.SQLITE:
+    if file.is_dir() or file.suffix == SQLITE:
+        from dirprim_filter.recording.container import rosbag2  # noqa: PLC0415  (`dirprim info` of a log does without)
+
         files = rosbag2.files_of(file) if file.is_dir() else []
         return files or [_copied(name, rosbag2.as_mcap(file))]
     if not stat.S_ISREG(file.stat().st_mode):

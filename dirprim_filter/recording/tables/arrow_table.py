@@ -113,7 +113,7 @@ class ArrowTable:
         """(n,) str; empty where there is none."""
         column = self._cast(name, self._arrow.string(), "texts or whole numbers").fill_null("")
         each = column.combine_chunks().dictionary_encode()  # Python makes a text of each name, not of each row
-        return np.array(each.dictionary.to_pylist(), np.str_)[each.indices.to_numpy()]
+        return np.asarray(np.array(each.dictionary.to_pylist(), np.str_)[each.indices.to_numpy()])
 
     def nanoseconds(self, name: str) -> IntArray:
         """(n,) int64 of whole numbers or of timestamps; `NO_TIME` where there is none."""
