@@ -102,6 +102,7 @@ def test_who_is_out_of_sight_is_fainter_and_of_who_may_be_anywhere_no_region_is_
 
 def test_bodies_are_as_large_as_was_last_reported_of_them():
     frame, scene = a_frame(STEP), EstimatesScene()
+    frame = replace(frame, estimates=replace(frame.estimates, direction_resultant=np.ones(4)))
     unknown = drawn(frame, scene=scene).entities[1].cubes[0].size
     assert (unknown.x, unknown.y, unknown.z) == VEHICLE_SIZE
     size = np.array([[np.nan] * 3, [12.0, 2.5, 3.2], [np.nan] * 3, [0.6, 0.5, np.nan]])
@@ -111,6 +112,15 @@ def test_bodies_are_as_large_as_was_last_reported_of_them():
     reported = [(b.size.x, b.size.y, b.size.z) for b in bodies]
     assert reported == [VEHICLE_SIZE, (12.0, 2.5, 3.2), VEHICLE_SIZE, (0.6, 0.5, VEHICLE_SIZE[2])]
     assert [b.pose.position.z for b in bodies] == [size[2] / 2 for size in reported]  # on the ground
+
+
+def test_the_body_of_a_vehicle_of_unknown_direction_is_as_long_as_wide():
+    frame = a_frame(STEP)
+    known = np.array([0.9, 0.1, 0.6, 0.0])
+    bodies = [entity.cubes[0].size for entity in drawn(
+        replace(frame, estimates=replace(frame.estimates, direction_resultant=known))).entities]  # fmt: skip
+    assert [body.x == body.y for body in bodies] == [False, True, False, True]
+    assert all(body.y == VEHICLE_SIZE[1] for body in bodies)
 
 
 def test_trails_lead_from_where_the_vehicles_were_to_where_they_are():

@@ -15,7 +15,7 @@ from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.drawing.names import short_name
-from dirprim_filter.drawing.sight import may_be_anywhere
+from dirprim_filter.drawing.sight import SURE_FROM, may_be_anywhere
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.foxglove.entities import (
@@ -70,6 +70,8 @@ class EstimatesScene:
     def encode(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> bytes:
         """The update of one instant; sizes are those that were last reported of vehicles by name.
 
+        A vehicle of unknown direction, as one that has stood from its first detection on, is drawn as long as wide.
+
         Args:
             estimates: of this instant.
             detections: of this instant.
@@ -79,6 +81,7 @@ class EstimatesScene:
         names = as_texts(estimates.track_id).tolist()
         self._see_sizes(detections)
         length, width, height = np.array([self._size.get(name, VEHICLE_SIZE) for name in names]).reshape(-1, 3).T
+        length = np.where(estimates.direction_resultant < SURE_FROM, width, length)  # a square faces nowhere
         half_axes, angle = shapes.covariance_axes(estimates.covariance, probability=REGION_SHARE)
         minor, major = np.maximum(2.0 * half_axes, MIN_AXIS).T
         position = estimates.position - origin
