@@ -13,6 +13,7 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
 from dirprim_filter.store.steps import HOUR_NS, WHEN, passed_place
 from dirprim_filter.store.summary import Summary
@@ -112,7 +113,14 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
             "add recordings, or ask for fewer vehicles"
         )
     logger.info("%d of %d steps of pseudo-vehicles are learned from", len(tracks), int(count.sum()))
-    return tracks
+    return _apart(tracks, summary.lattice)
+
+
+def _apart(tracks: Tracks, lattice: Lattice) -> Tracks:
+    """Pseudo-vehicles with a gap in time wherever something was left out: else learning would fill it in."""
+    step_ns = int(lattice.step_s * 1e9)
+    goes_on = (np.diff(tracks.time_ns) == step_ns) & (np.diff(tracks.track_id) == 0)
+    return replace(tracks, time_ns=np.cumsum(np.append(0, np.where(goes_on, step_ns, APART_NS))))
 
 
 def _blocks(steps: Tally) -> list[slice]:

@@ -45,13 +45,15 @@ class Instants(NamedTuple):
     direction: FloatArray  # (n,) radians
     speed: FloatArray  # (n,) m/s
     hour: IntArray  # (n,) since 1970-01-01, in which the segment begins
+    first_row: IntArray  # (n_tracks,) of the tracks, of each vehicle
 
     @classmethod
     def of(cls, tracks: Tracks, step_s: float) -> Self:
         """The vehicles of tracks every `step_s`, by Hermite splines between their rows."""
         vehicle = tracks.vehicle
         n_vehicles = int(vehicle.max(initial=-1)) + 1
-        order = _sorting.sort_by(vehicle, n_vehicles, np.empty(n_vehicles + 1, np.int64))
+        start = np.empty(n_vehicles + 1, np.int64)
+        order = _sorting.sort_by(vehicle, n_vehicles, start)
         time, who = tracks.time_ns[order], vehicle[order]
         begins = np.ones(time.size, np.bool_)
         begins[1:] = (np.diff(who) != 0) | (np.diff(time) > int(LONGEST_GAP_S * 1e9))
@@ -73,7 +75,7 @@ class Instants(NamedTuple):
         used[row] = used[following] = True
         place = np.cumsum(used) - 1
         position, direction, speed = between(_Rows.of(tracks, order[used]), place[row], place[following], share, width)
-        return cls(segment, who[row], position, direction, speed, time[first][segment] // HOUR_NS)
+        return cls(segment, who[row], position, direction, speed, (time[first] // HOUR_NS)[segment], order[start[:-1]])
 
 
 def tally_steps(tracks: Tracks, lattice: Lattice) -> tuple[Tally, Tally]:
@@ -87,7 +89,7 @@ def tally_steps(tracks: Tracks, lattice: Lattice) -> tuple[Tally, Tally]:
     same = seen.segment[1:] == seen.segment[:-1]
     before, after = np.full(here.size, NONE), np.full(here.size, NONE)
     before[1:][same], after[:-1][same] = here[:-1][same], here[1:][same]
-    when = seen.hour * lattice.n_folds + _folds(tracks, lattice.n_folds)[seen.vehicle]
+    when = seen.hour * lattice.n_folds + _folds(tracks, seen.first_row, lattice.n_folds)[seen.vehicle]
     steps = Tally.of(
         np.column_stack([when, before, here, after]),
         np.column_stack([np.ones(here.size, np.int64), *parts, *(part * part for part in parts)]),
@@ -110,8 +112,7 @@ def passed_place(state: IntArray, lattice: Lattice) -> IntArray:
     return packed(square // PASSED_SQUARES, way, np.zeros_like(way))
 
 
-def _folds(tracks: Tracks, n_folds: int) -> IntArray:
+def _folds(tracks: Tracks, first: IntArray, n_folds: int) -> IntArray:
     """(n_tracks,) the fold of each vehicle, by its name: the same whichever others there are."""
-    _, first = np.unique(tracks.vehicle, return_index=True)
     names = world_names(tracks.track_id[first], tracks.group[first])
     return np.array([crc32(name.encode()) % n_folds for name in names.tolist()], np.int64)
