@@ -69,8 +69,8 @@ def add(
     }  # fmt: skip
     found = find_logs(logs)
     into = _opened_or_made(folder, {name: value for name, value in given.items() if value is not None}, step)
-    with step_progress(f"adding to {folder}", "logs") as told:
-        added = add_logs(into, found, workers=workers_for(len(found), workers), progress=told)
+    with step_progress(f"adding to {folder}", "logs") as progress:
+        added = add_logs(into, found, workers=workers_for(len(found), workers), progress=progress)
     for line in failures(added):
         typer.echo(f"error: {line}", err=True)
     entries = [receipt.entry for receipt in added.receipts if receipt.entry is not None]

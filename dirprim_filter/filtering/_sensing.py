@@ -126,8 +126,8 @@ def course_of(weight: FloatArray, off: FloatArray) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def heed_course(cloud: Cloud, carried: Carried, v: int, axes: Axes, off: FloatArray) -> None:
-    """Note whether the particles agree on a course; where that changes, move them so that detections fit as before."""
+def update_course(cloud: Cloud, carried: Carried, v: int, axes: Axes, off: FloatArray) -> None:
+    """Update whether particles agree on a course; where that changes, move them so that detections fit as before."""
     weight, place, had = cloud.weight[v], cloud.position[v], carried.has_course[v]
     resultant = math.hypot(mean_of(weight, off[COSINE], 1.0), mean_of(weight, off[SINE], 1.0))
     has = resultant >= (COURSE_UNTIL if had else COURSE_FROM)
@@ -168,7 +168,7 @@ def weigh(
             measured[i, SPEED], noise, evidence[i],
         )  # fmt: skip
         learn(carried, v, axes, off, evidence[i, 1] >= math.log(2.0 * noise.outlier))
-        heed_course(cloud, carried, v, axes, off)
+        update_course(cloud, carried, v, axes, off)
 
 
 @njit(cache=True, nogil=True)

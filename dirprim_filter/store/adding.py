@@ -67,7 +67,7 @@ def add_logs(
         store: it.
         logs: see `log_files.find_logs`.
         workers: who summarise them; left out, this process.
-        progress: told how many of how many are done.
+        progress: called with how many are done, and of how many.
     """
     store.tidy()
     new = [log for log in logs if not _is_known(store, log)]

@@ -22,7 +22,7 @@ class LogFile:
     Attributes:
         url: its URL, or its absolute path.
         size: bytes.
-        mark: its ETag or time of change; empty where nobody knows.
+        mark: its ETag or time of change; empty where it is unknown.
     """
 
     url: str

@@ -28,7 +28,7 @@ class Entry:
     Attributes:
         url: its URL, or its absolute path.
         size: bytes.
-        mark: its ETag or time of change: the same for as long as the log is the same; empty where nobody knows.
+        mark: its ETag or time of change: the same for as long as the log is the same; empty where it is unknown.
         rows: SHA-256 of the rows that it holds, by which a recording counts once.
         n_rows: how many.
         n_vehicles: in them.

@@ -33,6 +33,8 @@ def test_the_map_shows_every_petal_with_north_up_and_equal_scales(
     assert east[0] - origin[0] == pytest.approx(north[1] - origin[1])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("east [m]", "north [m]")
     assert color_bar.get_ylabel() == "mean speed [m/s]"
+    explained = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"cells", "tracks", "roots, where petals start"} <= set(explained)
 
 
 def test_a_vehicle_is_one_line_for_each_time_it_is_in_sight(scene_map: PrimitiveMap) -> None:

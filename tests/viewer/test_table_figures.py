@@ -78,4 +78,5 @@ def test_a_chart_of_tracking_has_a_bar_for_each_figure_and_none_for_what_was_not
     assert widths[:4] == 2 * list(reported.values())  # of all, and of those in sight
     assert np.isnan(widths[4:]).all()
     assert {text.get_text() for text in rmse.texts} == {"0.50", "2.00", ""}
+    assert all(text.get_path_effects() and text.get_zorder() > 3 for text in rmse.texts)  # legible over whiskers
     assert switches.get_xlim()[0] == 0.0

@@ -80,7 +80,7 @@ def _each(pairs: Pairs) -> list[tuple[int, int]]:
 def trim(chain: Chain, *, frame_s: float, log_density: float, config: TrackingConfig) -> None:
     """End a chain where its vehicle was last seen: before measurements that nothing before or after them confirms.
 
-    A belief that nobody measures grows until it takes a false detection. Looked at backwards, as a track that begins at
+    A belief without measurements grows until it takes a false detection. Looked at backwards, as a track that begins at
     its end, such a measurement is one that is never confirmed.
 
     Args:

@@ -11,7 +11,7 @@ Path = str | PathLike[str]
 
 
 def one_line(text: str) -> str:
-    """The text with escapes for what would break the line: names in a stranger's file may hold anything."""
+    """The text with escapes for what would break the line: names in a file of any origin may hold anything."""
     return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in text)
 
 
