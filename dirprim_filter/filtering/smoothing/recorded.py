@@ -128,7 +128,7 @@ class RecordedFilter(ABC):
         """As the filter says."""
         return self._inner.particles(slot)
 
-    def bridges(self, key: IntArray, end: Sequence[Belief], start: Sequence[Belief]) -> list[Bridge]:
+    def bridges(self, key: AnyArray, end: Sequence[Belief], start: Sequence[Belief]) -> list[Bridge]:
         """Ways (n,) from one belief each to a later one; the beliefs of the first n slots are lost.
 
         Args:
@@ -160,7 +160,7 @@ class RecordedFilter(ABC):
         """One of the same filter, without beliefs."""
 
     @abstractmethod
-    def _place(self, slot: IntArray, key: IntArray, mean: FloatArray, covariance: FloatArray) -> None:
+    def _place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
         """Start beliefs from Gaussians of place and velocity."""
 
     @abstractmethod
@@ -259,7 +259,7 @@ class RecordedParticles(RecordedFilter):
         """One that moves by the same map, without beliefs."""
         return RecordedParticles(self._of.sibling())
 
-    def _place(self, slot: IntArray, key: IntArray, mean: FloatArray, covariance: FloatArray) -> None:
+    def _place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
         self._of.place(slot, key, mean, covariance)
 
     def _arrived(self, slot: IntArray, start: Sequence[Belief]) -> list[Bridge]:
@@ -327,7 +327,7 @@ class RecordedKalman(RecordedFilter):
         """One of the same noise, without beliefs."""
         return RecordedKalman(self._of.sibling())
 
-    def _place(self, slot: IntArray, key: IntArray, mean: FloatArray, covariance: FloatArray) -> None:
+    def _place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
         self._of.place(slot, key, mean, covariance)
 
     def _arrived(self, slot: IntArray, start: Sequence[Belief]) -> list[Bridge]:
