@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ def link_type(n_states: int, *, gain: str) -> np.dtype[np.void]:
     ])  # fmt: skip
 
 
+@cache
 def lower(n_states: int) -> tuple[IntArray, IntArray]:
     """Rows and columns of a lower triangle."""
     return np.tril_indices(n_states)
