@@ -231,15 +231,14 @@ TABLES: dict[str, Table] = {
         minutes=20,
     ),
     "no_ids": Table(
-        command="dirprim evaluate tracking {logs} --no-ids --miss-rate 0.2 --false-per-frame 10 --gap 0 "
+        command="dirprim evaluate tracking {logs} --no-ids --smooth --miss-rate 0.2 --false-per-frame 10 "
         f'--particles 300 {TRACKERS} --method "raw detections" {{options}} --json',
         runs=(
-            Run(name="Lankershim", logs=("lankershim.mcap",), options="--seeds 1"),
+            Run(name="Lankershim", logs=("lankershim.mcap",), options="--gap 0 --seeds 1"),
+            Run(name="Lankershim, out of sight for 3 s", logs=("lankershim.mcap",), options="--gap 3 --seeds 1"),
             *(
-                Run(
-                    name=f"dense {scene}", logs=(f"{scene}_track.mcap",), options=f"--map {scene}_map.mcap --seeds 3"
-                )
-                for scene in ("intersection", "highway")
+                Run(name=f"dense {of}", logs=(f"{of}_track.mcap",), options=f"--map {of}_map.mcap --gap 0 --seeds 3")
+                for of in ("intersection", "highway")
             ),
         ),
         entries=methods,
