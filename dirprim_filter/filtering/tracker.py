@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -16,6 +16,7 @@ from dirprim_filter.estimates import Estimates, Innovations, Samples, TrackedFra
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
+from dirprim_filter.filtering.current_frame import NO_ROWS, CurrentFrame
 from dirprim_filter.filtering.measurements import measured_covariance
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter
@@ -26,41 +27,8 @@ from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
-NO_ROWS: IntArray = np.empty(0, np.int64)
 TENTATIVE = "\0"
 """Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
-
-
-@dataclass(slots=True, kw_only=True)
-class _Frame:
-    """The current frame, and the tracks that its detections are assigned to.
-
-    Attributes:
-        detections: with the times when they were true: a latency before they arrived.
-        hits: tracks of earlier frames, and the rows of `detections` assigned to them.
-        kinds: whether it is about labelled tracks (True), unlabelled ones (False), or both, as an empty one is.
-        home: slots of all tracks that may be reported: labelled ones of the frame in its order, labelled ones that it
-            does not hold, and unlabelled ones.
-        n_aside: how many beliefs were moved aside.
-        held: the slots that hold their beliefs at the frame's time.
-        shown: of these, what there are estimates of.
-        shown_home: likewise of `home`.
-        shown_names: their names.
-        innovation: (slots, 2) distance and normalised square, where they were asked for.
-        lost: the slots of reinitialised beliefs.
-    """
-
-    detections: Detections = field(default_factory=Detections.none)
-    hits: Hits = field(default_factory=lambda: Hits(NO_ROWS, NO_ROWS))
-    kinds: tuple[bool, ...] = ()
-    home: IntArray = field(default_factory=NO_ROWS.copy)
-    n_aside: int = 0
-    held: IntArray = field(default_factory=NO_ROWS.copy)
-    shown: IntArray = field(default_factory=NO_ROWS.copy)
-    shown_home: IntArray = field(default_factory=NO_ROWS.copy)
-    shown_names: list[str] = field(default_factory=list)
-    innovation: FloatArray | None = None
-    lost: IntArray = field(default_factory=NO_ROWS.copy)
 
 
 class Tracker:
@@ -109,7 +77,7 @@ class Tracker:
         self._n_begun = self._n_numbered = 0
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._time_ns = NO_TIME
-        self._frame = _Frame()
+        self._frame = CurrentFrame()
 
     def predict(self, detections: Detections, *, time_ns: int | None = None) -> None:
         """Predict beliefs to the frame's time, assign its detections, and initialise tracks at those not assigned.
@@ -132,7 +100,7 @@ class Tracker:
         if self.config.interaction == "leader":
             self._look_around()
         self._time_ns = time_ns
-        self._frame = frame = _Frame(detections=detections)
+        self._frame = frame = CurrentFrame(detections=detections)
         if not is_frame:
             return
         self._roster.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9), config=self.tracking)

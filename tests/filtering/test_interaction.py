@@ -12,6 +12,7 @@ from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.filtering.rollouts import Start, Steps, forecast_states, projected, sampled_state, side_by_side
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
+from dirprim_filter.sensor import AxisError, Sensor
 from moving import motion_by_hand, squares
 from situations import TRUSTING
 
@@ -97,11 +98,11 @@ def reported(order=(0, 1)):
     return frames
 
 
-def last_places(frames, interaction):
+def last_places(frames, interaction, sensor=None):
     """Metres to the east, of each vehicle, where they brake by 2 m/s^2 behind any other."""
     tracking, config = replace(TRUSTING, report_above=1e-9), replace(HEEDING, interaction=interaction)
     tracker = Tracker(
-        road(by=ALWAYS, gained=-2.0), config=config, tracking=tracking, rng=np.random.default_rng(1)
+        road(by=ALWAYS, gained=-2.0), config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(1)
     )  # fmt: skip
     for frame in frames:
         tracker.predict(frame)
@@ -117,6 +118,12 @@ def test_who_is_out_of_sight_is_believed_to_do_what_its_leader_has_it_do():
     assert heeding[1] == pytest.approx(30.0 + 65.0 - 2.0 * 3.0**2 / 2, abs=3.0)
     assert heeding[0] == alone[0] == pytest.approx(60.0 + 65.0, abs=0.5)
     assert last_places(reported((1, 0)), "leader") == heeding
+    white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m))
+    assert white == pytest.approx(heeding, abs=1e-6)
+    lasting = AxisError(spread_m=0.3, correlated_share=0.5)
+    sensor = Sensor(along=lasting, across=lasting)
+    behind, without = (last_places(reported(), interaction, sensor)[1] for interaction in ("leader", "none"))
+    assert behind < without - 2.0 * 3.0**2 / 2 + 3.0
     lonely = [frame[frame.track_id == 1] for frame in reported()[:8]]
     assert last_places(lonely, "leader") == last_places(lonely, "none")
 
