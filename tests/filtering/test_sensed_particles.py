@@ -110,7 +110,7 @@ def test_a_bias_moves_no_estimate(learned):
     at, direction = estimates_of(learned, seen, Sensor(**axes), 200)
     other, _ = estimates_of(learned, ahead, biased, 200)
     off = (other - at) @ np.array([1.0, 1j]) * np.exp(-1j * direction)
-    assert abs(off.real.mean()) < 0.1
+    assert abs(off.real.mean()) < 0.08  # 0.13 where each particle has the bias in its own axes
 
 
 @pytest.mark.parametrize("n_left", [3, 15])
