@@ -1,11 +1,44 @@
 """Where? Divisions of the plane into cells, for any model that lives in cells."""
 
-from tessellation.grid import GridTessellation as GridTessellation
-from tessellation.joint import JointFit as JointFit
-from tessellation.joint import fit_jointly as fit_jointly
-from tessellation.protocols import OUTSIDE as OUTSIDE
-from tessellation.protocols import CellModel as CellModel
-from tessellation.protocols import Members as Members
-from tessellation.protocols import RefittingModel as RefittingModel
-from tessellation.protocols import Tessellation as Tessellation
-from tessellation.voronoi import VoronoiTessellation as VoronoiTessellation
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tessellation.grid import GridTessellation as GridTessellation
+    from tessellation.joint import JointFit as JointFit
+    from tessellation.joint import fit_jointly as fit_jointly
+    from tessellation.protocols import OUTSIDE as OUTSIDE
+    from tessellation.protocols import CellModel as CellModel
+    from tessellation.protocols import Members as Members
+    from tessellation.protocols import RefittingModel as RefittingModel
+    from tessellation.protocols import Tessellation as Tessellation
+    from tessellation.voronoi import VoronoiTessellation as VoronoiTessellation
+
+_HOME = {
+    "GridTessellation": "grid",
+    "JointFit": "joint",
+    "fit_jointly": "joint",
+    "OUTSIDE": "protocols",
+    "CellModel": "protocols",
+    "Members": "protocols",
+    "RefittingModel": "protocols",
+    "Tessellation": "protocols",
+    "VoronoiTessellation": "voronoi",
+}
+"""The module of each name, imported when it is first used: array types cost no compiler."""
+
+__all__ = list(_HOME)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
