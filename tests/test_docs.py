@@ -22,7 +22,8 @@ SHORTER = {
     "n_particles = 1000": "n_particles = 50",
     "--seeds 1 --method": "--seeds 1 --particles 50 --method",
     "--every 2": "--every 10",
-    "learn fleet -o map.mcap": "learn fleet -o map.mcap --tessellation grid --cell-size 8",
+    "learn fleet -o map.mcap": "learn fleet -o map.mcap --tessellation grid --cell-size 20",
+    "--min-vehicles 8 --tessellation grid --cell-size 8": "--min-vehicles 8 --tessellation grid --cell-size 20",
 }
 """Of a block, what is replaced: the same path, sooner done."""
 WITHOUT_BLOCKS = {"method.md", "results.md"}  # and its figures are of logs that do not ship
