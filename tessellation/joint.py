@@ -153,20 +153,12 @@ def fit_jointly(
 def _first(
     search: Search[Data_contra, Cells], spread: Callable[[int], FloatArray], n_cells: int | None, softness: float
 ) -> State[Cells]:
-    """Even cells to begin with: the best power of two, from the middle one on as long as the objective falls."""
+    """Even cells to begin with, the best power of two: the objective may have several minima, so all are tried."""
     most = n_cells or max(1, search.row.size // FEWEST_ROWS)
-    last = int(np.log2(most))
-    objective: dict[int, float] = {-1: np.inf, last + 1: np.inf}
-
-    def worse(power: int) -> float:
-        if power not in objective:
-            objective[power] = search.evaluate(spread(2**power), softness).objective
-        return objective[power]
-
-    best = (last + 1) // 2
-    while (near := min((best, best - 1, best + 1), key=worse)) != best:
-        best = near
-    return search.evaluate(spread(max(1, int(START_SHARE * 2**best))), softness)
+    numbers = 2 ** np.arange(int(np.log2(most)) + 1)
+    objective = [search.evaluate(spread(int(n)), softness).objective for n in numbers]
+    best = int(numbers[np.argmin(objective)])
+    return search.evaluate(spread(max(1, int(START_SHARE * best))), softness)
 
 
 def _descend(

@@ -2,13 +2,14 @@
 
 import logging
 import logging.handlers
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from toy_model import GaussianCells
 
-from tessellation import OUTSIDE, JointFit, fit_jointly
+from tessellation import OUTSIDE, JointFit, fit_jointly, joint
 from tessellation.gates import members_of
 
 TRUE = np.array([[0.0, 0.0], [20.0, 4.0], [6.0, 18.0], [26.0, 22.0], [-14.0, 14.0]])
@@ -245,3 +246,15 @@ def test_the_library_prints_nothing_but_logs(monkeypatch, capsys):
         logger.setLevel(before)
     assert "joint cells" in said.buffer[0].getMessage()
     assert capsys.readouterr() == ("", "")
+
+
+def test_the_search_begins_with_half_the_best_number_of_even_cells_though_a_smaller_one_is_a_local_optimum():
+    objective = {1: 3.0, 2: 2.0, 4: 1.5, 8: 1.0, 16: 0.9, 32: 2.0, 64: 0.1, 128: 0.4}
+
+    class Evaluated:
+        row = np.arange(1024)
+
+        def evaluate(self, generators, softness):
+            return SimpleNamespace(generators=generators, objective=objective[len(generators)])
+
+    assert len(joint._first(Evaluated(), lambda n: np.zeros((n, 2)), None, 0.25).generators) == 32
