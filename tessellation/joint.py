@@ -76,7 +76,7 @@ def fit_jointly(
     reach: float,
     n_cells: int | None = None,
     softness: tuple[float, ...] = (0.25, 0.1, 0.5, 0.0),
-    max_rows: int = 20_000,
+    max_rows: int = 10_000,
     progress: Callable[[int, float], None] | None = None,
     rng: np.random.Generator,
 ) -> JointFit[Cells]:
