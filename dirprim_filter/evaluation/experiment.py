@@ -17,7 +17,7 @@ from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scoring import TrackedWorld, report
 from dirprim_filter.evaluation.splits import honest_split
 from dirprim_filter.evaluation.steps import StepCount
-from dirprim_filter.evaluation.tracking_experiment import Sensor, TrackingExperiment
+from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
 from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
@@ -94,7 +94,7 @@ def evaluate_tracking(
     tracks: Tracks,
     experiment: TrackingExperiment,
     *,
-    sensor: Sensor,
+    sensor: Detector,
     primitive_map: PrimitiveMap | None = None,
     sinks: tuple[EstimateSink, ...] = (),
     progress: Callable[[int, int], None] | None = None,
@@ -104,7 +104,7 @@ def evaluate_tracking(
     Args:
         tracks: the truth.
         experiment: what to do.
-        sensor: makes detections of tracks.
+        sensor: makes detections of tracks, by the experiment's model of it where there is one.
         primitive_map: the prior; left out, it is learned from a part of the vehicles, and the others are tracked. Where
             it is given, the Kalman filters are fitted to the very vehicles they track, which is in their favour.
         sinks: take the frames of the first method in the first seed.
@@ -138,7 +138,7 @@ def evaluate_tracking(
         n_vehicles += test.n_tracks
         n_gaps += sum(np.unique(scene.truth.tracks.vehicle[scene.truth.is_hidden]).size for scene in scenes)
         seeds = filtering.integers(2**63, size=len(experiment.methods))
-        made = filters(experiment.methods, learned, train, experiment.filter, rng=fit)
+        made = filters(experiment.methods, learned, train, experiment.filter, sensor=experiment.sensor, rng=fit)
         steps.add()
         for number, method in enumerate(experiment.methods):
             listening = sinks if i == 0 and number == 0 else ()

@@ -16,12 +16,13 @@ from dirprim_filter.filtering import (
     ConstantTurnUKF,
     ConstantVelocityKalman,
     InteractingModels,
-    ParticleFilter,
     Tracker,
     Worlds,
 )
 from dirprim_filter.filtering.manoeuvre import acceleration_density, pace_density
+from dirprim_filter.filtering.tracker import bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.sensor import Sensor
 from dirprim_filter.tracks import Tracks
 
 RAW: Literal["raw detections"] = "raw detections"
@@ -44,7 +45,7 @@ MAX_FITTED = 10
 
 def filters(
     methods: tuple[Method, ...], primitive_map: PrimitiveMap | None, train: Tracks, config: FilterConfig, *,
-    rng: np.random.Generator,
+    sensor: Sensor | None = None, rng: np.random.Generator,
 ) -> dict[Method, MakeFilter]:  # fmt: skip
     """What makes the filter of each method that has one, fitted once.
 
@@ -53,6 +54,7 @@ def filters(
         primitive_map: for those of `ON_A_MAP`; None without them.
         train: vehicles that the Kalman filters are fitted to.
         config: measurements and particles.
+        sensor: errors of the measurements, for those of `ON_A_MAP`; None: the noise of `config`.
         rng: the noise of the measurements they are fitted by.
 
     Raises:
@@ -78,12 +80,12 @@ def filters(
             made[method] = _best(kalman[method], turns, seen, config)
         elif primitive_map is not None and method in ON_A_MAP:
             of = primitive_map if method == "prior" else primitive_map.without_places()
-            made[method] = _particles(of, config)
+            made[method] = _particles(of, config, sensor)
     return made
 
 
-def _particles(primitive_map: PrimitiveMap, config: FilterConfig) -> MakeFilter:
-    return lambda: ParticleFilter(primitive_map, config)
+def _particles(primitive_map: PrimitiveMap, config: FilterConfig, sensor: Sensor | None) -> MakeFilter:
+    return lambda: bayes_filter_of(primitive_map, config, sensor)
 
 
 def _best(

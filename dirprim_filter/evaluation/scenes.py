@@ -16,7 +16,7 @@ from dirprim_filter.detections import NO_TIME, Detections
 from dirprim_filter.estimates import EstimateList, EstimateSink
 from dirprim_filter.evaluation.methods import MakeFilter
 from dirprim_filter.evaluation.scoring import TrackedWorld, Truth
-from dirprim_filter.evaluation.tracking_experiment import Sensor, TrackingExperiment
+from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
 from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.tracks import Tracks
@@ -45,11 +45,14 @@ def gaps(tracks: Tracks, *, gap_s: float, rng: np.random.Generator) -> BoolArray
 def honest_tracking(tracks: Tracks, experiment: TrackingExperiment) -> TrackingConfig:
     """The true parameters of the sensor in one group, for the association of every method."""
     area = float(np.prod(np.ptp(tracks.position, axis=0)))
+    false_per_frame, model = experiment.false_per_frame, experiment.sensor
+    if model is not None and model.clutter_density is not None:
+        false_per_frame = model.clutter_density * area
     instants = np.unique(tracks.time_ns).size
     occlusion = 1.0 / 20.0 if experiment.gap_s > 0 else 1e-3
     return TrackingConfig(
         detection_probability=min(1.0 - experiment.miss_rate, 0.99),
-        clutter_density=max(experiment.false_per_frame, 1e-6) / area,
+        clutter_density=max(false_per_frame, 1e-6) / area,
         birth_density=max(tracks.n_tracks / instants, 1e-3) / area,
         occlusion_rate=occlusion,
         reappearance_rate=1.0 / max(experiment.gap_s, 1.0),
@@ -72,7 +75,7 @@ class Scene(NamedTuple):
     tracking: TrackingConfig
 
     @classmethod
-    def of(cls, world: Tracks, experiment: TrackingExperiment, sensor: Sensor, *, seed: int) -> Scene:
+    def of(cls, world: Tracks, experiment: TrackingExperiment, sensor: Detector, *, seed: int) -> Scene:
         """The scene of a group's tracks: it follows from the seed and its number, whatever the other groups are."""
         group = int(world.group[0])
         rng = np.random.default_rng(_seed_of(seed, group))
@@ -89,7 +92,7 @@ def _seed_of(seed: int, group: int) -> list[int]:
 
 
 def _report_of(
-    tracks: Tracks, hidden: BoolArray, experiment: TrackingExperiment, sensor: Sensor, *, rng: np.random.Generator
+    tracks: Tracks, hidden: BoolArray, experiment: TrackingExperiment, sensor: Detector, *, rng: np.random.Generator
 ) -> Detections:
     """What the sensor reports, less what is out of its sight."""
     seen = sensor(
@@ -126,7 +129,9 @@ def followed(
     def tracker_of(group: int) -> Tracker:
         of_a_group = partial(smoothers[group].tracker, 0) if smooth else Tracker
         rng = np.random.default_rng(_seed_of(seed, group))
-        return of_a_group(make(), config=experiment.filter, tracking=of_group[group].tracking, rng=rng)
+        return of_a_group(
+            make(), config=experiment.filter, tracking=of_group[group].tracking, sensor=experiment.sensor, rng=rng
+        )
 
     worlds = Worlds(tracker_of)
     frames = {int(frame.time_ns[0]): frame for frame in Detections.concatenate([s.seen for s in scenes]).frames()}

@@ -12,6 +12,8 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.methods import METHODS, Method
 from dirprim_filter.evaluation.tracking_report import Scales
+from dirprim_filter.filtering.sensed_particles import knobs_of
+from dirprim_filter.sensor import Sensor
 from dirprim_filter.tracks import Tracks
 
 
@@ -35,6 +37,8 @@ class TrackingExperiment:
         smooth: beside each method that has a smoother what that says, and the best smoother of constant velocity.
         filter: parameters of the filters; the noise is the sensor's, and tracks survive a gap.
         tracking: parameters of association. Default: the true ones of the sensor.
+        sensor: a model of the sensor, in place of the first three, which then follow from it. All trackers know its
+            latency; the particle filters go by all of it, Kalman filters by white errors as wide.
     """
 
     noise_m: float = 0.5
@@ -51,9 +55,15 @@ class TrackingExperiment:
     smooth: bool = False
     filter: FilterConfig = field(default_factory=FilterConfig)
     tracking: TrackingConfig | None = None
+    sensor: Sensor | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "methods", tuple(self.methods))
+        knobs = {} if self.sensor is None else knobs_of(self.sensor)
+        if self.sensor is not None:
+            object.__setattr__(self, "noise_m", knobs["noise_m"])
+            object.__setattr__(self, "miss_rate", 1.0 - knobs.get("detection_probability", 1.0))
+            object.__setattr__(self, "false_per_frame", 0.0)  # it follows from the area
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
             raise ValueError(f"methods: expected some of {', '.join(METHODS)}, got {', '.join(unknown) or 'none'}")
@@ -68,7 +78,9 @@ class TrackingExperiment:
         if not 0 < self.learn < 1:
             raise ValueError(f"learn: expected a share between 0 and 1, got {self.learn}")
         lasting_s = max(self.filter.max_gap_s, self.gap_s + 1.0)  # else the end of a gap has no estimate to judge
-        object.__setattr__(self, "filter", replace(self.filter, noise_m=self.noise_m, max_gap_s=lasting_s))
+        astray = knobs.get("outlier_probability", self.filter.outlier_probability)
+        knowing = replace(self.filter, noise_m=self.noise_m, outlier_probability=astray, max_gap_s=lasting_s)
+        object.__setattr__(self, "filter", knowing)
 
     @property
     def scales(self) -> Scales:
@@ -77,7 +89,7 @@ class TrackingExperiment:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> TrackingExperiment:
-        """The experiment of a configuration file: its names are the attributes', `filter` and `tracking` are tables.
+        """The experiment of a file: its names are the attributes', `filter`, `tracking` and `sensor` are tables.
 
         Raises:
             ValueError: an unknown name, or a value out of range.
@@ -86,8 +98,20 @@ class TrackingExperiment:
         for name, kind in (("filter", FilterConfig), ("tracking", TrackingConfig)):
             if plain.get(name) is not None:
                 plain[name] = config_of(kind, plain[name], where=name)
+        if plain.get("sensor") is not None:
+            plain["sensor"] = _sensor(plain["sensor"])
         made: TrackingExperiment = config_of(cls, plain, where="experiment")
         return made
+
+
+def _sensor(table: object) -> Sensor:
+    """Of a file's table; numbers that are not known may be null."""
+    if not isinstance(table, Mapping):
+        raise ValueError(f"sensor: expected a table of names and values, got {table!r}")  # noqa: TRY004 - a file's, no caller's
+    try:
+        return Sensor.of({name: value for name, value in table.items() if value is not None})
+    except ValueError as error:
+        raise ValueError(f"sensor: {error}") from error
 
 
 def config_of(kind: type[Any], given: object, *, where: str) -> Any:
@@ -108,7 +132,7 @@ def config_of(kind: type[Any], given: object, *, where: str) -> Any:
     return kind(**given)
 
 
-class Sensor(Protocol):
+class Detector(Protocol):
     """Reports tracks: `simulation.sensor.detect`."""
 
     def __call__(

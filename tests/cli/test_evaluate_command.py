@@ -145,6 +145,20 @@ def test_an_experiment_file_is_followed_and_a_wrong_one_is_one_line(log, capsys,
     assert evaluate("tracking", log, "--config", config, "--noise", 0.3, "--json") == DONE
     reported = json.loads(capsys.readouterr().out)["experiment"]
     assert (reported["n_seeds"], reported["noise_m"], reported["filter"]["max_gap_s"]) == (1, 0.3, 2.0)
+    model = tmp_path / "sensor.toml"
+    model.write_text("latency_s = 0.1\n[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n")
+    assert evaluate("tracking", log, "--config", config, "--sensor", model, "--json") == DONE
+    again = tmp_path / "again.json"
+    again.write_text(first := capsys.readouterr().out)
+    assert json.loads(first)["experiment"]["sensor"]["latency_s"] == 0.1
+    assert evaluate("tracking", log, "--config", again, "--json") == DONE
+    assert capsys.readouterr().out == first
+    assert evaluate("tracking", log, "--config", again, "--noise", 0.3) == USAGE
+    model.write_text("latency_s = -1\n[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n")
+    capsys.readouterr()
+    assert evaluate("tracking", log, "--sensor", model) == FAILED
+    error = capsys.readouterr().err
+    assert error == f"error: {model}: latency_s: expected 0 to 5 seconds, got -1\n"
     for text, message in (
         ("noise = 1", "noise: expected one of noise_m"),
         ("noise_m = ", "expected an experiment in TOML"),

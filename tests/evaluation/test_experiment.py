@@ -12,7 +12,8 @@ from dirprim_filter.evaluation.experiment import MethodResult, evaluate_tracking
 from dirprim_filter.evaluation.scenes import gaps, honest_tracking
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
-from dirprim_filter.simulation.sensor import detect
+from dirprim_filter.sensor import AxisError, Sensor
+from dirprim_filter.simulation.sensor import detect, sense
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 
@@ -20,6 +21,11 @@ QUICK = {
     "n_seeds": 2, "gap_s": 2.0, "methods": ("prior", "constant velocity", "interacting models"),
     "filter": FilterConfig(n_particles=100),
 }  # fmt: skip
+
+LATE = Sensor(
+    along=AxisError(spread_m=0.3, bias_m=1.0), across=AxisError(spread_m=0.2), latency_s=0.3,
+    detection_probability=0.8, clutter_density=1e-4,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +200,24 @@ def test_association_is_given_the_truth_of_the_sensor(traffic):
     reported = honest_tracking(traffic, experiment)
     assert reported.detection_probability == pytest.approx(0.8)
     assert reported.clutter_density == pytest.approx(10.0 / area)
+    of_model = honest_tracking(traffic, TrackingExperiment(sensor=LATE))
+    assert (of_model.detection_probability, of_model.clutter_density) == (pytest.approx(0.8), pytest.approx(1e-4))
+
+
+def test_by_a_sensors_model_the_prior_takes_off_bias_and_latency(traffic, ring_map):
+    """The Kalman filter knows the latency, but no bias."""
+    experiment = TrackingExperiment(
+        n_seeds=1, gap_s=0.0, sensor=LATE, methods=("prior", "constant velocity", "raw detections"),
+        filter=FilterConfig(n_particles=100),
+    )  # fmt: skip
+    assert experiment.filter.noise_m == pytest.approx(np.hypot(0.3, 1.0))
+
+    def report(tracks, *, rng, **_):
+        return sense(tracks, LATE, rng=rng)
+
+    table = evaluate_tracking(traffic, experiment, sensor=report, primitive_map=ring_map)
+    prior, constant_velocity, raw = (method.reports[0].settled_rmse for method in table.methods)
+    assert prior < 0.6 * min(constant_velocity, raw)
 
 
 @pytest.mark.parametrize(
@@ -208,6 +232,8 @@ def test_association_is_given_the_truth_of_the_sensor(traffic):
         ({"learn": 1.0}, "learn: expected a share between 0 and 1"),
         ({"miss_rate": 1}, "miss_rate: expected a probability below 1"),
         ({"gap_s": -1}, "gap_s: expected at least 0"),
+        ({"sensor": 3}, "sensor: expected a table of names and values, got 3"),
+        ({"sensor": {"along": {"spread_m": 1}}}, "sensor: across: expected a table with spread_m, got None"),
     ],
 )
 def test_a_wrong_experiment_is_named(config, message):

@@ -13,13 +13,15 @@ import typer
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Experiment, Json
 from dirprim_filter.cli.figures import figure_lines, number
-from dirprim_filter.cli.options import WRITTEN, Config, Force, Logs, Plot, former, named_file
+from dirprim_filter.cli.options import WRITTEN, Config, Force, Logs, Plot, SensorFile, former, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_experiment
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.evaluation.experiment import TrackingTable
+    from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
+    from dirprim_filter.sensor import Sensor
     from dirprim_filter.viewer.figures import Figure
 
 
@@ -32,6 +34,7 @@ def tracking(
     ] = None,
     config: Config = None,
     noise: Annotated[float | None, typer.Option(help="Standard deviation of reported positions, metres.")] = None,
+    sensor: SensorFile = None,
     gap: Annotated[
         float | None, typer.Option(help="Seconds for which each vehicle is out of sight once; 0: never.")
     ] = None,
@@ -73,8 +76,8 @@ def tracking(
     from dirprim_filter.evaluation.experiment import evaluate_tracking
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
     from dirprim_filter.recording import load_map
+    from dirprim_filter.recording.sensor_file import load_sensor
     from dirprim_filter.recording.writer import EstimateWriter
-    from dirprim_filter.simulation.sensor import detect
 
     given: dict[str, Any] = {
         "noise_m": noise, "gap_s": gap, "with_ids": with_ids, "learn": learn, "smooth": smooth,
@@ -83,6 +86,11 @@ def tracking(
         "methods": method or None, "cutoff_m": cutoff, "similarity_m": similarity, "n_seeds": seeds, "seed": seed,
     }  # fmt: skip
     configured = read_experiment(config, of="evaluate tracking")
+    if sensor is not None:
+        configured["sensor"] = asdict(load_sensor(sensor))
+    stated = [name for name in ("noise_m", "miss_rate", "false_per_frame") if given[name] is not None]
+    if stated and configured.get("sensor") is not None:
+        raise typer.BadParameter(f"a sensor's model contains {stated[0]}: give one of the two", param_hint="--sensor")
     configured |= {name: value for name, value in given.items() if value is not None}
     if particles is not None:
         configured["filter"] = configured.get("filter", {}) | {"n_particles": particles}
@@ -99,8 +107,8 @@ def tracking(
             sinks = (files.enter_context(EstimateWriter(output, metadata=metadata, force=force)),)
         step = files.enter_context(step_progress("evaluating", "steps"))
         table = evaluate_tracking(
-            experiment.log.tracks, settings, sensor=detect, primitive_map=load_map(map_file) if map_file else None,
-            sinks=sinks, progress=step,
+            experiment.log.tracks, settings, sensor=_detector(settings.sensor),
+            primitive_map=load_map(map_file) if map_file else None, sinks=sinks, progress=step,
         )  # fmt: skip
 
     def figure() -> Figure:
@@ -113,6 +121,30 @@ def tracking(
     )  # fmt: skip
 
 
+def _detector(model: Sensor | None) -> Detector:
+    """What makes detections: by the model where there is one, else by the noise, misses and false ones asked for."""
+    from dirprim_filter.simulation.sensor import detect, sense
+
+    if model is None:
+        return detect
+    return lambda tracks, *, rng, **_: sense(tracks, model, rng=rng)
+
+
+def _watched(experiment: TrackingExperiment) -> str:
+    """How the sensor errs."""
+    model = experiment.sensor
+    if model is None:
+        return (
+            f"noise {experiment.noise_m:g} m, {experiment.miss_rate:.0%} missed, "
+            f"{experiment.false_per_frame:g} false per frame"
+        )
+    return (
+        f"errors {model.along.bias_m:+.2g} +- {model.along.spread_m:.2g} m along and {model.across.bias_m:+.2g} +- "
+        f"{model.across.spread_m:.2g} m across the way, {model.latency_s:.2g} s late, "
+        f"{experiment.miss_rate:.0%} missed, {model.clutter_density or 0.0:.2g} false per m2 and frame"
+    )
+
+
 def tracking_text(table: TrackingTable) -> str:
     """The table as text: means over the seeds, and beside them the deviations of the seeds and of the groups."""
     experiment = table.experiment
@@ -122,8 +154,7 @@ def tracking_text(table: TrackingTable) -> str:
     groups = f" in {counted(table.n_groups, 'group')}, each by itself," if has_groups else ""
     lines = [
         f"{counted(table.n_vehicles, 'vehicle')}{groups} tracked in {counted(experiment.n_seeds, 'run')}, "
-        f"{counted(table.n_gaps, 'gap')} of {experiment.gap_s:g} s, noise {experiment.noise_m:g} m, "
-        f"{experiment.miss_rate:.0%} missed, {experiment.false_per_frame:g} false per frame, {ids}; {where}",
+        f"{counted(table.n_gaps, 'gap')} of {experiment.gap_s:g} s, {_watched(experiment)}, {ids}; {where}",
         "",
     ]
     spreads = ["run to run"] * (experiment.n_seeds > 1) + ["group to group"] * has_groups
