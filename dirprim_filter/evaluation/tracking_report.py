@@ -9,6 +9,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.metrics.comparison import Comparison
+from dirprim_filter.evaluation.metrics.error_kinds import error_kinds
 from dirprim_filter.evaluation.metrics.gospa import gospa
 from dirprim_filter.evaluation.metrics.hota import hota
 from dirprim_filter.evaluation.metrics.identity import identity_f1
@@ -71,6 +72,14 @@ class TrackingReport:
         idf1: share of the time for which one track stands for one vehicle.
         mota: CLEAR MOT's accuracy.
         switches: of identity, by CLEAR MOT's rule.
+        late_start: of these misses, false estimates and switches the kinds, see `ErrorKinds`.
+        early_end: likewise, as are the next six.
+        merged: likewise.
+        overlooked: likewise.
+        duplicate: likewise.
+        ghost: likewise.
+        swaps: likewise.
+        breaks: likewise.
         gospa: metres; its square, like its parts, is per row of the truth: a vehicle at an instant.
         localisation: square metres per row of the truth, the part of `gospa` squared that is distance.
         missed: likewise, vehicles without an estimate.
@@ -95,6 +104,14 @@ class TrackingReport:
     idf1: float
     mota: float
     switches: float
+    late_start: float
+    early_end: float
+    merged: float
+    overlooked: float
+    duplicate: float
+    ghost: float
+    swaps: float
+    breaks: float
     gospa: float
     localisation: float
     missed: float
@@ -141,7 +158,8 @@ class TrackingReport:
             hidden_coverage_90=errors.coverage(0.9, hidden), reported=row.size * per_row, hota=points.hota,
             deta=points.deta, assa=points.assa, loca=points.loca,
             idf1=identity_f1(comparison, similarity_m=scales.similarity_m), mota=clear.mota, switches=clear.switches,
-            gospa=sets.distance * np.sqrt(per_row), localisation=sets.localisation * per_row,
+            **error_kinds(comparison, clear)._asdict(), gospa=sets.distance * np.sqrt(per_row),
+            localisation=sets.localisation * per_row,
             missed=sets.missed * per_row, false=sets.false * per_row,
             gap_rmse=() if is_hidden is None else _gap_rmse(errors, comparison.vehicle, row, is_hidden),
         )  # fmt: skip

@@ -27,12 +27,16 @@ class ClearMot(NamedTuple):
         misses: rows of the truth without a match.
         false: estimates without a match.
         switches: how often a vehicle is matched to another track than when it was last matched.
+        valid: the pairs that may be matched.
+        matches: those that are, by instant.
     """
 
     mota: float
     misses: int
     false: int
     switches: int
+    valid: Pairs
+    matches: Pairs
 
 
 def clear_mot(comparison: Comparison, *, similarity_m: float = 5.0) -> ClearMot:
@@ -46,21 +50,23 @@ def clear_mot(comparison: Comparison, *, similarity_m: float = 5.0) -> ClearMot:
     """
     near = comparison.within(similarity_m)
     similarity = near.similarity(similarity_m)
-    valid = similarity >= MATCH_FROM - EPSILON
-    n_matched, switches = _matched(comparison, near.chosen(valid), similarity[valid])
-    n_rows, n_columns = comparison.vehicle.size, comparison.track.size
+    is_valid = similarity >= MATCH_FROM - EPSILON
+    valid = near.chosen(is_valid)
+    matched, switches = _matched(comparison, valid, similarity[is_valid])
+    n_rows, n_columns, n_matched = comparison.vehicle.size, comparison.track.size, matched.size
     accuracy = (2 * n_matched - n_columns - switches) / max(1, n_rows)
-    return ClearMot(accuracy, n_rows - n_matched, n_columns - n_matched, switches)
+    return ClearMot(accuracy, n_rows - n_matched, n_columns - n_matched, switches, valid, valid.chosen(matched))
 
 
-def _matched(comparison: Comparison, valid: Pairs, similarity: FloatArray) -> tuple[int, int]:
-    """How many matches there are over all instants, and how many switches."""
+def _matched(comparison: Comparison, valid: Pairs, similarity: FloatArray) -> tuple[IntArray, int]:
+    """The pairs that are matched, over all instants, and how many switches there are."""
     vehicle, track = comparison.vehicle[valid.row], comparison.track[valid.column]
     instants = np.intersect1d(comparison.row_instant, comparison.column_instant)
     starts = np.searchsorted(comparison.row_instant[valid.row], instants, side="left")
     ends = np.searchsorted(comparison.row_instant[valid.row], instants, side="right")
     before, last = (np.full(comparison.n_vehicles, UNMATCHED) for _ in range(2))
-    n_matched = switches = 0
+    matched: list[IntArray] = []
+    switches = 0
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         pairs = slice(start, end)
         chosen = start + _of_instant(vehicle[pairs], track[pairs], similarity[pairs], before)
@@ -68,8 +74,8 @@ def _matched(comparison: Comparison, valid: Pairs, similarity: FloatArray) -> tu
         switches += int(((last[who] != UNMATCHED) & (last[who] != by)).sum())
         before[:] = UNMATCHED
         before[who] = last[who] = by
-        n_matched += who.size
-    return n_matched, switches
+        matched.append(chosen)
+    return np.concatenate(matched) if matched else np.empty(0, np.int64), switches
 
 
 def _of_instant(vehicle: IntArray, track: IntArray, similarity: FloatArray, before: IntArray) -> IntArray:
