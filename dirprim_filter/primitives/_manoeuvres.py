@@ -21,7 +21,8 @@ from tessellation._kernels import Locator
  GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH, SCALE, VISITS, SECONDS, AHEAD,
  MODE, CURVATURE) = range(32)  # fmt: skip
 N_COLUMNS = 32
-STANDING_BELOW = 0.3
+STANDING_BELOW = 0.1
+"""m/s: who is faster creeps, which is to start or to stop; queues of real vehicles do so for seconds."""
 DEGREES = 5.0
 """Of freedom: (DEGREES + 3) / 2 is the power in `fit`."""
 DISCOUNT = 0.2

@@ -19,8 +19,6 @@ from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives.motion import Motion
 from dirprim_filter.primitives.motion_learning import (
-    Compared,
-    Labels,
     LearningKnobs,
     fit_motion,
     label_visits,
@@ -35,9 +33,10 @@ from dirprim_filter.primitives.visits import STEP_S, Visits, _filled_in
 
 logger = logging.getLogger(__name__)
 
-CANDIDATES = {"detail": (0.3, 1.0, 3.0), "strength": (30.0, 5.0, 200.0, 1000.0)}
-"""Chosen one after the other, by the energy score; the first unless another is better by `WORTH`."""
+STRENGTHS = (30.0, 5.0, 200.0, 1000.0)
+"""Chosen by the energy score; the first unless another is better by `WORTH`."""
 SPREADS = (1.4, 2.0)
+"""Chosen by the Dawid-Sebastiani score."""
 MOST_ROWS = 300_000
 """Of vehicles drawn at random: of so many rows every manoeuvre has been seen often."""
 LAGS_S = np.array([1.0, 2.0, 3.0, 5.0])
@@ -85,12 +84,10 @@ def choose_knobs(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Ge
     def forecasts(trial: LearningKnobs) -> tuple[FloatArray, FloatArray]:
         return np.concatenate([f.forecast(trial) for f in folds]), np.concatenate([f.cases.later for f in folds])
 
-    knobs = LearningKnobs()
-    for name, values in CANDIDATES.items():
-        trials = [knobs._replace(**{name: value}) for value in values]
-        scores = [_energy(*forecasts(trial)) for trial in trials]
-        best = int(np.argmin(scores))
-        knobs = trials[best if scores[best] < scores[0] - WORTH else 0]
+    trials = [LearningKnobs(strength=strength) for strength in STRENGTHS]
+    scores = [_energy(*forecasts(trial)) for trial in trials]
+    best = int(np.argmin(scores))
+    knobs = trials[best if scores[best] < scores[0] - WORTH else 0]
     trials = [knobs._replace(spread=spread) for spread in SPREADS]
     knobs = min(trials, key=lambda trial: _surprise(*forecasts(trial)))
     logger.info("motion: %s", knobs)
@@ -101,20 +98,14 @@ class _Fold:
     """Some vehicles to learn from, and others to forecast."""
 
     def __init__(self, primitives: PrimitiveMap, seen: Visits, cases: Cases, rng: np.random.Generator) -> None:
-        self._primitives, self._seen, self.cases = primitives, seen, cases
-        self._compared = Compared.of(primitives, seen)
+        self._primitives, self.cases = primitives, cases
+        self._labels = label_visits(primitives, seen, rng=rng)
+        self._sums = MotionSums.of(seen, *self._labels, primitives)
         self._place_free = learn_place_free(seen, rng=rng)
-        self._seed = int(rng.integers(2**63))
-        self._grouped: dict[float, tuple[Labels, MotionSums]] = {}
 
     def forecast(self, knobs: LearningKnobs) -> FloatArray:
         """(n, N_SAMPLES, lags, 2) metres, where the cases' vehicles may be."""
-        if knobs.detail not in self._grouped:
-            rng = np.random.default_rng(self._seed)
-            labels = label_visits(self._primitives, self._seen, detail=knobs.detail, rng=rng, compared=self._compared)
-            self._grouped[knobs.detail] = labels, MotionSums.of(self._seen, *labels, self._primitives)
-        labels, sums = self._grouped[knobs.detail]
-        motion = motion_of(sums, labels, self._primitives, self._place_free, knobs)
+        motion = motion_of(self._sums, self._labels, self._primitives, self._place_free, knobs)
         table = motion_table(replace(self._primitives, motion=motion), MotionKnobs())
         path = np.empty((len(self.cases.start), N_SAMPLES, LAGS_S.size, 2))
         dt_s = np.diff(LAGS_S, prepend=0.0)
