@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.optional_columns import is_held
-from dirprim_filter.recording.losses import ClockFaults, Drops
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.objects.tracks import TrackResult
 from dirprim_filter.track_ids import as_texts, as_track_ids, vehicle_numbers, world_names
 from dirprim_filter.tracks import Tracks
@@ -52,9 +52,7 @@ def test_tracks_are_equal_where_every_row_is(change):
     assert Tracks(**GOOD) != Tracks(**GOOD | change)
     assert Tracks(**GOOD) != Tracks(**GOOD)[:2]
     assert Tracks(**GOOD) != GOOD
-    assert TrackResult(tracks=Tracks(**GOOD), damage=(), dropped=Drops(), clock=ClockFaults()) == TrackResult(
-        tracks=Tracks(**GOOD), damage=(), dropped=Drops(), clock=ClockFaults()
-    )
+    assert TrackResult(tracks=Tracks(**GOOD), losses=Losses()) == TrackResult(tracks=Tracks(**GOOD), losses=Losses())
     with pytest.raises(TypeError, match="unhashable"):
         hash(Tracks(**GOOD))
 

@@ -16,7 +16,7 @@ from dirprim_filter.cli.results import check_plot
 if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.calibration import Calibration
-    from dirprim_filter.recording.container.damage import Damage
+    from dirprim_filter.recording.losses import Losses
     from dirprim_filter.tracks import Tracks
 
 UNITS = {
@@ -47,6 +47,7 @@ def calibrate(
     from dirprim_filter.cli.progress import working
     from dirprim_filter.evaluation.calibration import calibrate as measure
     from dirprim_filter.recording.errors import OutputExistsError
+    from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.sensor_file import save_sensor
 
     check_plot(plot, force=force)
@@ -54,13 +55,12 @@ def calibrate(
         raise OutputExistsError(output)
     if len(truth) not in (1, len(logs)):
         raise typer.BadParameter(f"expected one, or one for each of the {len(logs)} logs", param_hint="--truth")
-    damage: list[Damage] = []
-    lost = 0
+    lost = Losses()
     seen: list[Detections] = []
     for path in logs:
-        found, of_log, n_lost = _detections(path, reading)
+        found, of_log = _detections(path, reading)
         seen.append(found)
-        damage, lost = [*damage, *of_log], lost + n_lost
+        lost += of_log
     known = [_truth(path, reading) for path in truth]
     with working(f"measuring {', '.join(path.name for path in logs)}"):
         measured = measure(*_paired(seen, known))
@@ -71,7 +71,7 @@ def calibrate(
 
         save_figure(sensor_figure(measured), plot, force=force)
     typer.echo(calibration_text(measured))
-    return losses.exit_code(damage, lost)
+    return losses.exit_code(lost)
 
 
 def calibration_text(measured: Calibration) -> str:
@@ -91,14 +91,14 @@ def calibration_text(measured: Calibration) -> str:
     return "\n".join([*lines, *(f"not known: {line}" for line in measured.unknown)])
 
 
-def _detections(path: Path, reading: Reading) -> tuple[Detections, list[Damage], int]:
-    """What a log's sensor reported, what was damaged, and how many rows were lost."""
+def _detections(path: Path, reading: Reading) -> tuple[Detections, Losses]:
+    """What a log's sensor reported, and what was lost."""
     from dirprim_filter.detections import Detections
 
     stream = reading.detections(path, motion=False)
     found = Detections.concatenate(stream)
-    reading.require_frames(len(found), path, stream.dropped)
-    return found, list(stream.damage), stream.dropped.lost
+    reading.require_frames(len(found), path, stream.losses)
+    return found, stream.losses
 
 
 def _truth(path: Path, reading: Reading) -> Tracks:

@@ -49,4 +49,4 @@ def export(
         frames = None if log is None else np.unique(log.tracks.time_ns)
         write_estimates(believed, output, frame_ns=frames, force=force)
     typer.echo(f"{output}: {counted(np.unique(believed.track_id).size, 'track')}, {counted(len(believed), 'row')}")
-    return losses.DONE if log is None else losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)
+    return losses.DONE if log is None else losses.exit_code(log.losses)

@@ -150,9 +150,9 @@ def _of_log(
         frames = (reported.without_ids() for reported in stream) if no_ids else stream
         seen = with_progress(frames, what=f"forecasting {log.name}", end_ns=stream.end_ns)
         n_frames = replay(seen, worlds, [estimates, forecaster])
-        reading.require_frames(n_frames, log, stream.dropped)
+        reading.require_frames(n_frames, log, stream.losses)
     typer.echo(f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", err=as_json)
-    return losses.exit_code(stream.damage, stream.dropped.lost)
+    return losses.exit_code(stream.losses)
 
 
 class _Lines:

@@ -11,10 +11,11 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import End, Fields, Logs, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.options import End, Fields, Logs, Start, Strict, Topics
+from dirprim_filter.cli.reading import Reading
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
     from dirprim_filter.faults import Faults
@@ -43,53 +44,39 @@ def info(
 
     Example: dirprim info recordings/roundabout_track.mcap
     """
-    from dirprim_filter.recording.name_patterns import matching
     from dirprim_filter.recording.summary import summarise_by_index
 
-    wanted = None if topics is None else matching(topics, of="topics")
+    reading = Reading(topics=topics, fields=fields, start=start, end=end, strict=strict)
     by_index = not (check or strict or fields or start or end)
     worst = losses.DONE
     for path in logs:
-        summary = summarise_by_index(path, topics=wanted) if by_index else None
+        summary = summarise_by_index(path, topics=topics) if by_index else None
         if summary is None:
-            summary = _whole(path, wanted, fields, time_ns(start), time_ns(end), strict=strict)
-        faults = _faults(path, summary, topics, fields, time_ns(start), time_ns(end))
+            summary = _whole(path, reading)
+        faults = _faults(path, summary, reading)
         typer.echo(
             json.dumps(summary.as_json() | {"faults": asdict(faults)}) if as_json else _text(path, summary, faults)
         )
-        worst = max(worst, losses.exit_code(summary.damage))
+        worst = max(worst, losses.INPUT_LOST if summary.damage else losses.DONE)
     return worst
 
 
-def _whole(
-    path: Path,
-    topics: Callable[[str], bool] | None,
-    fields: str | None,
-    start_ns: int | None,
-    end_ns: int | None,
-    *,
-    strict: bool,
-) -> LogSummary:
+def _whole(path: Path, reading: Reading) -> LogSummary:
     from dirprim_filter.recording.inspection import inspect
-    from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 
-    mapping = FieldMapping.parse(fields) if fields else None
-    return inspect(path, topics=topics, start_ns=start_ns, end_ns=end_ns, mapping=mapping, strict=strict)
+    return inspect(path, reading.options())
 
 
-def _faults(
-    path: Path, summary: LogSummary, topics: str | None, fields: str | None, start_ns: int | None, end_ns: int | None
-) -> Faults:
+def _faults(path: Path, summary: LogSummary, reading: Reading) -> Faults:
     """Of the tracks that `dirprim learn` would read; none of a log whose chunks were not read."""
     from dirprim_filter.faults import Faults, find_faults
     from dirprim_filter.recording.errors import RecordingError
-    from dirprim_filter.recording.reader import FieldMapping, read_tracks
+    from dirprim_filter.recording.reader import read_tracks
 
     if not (summary.is_checked and any(topic.tracks for topic in summary.topics)):
         return Faults()
-    mapping = FieldMapping.parse(fields) if fields else None
     try:
-        return find_faults(read_tracks(path, topics=topics, mapping=mapping, start_ns=start_ns, end_ns=end_ns))
+        return find_faults(read_tracks(path, reading.options(), strict=False))
     except RecordingError as error:  # `learn` would say so too: detections alone, or frames that no transform joins
         logger.info("%s: not looked for faults of tracks: %s", path, error)
         return Faults()

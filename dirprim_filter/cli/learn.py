@@ -130,7 +130,7 @@ class _Logs:
         self.files = logs
         self.said = {"sensor": None if sensing is None else repr(sensing), **reading.said()}
         self.counts = f"{counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}"
-        self.exit_code = losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)
+        self.exit_code = losses.exit_code(log.losses)
 
     def learn(self, **options: Any) -> PrimitiveMap:
         from dirprim_filter.primitives import learn_primitives

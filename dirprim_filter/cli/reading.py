@@ -21,9 +21,9 @@ from dirprim_filter.cli.options import End, Fields, Group, Start, Strict, Topics
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.errors import RecordingError
-    from dirprim_filter.recording.losses import Drops
+    from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.playback import Playback
-    from dirprim_filter.recording.reader import DetectionStream, TrackResult
+    from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
 
 logger = logging.getLogger(__name__)
 Result = TypeVar("Result")
@@ -74,32 +74,32 @@ class Reading:
         from dirprim_filter.recording.reader import read_track_logs
 
         with step_progress(f"reading {', '.join(path.name for path in logs)}", "s of the log") as progress:
-            log = read_track_logs(logs, progress=progress, **self._arguments())
+            log = read_track_logs(logs, self.options(), progress=progress)
         if not len(log.tracks):
-            raise self._nothing_left(logs, log.dropped)
+            raise self._nothing_left(logs, log.losses)
         for line in find_faults(log.tracks).lines():
             logger.warning("%s: %s", ", ".join(map(str, logs)), line)
         return log
 
-    def require_frames(self, n_frames: int, log: Path, dropped: Drops) -> None:
+    def require_frames(self, n_frames: int, log: Path, losses: Losses) -> None:
         """Nothing of what was asked for is an error; nothing of a log of which all was asked for is not.
 
         Raises:
             RecordingError: there were no frames, and only a part of the log was asked for.
         """
         if n_frames == 0 and self._asked():
-            raise self._nothing_left([log], dropped)
+            raise self._nothing_left([log], losses)
 
     def _asked(self) -> str:
         """The options that choose a part of a log."""
         asked = {"--start": self.start, "--end": self.end, "--labels": self.labels, "--group": self.group}
         return "".join(f" {option} {value}" for option, value in asked.items() if value is not None)
 
-    def _nothing_left(self, logs: list[Path], dropped: Drops) -> RecordingError:
+    def _nothing_left(self, logs: list[Path], losses: Losses) -> RecordingError:
         from dirprim_filter.recording.errors import RecordingError
 
         return RecordingError(
-            f"{', '.join(map(str, logs))}: expected moving objects{self._asked()}, got none; left out: {dropped}; "
+            f"{', '.join(map(str, logs))}: expected moving objects{self._asked()}, got none; left out: {losses}; "
             "`dirprim info` lists times, labels and groups"
         )
 
@@ -107,34 +107,39 @@ class Reading:
         """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""
         from dirprim_filter.recording.reader import stream_detections
 
-        return stream_detections(log, motion=motion, **self._arguments())
+        return stream_detections(log, self.options(), motion=motion)
 
     def playback(self, log: Path) -> Playback:
         """The frames of a log: what a tracker believed, else the objects."""
         from dirprim_filter.recording.playback import Playback
 
-        return Playback(log, **self._arguments())
+        return Playback(log, self.options())
 
     def said(self) -> dict[str, object]:
         """The options as an output's metadata repeats them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return values | {"time_source": self.time_source.value, "strict": self.strict or None}
 
-    def _arguments(self) -> dict[str, Any]:
-        from dirprim_filter.recording.reader import FieldMapping, Origin
+    def options(self) -> ReadOptions:
+        """The same for the library.
 
-        return {
-            "topics": self.topics,
-            "time_source": self.time_source.value,
-            "frame": self.frame,
-            "mapping": FieldMapping.parse(self.fields) if self.fields else None,
-            "origin": Origin.parse(self.origin) if self.origin else None,
-            "labels": self.labels,
-            "group": self.group,
-            "start_ns": time_ns(self.start),
-            "end_ns": time_ns(self.end),
-            "strict": self.strict,
-        }
+        Raises:
+            ValueError: a text that is no time, no origin or no path of a field.
+        """
+        from dirprim_filter.recording.reader import FieldMapping, Origin, ReadOptions
+
+        return ReadOptions(
+            topics=self.topics,
+            time_source=self.time_source.value,
+            frame=self.frame,
+            mapping=FieldMapping.parse(self.fields) if self.fields else None,
+            origin=Origin.parse(self.origin) if self.origin else None,
+            labels=self.labels,
+            group=self.group,
+            start_ns=time_ns(self.start),
+            end_ns=time_ns(self.end),
+            strict=self.strict,
+        )
 
 
 def reads_logs(command: Callable[..., Result]) -> Callable[..., Result]:

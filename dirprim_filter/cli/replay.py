@@ -38,4 +38,4 @@ def replay(
             viewer.write(frame)
             n_frames += 1
     typer.echo(f"{log}: {counted(n_frames, 'frame')} of {', '.join(sorted(playback.topics))}")
-    return losses.exit_code(playback.damage, playback.dropped.lost)
+    return losses.exit_code(playback.losses)

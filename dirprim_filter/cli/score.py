@@ -100,7 +100,7 @@ def score(
 
         save_figure(score_chart(table), plot, force=force)
     typer.echo(json_text(score_object(table, estimates, truth, reading)) if as_json else score_text(table, truth.name))
-    return losses.exit_code([damage for _, damage in log.damage], log.dropped.lost)
+    return losses.exit_code(log.losses)
 
 
 def _names(paths: list[Path]) -> dict[str, Path]:

@@ -80,7 +80,7 @@ def add(
     )
     if len(entries) < len(added.receipts):
         return FAILED
-    return losses.exit_code([], sum(entry.status == "damaged" for entry in entries))
+    return losses.INPUT_LOST if any(entry.status == "damaged" for entry in entries) else losses.DONE
 
 
 def _opened_or_made(folder: Path, given: dict[str, object], step_s: float | None) -> Store:

@@ -187,12 +187,12 @@ def track(
         frames = (seen.without_ids() for seen in stream) if no_ids else stream
         with smoother or nullcontext():
             n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
-        reading.require_frames(n_frames, log, stream.dropped)
+        reading.require_frames(n_frames, log, stream.losses)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
             keep_serving(viewer)
     _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}")
-    return losses.exit_code(stream.damage, stream.dropped.lost)
+    return losses.exit_code(stream.losses)
 
 
 def _sensing(sensor: Path | None, noise: float | None) -> Sensor | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 
@@ -12,16 +12,17 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.recording.container.log import Log, Scan
+from dirprim_filter.recording.container.log import Scan, scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
 from dirprim_filter.recording.decoding.field_columns import signed
 from dirprim_filter.recording.errors import DamagedRecordingError
 from dirprim_filter.recording.losses import Clock
+from dirprim_filter.recording.name_patterns import matching
+from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.decoders import Decoders, by_schema
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
-from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, SizeSummary, TopicSummary
 
 logger = logging.getLogger(__name__)
@@ -38,39 +39,28 @@ class _Tally:
     track_ids: set[str] | None = None
 
 
-def inspect(
-    path: str | PathLike[str],
-    *,
-    topics: Callable[[str], bool] | None = None,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-    mapping: FieldMapping | None = None,
-    strict: bool = False,
-) -> LogSummary:
+def inspect(path: str | PathLike[str], options: ReadOptions = EVERYTHING) -> LogSummary:
     """Read a log once and summarise its contents.
 
     Args:
         path: the log.
-        topics: says whether a topic is wanted.
-        start_ns: the first log time wanted.
-        end_ns: the first log time no longer wanted.
-        mapping: where to find the fields of objects, for schemas that are not known.
-        strict: raise where something is damaged.
+        options: its topics, left out all; the log times that are wanted, `mapping` and `strict`.
 
     Raises:
         NotMcapError: the file is no MCAP log.
         DamagedRecordingError: strict, and the log is damaged.
         OSError: it cannot be opened.
     """
-    with Log(path).scan(topics, start_ns=start_ns, end_ns=end_ns) as log:
-        reading = _Inspection(log, Decoders(mapping))
+    topics = None if options.topics is None else matching(options.topics, of="topics")
+    with scan(path, topics=topics, start_ns=options.start_ns, end_ns=options.end_ns) as log:
+        reading = _Inspection(log, Decoders(options.mapping))
         for _, columns in log.parts():
             if len(columns):
                 reading.take(columns)
         damage = tuple(log.damage)
         attachments = tuple(attachment.name for attachment, _ in log.attachments())
         metadata = tuple(name for name, _ in log.metadata)
-    if strict and damage:
+    if options.strict and damage:
         raise DamagedRecordingError(path, damage)
     if reading.undecodable:
         logger.warning("%s: %d messages are not what their schema says", path, reading.undecodable)

@@ -1,89 +1,39 @@
-"""What of the readable messages of a log was left out, and what is odd about their times."""
+"""What of a log or a table did not come through, and what is odd about the times of its messages."""
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Self
 
 import numpy as np
 
-from dirprim_filter.arrays import IntArray
+from dirprim_filter.arrays import BoolArray, IntArray
+from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.track_ids import Numbers
 
+logger = logging.getLogger(__name__)
+
 LONG_STEP_NS = 10_000_000_000
 """A topic that is silent for longer than this has a clock that jumped, or a gap: worth telling."""
 
-_WORDS = {
-    "undecodable": "messages that cannot be decoded",
-    "untimed": "messages without a usable time",
-    "invalid": "rows with a position that is none or an overlong id",
-    "repeated": "rows that repeat a vehicle and a time",
-    "backward": "rows out of order in time",
-    "alone": "rows too far from others in time to derive a velocity",
-    "unplaced": "rows of a time for which no transform of their frame is known",
-    "transforms": "transforms that are not finite, or place a frame in itself",
-}
+UNDECODABLE = "messages that cannot be decoded"
+UNTIMED = "messages without a usable time"
+TRANSFORMS = "transforms that are not finite, or place a frame in itself"
+INVALID = "with a position that is none or an overlong id"
+REPEATED = "that repeat a vehicle and a time"
+BACKWARD = "out of order in time"
+UNPLACED = "of a time for which no transform of their frame is known"
+ALONE = "alone in time, so that no velocity can be derived"
+"""Such a row has no fault, it only has no motion."""
 
 
-@dataclass(slots=True, kw_only=True)
-class Drops:
-    """What of the readable messages was left out, counted.
-
-    Attributes:
-        undecodable: messages that are not what their schema says, those of transforms among them.
-        untimed: messages without a time of the chosen source, or with one beyond int64.
-        invalid: rows whose position is not finite, beyond `FARTHEST_M` or no fix; or whose id is longer than
-            `MAX_NAME_LENGTH`.
-        repeated: rows of a vehicle at a time at which it had a row already.
-        backward: rows of a time before one that was delivered already.
-        alone: rows too far in time from others of their track to derive a velocity.
-        unplaced: rows of a time before, after or in a long gap of the transforms of their frame.
-        transforms: transforms that are not finite, turn by no rotation, or place a frame in itself.
-        reasons: why messages could not be decoded, how often each.
-    """
-
-    undecodable: int = 0
-    untimed: int = 0
-    invalid: int = 0
-    repeated: int = 0
-    backward: int = 0
-    alone: int = 0
-    unplaced: int = 0
-    transforms: int = 0
-    reasons: Counter[str] = field(default_factory=Counter)
-
-    def __iadd__(self, other: Self) -> Self:
-        for name in _WORDS:
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-        self.reasons += other.reasons
-        return self
-
-    def fail(self, reasons: Collection[str]) -> None:
-        """Count messages that cannot be decoded, each for its reason."""
-        self.undecodable += len(reasons)
-        self.reasons.update(reasons)
-
-    @property
-    def total(self) -> int:
-        """Messages and rows left out."""
-        return sum(getattr(self, name) for name in _WORDS)
-
-    @property
-    def lost(self) -> int:
-        """Those left out for a fault of theirs; a row alone in time has none, it only has no motion."""
-        return self.total - self.alone
-
-    def __str__(self) -> str:
-        counts = [f"{getattr(self, name)} {text}" for name, text in _WORDS.items() if getattr(self, name)]
-        why = "; ".join(f"{n} x {reason}" for reason, n in self.reasons.most_common(3))
-        return (", ".join(counts) or "nothing") + (f" ({why})" if why else "")
-
-
-@dataclass(slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ClockFaults:
     """What is odd about the times of messages, each compared with the one before on its channel; none is left out.
 
@@ -99,10 +49,8 @@ class ClockFaults:
     duplicate: int = 0
     jumps: int = 0
 
-    def __iadd__(self, other: Self) -> Self:
-        for name in ("zero", "backward", "duplicate", "jumps"):
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-        return self
+    def __add__(self, other: Self) -> Self:
+        return type(self)(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)})
 
     @property
     def is_odd(self) -> bool:
@@ -115,6 +63,67 @@ class ClockFaults:
             (self.jumps, f"more than {LONG_STEP_NS // 1_000_000_000} s after the one before"),
         )  # fmt: skip
         return ", ".join(f"{n} {'times' if n > 1 else 'time'} {what}" for n, what in odd if n)
+
+
+@dataclass(slots=True, kw_only=True)
+class Losses:
+    """What of a log or a table did not come through.
+
+    Attributes:
+        damage: what of the files could not be read.
+        dropped: how many rows, or messages, were left out, by reason.
+        why: the reasons why messages could not be decoded, how often each.
+        clock: what is odd about the times of the messages; nothing is lost by it.
+        notes: what was put right without a loss, and how often.
+    """
+
+    damage: list[Damage] = field(default_factory=list)
+    dropped: Counter[str] = field(default_factory=Counter)
+    why: Counter[str] = field(default_factory=Counter)
+    clock: ClockFaults = field(default_factory=ClockFaults)
+    notes: Counter[str] = field(default_factory=Counter)
+
+    def __iadd__(self, other: Self) -> Self:
+        for f in fields(self):
+            setattr(self, f.name, getattr(self, f.name) + getattr(other, f.name))
+        return self
+
+    def drop(self, reason: str, left_out: BoolArray | int) -> None:
+        """Count the rows of a mask, or so many, that are left out for a reason."""
+        if n := int(np.sum(left_out)):
+            self.dropped[reason] += n
+
+    def note(self, what: str, n: int) -> None:
+        """Count what was put right."""
+        if n:
+            self.notes[what] += n
+
+    def fail(self, reasons: Collection[str]) -> None:
+        """Count messages that cannot be decoded, each for its reason."""
+        self.drop(UNDECODABLE, len(reasons))
+        self.why.update(reasons)
+
+    @property
+    def lost(self) -> int:
+        """Messages and rows left out for a fault of theirs."""
+        return self.dropped.total() - self.dropped[ALONE]
+
+    def __str__(self) -> str:
+        """What was left out."""
+        units = dict.fromkeys((UNDECODABLE, UNTIMED, TRANSFORMS), "")
+        counts = [f"{n} {units.get(reason, 'rows ')}{reason}" for reason, n in self.dropped.items()]
+        why = "; ".join(f"{n} x {reason}" for reason, n in self.why.most_common(3))
+        return (", ".join(counts) or "nothing") + (f" ({why})" if why else "")
+
+    def log(self, path: Path) -> None:
+        """One warning for what of a file could not be read, one for what was left out, one for odd times."""
+        if self.damage:
+            more = f", and {len(self.damage) - 1} more" if len(self.damage) > 1 else ""
+            logger.warning("%s: damaged, the rest is read: %s%s", path, self.damage[0], more)
+        if self.dropped:
+            logger.warning("%s: left out %s", path, self)
+        if self.clock.is_odd:
+            logger.warning("%s: %s", path, self.clock)
 
 
 class Clock:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Unpack
@@ -15,12 +16,10 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import Log
+from dirprim_filter.recording.container.log import Log, Scan, scan
 from dirprim_filter.recording.errors import DamagedRecordingError
-from dirprim_filter.recording.losses import Drops
-from dirprim_filter.recording.objects.observations import log_losses
-from dirprim_filter.recording.objects.options import Reading
+from dirprim_filter.recording.losses import Losses
+from dirprim_filter.recording.objects.options import EVERYTHING, Reading, ReadOptions
 from dirprim_filter.recording.reader import stream_detections
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
@@ -39,16 +38,16 @@ class Playback:
 
     Args:
         path: the log.
+        options: as for `read_tracks`. If topics are named, the log's estimates are passed over; of estimates only the
+            wanted times and `strict` matter.
         seen: what was reported when the estimates were made; of times without estimates there is no frame.
         smoothed: of the estimates those that a smoother wrote, on `/dirprim/smoothed`.
-        topics: of the objects, as for `read_tracks`; named, the log's estimates are passed over.
-        reading: as for `read_tracks`; of estimates only the wanted times and `strict` matter.
+        changes: as for `read_tracks`.
 
     Attributes:
         topics: what is played.
         end_ns: the last log time to come, as the chunks say; None of an empty log.
-        damage: what of the file could not be read so far.
-        dropped: what of the readable messages was left out so far.
+        losses: what was damaged, left out or odd so far.
 
     Raises:
         NotMcapError: the file is no MCAP log.
@@ -58,27 +57,25 @@ class Playback:
     def __init__(
         self,
         path: str | PathLike[str],
+        options: ReadOptions = EVERYTHING,
         *,
         seen: Detections | None = None,
         smoothed: bool = False,
-        topics: str | None = None,
-        **reading: Unpack[Reading],
+        **changes: Unpack[Reading],
     ) -> None:
         self.path = Path(path)
-        self._times = (reading.get("start_ns"), reading.get("end_ns"))
-        self._strict = reading.get("strict", False)
-        self.damage: list[Damage] = []
-        self.dropped = Drops()
+        self._options = options = replace(options, **changes)
+        self.losses = Losses()
         with Log(path) as log:
-            self.end_ns = log.scan(end_ns=reading.get("end_ns")).end_ns
+            self.end_ns = Scan(log, end_ns=options.end_ns).end_ns
             named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
         topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES
-        self._is_estimated = topic in named and topics in (None, topic)
+        self._is_estimated = topic in named and options.topics in (None, topic)
         self._seen = {int(frame.time_ns[0]): frame for frame in seen.frames()} if seen is not None else {}
         if self._is_estimated:
             self.topics = frozenset({topic})
         else:
-            self._stream = stream_detections(path, topics=topics, **reading)
+            self._stream = stream_detections(path, options)
             self.topics = self._stream.topics
 
     def __iter__(self) -> Iterator[TrackedFrame]:
@@ -90,24 +87,25 @@ class Playback:
         return self._estimated() if self._is_estimated else self._observed()
 
     def _estimated(self) -> Iterator[TrackedFrame]:
-        start_ns, end_ns = self._times
-        self.dropped = Drops()
-        with Log(self.path).scan(self.topics.__contains__, start_ns=start_ns, end_ns=end_ns) as log:
-            for message in log:
-                self.damage = log.damage
-                if self._strict and log.damage:
-                    raise DamagedRecordingError(self.path, log.damage)
+        asked = self._options
+        with scan(self.path, topics=self.topics.__contains__, start_ns=asked.start_ns, end_ns=asked.end_ns) as log:
+            messages = iter(log)
+            self.losses = Losses(damage=log.damage)
+            for message in messages:
+                self._check_intact()
                 try:
                     believed = decode_estimates(message.data)
-                except ProtobufDecodeError:
-                    self.dropped.undecodable += 1
+                except ProtobufDecodeError as error:
+                    self.losses.fail([str(error)])
                     continue
                 seen = self._seen.get(message.log_time_ns, Detections.none())
                 yield _frame(message.log_time_ns, seen, believed)
-            self.damage = log.damage
-        if self._strict and self.damage:
-            raise DamagedRecordingError(self.path, self.damage)
-        log_losses(self.path, self.damage, self.dropped)
+        self._check_intact()
+        self.losses.log(self.path)
+
+    def _check_intact(self) -> None:
+        if self._options.strict and self.losses.damage:
+            raise DamagedRecordingError(self.path, self.losses.damage)
 
     def _observed(self) -> Iterator[TrackedFrame]:
         last: dict[str, tuple[int, FloatArray]] = {}
@@ -118,8 +116,8 @@ class Playback:
             known = seen[seen.track_id != NO_ID]
             yield _frame(time_ns, seen, _moved(known, last))
             last |= {str(name): (time_ns, place) for name, place in zip(known.track_id, known.position, strict=True)}
-            self.damage, self.dropped = self._stream.damage, self._stream.dropped
-        self.damage, self.dropped = self._stream.damage, self._stream.dropped
+            self.losses = self._stream.losses
+        self.losses = self._stream.losses
 
 
 def paced(

@@ -13,6 +13,7 @@ from mcap.records import Statistics
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.source import local_files, mapped
 from dirprim_filter.recording.container.summary_section import Summary, read_summary
+from dirprim_filter.recording.name_patterns import matching
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.losses import ClockFaults
@@ -98,14 +99,14 @@ class LogSummary:
 def summarise_by_index(
     path: str | PathLike[str],
     *,
-    topics: Callable[[str], bool] | None = None,
+    topics: str | None = None,
     from_bytes: int = LONG_LOG_BYTES,
 ) -> LogSummary | None:
     """What a long log's own index says of it, without reading a chunk; None where it is short or has no whole index.
 
     Args:
         path: the log.
-        topics: says whether a topic is wanted.
+        topics: a name, or a regular expression that matches topics in full; left out: all.
         from_bytes: logs of this size are long.
 
     Raises:
@@ -122,7 +123,7 @@ def summarise_by_index(
         if section is None or section.statistics is None:
             return None
         sections.append((section, section.statistics))
-    return _of(sections, topics)
+    return _of(sections, None if topics is None else matching(topics, of="topics"))
 
 
 def _of(sections: list[tuple[Summary, Statistics]], wanted: Callable[[str], bool] | None) -> LogSummary:

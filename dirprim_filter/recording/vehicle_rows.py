@@ -10,7 +10,8 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
 from dirprim_filter.optional_columns import chosen, joined, unknown
-from dirprim_filter.track_ids import as_track_ids
+from dirprim_filter.recording.losses import ALONE, Losses
+from dirprim_filter.track_ids import as_track_ids, numbered
 from dirprim_filter.tracks import Tracks
 
 OPTIONAL: dict[str, tuple[int, ...]] = {"direction": (), "speed": (), "size": (3,), "heading": ()}
@@ -65,6 +66,12 @@ class VehicleRows(ArrayValue):
         return replace(self, **columns)
 
     @classmethod
+    def of(cls, track_id: AnyArray, **columns: Any) -> VehicleRows:
+        """Rows by the (n,) ids of their vehicles."""
+        names, vehicle = numbered(track_id)
+        return cls(names=np.array(names, np.str_), vehicle=vehicle, **columns)
+
+    @classmethod
     def concatenate(cls, parts: Sequence[VehicleRows], names: AnyArray) -> VehicleRows:
         """All rows of all parts, of which there is at least one; their vehicles are among `names`."""
         columns: dict[str, Any] = {}
@@ -83,8 +90,8 @@ class VehicleRows(ArrayValue):
         of_vehicle[self.vehicle[~self.has_motion()]] = False
         return of_vehicle[self.vehicle]
 
-    def to_tracks(self) -> tuple[Tracks, int]:
-        """The tracks, and how many rows are left out, as they are alone in time.
+    def to_tracks(self, losses: Losses) -> Tracks:
+        """The tracks; rows that are alone in time are left out, and added to the losses.
 
         Direction and speed are taken where all rows of a vehicle have them, and else derived from its positions. Where
         only the speed is known, or the heading of the body, both stay, and the direction is derived.
@@ -103,4 +110,5 @@ class VehicleRows(ArrayValue):
             )
         )  # fmt: skip
         tracks = Tracks.concatenate([part for part in (taken, derived) if len(part)] or [taken])
-        return tracks, len(rest) - len(derived)
+        losses.drop(ALONE, len(rest) - len(derived))
+        return tracks

@@ -113,15 +113,15 @@ def summarise_log(log: LogFile, *, config: StoreConfig, folder: Path) -> Receipt
         url=log.url, size=log.size, mark=log.mark, rows=rows, n_rows=len(read.tracks),
         n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
         n_squares=len(np.unique(unpacked(summary.steps.key[:, HERE])[0], axis=0)), config=config.digest,
-        status="damaged" if read.damage or read.dropped.lost else "whole",
+        status="damaged" if read.losses.damage or read.losses.lost else "whole",
     )  # fmt: skip
     return Receipt(log, entry, read.frame, "")
 
 
 def _read(log: LogFile, config: StoreConfig) -> TrackResult:
-    read = read_track_logs(log.url, **config.reading)
+    read = read_track_logs(log.url, config.reading)
     if not len(read.tracks):
-        raise RecordingError(f"{log.url}: expected moving objects, got none; left out: {read.dropped}")
+        raise RecordingError(f"{log.url}: expected moving objects, got none; left out: {read.losses}")
     return read
 
 

@@ -7,8 +7,7 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
-from dirprim_filter.recording.objects.options import TimeSource
-from dirprim_filter.recording.reader import FieldMapping, Origin
+from dirprim_filter.recording.reader import FieldMapping, Origin, ReadOptions, TimeSource
 from dirprim_filter.store.lattice import Lattice
 
 FORMAT = 1
@@ -38,13 +37,13 @@ class StoreConfig:
     lattice: Lattice = field(default_factory=Lattice)
 
     @property
-    def reading(self) -> dict[str, Any]:
-        """The arguments of `read_track_logs`."""
-        return {
-            "topics": self.topics, "time_source": self.time_source, "frame": self.frame, "labels": self.labels,
-            "mapping": FieldMapping.parse(self.fields) if self.fields else None,
-            "origin": Origin.parse(self.origin) if self.origin else None,
-        }  # fmt: skip
+    def reading(self) -> ReadOptions:
+        """How logs are read."""
+        return ReadOptions(
+            topics=self.topics, time_source=self.time_source, frame=self.frame, labels=self.labels,
+            mapping=FieldMapping.parse(self.fields) if self.fields else None,
+            origin=Origin.parse(self.origin) if self.origin else None,
+        )  # fmt: skip
 
     def to_json(self) -> dict[str, Any]:
         """As `from_json` takes it."""

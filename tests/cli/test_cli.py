@@ -388,7 +388,7 @@ def test_a_run_can_be_had_again_from_its_log_and_knobs_from_a_file(log, learned,
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch, log):
-    def broken(_path, **_options):
+    def broken(*_):
         raise TypeError("a bug")
 
     monkeypatch.setattr("dirprim_filter.recording.inspection.inspect", broken)

@@ -18,6 +18,7 @@ from ros_messages import header, write_ros2_log
 
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.container.records import Channel, Schema
+from dirprim_filter.recording.losses import UNDECODABLE
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas.decoders import Decoders
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
@@ -169,4 +170,4 @@ def check_transforms(rng, path, n):
             placed = tree.placement(frame, tree.root_of(frame), TIMES)
         turned = placed.rotation.as_matrix()[placed.known]
         np.testing.assert_allclose(np.linalg.det(turned), np.ones(len(turned)), atol=1e-9)
-    return tree.dropped.undecodable
+    return tree.losses.dropped[UNDECODABLE]

@@ -93,8 +93,8 @@ def test_bad_rows_of_an_arrow_table_are_dropped_and_counted(tmp_path):
     made = columns() | {"x_m": pa.array([0.0, None, 2.0, np.inf, 4.0, 5.0]), "time_ns": pa.array([1, 2, None, 4, 5, 6])}
     pa.parquet.write_table(pa.table(made), tmp_path / "t.parquet")
     read = read_arrow(tmp_path / "t.parquet")
-    assert read.n_lost == 3
-    assert read.dropped["a number that is missing, not finite or too large"] == 3
+    assert read.losses.lost == 3
+    assert read.losses.dropped["a number that is missing, not finite or too large"] == 3
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_argoverse_boxes_come_into_the_city(argoverse):
     assert_is_the_vehicle(table)
     assert table.tracks.time_ns.tolist() == TIMES_NS.tolist()
     assert table.labels == {"5f3a": "REGULAR_VEHICLE"}
-    assert table.dropped == {}
+    assert table.losses.dropped == {}
     assert read_argoverse(argoverse / "annotations.feather") == table
 
 
@@ -173,7 +173,7 @@ def test_an_argoverse_box_without_a_pose_is_dropped_and_counted(argoverse):
     kept = poses.filter(pa.compute.not_equal(poses["timestamp_ns"], int(TIMES_NS[-1])))
     pa.feather.write_feather(kept, argoverse / "city_SE3_egovehicle.feather")
     table = read_argoverse(argoverse)
-    assert table.dropped == {"without a pose of the vehicle at their time": 1}
+    assert table.losses.dropped == {"without a pose of the vehicle at their time": 1}
     assert_is_the_vehicle(table, n=N - 1)
     pa.feather.write_feather(kept.drop_columns(["qw"]), argoverse / "city_SE3_egovehicle.feather")
     with pytest.raises(TableError, match=r"city_SE3.*expected columns .*missing: qw"):
@@ -205,7 +205,7 @@ def nuscenes(tmp_path):
 
 def test_nuscenes_scenes_are_groups(nuscenes):
     table = read_nuscenes(nuscenes)
-    assert (table.dropped, table.labels) == ({}, {"i": "vehicle.car", "j": "vehicle.car"})
+    assert (table.losses.dropped, table.labels) == ({}, {"i": "vehicle.car", "j": "vehicle.car"})
     for group, name in enumerate("ij"):
         one = table.tracks[table.tracks.track_id == name]
         assert one.group.tolist() == [group] * N
@@ -292,8 +292,8 @@ def write_calibration(path, names=("R_rect", "Tr_velo_cam", "Tr_imu_velo")):
 
 def test_kitti_labels_come_onto_the_ground_by_fixes(kitti):
     table = read_kitti(kitti, origin=ORIGIN)
-    assert table.notes == {"of regions marked DontCare": N}
-    assert (table.dropped, table.labels) == ({}, {7: "Van"})
+    assert table.losses.notes == {"of regions marked DontCare": N}
+    assert (table.losses.dropped, table.labels) == ({}, {7: "Van"})
     assert table.tracks.time_ns.tolist() == (STEPS * 100_000_000).tolist()
     assert_is_the_vehicle(table, tilt=0.02)  # a label turns about the camera's y alone, which RECT tilts by that
     write_calibration(kitti.parents[1] / "calib" / "0000.txt", ("R0_rect:", "Tr_velo_to_cam:", "Tr_imu_to_velo:"))
@@ -318,7 +318,7 @@ def test_kitti_labels_come_onto_the_ground_by_poses_of_the_camera(tmp_path):
     assert_is_the_vehicle(read_kitti(labels))
     poses.write_text("\n".join(" ".join(map(repr, row)) for row in matrices[:-1].tolist()))
     short = read_kitti(labels)
-    assert short.dropped == {"of a frame without a pose": 1}
+    assert short.losses.dropped == {"of a frame without a pose": 1}
     assert_is_the_vehicle(short, n=N - 1)
 
 
@@ -335,7 +335,7 @@ def test_kitti_labels_come_onto_the_ground_by_poses_of_the_camera(tmp_path):
             lambda text: text.replace("49.", "north", 1),
             r"oxts/0000\.txt, line 1: expected a number as number 1",
         ),
-        ("oxts", lambda _: "", r"oxts/0000\.txt: expected a line for each frame, got none"),
+        ("oxts", lambda _: "", r"oxts/0000\.txt, line 1: expected rows, got none"),
         ("calib", lambda text: text.replace("R_rect", "R"), r"calib/0000\.txt: expected R_rect, Tr_velo_cam and"),
         (
             "calib",
@@ -369,7 +369,7 @@ def test_trajnet_frames_are_those_of_the_video(tmp_path, between):
     rows = [(f"{10 * k:.1f}", name, 0.4 * k, y) for k in range(5) for name, y in (("1.0", 0.0), ("2.0", 7.5))]
     path.write_text("\n".join(between.join(map(str, row)) for row in rows))
     table = read_trajnet(path, frames_per_second=25)
-    assert table.dropped == {}
+    assert table.losses.dropped == {}
     assert table.tracks[table.tracks.track_id == 1].time_ns.tolist() == [k * 400_000_000 for k in range(5)]
     np.testing.assert_allclose(table.tracks.speed, 1.0)
     np.testing.assert_allclose(table.tracks.direction, 0.0, atol=1e-12)

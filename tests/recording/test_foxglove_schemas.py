@@ -15,6 +15,7 @@ from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 
 from dirprim_filter.recording.errors import MissingExtraError, NoTracksError
+from dirprim_filter.recording.losses import INVALID, UNDECODABLE
 from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.transforms.geodesy import Origin
@@ -163,8 +164,8 @@ def test_broken_json_costs_only_itself(tmp_path):
     messages.insert(9, (TIMES[9], {"entities": [{"cubes": [{"pose": {"position": {"x": "east"}}}]}]}))
     log = read_track_logs(json_log(tmp_path / "log.mcap", "foxglove.SceneUpdate", messages), time_source="header")
     check_circle(log.tracks)
-    assert log.dropped.undecodable == 2
-    assert "expected a list at .entities, got int" in str(log.dropped)
+    assert log.losses.dropped[UNDECODABLE] == 2
+    assert "expected a list at .entities, got int" in str(log.losses)
 
 
 def fix(k, kind=LocationFix):
@@ -204,7 +205,7 @@ def test_satellite_fixes_come_on_a_local_plane(tmp_path, caplog, monkeypatch):
     assert "--origin 48.13" in caplog.text
     log = read_track_logs(write_ros2_log(tmp_path / "ros.mcap", ros), origin=origin)
     np.testing.assert_allclose(log.tracks.position, PLACE[1:], atol=1e-3)
-    assert log.dropped.invalid == 1
+    assert log.losses.dropped[INVALID] == 1
     monkeypatch.setitem(__import__("sys").modules, "pyproj", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'dirprim-filter\[geo\]'"):
         read_tracks(path)
@@ -221,7 +222,7 @@ def test_what_is_no_fix_is_left_out_before_it_can_become_the_origin(tmp_path, at
     fixes = [("/gps", TIMES[k], stamped(fix(k), k)) for k in range(N)]
     fixes[at] = ("/gps", TIMES[at], bad)
     log = read_track_logs(write_protobuf_log(tmp_path / "log.mcap", fixes), time_source="header")
-    assert (log.dropped.invalid, log.dropped.total, len(log.tracks)) == (1, 1, N - 1)
+    assert (log.losses.dropped[INVALID], log.losses.dropped.total(), len(log.tracks)) == (1, 1, N - 1)
     if altitude == 0.0:
         first = 1 if at == 0 else 0
         np.testing.assert_allclose(log.tracks.position, np.delete(PLACE, at, axis=0) - PLACE[first], atol=1e-3)
@@ -236,7 +237,7 @@ def test_a_position_off_the_earth_costs_its_row(tmp_path, x):
     path = json_log(tmp_path / "log.mcap", "acme.Car", reported)
     mapping = FieldMapping.parse("id=.id,x=.x,y=.y,time=.stamp")
     log = read_track_logs(path, mapping=mapping, time_source="header")
-    assert (log.dropped.invalid, log.dropped.total) == (2, 2)
+    assert (log.losses.dropped[INVALID], log.losses.dropped.total()) == (2, 2)
     np.testing.assert_allclose(log.tracks.speed, 10.0)
 
 
@@ -306,8 +307,8 @@ def test_columns_beside_each_other_are_read_and_unlike_lengths_fail(tmp_path):
     messages[4][1]["y"].append(3.0)
     path = json_log(tmp_path / "log.mcap", "acme.Columns", messages)
     log = read_track_logs(path, mapping=FieldMapping.parse("x=.x[],y=.y[],id=.id[]"), time_source="publish")
-    assert log.dropped.undecodable == 1
-    assert "expected as many of .y[] as of .x[]" in str(log.dropped)
+    assert log.losses.dropped[UNDECODABLE] == 1
+    assert "expected as many of .y[] as of .x[]" in str(log.losses)
     car = log.tracks[log.tracks.track_id == "a"]
     np.testing.assert_array_equal(car.position, np.delete(PLACE, 4, axis=0))
 

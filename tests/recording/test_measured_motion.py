@@ -11,6 +11,7 @@ from test_ros2_schemas import ARRAYS, N_TIMES, array_log, point, quaternion
 
 from dirprim_filter import Tracks, write_tracks
 from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.recording.losses import REPEATED
 from dirprim_filter.recording.playback import Playback
 from dirprim_filter.recording.reader import read_tracks, stream_detections
 from dirprim_filter.recording.schemas import decoders as decoding
@@ -57,7 +58,7 @@ def test_what_was_measured_reads_back_to_the_last_bit(tmp_path, monkeypatch, nam
     back = Detections.concatenate(frames)
     for name in COLUMNS:
         np.testing.assert_array_equal(getattr(back, name), getattr(sent, name), err_msg=name)
-    assert stream.dropped.total == 0
+    assert stream.losses.dropped == {}
 
 
 def test_directions_and_speeds_are_measurements_on_request_only(tmp_path):
@@ -79,7 +80,7 @@ def test_an_instant_may_come_in_several_batches(tmp_path, monkeypatch, batch):
     frames = list(stream)
     assert [frame.track_id.tolist() for frame in frames] == [["l", "both", "", "m", "", "r", ""]] * 2
     assert [frame.position[1, 0] for frame in frames] == [1.0, 1.0]
-    assert stream.dropped.repeated == stream.dropped.total == 4
+    assert stream.losses.dropped[REPEATED] == stream.losses.dropped.total() == 4
 
 
 def observations(frame, covariance, **columns):
@@ -135,7 +136,7 @@ def test_columns_of_errors_are_as_long_as_the_others(tmp_path):
     messages[1][2].covariance_xy.append(0.5)
     stream = stream_detections(write_protobuf_log(tmp_path / "log.mcap", messages))
     assert [int(frame.time_ns[0]) for frame in stream] == [0, 2]
-    (reason,) = stream.dropped.reasons
+    (reason,) = stream.losses.why
     assert "covariance_xy: expected 1 numbers, got 2" in reason
 
 

@@ -284,7 +284,7 @@ def test_sizes_of_a_table(tmp_path):
     expected = [[4.5, 1.9, NAN], [NAN, 1.9, NAN], [NAN, NAN, NAN]]
     read = read_csv(path)
     np.testing.assert_array_equal(read.tracks.size, expected)
-    assert list(read.dropped.values()) == [1]
+    assert list(read.losses.dropped.values()) == [1]
     lines = [line.split(",") for line in path.read_text().splitlines()[:-1]]
     path.write_text("\n".join(",".join(cells[:4] + cells[6:]) for cells in lines))
     np.testing.assert_array_equal(read_csv(path).tracks.size, expected)  # motion from positions

@@ -5,6 +5,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
+from dirprim_filter.recording.losses import UNDECODABLE
 from dirprim_filter.recording.reader import read_track_logs
 
 # The part of OSI 3.7 that matters here: message -> field -> (number, type, repeated).
@@ -108,8 +109,8 @@ def test_what_a_moving_sensor_perceives_arrives_in_the_world(tmp_path):
             writer.add_message(channel, k * STEP_NS, message.SerializeToString(), k * STEP_NS)
         writer.finish()
     log = read_track_logs(tmp_path / "log.mcap", time_source="header")
-    assert log.dropped.undecodable == 1
-    assert "without the host vehicle" in str(log.dropped)
+    assert log.losses.dropped[UNDECODABLE] == 1
+    assert "without the host vehicle" in str(log.losses)
     np.testing.assert_allclose(log.tracks.heading[log.tracks.track_id == 0], HEADING, atol=1e-9)
     assert np.isnan(log.tracks.heading[log.tracks.track_id == 1]).all()
     when = np.delete(np.arange(N), 4)

@@ -73,7 +73,7 @@ def test_damage_is_reported(tracked):
     tracked.write_bytes(tracked.read_bytes()[:-30])
     playback = Playback(tracked)
     assert len(list(playback)) == N
-    assert playback.damage
+    assert playback.losses.damage
     with pytest.raises(DamagedRecordingError):
         list(Playback(tracked, strict=True))
 

@@ -14,6 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.container import log as scans
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
+from dirprim_filter.recording.losses import BACKWARD, INVALID, REPEATED, UNDECODABLE, UNTIMED
 from dirprim_filter.recording.reader import (
     inspect,
     read_estimates,
@@ -110,8 +111,8 @@ def test_the_stream_gives_the_same_rows_as_the_tracks():
     }
     got = {(str(i), t, *p) for f in frames for i, t, p in zip(f.track_id, f.time_ns, f.position.tolist(), strict=True)}
     assert got == expected
-    assert stream.damage == []
-    assert stream.dropped.total == 0
+    assert stream.losses.damage == []
+    assert stream.losses.dropped == {}
 
 
 def test_velocity_is_differenced_where_a_scene_tells_none(tmp_path):
@@ -156,9 +157,9 @@ def test_bad_rows_and_messages_are_counted_and_cost_no_others(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         log = read_track_logs(path)
     assert len(log.tracks) == 10
-    assert (log.dropped.invalid, log.dropped.repeated, log.dropped.undecodable) == (2, 2, 1)
-    assert log.dropped.total == 5
-    assert log.damage == ()
+    assert (log.losses.dropped[INVALID], log.losses.dropped[REPEATED], log.losses.dropped[UNDECODABLE]) == (2, 2, 1)
+    assert log.losses.dropped.total() == 5
+    assert log.losses.damage == []
     assert "log.mcap: left out 1 messages that cannot be decoded, 2 rows" in caplog.text
     with pytest.raises(DecodeError, match=r"log.mcap: topic /markers, message at 650000000 ns"):
         read_tracks(path, strict=True)
@@ -175,7 +176,7 @@ def test_header_time_is_that_of_the_contents_and_going_back_in_it_is_counted(tmp
     assert tracks.time_ns.tolist() == [s * 1_000_000_000 for s in range(2, 8)]
     stream = stream_detections(path, time_source="header")
     assert [int(f.time_ns[0]) // 1_000_000_000 for f in stream] == [0, 1, 2, 4, 5, 6, 7, 8]
-    assert (stream.dropped.backward, stream.dropped.untimed) == (1, 1)
+    assert (stream.losses.dropped[BACKWARD], stream.losses.dropped[UNTIMED]) == (1, 1)
 
 
 @pytest.mark.parametrize("source", ["log", "publish", "header"])
@@ -205,7 +206,7 @@ def test_messages_of_one_time_are_one_instant(tmp_path):
     frames = list(stream)
     assert [f.time_ns.tolist() for f in frames] == [[10] * 3, [20] * 3]
     assert [f.track_id.tolist() for f in frames] == [["a", "both", "b"]] * 2
-    assert stream.dropped.repeated == 2
+    assert stream.losses.dropped[REPEATED] == 2
 
 
 def test_several_logs_keep_their_vehicles_and_groups_apart(tmp_path):

@@ -5,6 +5,7 @@ import pytest
 from ros_messages import header, write_ros2_log
 
 from dirprim_filter.recording.errors import DecodeError
+from dirprim_filter.recording.losses import ALONE, UNDECODABLE
 from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks, stream_detections
 
 STEP_NS = 100_000_000
@@ -130,7 +131,7 @@ def array_log(tmp_path, schema, items=lambda k, make: [make(k, i) for i in range
 @pytest.mark.parametrize("time_source", ["log", "header"])
 def test_objects_are_those_that_were_written(tmp_path, schema, time_source):
     log = read_track_logs(array_log(tmp_path, schema), time_source=time_source)
-    assert log.dropped.total == 0
+    assert log.losses.dropped == {}
     tracks = log.tracks
     assert tracks.time_ns.tolist() == [
         START_NS + k * STEP_NS + 5 * (time_source == "log") for k in range(N_TIMES) for _ in range(3)
@@ -166,7 +167,7 @@ def test_a_twist_that_is_not_reported_is_no_standstill(tmp_path):
         lambda k, _: [detected(k, i, has_twist=i != 0) for i in range(3)],
     )  # fmt: skip
     log = read_track_logs(path)
-    assert (len(log.tracks), log.dropped.alone) == (2 * N_TIMES, N_TIMES)
+    assert (len(log.tracks), log.losses.dropped[ALONE]) == (2 * N_TIMES, N_TIMES)
     assert sum(len(frame) for frame in stream_detections(path)) == 3 * N_TIMES
 
 
@@ -275,10 +276,10 @@ def test_messages_cut_anywhere_lose_only_themselves_and_say_why(tmp_path):
             writer.add_message(channel, START_NS + i, payload, START_NS)
         writer.finish()
     log = read_track_logs(path)
-    assert log.dropped.undecodable == len(cut)
-    assert sum(log.dropped.reasons.values()) == len(cut)
+    assert log.losses.dropped[UNDECODABLE] == len(cut)
+    assert sum(log.losses.why.values()) == len(cut)
     np.testing.assert_array_equal(log.tracks.position, SCENE.place[..., :2].reshape(-1, 2))
-    assert "a message that ends within a field" in str(log.dropped)
+    assert "a message that ends within a field" in str(log.losses)
     with pytest.raises(DecodeError, match="/objects"):
         read_tracks(path, strict=True)
 
@@ -295,7 +296,7 @@ def test_odd_stamps_are_counted_and_reported(tmp_path, caplog):
         reported = odometry(k) | {"header": header(stamp)}
         messages.append(("/odom", START_NS + k * STEP_NS, "nav_msgs/msg/Odometry", reported))
     path = write_ros2_log(tmp_path / "log.mcap", messages)
-    clock = read_track_logs(path, time_source="header").clock
+    clock = read_track_logs(path, time_source="header").losses.clock
     assert (clock.zero, clock.backward, clock.duplicate, clock.jumps) == (2, 2, 2, 2)
     assert "2 times of zero, 2 times before the last one" in caplog.text
-    assert not read_track_logs(path).clock.is_odd
+    assert not read_track_logs(path).losses.clock.is_odd

@@ -37,7 +37,7 @@ def test_columns_are_found_by_name_in_any_order(tmp_path):
     np.testing.assert_array_equal(tracks.heading, [1.5, np.nan])
     assert tracks.speed.tolist() == [5.0, 6.0]
     assert tracks.group.tolist() == [3, 3]
-    assert (read.dropped, read.notes) == ({}, {})
+    assert (read.losses.dropped, read.losses.notes) == ({}, {})
 
 
 @pytest.mark.parametrize("start", ["0", "1700000000", "-1700000000", "999998", "1000000", "8999999000"])
@@ -72,13 +72,13 @@ def test_bad_rows_are_dropped_and_counted_and_good_ones_kept(tmp_path, monkeypat
     for block_rows in (delimited.BLOCK_ROWS, 2):
         monkeypatch.setattr(delimited, "BLOCK_ROWS", block_rows)
         read = read_csv(table(tmp_path, "\n".join([HEADER, *rows])))
-        assert read.dropped == {
+        assert read.losses.dropped == {
             "a number that is missing, not finite or too large": 6,
             "negative speed": 1,
             "a second row of a vehicle at one time": 1,
         }
-        assert list(read.notes.values()) == [1]
-        assert len(read.tracks) + sum(read.dropped.values()) == len([r for r in rows if r])
+        assert list(read.losses.notes.values()) == [1]
+        assert len(read.tracks) + sum(read.losses.dropped.values()) == len([r for r in rows if r])
         assert read.tracks.position[:, 0].tolist() == [0.0, 1.0, 7.0, 2.0]
 
 
@@ -86,10 +86,10 @@ def test_an_id_in_two_groups_is_two_vehicles(tmp_path):
     rows = ["0.0,7,1,0,0,1,1", "0.0,7,2,0,0,1,2", "0.1,8,3,0,0,1,2"]
     read = read_csv(table(tmp_path, "\n".join([f"{HEADER},group", *rows])))
     assert read.tracks.track_id.tolist() == ["1/7", "2/7", "2/8"]
-    assert list(read.notes.values()) == [1]
+    assert list(read.losses.notes.values()) == [1]
     apart = read_csv(table(tmp_path, "\n".join([f"{HEADER},group", rows[0], rows[2]])))
     assert apart.tracks.track_id.tolist() == [7, 8]
-    assert apart.notes == {}
+    assert apart.losses.notes == {}
 
 
 def test_motion_is_differenced_where_the_table_has_none(tmp_path):
@@ -97,7 +97,7 @@ def test_motion_is_differenced_where_the_table_has_none(tmp_path):
     read = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows, "90,v,0,0"])))
     np.testing.assert_allclose(read.tracks.speed, 5.0, rtol=1e-9)
     np.testing.assert_allclose(read.tracks.direction, np.arctan2(4, 3), rtol=1e-9)
-    assert read.dropped == {"alone in time, so that no velocity can be derived": 1}
+    assert read.losses.dropped == {"alone in time, so that no velocity can be derived": 1}
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ SDD = """\
 
 def test_sdd_boxes_become_centres_with_north_up(tmp_path):
     read = read_sdd(table(tmp_path, SDD, "annotations.txt"), metres_per_pixel=0.1)
-    assert read.dropped == {"marked as lost": 1}
+    assert read.losses.dropped == {"marked as lost": 1}
     cart = read.tracks[read.tracks.track_id == 0]
     np.testing.assert_allclose(cart.position, [[2, -4], [3, -4], [4, -4]])
     assert cart.time_ns.tolist() == [0, 500_000_000, 1_000_000_000]
@@ -181,7 +181,7 @@ def test_sdd_boxes_become_centres_with_north_up(tmp_path):
 def test_sdd_keeps_the_labels_asked_for(tmp_path):
     path = table(tmp_path, SDD, "annotations.txt")
     read = read_sdd(path, metres_per_pixel=0.1, frames_per_second=15.0, labels=["Biker"])
-    assert read.dropped == {"marked as lost": 1, "of another label": 3}
+    assert read.losses.dropped == {"marked as lost": 1, "of another label": 3}
     assert set(read.tracks.track_id) == {1}
     assert read.tracks.time_ns.tolist() == [0, 2_000_000_000]
 
@@ -215,7 +215,7 @@ def test_sumo_vehicles_turn_from_compass_to_direction(tmp_path, monkeypatch):
     for block_rows in (sumo_fcd.BLOCK_ROWS, 1):
         monkeypatch.setattr(sumo_fcd, "BLOCK_ROWS", block_rows)
         read = read_sumo_fcd(table(tmp_path, FCD, "fcd.xml"))
-        assert read.dropped == {"persons and containers": 1}
+        assert read.losses.dropped == {"persons and containers": 1}
         assert read.tracks.track_id.tolist() == ["a.0", "a.0", "b"]
         assert read.tracks.time_ns.tolist() == [100_000_000, 200_000_000, 200_000_000]
         assert read.tracks.position.tolist() == [[1.5, -2.5], [1.8, -2.5], [7.0, 8.0]]
@@ -230,7 +230,7 @@ def test_sumo_without_speeds_is_differenced(tmp_path):
     text = FCD.replace(' speed="3.50"', "")
     read = read_sumo_fcd(table(tmp_path, text, "fcd.xml"))
     np.testing.assert_allclose(read.tracks.speed, 3.0)
-    assert read.dropped["alone in time, so that no velocity can be derived"] == 1
+    assert read.losses.dropped["alone in time, so that no velocity can be derived"] == 1
 
 
 @pytest.mark.parametrize(
@@ -271,7 +271,7 @@ def test_a_wrong_fcd_is_reported_in_one_line(tmp_path, text, message):
 )
 def test_real_csv_comes_whole_and_on_the_tenth(name, n_rows, n_tracks):
     read = read_csv(DATA / name)
-    assert (len(read.tracks), read.tracks.n_tracks, read.dropped) == (n_rows, n_tracks, {})
+    assert (len(read.tracks), read.tracks.n_tracks, read.losses.dropped) == (n_rows, n_tracks, {})
     assert (read.tracks.time_ns % 100_000_000 == 0).all()
     with (DATA / name).open() as file:
         slow = sorted(
@@ -294,7 +294,7 @@ def test_real_csv_comes_whole_and_on_the_tenth(name, n_rows, n_tracks):
 @pytest.mark.parametrize(("video", "scale", "n_rows"), [("video2", 0.03948, 15_085), ("video4", 0.03898, 29_380)])
 def test_real_annotations_are_all_accounted_for(video, scale, n_rows):
     read = read_sdd(DATA / "death_circle" / video / "annotations.txt", metres_per_pixel=scale)
-    assert len(read.tracks) + sum(read.dropped.values()) == n_rows
+    assert len(read.tracks) + sum(read.losses.dropped.values()) == n_rows
     assert (read.tracks.speed > 25.0).mean() < 0.005  # some boxes jump when a lost track is found again
     assert np.ptp(read.tracks.position, axis=0).max() < 100.0
 
@@ -303,7 +303,7 @@ def test_a_vehicle_of_which_a_speed_is_missing_gets_its_motion_from_positions(tm
     rows = [f"{0.1 * k:.1f},{name},{k},0,{course},{speed}" for k in range(4) for name, course, speed in (
         ("reported", 1.5, 3), ("part", 1.5, "" if k == 2 else 3), ("none", "", ""))]  # fmt: skip
     read = read_csv(table(tmp_path, "\n".join([HEADER.replace("heading", "course"), *rows])))
-    assert read.dropped == {}
+    assert read.losses.dropped == {}
     motion = {name: read.tracks[read.tracks.track_id == name] for name in ("reported", "part", "none")}
     assert [len(own) for own in motion.values()] == [4, 4, 4]
     np.testing.assert_array_equal(motion["reported"].direction, 1.5)
@@ -311,7 +311,7 @@ def test_a_vehicle_of_which_a_speed_is_missing_gets_its_motion_from_positions(tm
     for name in ("part", "none"):  # a metre each 0.1 s to the east
         np.testing.assert_allclose(motion[name].direction, 0.0, atol=1e-12)
         np.testing.assert_allclose(motion[name].speed, 10.0)
-    (reported,) = read.notes.values()
+    (reported,) = read.losses.notes.values()
     assert reported == 3
 
 
@@ -351,7 +351,7 @@ def test_a_vehicle_has_the_label_of_most_of_its_rows_and_the_others_are_counted(
     rows = [f"{i},a,{i},0,0,1,{label}" for i, label in enumerate(["car", "van", "van", "", "bus"])]
     read = read_csv(table(tmp_path, "\n".join([f"{HEADER},category", *rows])))
     assert read.labels == {"a": "van"}
-    assert list(read.notes.values()) == [2]
+    assert list(read.losses.notes.values()) == [2]
 
 
 def test_columns_of_other_names_are_mapped_and_what_is_not_used_is_named(tmp_path):
@@ -375,6 +375,6 @@ def test_a_mapping_that_is_none_is_reported(text):
 def test_only_a_row_with_a_fault_is_a_loss(tmp_path):
     rows = ["0,a,0,0", "1,a,1,0", "90,b,5,5"]
     alone = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows])))
-    assert (sum(alone.dropped.values()), alone.n_lost) == (1, 0)
+    assert (sum(alone.losses.dropped.values()), alone.losses.lost) == (1, 0)
     wrong = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows, "2,a,nan,0"])))
-    assert (sum(wrong.dropped.values()), wrong.n_lost) == (2, 1)
+    assert (sum(wrong.losses.dropped.values()), wrong.losses.lost) == (2, 1)

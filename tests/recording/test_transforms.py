@@ -18,6 +18,7 @@ from test_ros2_schemas import carla, point, quaternion
 
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
+from dirprim_filter.recording.losses import TRANSFORMS, UNDECODABLE, UNPLACED
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
@@ -193,11 +194,11 @@ def test_positions_in_a_frame_that_may_be_a_sensors_are_reported(tmp_path, caplo
 def test_objects_of_a_time_without_transforms_are_counted(tmp_path, caplog):
     frames = [("base_link", [carla(k, 1)]) for k in range(N)]
     log = read_track_logs(write_ros(tmp_path / "log.mcap", frames, transforms=range(4, N)))
-    assert log.dropped.unplaced == 4  # the fourth is within 0.1 s before the first transform
+    assert log.losses.dropped[UNPLACED] == 4  # the fourth is within 0.1 s before the first transform
     assert len(log.tracks) == N - 4
     assert "no transform from 'base_link' to 'map' at" in caplog.text
     gap = read_track_logs(write_ros(tmp_path / "gap.mcap", frames, transforms=[-1, 0, 30]))
-    assert 0 < gap.dropped.unplaced < N
+    assert 0 < gap.losses.dropped[UNPLACED] < N
 
 
 def test_a_log_in_one_frame_without_transforms_is_left_alone(tmp_path):
@@ -250,7 +251,7 @@ def test_transforms_that_cannot_be_decoded_are_counted_and_strict_refuses_them(t
     whole = read_tracks(spoiled(tmp_path / "log.mcap", lambda _, data: data))
     path = spoiled(tmp_path / "log.mcap", lambda k, data: data[:20] if k in (3, 9) else data)
     log = read_track_logs(path)
-    assert log.dropped.undecodable == sum(log.dropped.reasons.values()) == 2
+    assert log.losses.dropped[UNDECODABLE] == sum(log.losses.why.values()) == 2
     assert len(log.tracks) == N
     np.testing.assert_allclose(log.tracks.position, whole.position, atol=0.2)  # interpolated over 0.2 s
     with pytest.raises(DecodeError, match="topic /tf, message at"):
@@ -265,8 +266,8 @@ def test_transforms_that_are_none_are_counted(tmp_path):
     whole = read_tracks(write_ros(tmp_path / "log.mcap", objects))
     path = write_ros(tmp_path / "log.mcap", objects, more=[(START_NS + k, broken_transform(k)) for k in range(5)])
     log = read_track_logs(path)
-    assert (log.dropped.transforms, log.dropped.total) == (5, 5)
-    assert "5 transforms" in str(log.dropped)
+    assert (log.losses.dropped[TRANSFORMS], log.losses.dropped.total()) == (5, 5)
+    assert "5 transforms" in str(log.losses)
     np.testing.assert_array_equal(log.tracks.position, whole.position)
 
 
@@ -289,10 +290,10 @@ def test_damage_among_the_transforms_is_reported_once_and_strict_refuses_it(tmp_
             list(stream_detections(path, strict=True))
         return
     log = read_track_logs(path)
-    assert [damage.kind for _, damage in log.damage] == ["chunk_crc"]
+    assert [damage.kind for damage in log.losses.damage] == ["chunk_crc"]
     stream = stream_detections(path)
     list(stream)
-    assert [damage.kind for damage in stream.damage] == ["chunk_crc"]
+    assert [damage.kind for damage in stream.losses.damage] == ["chunk_crc"]
 
 
 def test_many_transforms_of_long_names_take_little_memory(tmp_path):

@@ -109,8 +109,8 @@ def test_stores_merge_to_what_one_would_be(full, logs, tmp_path):
 def test_another_frame_is_refused_and_the_rest_is_added(store, logs, tmp_path, monkeypatch):
     write_tracks(traffic(5), tmp_path / "other.mcap")
 
-    def read(url, **reading):
-        result = read_track_logs(url, **reading)
+    def read(url, options):
+        result = read_track_logs(url, options)
         return replace(result, frame="odom") if url.endswith("other.mcap") else result
 
     monkeypatch.setattr(adding, "read_track_logs", read)

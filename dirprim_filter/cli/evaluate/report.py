@@ -97,7 +97,7 @@ class Experiment:
 
             save_figure(figure(), self.plot, force=self.force)
         typer.echo(self._json(table, settings) if self.as_json else text())
-        return losses.exit_code([damage for _, damage in self.log.damage], self.log.dropped.lost)
+        return losses.exit_code(self.log.losses)
 
     def _json(self, table: Mapping[str, Any], settings: Mapping[str, Any]) -> str:
         return json_of(

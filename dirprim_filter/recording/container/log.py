@@ -10,12 +10,11 @@ Source: the MCAP specification, version 0 (https://mcap.dev/spec).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import chain
 from os import PathLike
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -58,10 +57,10 @@ def scan(
         RecordingError: a URL that cannot be read here.
         OSError: it cannot be opened.
     """
-    return Log(path).scan(topics, start_ns=start_ns, end_ns=end_ns)
+    return Scan(Log(path), topics, start_ns=start_ns, end_ns=end_ns)
 
 
-class Log:
+class Log(AbstractContextManager["Log"]):
     """An MCAP log that is opened once, however often it is then read; a context manager.
 
     Attributes:
@@ -84,24 +83,13 @@ class Log:
             name = "" if is_one else file.name
             self.files.append(LogFile(name=name, bytes_of=bytes_of, outline=read_outline(bytes_of)))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Let go of the files; no more messages come."""
         for file in self.files:
             file.bytes_of.close()
-
-    def scan(
-        self, topics: Callable[[str], bool] | None = None, *, start_ns: int | None = None, end_ns: int | None = None
-    ) -> Scan:
-        """The messages of topics and times; what is left out means all, as for `scan`."""
-        return Scan(self, topics, start_ns=start_ns, end_ns=end_ns)
 
     def channels(self) -> list[Channel]:
         """All channels, from the summary where it repeats them, else from within the chunks."""
@@ -113,7 +101,7 @@ class Log:
         return [chunk for file in self.files for chunk in file.outline.chunks]
 
 
-class Scan:
+class Scan(AbstractContextManager["Scan"]):
     """The messages of one log; iterate it, as often as needed, also at once, then look at `damage`.
 
     Messages of one log time come in the order of the file. Beyond the chunks that overlap in time nothing is
@@ -139,12 +127,7 @@ class Scan:
         )
         self.by_file()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

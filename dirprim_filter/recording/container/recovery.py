@@ -105,7 +105,7 @@ def recover(
         OSError: a file cannot be read or written.
     """
     with Log(path) as opened, PartialFile(output, force=force) as file:
-        log, first = opened.scan(), opened.files[0].outline
+        log, first = Scan(opened), opened.files[0].outline
         writer = McapWriter(file, profile=first.profile, library=first.library)
         for name, entries in log.metadata:
             writer.add_metadata(name, entries)

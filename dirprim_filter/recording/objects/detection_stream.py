@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from dirprim_filter.detections import NO_ID, Detections, is_covariance
-from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import Scan
-from dirprim_filter.recording.losses import ClockFaults, Drops
-from dirprim_filter.recording.objects.observations import Observations, TimedRows, log_losses
+from dirprim_filter.recording.losses import BACKWARD, REPEATED, Losses
+from dirprim_filter.recording.objects.observations import Observations, TimedRows
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
@@ -21,8 +20,7 @@ class DetectionStream:
 
     Attributes:
         topics: what is read.
-        dropped: what of the readable messages was left out so far.
-        clock: what is odd about the times of the messages so far.
+        losses: what was damaged, left out or odd so far.
     """
 
     def __init__(self, scan: Scan, options: ReadOptions, *, topics: frozenset[str], motion: bool) -> None:
@@ -30,19 +28,13 @@ class DetectionStream:
         self._options = options
         self.topics = topics
         self._motion = motion
-        self.dropped = Drops()
-        self.clock = ClockFaults()
+        self.losses = Losses()
 
     @property
     def end_ns(self) -> int | None:
         """The last log time to come, as the chunks say; None of an empty log."""
         last, asked = self._scan.end_ns, self._options.end_ns
         return last if last is None or asked is None else min(last, asked)
-
-    @property
-    def damage(self) -> list[Damage]:
-        """What of the file could not be read so far."""
-        return self._scan.damage
 
     def __iter__(self) -> Iterator[Detections]:
         """The instants.
@@ -52,20 +44,20 @@ class DetectionStream:
             DecodeError: strict, and a message is not what its schema says.
         """
         observations = Observations(self._scan, self._options)
-        self.dropped, self.clock = observations.drops, observations.clock
+        self.losses = observations.losses
         came_ns = -(1 << 63)
         rest = Detections.none()
         for batch in observations:
             latest_ns = np.maximum.accumulate(np.maximum(batch.time_ns, came_ns))
             in_order = batch.time_ns == latest_ns
-            self.dropped.backward += int((~in_order).sum())
+            self.losses.drop(BACKWARD, ~in_order)
             came_ns = int(latest_ns[-1])
             seen = Detections.concatenate([rest, self._detections(batch)[in_order]])
             *whole, rest = self._without_repeats(seen).frames()  # what follows may be of the last instant too
             yield from whole
         if len(rest):
             yield rest
-        log_losses(self._scan.path, self.damage, self.dropped, self.clock)
+        self.losses.log(self._scan.path)
 
     def _detections(self, batch: TimedRows) -> Detections:
         """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
@@ -91,5 +83,5 @@ class DetectionStream:
         """Of the rows of a vehicle and an instant the first; all of those that have no name."""
         vehicle = vehicle_numbers(seen.track_id, seen.group) if seen.group.any() else seen.track_id
         repeated = repeated_rows(vehicle, seen.time_ns) & (seen.track_id != NO_ID)
-        self.dropped.repeated += int(repeated.sum())
+        self.losses.drop(REPEATED, repeated)
         return seen[~repeated] if repeated.any() else seen

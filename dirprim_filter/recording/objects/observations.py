@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import Clock, ClockFaults, Drops
+from dirprim_filter.recording.losses import INVALID, UNPLACED, UNTIMED, Clock, Losses
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
 from dirprim_filter.recording.schemas.object_rows import ObjectRows, concatenated
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
-
-logger = logging.getLogger(__name__)
 
 
 class TimedRows(NamedTuple):
@@ -37,22 +32,17 @@ class Observations:
     """Reads the objects of one log once through, and counts what it leaves out.
 
     Attributes:
-        drops: what was left out so far.
+        losses: what was damaged, left out or odd so far.
     """
 
     def __init__(self, scan: Scan, options: ReadOptions) -> None:
-        self.drops = Drops()
+        self.losses = Losses()
         self._clock = Clock()
         self._scan = scan
         self._options = options
         self._decoders = Decoders(options.mapping)
         self._is_label = None if options.labels is None else matching(options.labels, of="labels")
         self._frame = FrameChange(scan.log, options.frame, options.origin, strict=options.strict)
-
-    @property
-    def clock(self) -> ClockFaults:
-        """What is odd about the times so far."""
-        return self._clock.faults
 
     @property
     def origin(self) -> Origin | None:
@@ -74,20 +64,24 @@ class Observations:
             DecodeError: strict, and a message is not what its schema says.
             MissingTransformError: nothing joins the frame of objects to the one asked for.
         """
-        for batch in batches(self._scan.columns(), self._decoders):
+        columns = self._scan.columns()
+        self.losses.damage = self._scan.damage
+        for batch in batches(columns, self._decoders):
             self._check_intact()
             timed = self._timed(batch)
             if timed.rows.message.size:
                 yield timed
         self._frame.check()
         if self._frame.tree is not None:
-            self.drops += self._frame.tree.dropped
-            self._scan.damage.extend(broken for broken in self._frame.tree.damage if broken not in self._scan.damage)
+            self._frame.tree.losses.damage = [
+                broken for broken in self._frame.tree.losses.damage if broken not in self._scan.damage
+            ]
+            self.losses += self._frame.tree.losses
         self._check_intact()
 
     def _check_intact(self) -> None:
-        if self._options.strict and self._scan.damage:
-            raise DamagedRecordingError(self._scan.path, self._scan.damage)
+        if self._options.strict and self.losses.damage:
+            raise DamagedRecordingError(self._scan.path, self.losses.damage)
 
     def _timed(self, batch: MessageColumns) -> TimedRows:
         """The valid objects of a batch within the wanted time."""
@@ -96,9 +90,10 @@ class Observations:
             rows, failures = self._decoders.rows(messages)
             if self._options.strict and failures:
                 raise DecodeError.of(self._scan.path, messages, failures)
-            self.drops.fail(failures.values())
+            self.losses.fail(failures.values())
             time_ns = self._times(messages, rows)
             self._clock.watch_objects(messages, rows.message, time_ns)
+            self.losses.clock = self._clock.faults
             parts.append((places, time_ns, rows))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
         time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])
@@ -110,9 +105,9 @@ class Observations:
         wanted[wanted] = self._valid(rows[wanted])
         with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
             rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
-        self.drops.unplaced += int((~placed).sum())
+        self.losses.drop(UNPLACED, ~placed)
         near = _is_near(rows.position)
-        self.drops.invalid += int((placed & ~near).sum())
+        self.losses.drop(INVALID, placed & ~near)
         kept = placed & near
         return TimedRows(time_ns[wanted][kept], rows[kept])
 
@@ -125,7 +120,7 @@ class Observations:
 
     def _wanted(self, message: IntArray, time_ns: IntArray, rows: ObjectRows) -> BoolArray:
         timed = time_ns != NO_TIME
-        self.drops.untimed += int(np.unique(message[~timed]).size)
+        self.losses.drop(UNTIMED, np.unique(message[~timed]).size)
         wanted: BoolArray = timed
         if self._options.start_ns is not None:
             wanted = wanted & (time_ns >= self._options.start_ns)
@@ -142,21 +137,10 @@ class Observations:
         valid = _is_near(rows.position)
         if rows.track_id.dtype.itemsize // 4 > MAX_NAME_LENGTH:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
-        self.drops.invalid += int((~valid).sum())
+        self.losses.drop(INVALID, ~valid)
         return valid
 
 
 def _is_near(position: FloatArray) -> BoolArray:
     """(n,) where it is finite and on the Earth."""
     return np.asarray((np.abs(position[:, 0]) <= FARTHEST_M) & (np.abs(position[:, 1]) <= FARTHEST_M))
-
-
-def log_losses(path: Path, damage: Sequence[Damage], drops: Drops, clock: ClockFaults | None = None) -> None:
-    """One warning for what of a file could not be read, one for what was left out, one for odd times."""
-    if damage:
-        more = f", and {len(damage) - 1} more" if len(damage) > 1 else ""
-        logger.warning("%s: damaged, the rest is read: %s%s", path, damage[0], more)
-    if drops.total:
-        logger.warning("%s: left out %s", path, drops)
-    if clock is not None and clock.is_odd:
-        logger.warning("%s: %s", path, clock)

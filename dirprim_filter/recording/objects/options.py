@@ -1,4 +1,4 @@
-"""How the objects of a log are read: what the command line and Python have in common."""
+"""How the objects of logs are read: one value for the command line, the store and Python."""
 
 from __future__ import annotations
 
@@ -12,24 +12,29 @@ TimeSource = Literal["log", "publish", "header"]
 """Which of a message's times counts: of logging, of publishing, or the one its contents carry."""
 
 
-class Reading(TypedDict, total=False):
-    """The fields of `ReadOptions` as keywords; what they mean is said by `read_tracks`."""
-
-    time_source: TimeSource
-    start_ns: int | None
-    end_ns: int | None
-    strict: bool
-    frame: str | None
-    mapping: FieldMapping | None
-    origin: Origin | None
-    labels: str | None
-    group: int | None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadOptions:
-    """How the objects of a log are read; what its fields mean is said by `read_tracks`."""
+    """Which of a log's messages are read, and how.
 
+    Attributes:
+        topics: name of the topic, or a regular expression that matches topics in full. Left out: one topic,
+            by what its schema holds: `dirprim.Observations` before ASAM OSI before `foxglove.SceneUpdate`; of
+            several of one kind the one with most messages, `/detections...` last, `/dirprim/...` never.
+        time_source: which time of a message counts.
+        start_ns: the first time wanted, nanoseconds.
+        end_ns: the first time no longer wanted.
+        strict: raise at the first damage instead of going on.
+        frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms, which
+            must not be a vehicle's. Without transforms all objects must be of one frame.
+        mapping: where to find the fields of objects, for schemas that are not known.
+        origin: of the plane for satellite positions; left out: the first position.
+        labels: what the wanted objects are, such as "car|truck": a name or a regular expression for the label that
+            their schema gives them, which is empty where it gives none.
+        group: the one that is wanted of those that a log holds, by its number there: recordings made apart, whose
+            times may overlap. Left out: all; an id that stands in several of them is a vehicle in each.
+    """
+
+    topics: str | None = None
     time_source: TimeSource = "log"
     start_ns: int | None = None
     end_ns: int | None = None
@@ -39,3 +44,21 @@ class ReadOptions:
     origin: Origin | None = None
     labels: str | None = None
     group: int | None = None
+
+
+EVERYTHING = ReadOptions()
+
+
+class Reading(TypedDict, total=False):
+    """The fields of `ReadOptions` as keywords."""
+
+    topics: str | None
+    time_source: TimeSource
+    start_ns: int | None
+    end_ns: int | None
+    strict: bool
+    frame: str | None
+    mapping: FieldMapping | None
+    origin: Origin | None
+    labels: str | None
+    group: int | None

@@ -10,7 +10,7 @@ import numpy as np
 
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import Log
+from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
@@ -24,23 +24,21 @@ OUTPUT_PREFIX = "/dirprim/"
 """Topics that this package writes as results; never taken for input unless named."""
 
 
-def choose_topics(
-    log: Log, topics: str | None, options: ReadOptions, *, prefer_detections: bool = False
-) -> frozenset[str]:
+def choose_topics(log: Log, options: ReadOptions, *, prefer_detections: bool = False) -> frozenset[str]:
     """The topics to read objects from.
 
-    With `topics` those of that name, or else those that match it in full as a regular expression, if their
+    With `options.topics` those of that name, or else those that match it in full as a regular expression, if their
     schema is one of `FAMILIES`. Without it, one topic: of the first of `KINDS` of which some topic's messages
     hold objects the one that has most messages. Topics named `/detections...` stand back there behind others
     of their kind, but with `prefer_detections` the topic `/detections` goes before all. Topics under
-    `/dirprim/` are not considered. With `mapping` every topic whose schema has its fields can be read.
+    `/dirprim/` are not considered. With `options.mapping` every topic whose schema has its fields can be read.
 
     Raises:
         NoTracksError: there is none.
         DamagedRecordingError: strict, there is none, and the log is damaged.
-        ValueError: `topics` is no name in the log and no regular expression.
+        ValueError: `options.topics` is no name in the log and no regular expression.
     """
-    channels, mapping = log.channels(), options.mapping
+    channels, topics, mapping = log.channels(), options.topics, options.mapping
     decoders = Decoders(mapping)
     schema_of = {c.topic: schema_name(c) for c in channels if decoders.reads(c)}
     looked_for = f" (fields {mapping})" if mapping else ""
@@ -86,7 +84,7 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str
     """Those of the topics in which some message holds an object; reads no further than needed to know."""
     carrying: set[str] = set()
     if topics:
-        for batch in batches(log.scan(topics.__contains__).columns(), decoders):
+        for batch in batches(Scan(log, topics.__contains__).columns(), decoders):
             for _, messages in by_schema(batch):
                 rows, _ = decoders.rows(messages)
                 of = messages.channel[rows.message[np.isfinite(rows.position[:, 0])]]
@@ -98,14 +96,14 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str
 
 def _damage(log: Log) -> list[Damage]:
     """All that is broken, which is known once all chunks were read."""
-    scan = log.scan()
+    scan = Scan(log)
     deque(scan.parts(), maxlen=0)
     return scan.damage
 
 
 def _longest(log: Log, topics: set[str]) -> str:
     n_messages: Counter[str] = Counter()
-    for _, columns in log.scan(topics.__contains__).parts():
+    for _, columns in Scan(log, topics.__contains__).parts():
         n_messages.update(columns.topic.tolist())
     chosen = min(topics, key=lambda topic: (-n_messages[topic], topic))
     logger.info("%s: of the topics %s, %s is read", log.path, ", ".join(sorted(topics)), chosen)

@@ -6,16 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.optional_columns import is_held, unknown
-from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.decoding.growing_column import GrowingColumn
-from dirprim_filter.recording.losses import ClockFaults, Drops
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.objects.observations import TimedRows
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.track_ids import Numbers, vehicle_numbers
@@ -28,16 +26,12 @@ class TrackResult:
 
     Attributes:
         tracks: what was read.
-        damage: path and damage, for each place that could not be read.
-        dropped: what of the readable messages was left out.
-        clock: what is odd about the times of the messages.
+        losses: what was damaged, left out or odd.
         frame: of the last log's positions: a frame's name, or "plane at LATITUDE,LONGITUDE"; empty where none is named.
     """
 
     tracks: Tracks
-    damage: tuple[tuple[Path, Damage], ...]
-    dropped: Drops
-    clock: ClockFaults
+    losses: Losses
     frame: str = ""
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.schemas.attitude import rotated
 from dirprim_filter.recording.tables.arrow_table import ArrowTable
 from dirprim_filter.recording.tables.named_columns import SIZE
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.vehicle_rows import VehicleRows
-from dirprim_filter.track_ids import numbered
 
 ANNOTATIONS, POSES = "annotations.feather", "city_SE3_egovehicle.feather"
 TIME, TRACK_ID, LABEL = "timestamp_ns", "track_uuid", "category"
@@ -46,18 +46,16 @@ def read_argoverse(path: str | Path) -> Table:
     at = order[np.minimum(np.searchsorted(pose_ns, time_ns, sorter=order), order.size - 1)]
     turn, place = _columns(poses, QUATERNION)[at], _columns(poses, PLACE)[at]
     known = (pose_ns[at] == time_ns) & turn.any(axis=1)
-    names, vehicle = numbered(boxes.texts(TRACK_ID))
     forward = rotated(_columns(boxes, QUATERNION), np.broadcast_to([1.0, 0.0, 0.0], (time_ns.size, 3)))
     towards = rotated(turn, forward)
-    rows = VehicleRows(
-        names=np.array(names, np.str_), vehicle=vehicle, time_ns=time_ns,
+    rows = VehicleRows.of(
+        boxes.texts(TRACK_ID), time_ns=time_ns,
         position=(rotated(turn, _columns(boxes, PLACE)) + place)[:, :2],
         heading=np.arctan2(towards[:, 1], towards[:, 0]), size=_columns(boxes, SIZE),
     )  # fmt: skip
-    return table_of(
-        rows[known], label=boxes.texts(LABEL)[known], files=(boxes.path, poses.path),
-        dropped={"without a pose of the vehicle at their time": int((~known).sum())},
-    )  # fmt: skip
+    losses = Losses()
+    losses.drop("without a pose of the vehicle at their time", ~known)
+    return table_of(rows[known], label=boxes.texts(LABEL)[known], losses=losses, files=(boxes.path, poses.path))
 
 
 def _columns(table: ArrowTable, names: tuple[str, ...]) -> FloatArray:

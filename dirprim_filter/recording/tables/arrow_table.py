@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,11 +20,11 @@ from dirprim_filter.recording.tables.named_columns import (
     SIZE,
     TIME_NS,
     places_of,
-    rows_of,
     suspect_degrees,
+    vehicle_columns,
 )
 from dirprim_filter.recording.tables.table import Table, table_of
-from dirprim_filter.track_ids import numbered
+from dirprim_filter.recording.vehicle_rows import VehicleRows
 
 PARQUET = b"PAR1"
 """How such files begin; Feather and Arrow files do otherwise."""
@@ -59,10 +58,9 @@ def read_arrow(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
     read[TIME_NS] = table.nanoseconds(present[TIME_NS]) if has_ns else table.seconds(present["time_s"])
     if "group" in present:
         read["group"] = table.whole_numbers(present["group"])
-    names, read["track_id"] = numbered(table.texts(present["track_id"]))
-    rows = rows_of(np.array(names, np.str_), read)
+    rows = VehicleRows.of(table.texts(present["track_id"]), **vehicle_columns(read))
     suspect_degrees(table.path, rows)
-    return replace(table_of(rows, label=table.texts(present[LABEL]) if LABEL in present else None), unused=unused)
+    return table_of(rows, label=table.texts(present[LABEL]) if LABEL in present else None, unused=unused)
 
 
 class ArrowTable:

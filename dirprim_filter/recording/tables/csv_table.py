@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
-from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.delimited import Block, DelimitedText
-from dirprim_filter.recording.tables.named_columns import FLOATS, LABEL, SIZE, places_of, rows_of, suspect_degrees
-from dirprim_filter.recording.tables.table import NO_NAMES, Table, joined_rows, table_of
-from dirprim_filter.track_ids import Numbers
+from dirprim_filter.recording.tables.named_columns import (
+    FLOATS,
+    LABEL,
+    SIZE,
+    places_of,
+    suspect_degrees,
+    vehicle_columns,
+)
+from dirprim_filter.recording.tables.table import GrowingTable, Table
 
 
 def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None) -> Table:
@@ -32,27 +36,21 @@ def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None) -> T
         OSError: the file cannot be read.
     """
     text = DelimitedText(path)
-    line, header = next(text.rows(), (1, []))
-    header = [name.strip() for name in header]
+    line, header = text.header()
     place, unused = places_of(text.path, line, header, columns or {})
-    numbers = Numbers()
-    parts, labels = [], []
-    for block in text.blocks(skip=1, n_cells=len(header)):
-        parts.append(rows_of(NO_NAMES, _columns(block, place, numbers)))
-        if LABEL in place:
-            labels.append(np.char.strip(np.array(block.texts(place[LABEL]), np.str_)))
-    if not parts:
-        raise TableError(text.path, line + 1, "rows after the header", "none", "check how the table was made")
-    rows = joined_rows(text.path, parts, numbers)
+    table = GrowingTable()
+    for block in text.blocks(n_cells=len(header), has_header=True):
+        label = np.char.strip(np.array(block.texts(place[LABEL]), np.str_)) if LABEL in place else None
+        table.extend(block.texts(place["track_id"]), label=label, **vehicle_columns(_columns(block, place)))
+    rows = table.rows()
     suspect_degrees(text.path, rows)
-    return replace(table_of(rows, label=np.concatenate(labels) if labels else None), unused=unused)
+    return table.whole(rows, unused=unused)
 
 
-def _columns(block: Block, place: Mapping[str, int], numbers: Numbers) -> dict[str, AnyArray]:
+def _columns(block: Block, place: Mapping[str, int]) -> dict[str, AnyArray]:
     columns: dict[str, AnyArray] = {
         name: block.floats(place[name], name) for name in ("x_m", "y_m", *FLOATS, *SIZE) if name in place
     }
-    columns["track_id"] = numbers.of(block.texts(place["track_id"]))
     columns["time_ns"] = block.nanoseconds(place["time_s"], "time_s")
     if "group" in place:
         columns["group"] = block.whole_numbers(place["group"], "group")

@@ -96,14 +96,24 @@ class DelimitedText:
                     self.path, reader.line_num, "cells of text", str(error), "mend or remove the line"
                 ) from error
 
-    def blocks(self, *, skip: int, n_cells: int) -> Iterator[Block]:
-        """Rows after the first `skip`, some at a time.
+    def header(self) -> tuple[int, list[str]]:
+        """The first row: the number of its line, and what its cells name."""
+        line, cells = next(self.rows(), (1, []))
+        return line, [name.strip() for name in cells]
+
+    def blocks(self, *, n_cells: int, has_header: bool = False) -> Iterator[Block]:
+        """Rows, some at a time, behind the header if there is one.
 
         Raises:
-            TableError: a row has not `n_cells` cells, or as `rows`.
+            TableError: there is none, one has not `n_cells` cells, or as `rows`.
         """
-        rows = islice(self.rows(), skip, None)
-        while part := list(islice(rows, BLOCK_ROWS)):
+        rows = self.rows()
+        line = next(rows, (0, []))[0] if has_header else 0
+        part = list(islice(rows, BLOCK_ROWS))
+        if not part:
+            what = "rows after the header" if has_header else "rows"
+            raise TableError(self.path, line + 1, what, "none", "check how the table was made")
+        while part:
             block = Block(
                 self.path, [line for line, _ in part], [cells for _, cells in part],
                 decimal_comma=self._delimiter == ";",
@@ -112,6 +122,7 @@ class DelimitedText:
                 row = next(i for i, cells in enumerate(block.cells) if len(cells) != n_cells)
                 block.fail(row, f"{n_cells} cells", f"{len(block.cells[row])}", "mend or remove the line")
             yield block
+            part = list(islice(rows, BLOCK_ROWS))
 
 
 class Block:

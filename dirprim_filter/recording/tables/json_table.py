@@ -14,11 +14,11 @@ import numpy as np
 
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.tables.table import Table, table_of
 from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
 from dirprim_filter.recording.vehicle_rows import VehicleRows
-from dirprim_filter.track_ids import numbered
 
 
 def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None = None) -> Table:
@@ -42,18 +42,17 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
     family = mapping.family()
     columns = JsonPlan(family.fields).run([json.dumps(frame).encode() for frame in frames])
     rows = family.objects(columns, np.full(len(frames), path.stem))
-    reasons = Counter(columns.failures.values())
+    losses = Losses(dropped=Counter(columns.failures.values()))
     if not len(rows):
-        got = next(iter(reasons), f"{len(frames)} frames without one")
+        got = next(iter(losses.dropped), f"{len(frames)} frames without one")
         raise TableError(path, 1, f"objects at {mapping}", got, "compare the paths with the file")
-    names, vehicle = numbered(rows.track_id)
     place = np.column_stack([rows.position, np.zeros(len(rows))])
-    vehicles = VehicleRows(
-        vehicle=vehicle, names=np.array(names, np.str_), time_ns=rows.stamp_ns,
+    vehicles = VehicleRows.of(
+        rows.track_id, time_ns=rows.stamp_ns,
         position=rows.position if mapping.latitude is None else placed_on_plane(place, origin)[:, :2],
         direction=rows.direction, speed=rows.speed, group=rows.group, size=rows.size, heading=rows.heading,
     )  # fmt: skip
-    return table_of(vehicles, label=rows.label if mapping.label else None, dropped=dict(reasons))
+    return table_of(vehicles, label=rows.label if mapping.label else None, losses=losses)
 
 
 def _frames(path: Path) -> list[Any]:

@@ -14,13 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, FloatArray
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.delimited import DelimitedText
-from dirprim_filter.recording.tables.table import NO_NAMES, Table, joined_rows, table_of
+from dirprim_filter.recording.tables.table import GrowingTable, Table
 from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
-from dirprim_filter.recording.vehicle_rows import VehicleRows
-from dirprim_filter.track_ids import Numbers
 
 FRAME, TRACK_ID, LABEL, ROTATION_Y = 0, 1, 2, 16
 SIZE = {12: "length", 11: "width", 10: "height"}
@@ -60,11 +58,9 @@ def read_kitti(path: str | Path, *, frames_per_second: float = 10.0, origin: Ori
     """
     path = Path(path)
     poses, files = _poses(path, origin)
-    text = DelimitedText(path, delimiters=" ")
+    text, table = DelimitedText(path, delimiters=" "), GrowingTable()
     n_cells = N_SCORED if len(next(text.rows(), (0, []))[1]) == N_SCORED else N_CELLS
-    numbers = Numbers()
-    parts, labels, n_regions, n_lost = [], [], 0, 0
-    for block in text.blocks(skip=0, n_cells=n_cells):
+    for block in text.blocks(n_cells=n_cells):
         is_vehicle = block.whole_numbers(TRACK_ID, "track id") >= 0
         frame = block.whole_numbers(FRAME, "frame")
         known = (frame >= 0) & (frame < len(poses.translation))
@@ -72,21 +68,16 @@ def read_kitti(path: str | Path, *, frames_per_second: float = 10.0, origin: Ori
         place = np.column_stack([block.floats(column, name) for column, name in PLACE.items()])
         yaw = block.floats(ROTATION_Y, "rotation_y")
         forward = np.einsum("nij,nj->ni", poses.rotation[at], np.column_stack([np.cos(yaw), 0 * yaw, -np.sin(yaw)]))
-        rows = VehicleRows(
-            names=NO_NAMES, vehicle=numbers.of(block.texts(TRACK_ID)),
+        table.losses.note("of regions marked DontCare", int((~is_vehicle).sum()))
+        table.losses.drop("of a frame without a pose", is_vehicle & ~known)
+        table.extend(
+            block.texts(TRACK_ID), kept=is_vehicle & known, label=np.array(block.texts(LABEL), np.str_),
             time_ns=block.frame_times(FRAME, frames_per_second=frames_per_second),
             position=(np.einsum("nij,nj->ni", poses.rotation[at], place) + poses.translation[at])[:, :2],
             heading=np.arctan2(forward[:, 1], forward[:, 0]),
             size=np.column_stack([block.floats(column, name) for column, name in SIZE.items()]),
         )  # fmt: skip
-        n_regions += int((~is_vehicle).sum())
-        n_lost += int((is_vehicle & ~known).sum())
-        parts.append(rows[is_vehicle & known])
-        labels.append(np.array(block.texts(LABEL), np.str_)[is_vehicle & known])
-    return table_of(
-        joined_rows(path, parts, numbers), label=np.concatenate(labels or [NO_NAMES]), files=(path, *files),
-        dropped={"of a frame without a pose": n_lost}, notes={"of regions marked DontCare": n_regions},
-    )  # fmt: skip
+    return table.whole(files=(path, *files))
 
 
 def _poses(path: Path, origin: Origin | None) -> tuple[_Poses, list[Path]]:
@@ -146,10 +137,7 @@ def _calibration(path: Path) -> dict[str, FloatArray]:
 
 def _numbers(path: Path, n_cells: int) -> FloatArray:
     """(n, n_cells) of a text of numbers."""
-    parts: list[AnyArray] = [
+    return np.concatenate([
         np.column_stack([block.floats(column, f"number {column + 1}") for column in range(n_cells)])
-        for block in DelimitedText(path, delimiters=" ").blocks(skip=0, n_cells=n_cells)
-    ]
-    if not parts:
-        raise TableError(path, "", "a line for each frame", "none", "unpack it anew")
-    return np.concatenate(parts)
+        for block in DelimitedText(path, delimiters=" ").blocks(n_cells=n_cells)
+    ])  # fmt: skip

@@ -120,16 +120,14 @@ def check_header(path: Path, line: int | str, columns: list[str], required: Sequ
         )  # fmt: skip
 
 
-def rows_of(names: AnyArray, columns: Mapping[str, AnyArray]) -> VehicleRows:
-    """Columns by our names as rows; of `track_id` the numbers of the vehicles, `time_ns` for their times."""
-    n = len(columns["x_m"])
-    optional = {ours: columns[name] for name, ours in (*FLOATS.items(), ("group", "group")) if name in columns}
+def vehicle_columns(columns: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """Columns by our names, with `time_ns` for the times, as `VehicleRows` takes them."""
+    same = {name: columns[name] for name in (TIME_NS, "group") if name in columns}
+    same |= {ours: columns[name] for name, ours in FLOATS.items() if name in columns}
     if any(name in columns for name in SIZE):
-        optional["size"] = np.column_stack([columns.get(name, unknown(n)) for name in SIZE])
-    return VehicleRows(
-        names=names, vehicle=columns["track_id"], time_ns=columns[TIME_NS],
-        position=np.column_stack([columns["x_m"], columns["y_m"]]), **optional,
-    )  # fmt: skip
+        nothing = unknown(len(columns["x_m"]))
+        same["size"] = np.column_stack([columns.get(name, nothing) for name in SIZE])
+    return same | {"position": np.column_stack([columns["x_m"], columns["y_m"]])}
 
 
 def suspect_degrees(path: Path, rows: VehicleRows) -> None:

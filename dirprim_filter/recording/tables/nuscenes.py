@@ -51,10 +51,8 @@ def read_nuscenes(path: str | Path) -> Table:
         raise TableError(
             Path(path), "", "tables that fit each other", f"none for {error}", "unpack them anew"
         ) from error
-    vehicles = Numbers()
-    vehicle = vehicles.of(names)
-    rows = VehicleRows(
-        names=np.array(list(vehicles), np.str_), vehicle=vehicle, time_ns=time_us * NS_PER_US, group=group,
+    rows = VehicleRows.of(
+        np.array(names, np.str_), time_ns=time_us * NS_PER_US, group=group,
         position=_vectors(files[ANNOTATIONS], boxes, "translation", 3)[:, :2],
         heading=heading(_vectors(files[ANNOTATIONS], boxes, "rotation", 4)[:, XYZW]),
         size=_vectors(files[ANNOTATIONS], boxes, "size", 3)[:, LENGTH_WIDTH_HEIGHT],

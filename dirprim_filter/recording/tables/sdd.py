@@ -11,11 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.tables.delimited import DelimitedText
-from dirprim_filter.recording.tables.table import NO_NAMES, Table, joined_rows, table_of
-from dirprim_filter.recording.vehicle_rows import VehicleRows
-from dirprim_filter.track_ids import Numbers
+from dirprim_filter.recording.tables.table import GrowingTable, Table
 
 TRACK_ID, FRAME, LOST, LABEL = 0, 5, 6, 9
 CORNERS = {1: "xmin", 2: "ymin", 3: "xmax", 4: "ymax"}
@@ -46,26 +43,17 @@ def read_sdd(
     """
     if not (np.isfinite(metres_per_pixel) and metres_per_pixel > 0):
         raise ValueError(f"metres_per_pixel: expected a positive number, got {metres_per_pixel}")
-    text = DelimitedText(path, delimiters=" ")
-    numbers = Numbers()
-    parts: list[VehicleRows] = []
-    labels_of: list[AnyArray] = []
-    n_lost = n_other = 0
-    for block in text.blocks(skip=0, n_cells=N_CELLS):
+    table = GrowingTable()
+    for block in DelimitedText(path, delimiters=" ").blocks(n_cells=N_CELLS):
         lost = block.floats(LOST, "lost") != 0
         label = np.array(block.texts(LABEL), np.str_)
         other = np.zeros_like(lost) if labels is None else ~np.isin(label, list(labels))
-        n_lost += int(lost.sum())
-        n_other += int((other & ~lost).sum())
-        kept = ~(lost | other)
+        table.losses.drop("marked as lost", lost)
+        table.losses.drop("of another label", other & ~lost)
         x_min, y_min, x_max, y_max = (block.floats(column, name) for column, name in CORNERS.items())
-        rows = VehicleRows(
-            names=NO_NAMES, vehicle=numbers.of(block.texts(TRACK_ID)),
+        table.extend(
+            block.texts(TRACK_ID), kept=~(lost | other), label=label,
             time_ns=block.frame_times(FRAME, frames_per_second=frames_per_second),
             position=np.column_stack([x_min + x_max, -(y_min + y_max)]) * (0.5 * metres_per_pixel),
         )  # fmt: skip
-        parts.append(rows[kept])
-        labels_of.append(label[kept])
-    rows = joined_rows(text.path, parts, numbers)
-    dropped = {"marked as lost": n_lost, "of another label": n_other}
-    return table_of(rows, label=np.concatenate(labels_of), dropped=dropped)
+    return table.whole()

@@ -10,17 +10,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.parsers import expat
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.optional_columns import is_held, unknown
+from dirprim_filter.optional_columns import unknown
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables.delimited import BLOCK_ROWS, exact_nanoseconds, is_number
-from dirprim_filter.recording.tables.table import NO_NAMES, Table, joined_rows, table_of
-from dirprim_filter.recording.vehicle_rows import VehicleRows
-from dirprim_filter.track_ids import Numbers
+from dirprim_filter.recording.tables.table import GrowingTable, Table
 
 READ_BYTES = 1 << 20
 
@@ -59,9 +58,8 @@ class _FcdExport:
         self._lines: list[int] = []
         self._times: list[int] = []
         self._vehicles: list[dict[str, str]] = []
-        self._parts: list[VehicleRows] = []
-        self._numbers = Numbers()
-        self._n_others = 0
+        self._table = GrowingTable()
+        self._n_rows, self._all_move = 0, True
 
     def feed(self, data: bytes, *, last: bool = False) -> None:
         try:
@@ -73,12 +71,12 @@ class _FcdExport:
         self.feed(b"", last=True)
         if self._vehicles:
             self._close_block()
-        if not self._parts:
+        if not self._n_rows:
             raise self._error("vehicles in time steps", "none", "run SUMO with --fcd-output")
-        rows = joined_rows(self.path, self._parts, self._numbers)
-        if not all(is_held(part.heading) for part in self._parts):
+        rows = self._table.rows()
+        if not self._all_move:
             rows = replace(rows, heading=unknown(len(rows)), speed=unknown(len(rows)))
-        return table_of(rows, dropped={"persons and containers": self._n_others})
+        return self._table.whole(rows)
 
     def _on_doctype(self, *_: object) -> None:
         raise self._error("no DOCTYPE", "one", "remove it: SUMO writes none")
@@ -99,19 +97,20 @@ class _FcdExport:
             if len(self._vehicles) >= BLOCK_ROWS:
                 self._close_block()
         elif name in ("person", "container"):
-            self._n_others += 1
+            self._table.losses.drop("persons and containers", 1)
         elif name != "fcd-export" and self._time_ns is None:
             raise self._error("an fcd-export", f"<{name}>", "run SUMO with --fcd-output")
 
     def _close_block(self) -> None:
-        moving = all("angle" in v and "speed" in v for v in self._vehicles)
-        rows = VehicleRows(
-            names=NO_NAMES, vehicle=self._numbers.of(self._texts("id")), time_ns=np.array(self._times, np.int64),
-            position=np.column_stack([self._floats("x"), self._floats("y")]),
+        motion: dict[str, Any] = {}
+        if all("angle" in vehicle and "speed" in vehicle for vehicle in self._vehicles):
+            motion = {"speed": self._floats("speed"), "heading": angle_of_compass(self._floats("angle"))}
+        self._all_move &= bool(motion)
+        self._n_rows += len(self._vehicles)
+        self._table.extend(
+            self._texts("id"), time_ns=np.array(self._times, np.int64),
+            position=np.column_stack([self._floats("x"), self._floats("y")]), **motion,
         )  # fmt: skip
-        if moving:
-            rows = replace(rows, speed=self._floats("speed"), heading=angle_of_compass(self._floats("angle")))
-        self._parts.append(rows)
         self._lines, self._times, self._vehicles = [], [], []
 
     def _texts(self, name: str) -> list[str]:

@@ -6,21 +6,18 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, IntArray
+from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
-from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.sizes import known_sizes
 from dirprim_filter.track_ids import Numbers, as_track_ids, repeated_rows
 from dirprim_filter.tracks import Tracks
-
-ALONE = "alone in time, so that no velocity can be derived"
-NO_NAMES = np.empty(0, np.str_)
-"""Of parts whose vehicles get their names when all are there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,43 +26,65 @@ class Table:
 
     Attributes:
         tracks: the rows that are good.
-        dropped: how many rows were left out, by reason.
-        notes: what was put right without a loss, and how often.
+        losses: how many rows were left out, by reason; and what was put right without a loss.
         labels: what each vehicle is, by its id; of those that the table gives a label.
         unused: the columns of which nothing was read.
         files: all that were read, where the table is a folder.
     """
 
     tracks: Tracks
-    dropped: Mapping[str, int] = field(default_factory=dict)
-    notes: Mapping[str, int] = field(default_factory=dict)
+    losses: Losses = field(default_factory=Losses)
     labels: Mapping[int | str, str] = field(default_factory=dict)
     unused: Sequence[str] = ()
     files: Sequence[Path] = ()
 
-    @property
-    def n_lost(self) -> int:
-        """Rows that were left out for a fault; a row alone in time has none, it only has no motion."""
-        return sum(n for reason, n in self.dropped.items() if reason != ALONE)
 
+class GrowingTable:
+    """A table whose rows come block by block.
 
-def joined_rows(path: Path, parts: Sequence[VehicleRows], numbers: Numbers) -> VehicleRows:
-    """The rows of all parts of a file, of vehicles that are numbered.
-
-    Raises:
-        TableError: there is no part.
+    Attributes:
+        losses: what its reader has left out, or put right.
     """
-    if not parts:
-        raise TableError(path, "", "rows", "none", "check how the table was made")
-    return VehicleRows.concatenate(parts, np.array(list(numbers), np.str_))
+
+    def __init__(self) -> None:
+        self.losses = Losses()
+        self._numbers = Numbers()
+        self._parts: list[VehicleRows] = []
+        self._labels: list[AnyArray] = []
+
+    def extend(
+        self,
+        track_id: Sequence[str],
+        *,
+        kept: BoolArray | None = None,
+        label: AnyArray | None = None,
+        **columns: Any,
+    ) -> None:
+        """Append rows, by the columns of `VehicleRows`; of a mask only those that are kept."""
+        rows = VehicleRows(names=np.empty(0, np.str_), vehicle=self._numbers.of(track_id), **columns)
+        self._parts.append(rows if kept is None else rows[kept])
+        if label is not None:
+            self._labels.append(label if kept is None else label[kept])
+
+    def rows(self) -> VehicleRows:
+        """All rows."""
+        return VehicleRows.concatenate(self._parts, np.array(list(self._numbers), np.str_))
+
+    def whole(
+        self, rows: VehicleRows | None = None, *, unused: Sequence[str] = (), files: Sequence[Path] = ()
+    ) -> Table:
+        """The table of all rows, or of what the reader has made of them."""
+        rows = self.rows() if rows is None else rows
+        label = np.concatenate(self._labels) if self._labels else None
+        return table_of(rows, losses=self.losses, label=label, unused=unused, files=files)
 
 
 def table_of(
     rows: VehicleRows,
     *,
     label: AnyArray | None = None,
-    dropped: Mapping[str, int] | None = None,
-    notes: Mapping[str, int] | None = None,
+    losses: Losses | None = None,
+    unused: Sequence[str] = (),
     files: Sequence[Path] = (),
 ) -> Table:
     """The table of rows: bad ones dropped and counted, times in order, ids unique.
@@ -78,45 +97,43 @@ def table_of(
     Args:
         rows: as they were read, bad ones among them.
         label: (n,) str, what the vehicle is, empty where unknown; None where the table has none.
-        dropped: what the reader dropped before, by reason.
-        notes: what it put right before.
+        losses: what the reader left out, or put right, before.
+        unused: the columns of which nothing was read.
         files: all that were read.
     """
-    counts, notes = ({why: n for why, n in (before or {}).items() if n} for before in (dropped, notes))
+    losses = losses or Losses()
     finite = (rows.time_ns != NO_TIME) & (np.abs(rows.position) <= FARTHEST_M).all(axis=1)
     finite &= ~np.isinf(rows.direction) & ~np.isinf(rows.speed) & ~np.isinf(rows.heading)
     good = finite & ~(rows.speed < 0)
-    _count(counts, "negative speed", int((finite & ~good).sum()))
-    _count(counts, "a number that is missing, not finite or too large", int((~finite).sum()))
-    names, vehicle = _vehicles(rows, notes)
+    losses.drop("negative speed", finite & ~good)
+    losses.drop("a number that is missing, not finite or too large", ~finite)
+    names, vehicle = _vehicles(rows, losses)
     rows = replace(rows, names=np.array(names, np.str_), vehicle=vehicle, size=known_sizes(rows.size))
     kept = np.flatnonzero(good)
     repeated = repeated_rows(rows.vehicle[kept], rows.time_ns[kept])
-    _count(counts, "a second row of a vehicle at one time", int(repeated.sum()))
+    losses.drop("a second row of a vehicle at one time", repeated)
     kept = kept[~repeated]
     rows = rows[kept]
     late = _n_out_of_order(rows.vehicle, rows.time_ns)
-    _count(notes, "rows earlier than the row before of the same vehicle; sorted", late)
+    losses.note("rows earlier than the row before of the same vehicle; sorted", late)
     partly = int((rows.has_motion() & ~rows.is_known_throughout()).sum())
-    _count(notes, "rows of vehicles whose course or speed is known of a part; derived from positions", partly)
-    tracks, n_alone = rows.to_tracks()
-    _count(counts, ALONE, n_alone)
-    labels = {} if label is None else _labels(as_track_ids(rows.names)[rows.vehicle], label[kept], notes)
-    return Table(tracks=tracks, dropped=counts, notes=notes, labels=labels, files=files)
+    losses.note("rows of vehicles whose course or speed is known of a part; derived from positions", partly)
+    labels = {} if label is None else _labels(as_track_ids(rows.names)[rows.vehicle], label[kept], losses)
+    return Table(tracks=rows.to_tracks(losses), losses=losses, labels=labels, unused=unused, files=files)
 
 
-def _labels(track_id: AnyArray, label: AnyArray, notes: dict[str, int]) -> dict[int | str, str]:
+def _labels(track_id: AnyArray, label: AnyArray, losses: Losses) -> dict[int | str, str]:
     """Of each vehicle that has labels the most frequent one, of equally frequent the first by name."""
     pairs = Counter(pair for pair in zip(track_id.tolist(), label.tolist(), strict=True) if pair[1])
     labels: dict[int | str, str] = {}
     for vehicle, name in sorted(pairs, key=lambda pair: (-pairs[pair], pair[1])):
         labels.setdefault(vehicle, name)
     other = sum(n for (vehicle, name), n in pairs.items() if labels[vehicle] != name)
-    _count(notes, "rows with another label than most of their vehicle's; it has that of most", other)
+    losses.note("rows with another label than most of their vehicle's; it has that of most", other)
     return labels
 
 
-def _vehicles(rows: VehicleRows, notes: dict[str, int]) -> tuple[Sequence[str], IntArray]:
+def _vehicles(rows: VehicleRows, losses: Losses) -> tuple[Sequence[str], IntArray]:
     """Names, and the vehicle of each row among them: an id in two groups means two vehicles."""
     names = rows.names.tolist()
     groups, group = np.unique(rows.group, return_inverse=True)
@@ -125,15 +142,9 @@ def _vehicles(rows: VehicleRows, notes: dict[str, int]) -> tuple[Sequence[str], 
     shared = int((np.bincount(pair_name) > 1).sum())
     if not shared:
         return names, rows.vehicle
-    _count(notes, "vehicle ids that stand in several groups; all ids became group/id", shared)
+    losses.note("vehicle ids that stand in several groups; all ids became group/id", shared)
     of_pairs = zip(groups[pair_group].tolist(), pair_name.tolist(), strict=True)
     return [f"{of}/{names[name]}" for of, name in of_pairs], vehicle
-
-
-def _count(counts: dict[str, int], reason: str, n: int) -> None:
-    """Add to the rows of a reason; a reason of none is left out."""
-    if n:
-        counts[reason] = counts.get(reason, 0) + n
 
 
 def _n_out_of_order(vehicle: IntArray, time_ns: IntArray) -> int:

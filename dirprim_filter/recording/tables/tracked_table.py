@@ -9,7 +9,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
-from dirprim_filter.recording.errors import RecordingError, TableError
+from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import read_estimates
 from dirprim_filter.recording.schemas.field_groups import matrices
 from dirprim_filter.recording.tables.arrow_table import ArrowTable
@@ -90,13 +90,10 @@ def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> In
 
 def _of_csv(path: Path) -> dict[str, AnyArray]:
     text = DelimitedText(path)
-    line, header = next(text.rows(), (1, []))
-    names = [name.strip() for name in header]
+    line, names = text.header()
     check_header(path, line, names)
     place = {name: names.index(name) for name in (*REQUIRED, "group", *COVARIANCE, "unseen_s") if name in names}
-    blocks = [_block(block, place) for block in text.blocks(skip=1, n_cells=len(names))]
-    if not blocks:
-        raise TableError(path, line + 1, "rows after the header", "none", "check how the table was made")
+    blocks = [_block(block, place) for block in text.blocks(n_cells=len(names), has_header=True)]
     return _joined({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
 
 
@@ -136,7 +133,7 @@ def _joined(columns: dict[str, AnyArray]) -> dict[str, AnyArray]:
 def _of_mot(path: Path, truth: Tracks) -> dict[str, AnyArray]:
     instants = np.unique(truth.time_ns)
     parts: list[tuple[IntArray, list[str], FloatArray]] = []
-    for block in DelimitedText(path, delimiters=",").blocks(skip=0, n_cells=MOT_COLUMNS):
+    for block in DelimitedText(path, delimiters=",").blocks(n_cells=MOT_COLUMNS):
         frame = block.whole_numbers(0, "frame")
         position = np.column_stack([block.floats(7, "x"), block.floats(8, "y")])
         wrong = (frame < 1) | (frame > instants.size)
@@ -148,8 +145,6 @@ def _of_mot(path: Path, truth: Tracks) -> dict[str, AnyArray]:
             row = int(np.argmax(~np.isfinite(position).all(axis=1)))
             block.fail(row, "x and y in metres", "none", "give positions in the plane, not boxes of an image")
         parts.append((frame, block.texts(1), position))
-    if not parts:
-        raise TableError(path, 1, "rows", "none", "check how the table was made")
     frames, names, places = zip(*parts, strict=True)
     return {
         "track_id": np.array([name.strip() for part in names for name in part], dtype=np.str_),

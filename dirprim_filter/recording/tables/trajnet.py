@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.recording.tables.delimited import DelimitedText
-from dirprim_filter.recording.tables.table import NO_NAMES, Table, joined_rows, table_of
-from dirprim_filter.recording.vehicle_rows import VehicleRows
-from dirprim_filter.track_ids import Numbers
+from dirprim_filter.recording.tables.table import GrowingTable, Table
 
 FRAME, TRACK_ID, X, Y = range(4)
 
@@ -31,14 +29,11 @@ def read_trajnet(path: str | Path, *, frames_per_second: float) -> Table:
         ValueError: a rate that is not positive.
         OSError: the file cannot be read.
     """
-    text = DelimitedText(path, delimiters=" \t")
-    numbers = Numbers()
-    parts = [
-        VehicleRows(
-            names=NO_NAMES, vehicle=numbers.of([name.removesuffix(".0") for name in block.texts(TRACK_ID)]),
+    table = GrowingTable()
+    for block in DelimitedText(path, delimiters=" \t").blocks(n_cells=4):
+        table.extend(
+            [name.removesuffix(".0") for name in block.texts(TRACK_ID)],
             time_ns=block.frame_times(FRAME, frames_per_second=frames_per_second),
             position=np.column_stack([block.floats(X, "x"), block.floats(Y, "y")]),
         )
-        for block in text.blocks(skip=0, n_cells=4)
-    ]  # fmt: skip
-    return table_of(joined_rows(text.path, parts, numbers))
+    return table.whole()

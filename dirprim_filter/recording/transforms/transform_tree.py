@@ -11,7 +11,7 @@ Source: REP 105 (`earth` is geocentric, so no plane); tf2's `lookupTransform`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -20,14 +20,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import Log
+from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, signed
 from dirprim_filter.recording.decoding.fields import SchemaError
 from dirprim_filter.recording.decoding.growing_column import GrowingColumn
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import Drops
+from dirprim_filter.recording.losses import TRANSFORMS, Losses
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, family_of
 from dirprim_filter.recording.schemas.transform_messages import FAMILIES, NO_TRANSFORMS, TransformRows, transforms_of
 from dirprim_filter.track_ids import Numbers
@@ -110,14 +109,12 @@ class TransformTree:
 
     Attributes:
         edges: by the name of a frame, where it is in its parent.
-        damage: what of the log could not be read on the way.
-        dropped: what of its transforms was left out.
+        losses: what of the log was damaged, and of its transforms left out.
     """
 
-    def __init__(self, edges: Mapping[str, Edge], damage: Sequence[Damage] = (), dropped: Drops | None = None) -> None:
+    def __init__(self, edges: Mapping[str, Edge], losses: Losses | None = None) -> None:
         self.edges = edges
-        self.damage = tuple(damage)
-        self.dropped = dropped or Drops()
+        self.losses = losses or Losses()
 
     @classmethod
     def of_log(cls, log: Log, *, strict: bool = False) -> TransformTree:
@@ -136,8 +133,8 @@ class TransformTree:
         topics = frozenset(channel.topic for channel in log.channels() if family_of(channel) in FAMILIES)
         if not topics:
             return cls({})
-        decoders, dropped, transforms = Decoders(), Drops(), _Transforms()
-        scan = log.scan(topics.__contains__)
+        decoders, losses, transforms = Decoders(), Losses(), _Transforms()
+        scan = Scan(log, topics.__contains__)
         for batch in batches(scan.columns(), decoders):
             for _, messages in by_schema(batch):
                 if family_of(messages.first_channel) not in FAMILIES:
@@ -145,13 +142,14 @@ class TransformTree:
                 rows, failures = _decoded(decoders, messages)
                 if strict and failures:
                     raise DecodeError.of(log.path, messages, failures)
-                dropped.fail(failures.values())
+                losses.fail(failures.values())
                 valid = _valid(rows)
-                dropped.transforms += int((~valid).sum())
+                losses.drop(TRANSFORMS, ~valid)
                 transforms.extend(rows.of(valid))
         if strict and scan.damage:
             raise DamagedRecordingError(log.path, scan.damage)
-        return cls(transforms.edges(log.path), scan.damage, dropped)
+        losses.damage = scan.damage
+        return cls(transforms.edges(log.path), losses)
 
     def chain(self, frame: str) -> list[str]:
         """The frame, its parent, and so on up to the root."""
