@@ -35,8 +35,8 @@ class Definitions:
     def __init__(self, file: LogFile) -> None:
         self._file = file.bytes_of
         self._outline = outline = file.outline
-        self.schemas: dict[int, Schema] = dict(outline.schemas)
-        self.channels: dict[int, Channel] = {**outline.summary_channels, **outline.channels}
+        self.schemas: dict[int, Schema] = {**outline.schemas, **outline.summary.schemas}
+        self.channels: dict[int, Channel] = {**outline.summary.channels, **outline.channels}
         self._has_all = False
 
     def take(self, contents: bytes, at: int) -> bool:
@@ -68,8 +68,8 @@ class Definitions:
 
     def all_channels(self) -> list[Channel]:
         """Every channel; read from the summary alone where that is whole and repeats them."""
-        outline = self._outline
-        if not outline.summary_channels or not outline.is_summarised or outline.damage:
+        summary = self._outline.summary
+        if not summary.channels or not summary.is_whole or self._outline.damage:
             self._look_everywhere()
         return list(dict.fromkeys(self.channels.values()))
 

@@ -254,14 +254,14 @@ class FilePass:
 
     def is_beside(self, chunk: Chunk) -> bool:
         """Whether nothing in a chunk is wanted, by what both it and the log's index say of it."""
-        said = self.outline.index.get(chunk.offset)
+        said = self.outline.summary.chunks.get(chunk.offset)
         if said is None or (said.message_start_time, said.message_end_time) != (chunk.start_ns, chunk.end_ns):
             return False
         if not said.message_index_offsets:
             return False  # a chunk without messages may state any times, and define channels
         if self._scan.is_outside(chunk):
             return True
-        channels = map(self.outline.summary_channels.get, said.message_index_offsets)
+        channels = map(self.outline.summary.channels.get, said.message_index_offsets)
         return all(channel is not None and not self._scan.is_wanted(channel.topic) for channel in channels)
 
     def messages(self, chunk: Chunk) -> MessageColumns:

@@ -15,7 +15,6 @@ from io import FileIO
 import numpy as np
 import zstandard
 from mcap import records as fields
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
 from dirprim_filter.arrays import AnyArray
@@ -29,6 +28,7 @@ from dirprim_filter.recording.container.records import (
     Channel,
     Schema,
     channel_record,
+    encoded,
     schema_record,
     written,
 )
@@ -141,18 +141,14 @@ class McapWriter:
         ids, starts = np.unique(channel_id[order], return_index=True)
         packed = np.ascontiguousarray(entries[order].astype("<u8", copy=False))
         index.chunk_start_offset, index.chunk_length = self._at, len(chunk)
-        builder = RecordBuilder()
+        indexes = b""
         for one, rows in zip(ids.tolist(), np.split(packed, starts[1:]), strict=False):
-            index.message_index_offsets[one] = self._at + len(chunk) + builder.count
-            builder.start_record(Opcode.MESSAGE_INDEX)
-            builder.write2(one)
-            builder.write4(rows.nbytes)
-            builder.write(rows.tobytes())
-            builder.finish_record()
+            index.message_index_offsets[one] = self._at + len(chunk) + len(indexes)
+            indexes += encoded(Opcode.MESSAGE_INDEX, {"channel_id": one, "records": rows.tobytes()})
             self._counts[one] += len(rows)
-        index.message_index_length = builder.count
+        index.message_index_length = len(indexes)
         self._chunks.append(index)
-        self._put(chunk + builder.end())
+        self._put(chunk + indexes)
 
     def add_metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """Write a metadata record."""

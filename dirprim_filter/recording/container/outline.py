@@ -14,7 +14,6 @@ from mmap import mmap
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex
 
 from dirprim_filter.recording.container._kernels import index_run, message_run
 from dirprim_filter.recording.container.chunk import Chunk, chunk_at
@@ -28,7 +27,6 @@ from dirprim_filter.recording.container.records import (
     Channel,
     MalformedRecordError,
     Schema,
-    UndefinedSchemaError,
     parse,
     parse_attachment,
     parse_channel,
@@ -37,9 +35,12 @@ from dirprim_filter.recording.container.records import (
 )
 from dirprim_filter.recording.container.resync import ChunkFinder, is_record, salvageable, starts_record
 from dirprim_filter.recording.container.source import let_go
+from dirprim_filter.recording.container.summary_section import Summary
 
 RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
+INDEXES = (Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS)
+"""What stands in the Summary section alone."""
 HELD_BYTES = 1 << 28
 """What the pass has touched of the file leaves this process's memory after so much of it."""
 
@@ -51,12 +52,10 @@ class Outline:
     Attributes:
         chunks: in order of the file.
         channels: by id, as the data section defines them outside of chunks.
-        summary_channels: by id, as the summary repeats them.
-        is_summarised: the summary repeats all channels.
-        schemas: by id, as they stand outside of chunks.
+        schemas: by id, likewise.
+        summary: what the Summary section repeats; without chunk indexes where these cannot be trusted.
         metadata: name and entries of each metadata record.
         attachments: those that are whole.
-        index: what the summary says of each chunk, by its offset; empty where the summary cannot be trusted.
         private: first byte of each record of a private opcode, and the byte after it.
         profile: of the header.
         library: of the header: who wrote the file.
@@ -65,12 +64,10 @@ class Outline:
 
     chunks: list[Chunk] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
-    summary_channels: dict[int, Channel] = field(default_factory=dict)
-    is_summarised: bool = True
     schemas: dict[int, Schema] = field(default_factory=dict)
+    summary: Summary = field(default_factory=Summary)
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
-    index: dict[int, ChunkIndex] = field(default_factory=dict)
     private: list[tuple[int, int]] = field(default_factory=list)
     profile: str = ""
     library: str = ""
@@ -193,18 +190,17 @@ class _Walk:
         if opcode == Opcode.HEADER:
             header = parse(file, at)
             outline.profile, outline.library = header.profile, header.library
+        elif opcode in INDEXES or (self.data_end is not None and opcode in (Opcode.SCHEMA, Opcode.CHANNEL)):
+            outline.summary.take(file, at, outline.schemas)
         elif opcode == Opcode.SCHEMA:
             schema_id, outline.schemas[schema_id] = parse_schema(file, at)
         elif opcode == Opcode.CHANNEL:
-            self.take_channel(at)
+            channel_id, outline.channels[channel_id] = parse_channel(file, at, outline.schemas)
         elif opcode == Opcode.METADATA:
             record = parse(file, at)
             outline.metadata.append((record.name, record.metadata))
         elif opcode == Opcode.ATTACHMENT:
             self.take_attachment(at)
-        elif opcode == Opcode.CHUNK_INDEX:
-            index = parse(file, at)
-            outline.index[index.chunk_start_offset] = index
         elif opcode == Opcode.DATA_END:
             self.check_data(at, parse(file, at).data_section_crc)
             self.data_end = end
@@ -220,17 +216,6 @@ class _Walk:
                 return
         detail = f"attachment {attachment.name!r}: its checksum does not hold"
         self.damaged("attachment", at, attachment.end - at, 0, detail)
-
-    def take_channel(self, at: int) -> None:
-        is_data = self.data_end is None
-        try:
-            channel_id, channel = parse_channel(self.file, at, self.outline.schemas)
-        except UndefinedSchemaError:
-            if is_data:
-                raise
-            self.outline.is_summarised = False  # a summary need not repeat the schemas that stand in chunks
-            return
-        (self.outline.channels if is_data else self.outline.summary_channels)[channel_id] = channel
 
     def check_data(self, start: int, expected: int) -> None:
         """Messages in chunks have their own checksums; for those outside only this one vouches."""
@@ -302,11 +287,11 @@ class _Walk:
             self.check_channels()
         self.check_chunk_indexes()
         if any(damage.kind in ("summary", "truncated", "magic") for damage in self.outline.damage):
-            self.outline.index.clear()
+            self.outline.summary.chunks.clear()
 
     def check_channels(self) -> None:
         """No checksum protects what stands outside of chunks; what the summary's vouches for goes before."""
-        for channel_id, channel in self.outline.summary_channels.items():
+        for channel_id, channel in self.outline.summary.channels.items():
             own = self.outline.channels.get(channel_id, channel)
             if own != channel:
                 detail = (
@@ -319,13 +304,13 @@ class _Walk:
         """Take the earlier of two start times; find chunks that only the summary knows."""
         outline = self.outline
         for i, chunk in enumerate(outline.chunks):  # no checksum protects a chunk's times; one of the two may be right
-            said = outline.index.get(chunk.offset)
+            said = outline.summary.chunks.get(chunk.offset)
             if said and said.message_start_time < chunk.start_ns:
                 outline.chunks[i] = replace(chunk, start_ns=said.message_start_time)
         found = {chunk.offset for chunk in outline.chunks}
-        missing = [offset for offset in outline.index if offset not in found]
+        missing = [offset for offset in outline.summary.chunks if offset not in found]
         if missing and not outline.damage:
-            detail = f"{len(missing)} of {len(outline.index)} chunk indexes point where no chunk is"
+            detail = f"{len(missing)} of {len(outline.summary.chunks)} chunk indexes point where no chunk is"
             self.damaged("summary", missing[0], 0, None, detail)
 
     def damaged(self, kind: DamageKind, offset: int, length: int, messages: int | None, detail: str) -> None:

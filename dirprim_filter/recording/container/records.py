@@ -1,4 +1,4 @@
-"""The records of an MCAP file: the `mcap` package reads and writes their fields, here they are checked.
+"""The records of an MCAP file, as the `mcap` package has them, read, checked and written by one table.
 
 Source: the MCAP specification, version 0 (https://mcap.dev/spec): little endian; a record is an opcode, a
 length of 64 bits, and that many bytes; strings and maps carry a length of 32 bits in front.
@@ -7,14 +7,12 @@ length of 64 bits, and that many bytes; strings and maps carry a length of 32 bi
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from io import BytesIO
 from mmap import mmap
-from typing import IO, Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from mcap import records as fields
-from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC
@@ -32,25 +30,44 @@ MESSAGE_HEADER = struct.Struct("<BQHIQQ")
 U16 = struct.Struct("<H")
 U32 = struct.Struct("<I")
 U64 = struct.Struct("<Q")
-_CHUNK_INDEX_HEAD, _PLACE = struct.Struct("<QQQQI"), struct.Struct("<HQ")
-TEXT, DATA = -4, -8
-"""A field that carries its length in front, in 4 or 8 bytes; other fields are given by their size."""
-FIELDS: dict[int, tuple[int, ...]] = {
-    Opcode.HEADER: (TEXT, TEXT),
-    Opcode.FOOTER: (20,),
-    Opcode.SCHEMA: (2, TEXT, TEXT, TEXT),
-    Opcode.CHANNEL: (4, TEXT, TEXT, TEXT),
-    Opcode.MESSAGE_INDEX: (2, TEXT),
-    Opcode.CHUNK_INDEX: (32, TEXT, 8, TEXT, 16),
-    Opcode.ATTACHMENT: (16, TEXT, TEXT, DATA, 4),
-    Opcode.ATTACHMENT_INDEX: (40, TEXT, TEXT),
-    Opcode.STATISTICS: (42, TEXT),
-    Opcode.METADATA: (TEXT, TEXT),
-    Opcode.METADATA_INDEX: (16, TEXT),
-    Opcode.SUMMARY_OFFSET: (17,),
-    Opcode.DATA_END: (4,),
-}
-"""Of all records but messages and chunks."""
+_NUMBER = struct.Struct("<HQ")
+"""An entry of a map of numbers."""
+_LENGTHS = {"text": U32, "data": U32, "texts": U32, "numbers": U32, "place": U64}
+"""What stands in front of a field that carries its length; the other fields are numbers, given by their bytes."""
+RECORDS: dict[int, dict[str, int | str]] = {
+    Opcode.HEADER: {"profile": "text", "library": "text"},
+    Opcode.FOOTER: {"summary_start": 8, "summary_offset_start": 8, "summary_crc": 4},
+    Opcode.SCHEMA: {"id": 2, "name": "text", "encoding": "text", "data": "data"},
+    Opcode.CHANNEL: {"id": 2, "schema_id": 2, "topic": "text", "message_encoding": "text", "metadata": "texts"},
+    Opcode.CHUNK: {
+        "message_start_time": 8, "message_end_time": 8, "uncompressed_size": 8, "uncompressed_crc": 4,
+        "compression": "text", "data": "place",
+    },
+    Opcode.MESSAGE_INDEX: {"channel_id": 2, "records": "data"},
+    Opcode.CHUNK_INDEX: {
+        "message_start_time": 8, "message_end_time": 8, "chunk_start_offset": 8, "chunk_length": 8,
+        "message_index_offsets": "numbers", "message_index_length": 8, "compression": "text", "compressed_size": 8,
+        "uncompressed_size": 8,
+    },
+    Opcode.ATTACHMENT: {
+        "log_time": 8, "create_time": 8, "name": "text", "media_type": "text", "data": "place", "crc": 4,
+    },
+    Opcode.ATTACHMENT_INDEX: {
+        "offset": 8, "length": 8, "log_time": 8, "create_time": 8, "data_size": 8, "name": "text", "media_type": "text",
+    },
+    Opcode.STATISTICS: {
+        "message_count": 8, "schema_count": 2, "channel_count": 4, "attachment_count": 4, "metadata_count": 4,
+        "chunk_count": 4, "message_start_time": 8, "message_end_time": 8, "channel_message_counts": "numbers",
+    },
+    Opcode.METADATA: {"name": "text", "metadata": "texts"},
+    Opcode.METADATA_INDEX: {"offset": 8, "length": 8, "name": "text"},
+    Opcode.SUMMARY_OFFSET: {"group_opcode": 1, "group_start": 8, "group_length": 8},
+    Opcode.DATA_END: {"data_section_crc": 4},
+}  # fmt: skip
+"""The fields of all records but messages, by the names of the mcap package: by this table they are read, checked and
+written."""
+_KINDS = {opcode: getattr(fields, Opcode(opcode).name.title().replace("_", "")) for opcode in RECORDS}
+_OPCODES = {kind: opcode for opcode, kind in _KINDS.items()}
 
 
 class MalformedRecordError(ValueError):
@@ -150,27 +167,62 @@ def record_end(buffer: Bytes, at: int) -> int:
     return at + RECORD_HEADER_SIZE + int(U64.unpack_from(buffer, at + 1)[0])
 
 
-def fields_end(buffer: Bytes, at: int, end: int) -> int | None:
-    """The byte after the fields that this version knows of the record at `at`; None where they do not fit."""
-    opcode, at = buffer[at], at + RECORD_HEADER_SIZE
-    for size in FIELDS[opcode]:
-        if size > 0:
-            at += size
-        elif at - size > end:
+def field_places(buffer: Bytes, at: int, end: int) -> list[tuple[int, int]] | None:
+    """First byte, and byte after, of each field that this version knows of the record at `at`; None where not all fit.
+
+    What carries its length is given without that.
+    """
+    places = []
+    start = at + RECORD_HEADER_SIZE
+    for kind in RECORDS[buffer[at]].values():
+        if isinstance(kind, int):
+            stop = start + kind
+        elif (body := start + _LENGTHS[kind].size) > end:
             return None
         else:
-            at += -size + int((U32 if size == TEXT else U64).unpack_from(buffer, at)[0])
-    return at if at <= end else None
+            stop, start = body + int(_LENGTHS[kind].unpack_from(buffer, start)[0]), body
+        places.append((start, stop))
+        start = stop
+    return places if start <= end else None
 
 
-class _Fields(ReadDataStream):
-    """The fields of one record: what is cut is no field."""
+def _values(buffer: Bytes, at: int) -> dict[str, Any]:
+    """The fields of the record at `at` by name."""
+    end, opcode = record_end(buffer, at), Opcode(buffer[at])
+    places = field_places(buffer, at, end) if end <= len(buffer) else None
+    if places is None:
+        raise MalformedRecordError(f"the fields of a {opcode.name} record end past it")
+    values: dict[str, Any] = {}
+    for (name, kind), (start, stop) in zip(RECORDS[opcode].items(), places, strict=True):
+        try:
+            if isinstance(kind, int):
+                values[name] = int.from_bytes(buffer[start:stop], "little")
+            else:
+                values[name] = (start, stop) if kind == "place" else _READERS[kind](buffer[start:stop])
+        except UnicodeDecodeError as error:
+            raise MalformedRecordError(f"a field of a {opcode.name} record is not UTF-8") from error
+        except struct.error as error:
+            raise MalformedRecordError(f"a map of a {opcode.name} record does not end where it says") from error
+    return values
 
-    def read(self, length: int) -> bytes:
-        data = super().read(length)
-        if len(data) < length:
-            raise EndOfFile
-        return data
+
+def _texts(data: bytes) -> dict[str, str]:
+    texts, at = [], 0
+    while at < len(data):
+        start = at + U32.size
+        at = start + int(U32.unpack_from(data, at)[0])
+        texts.append(data[start:at].decode())
+    if at != len(data) or len(texts) % 2:
+        raise struct.error
+    return dict(zip(texts[::2], texts[1::2], strict=True))
+
+
+_READERS: dict[str, Callable[[bytes], Any]] = {
+    "text": bytes.decode,
+    "data": bytes,
+    "texts": _texts,
+    "numbers": lambda data: dict(_NUMBER.iter_unpack(data)),
+}
 
 
 def parse(buffer: Bytes, at: int) -> Any:
@@ -179,38 +231,7 @@ def parse(buffer: Bytes, at: int) -> Any:
     Raises:
         MalformedRecordError: its fields do not fit, or a text is no UTF-8.
     """
-    body, end = at + RECORD_HEADER_SIZE, record_end(buffer, at)
-    stop = fields_end(buffer, at, end) if end <= len(buffer) else None
-    opcode = Opcode(buffer[at])
-    if stop is None:
-        raise MalformedRecordError(f"the fields of a {opcode.name} record end past it")
-    if opcode == Opcode.CHUNK_INDEX:
-        return _chunk_index(buffer[body:stop])
-    stream = _Fields(BytesIO(buffer[body:stop]))
-    try:
-        record = getattr(fields, opcode.name.title().replace("_", "")).read(stream)
-    except (EndOfFile, UnicodeDecodeError) as error:
-        why = "is not UTF-8" if isinstance(error, UnicodeDecodeError) else "ends past its record"
-        raise MalformedRecordError(f"a field of a {opcode.name} record {why}") from error
-    if stream.count != stop - body:
-        raise MalformedRecordError(f"a map of a {opcode.name} record does not end where it says")
-    return record
-
-
-def _chunk_index(body: bytes) -> fields.ChunkIndex:
-    """As the mcap package reads it, all places at once: a long log has them by the hundred thousand."""
-    start_ns, end_ns, offset, length, n_bytes = _CHUNK_INDEX_HEAD.unpack_from(body)
-    at = _CHUNK_INDEX_HEAD.size + n_bytes
-    if n_bytes % _PLACE.size:
-        raise MalformedRecordError("a map of a CHUNK_INDEX record does not end where it says")
-    return fields.ChunkIndex(
-        message_start_time=start_ns, message_end_time=end_ns, chunk_start_offset=offset, chunk_length=length,
-        message_index_offsets=dict(_PLACE.iter_unpack(body[_CHUNK_INDEX_HEAD.size : at])),
-        message_index_length=int(U64.unpack_from(body, at)[0]),
-        compression=body[at + 12 : -16].decode(errors="replace"),
-        compressed_size=int(U64.unpack_from(body, len(body) - 16)[0]),
-        uncompressed_size=int(U64.unpack_from(body, len(body) - 8)[0]),
-    )  # fmt: skip
+    return _KINDS[buffer[at]](**_values(buffer, at))
 
 
 def parse_schema(buffer: Bytes, at: int) -> tuple[int, Schema]:
@@ -223,7 +244,7 @@ def parse_schema(buffer: Bytes, at: int) -> tuple[int, Schema]:
     return record.id, Schema(name=record.name, encoding=record.encoding, data=record.data)
 
 
-def parse_channel(buffer: Bytes, at: int, schemas: dict[int, Schema]) -> tuple[int, Channel]:
+def parse_channel(buffer: Bytes, at: int, schemas: Mapping[int, Schema]) -> tuple[int, Channel]:
     """A channel record's id and contents; schema id 0 is no schema.
 
     Raises:
@@ -248,30 +269,34 @@ def parse_attachment(file: mmap, at: int) -> Attachment:
     Raises:
         MalformedRecordError: its fields do not fit.
     """
-    body, end = at + RECORD_HEADER_SIZE, record_end(file, at)
-    if fields_end(file, at, end) is None:
-        raise MalformedRecordError("the fields of an ATTACHMENT record end past it")
-    file.seek(body)
-    stream = _Fields(cast("IO[bytes]", file))
-    log_time_ns, create_time_ns = stream.read8(), stream.read8()
-    try:
-        name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
-    except UnicodeDecodeError as error:
-        raise MalformedRecordError("a field of an ATTACHMENT record is not UTF-8") from error
-    size = stream.read8()
-    data_offset = body + stream.count
+    said = _values(file, at)
+    start, stop = said["data"]
     return Attachment(
-        name=name, media_type=media_type, log_time_ns=log_time_ns, create_time_ns=create_time_ns, size=size,
-        data_offset=data_offset, crc=int(U32.unpack_from(file, data_offset + size)[0]), offset=at, end=end,
+        name=said["name"], media_type=said["media_type"], log_time_ns=said["log_time"], crc=said["crc"],
+        create_time_ns=said["create_time"], data_offset=start, size=stop - start, offset=at, end=record_end(file, at),
     )  # fmt: skip
 
 
 def written(*records: fields.McapRecord) -> bytes:
     """Records as they stand in a file."""
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return bytes(builder.end())
+    return b"".join(encoded(_OPCODES[type(record)], vars(record)) for record in records)
+
+
+def encoded(opcode: int, values: Mapping[str, Any]) -> bytes:
+    """A record of these fields."""
+    body = b"".join(_encoded(kind, values[name]) for name, kind in RECORDS[opcode].items())
+    return bytes([opcode]) + U64.pack(len(body)) + body
+
+
+def _encoded(kind: int | str, value: Any) -> bytes:
+    if isinstance(kind, int):
+        return int(value).to_bytes(kind, "little")
+    if kind == "numbers":
+        value = b"".join(_NUMBER.pack(*entry) for entry in value.items())
+    elif kind == "texts":
+        value = b"".join(_encoded("text", text) for entry in value.items() for text in entry)
+    data: bytes = value.encode() if kind == "text" else value
+    return _LENGTHS[kind].pack(len(data)) + data
 
 
 def schema_record(schema_id: int, schema: Schema) -> fields.Schema:

@@ -19,7 +19,7 @@ from mmap import mmap
 from mcap.opcode import Opcode
 
 from dirprim_filter.recording.container.chunk import FIXED_SIZE, Chunk, chunk_at, read_contents
-from dirprim_filter.recording.container.records import FIELDS, PRIVATE, RECORD_HEADER_SIZE, fields_end, record_end
+from dirprim_filter.recording.container.records import PRIVATE, RECORD_HEADER_SIZE, RECORDS, field_places, record_end
 
 MAX_CHECKS = 8
 """At most so many times the bytes of the file are checked to distinguish chunks from noise."""
@@ -33,17 +33,17 @@ def is_record(chunks: ChunkFinder, at: int, end: int) -> bool:
     """Whether a record other than a message or a chunk can be what its header says."""
     file = chunks.file
     opcode, body = file[at], at + RECORD_HEADER_SIZE
-    if end > len(file) or (opcode not in FIELDS and opcode < PRIVATE):
+    if end > len(file) or (opcode not in RECORDS and opcode < PRIVATE):
         return False
     disguised = end - body >= FIXED_SIZE and chunk_at(file, at)
     if disguised and disguised.end == end:
         return False
     if opcode >= PRIVATE:
         return starts_record(file, end)
-    known_end = fields_end(file, at, end)
-    if known_end is None or known_end == end:
-        return known_end == end
-    return (opcode == Opcode.FOOTER or starts_record(file, end)) and chunks.next_chunk(known_end, end) is None
+    places = field_places(file, at, end)
+    if places is None or places[-1][1] == end:
+        return places is not None
+    return (opcode == Opcode.FOOTER or starts_record(file, end)) and chunks.next_chunk(places[-1][1], end) is None
 
 
 def starts_record(file: mmap, at: int) -> bool:

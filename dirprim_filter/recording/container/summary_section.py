@@ -1,6 +1,7 @@
 """The Summary section at the end of an MCAP file: what it holds and where, known without reading the data.
 
-Trusted only where it is whole: its checksum, if it has one, must hold, and every place it names must lie in the file.
+Read alone it is trusted only where it is whole: its checksum, if it has one, must hold, and every place it names must
+lie in the file.
 
 Source: the MCAP specification, version 0, "Summary Section".
 """
@@ -9,11 +10,12 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections import ChainMap
 from dataclasses import dataclass, field
 from mmap import mmap
 
 from mcap.opcode import Opcode
-from mcap.records import Statistics
+from mcap.records import ChunkIndex, Statistics
 
 from dirprim_filter.recording.container.records import (
     MAGIC,
@@ -22,6 +24,7 @@ from dirprim_filter.recording.container.records import (
     Channel,
     MalformedRecordError,
     Schema,
+    UndefinedSchemaError,
     parse,
     parse_channel,
     parse_schema,
@@ -41,16 +44,44 @@ class Summary:
     Attributes:
         schemas: by id.
         channels: by id.
+        chunks: chunk indexes, by the offset of their chunk.
         statistics: None where there is no such record.
         attachments: their names.
         metadata: their records' names.
+        is_whole: the schemas of all its channels are known.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: dict[int, ChunkIndex] = field(default_factory=dict)
     statistics: Statistics | None = None
     attachments: list[str] = field(default_factory=list)
     metadata: list[str] = field(default_factory=list)
+    is_whole: bool = True
+
+    def take(self, file: mmap, at: int, schemas: dict[int, Schema]) -> None:
+        """Learn from the record at `at`; a summary need not repeat the `schemas` that stand in the data.
+
+        Raises:
+            MalformedRecordError: it cannot be parsed.
+        """
+        opcode = file[at]
+        if opcode == Opcode.SCHEMA:
+            schema_id, self.schemas[schema_id] = parse_schema(file, at)
+        elif opcode == Opcode.CHANNEL:
+            try:
+                channel_id, self.channels[channel_id] = parse_channel(file, at, ChainMap(self.schemas, schemas))
+            except UndefinedSchemaError:
+                self.is_whole = False
+        elif opcode == Opcode.CHUNK_INDEX:
+            index = parse(file, at)
+            self.chunks[index.chunk_start_offset] = index
+        elif opcode == Opcode.ATTACHMENT_INDEX:
+            self.attachments.append(parse(file, at).name)
+        elif opcode == Opcode.METADATA_INDEX:
+            self.metadata.append(parse(file, at).name)
+        elif opcode == Opcode.STATISTICS:
+            self.statistics = parse(file, at)
 
 
 def read_summary(file: mmap) -> Summary | None:
@@ -67,44 +98,23 @@ def read_summary(file: mmap) -> Summary | None:
         with memoryview(file) as view:
             if said.summary_crc not in (0, zlib.crc32(view[start : footer + FOOTER_SIZE - U32.size])):
                 return None
-        return _parsed(file, start, footer, data_end)
+        summary, at = Summary(), start
+        while at < footer:
+            end = record_end(file, at)
+            if end > footer or (file[at] == Opcode.CHUNK_INDEX and not _is_of_chunk(file, at, end, data_end)):
+                return None
+            if file[at] != Opcode.CHUNK_INDEX:  # a long log has hundreds of thousands, and where they point is enough
+                summary.take(file, at, {})
+            at = end
     except MalformedRecordError:
         return None
+    return summary if summary.is_whole else None
 
 
-def _parsed(file: mmap, at: int, footer: int, data_end: int) -> Summary:
-    summary = Summary()
-    while at < footer:
-        end, opcode = record_end(file, at), file[at]
-        if end > footer:
-            raise MalformedRecordError("a record of the summary ends behind the footer")
-        if opcode == Opcode.SCHEMA:
-            schema_id, schema = parse_schema(file, at)
-            summary.schemas[schema_id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel_id, channel = parse_channel(file, at, summary.schemas)
-            summary.channels[channel_id] = channel
-        elif opcode == Opcode.CHUNK_INDEX:
-            _check_chunk(file, at, end, data_end)
-        elif opcode == Opcode.ATTACHMENT_INDEX:
-            summary.attachments.append(parse(file, at).name)
-        elif opcode == Opcode.METADATA_INDEX:
-            summary.metadata.append(parse(file, at).name)
-        elif opcode == Opcode.STATISTICS:
-            summary.statistics = parse(file, at)
-        at = end
-    return summary
-
-
-def _check_chunk(file: mmap, at: int, end: int, data_end: int) -> None:
-    """What a chunk index, the record from `at` to `end`, says is a chunk; a long log has hundreds of thousands.
-
-    Raises:
-        MalformedRecordError: otherwise.
-    """
-    if end - at >= CHUNK_PLACE_END:
-        start, length = CHUNK_PLACE.unpack_from(file, at + CHUNK_PLACE_END - CHUNK_PLACE.size)
-        stop = start + length
-        if stop <= data_end and file[start] == Opcode.CHUNK and record_end(file, start) == stop:
-            return
-    raise MalformedRecordError("a chunk index of the summary points where no chunk is")
+def _is_of_chunk(file: mmap, at: int, end: int, data_end: int) -> bool:
+    """Whether a chunk stands where the chunk index, the record from `at` to `end`, says."""
+    if end - at < CHUNK_PLACE_END:
+        return False
+    start, length = CHUNK_PLACE.unpack_from(file, at + CHUNK_PLACE_END - CHUNK_PLACE.size)
+    stop = start + length
+    return bool(stop <= data_end and file[start] == Opcode.CHUNK and record_end(file, start) == stop)
