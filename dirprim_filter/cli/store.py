@@ -45,9 +45,6 @@ def add(
         str | None, typer.Option("--origin", help="Latitude,longitude of the origin, for satellite fixes.")
     ] = None,
     labels: Annotated[str | None, typer.Option("--labels", help="Classes to read, such as car|truck.")] = None,
-    step: Annotated[
-        float | None, typer.Option("--step", help="Seconds from one state of a vehicle to the next. Default: 0.5.")
-    ] = None,
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Processes. Default: one, or of many logs one per core.")
     ] = None,
@@ -68,7 +65,7 @@ def add(
         "origin": origin, "labels": labels,
     }  # fmt: skip
     found = find_logs(logs)
-    into = _opened_or_made(folder, {name: value for name, value in given.items() if value is not None}, step)
+    into = _opened_or_made(folder, {name: value for name, value in given.items() if value is not None})
     with step_progress(f"adding to {folder}", "logs") as progress:
         added = add_logs(into, found, workers=workers_for(len(found), workers), progress=progress)
     for line in failures(added):
@@ -83,21 +80,16 @@ def add(
     return losses.INPUT_LOST if any(entry.status == "damaged" for entry in entries) else losses.DONE
 
 
-def _opened_or_made(folder: Path, given: dict[str, object], step_s: float | None) -> Store:
+def _opened_or_made(folder: Path, given: dict[str, object]) -> Store:
     from dirprim_filter.store.config import StoreConfig
-    from dirprim_filter.store.lattice import Lattice
     from dirprim_filter.store.store import Store
 
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
-        lattice = Lattice() if step_s is None else Lattice(step_s=step_s)
-        config: StoreConfig = replace(StoreConfig(lattice=lattice), **given)  # type: ignore[arg-type]
+        config: StoreConfig = replace(StoreConfig(), **given)  # type: ignore[arg-type]
         _ = config.reading  # that it can be read so is asked before anything is made
         return Store.create(folder, config)
     found = Store.open(folder)
-    asked = (
-        found.config if step_s is None else replace(found.config, lattice=replace(found.config.lattice, step_s=step_s))
-    )
-    found.check_config(replace(asked, **given))  # type: ignore[arg-type]
+    found.check_config(replace(found.config, **given))  # type: ignore[arg-type]
     return found
 
 

@@ -17,7 +17,7 @@ N_BINS = 1 << 7
 """At most, of direction and of speed."""
 STANDING_BELOW = 0.3
 """m/s: bin 0 of speed is for vehicles that stand."""
-PARTS = 16
+PARTS = 32
 """A bin's width in the units of the moments: sums of whole numbers are the same in any order."""
 
 
@@ -35,7 +35,6 @@ class Lattice:
     """How motion is counted; only what was counted alike can be added.
 
     Attributes:
-        step_s: seconds from one state of a vehicle to its next.
         square_m: metres, side of the squares; (0, 0) is a corner.
         n_directions: bins of direction, the first from east on.
         speed_mps: m/s, width of the bins of speed in motion.
@@ -45,14 +44,13 @@ class Lattice:
         ValueError: a number that is out of range.
     """
 
-    step_s: float = 0.5
-    square_m: float = 2.0
+    square_m: float = 1.0
     n_directions: int = 36
     speed_mps: float = 2.0
     n_folds: int = 5
 
     def __post_init__(self) -> None:
-        for name in ("step_s", "square_m", "speed_mps"):
+        for name in ("square_m", "speed_mps"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
         for name, most in (("n_directions", N_BINS), ("n_folds", N_BINS)):

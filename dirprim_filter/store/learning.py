@@ -13,9 +13,8 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
-from dirprim_filter.store.steps import HOUR_NS, WHEN, passed_place
+from dirprim_filter.store.steps import HOUR_NS, WHEN, passed_place, unpacked_when
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.tallies import Tally
 from dirprim_filter.store.withholding import withheld
@@ -96,7 +95,8 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
     """
     if not len(summary.steps):
         raise ValueError("summary: expected at least one vehicle, got none; add a recording first")
-    hour, count = summary.steps.key[:, WHEN] // summary.lattice.n_folds, summary.steps.value[:, 0]
+    hour, _, _ = unpacked_when(summary.steps.key[:, WHEN], summary.lattice)
+    count = summary.steps.value[:, 0]
     share = np.ones(hour.size) if fading is None else fading.share(hour)
     share *= min(1.0, MOST_STEPS / max(float((share * count).sum()), 1.0))
     n_ways, end_ns, parts = 0, 0, []
@@ -104,8 +104,8 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
         tracks, kind = pseudo_tracks(summary.steps[block], summary.lattice)
         way = tracks.track_id + n_ways
         shown = ((way * GOLDEN) % 1.0 < share[block][kind]) & _is_passed(summary, tracks, min_vehicles)
-        parts.append(replace(tracks, track_id=way, time_ns=tracks.time_ns + end_ns)[shown])
-        n_ways, end_ns = n_ways + tracks.n_tracks, end_ns + int(tracks.time_ns[-1]) + APART_NS
+        parts.append(_shown(replace(tracks, track_id=way), shown, end_ns))
+        n_ways, end_ns = n_ways + tracks.n_tracks, end_ns + len(tracks) * APART_NS
     tracks = Tracks.concatenate(parts)
     if not len(tracks):
         raise ValueError(
@@ -113,14 +113,14 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
             "add recordings, or ask for fewer vehicles"
         )
     logger.info("%d of %d steps of pseudo-vehicles are learned from", len(tracks), int(count.sum()))
-    return _apart(tracks, summary.lattice)
+    return tracks
 
 
-def _apart(tracks: Tracks, lattice: Lattice) -> Tracks:
-    """Pseudo-vehicles with a gap in time wherever something was left out: else learning would fill it in."""
-    step_ns = int(lattice.step_s * 1e9)
-    goes_on = (np.diff(tracks.time_ns) == step_ns) & (np.diff(tracks.track_id) == 0)
-    return replace(tracks, time_ns=np.cumsum(np.append(0, np.where(goes_on, step_ns, APART_NS))))
+def _shown(tracks: Tracks, shown: BoolArray, begin_ns: int) -> Tracks:
+    """Some rows of pseudo-vehicles, apart in time wherever one was left out: else learning would fill it in."""
+    row = np.flatnonzero(shown)
+    lasts = np.where(np.diff(row) == 1, np.diff(tracks.time_ns[row]), APART_NS)
+    return replace(tracks[row], time_ns=begin_ns + np.cumsum(np.append(0, lasts))[: row.size])
 
 
 def _blocks(steps: Tally) -> list[slice]:

@@ -1,6 +1,6 @@
 """Pseudo-vehicles: ways through the lattice that make every step exactly as often as it was counted.
 
-A step is three states, half a second apart: before, here, after. Two steps can follow each other where the last two
+A step is three states, one after the other: before, here, after. Two steps can follow each other where the last two
 states of the one are the first two of the other, and at each such pair of states as many steps arrive as leave. So all
 can be chained into ways from where a vehicle came into sight to where one went out of it: an Eulerian decomposition of
 the graph of pairs. Which arrival goes on by which departure the counts do not say: here those of like speed and, where
@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.store.lattice import NONE, PARTS, Lattice, unpacked
-from dirprim_filter.store.steps import AFTER, BEFORE, HERE, WHEN
+from dirprim_filter.store.steps import AFTER, BEFORE, HERE, TICK_NS, WHEN, unpacked_when
 from dirprim_filter.store.tallies import Tally
 from dirprim_filter.tracks import Tracks
 
@@ -36,22 +36,43 @@ def pseudo_tracks(steps: Tally, lattice: Lattice) -> tuple[Tracks, IntArray]:
     Raises:
         ValueError: the steps do not chain: they are no sum of whole recordings.
     """
-    count = steps.value[:, 0]
-    kind = np.repeat(np.arange(len(steps)), count)
-    number = np.arange(kind.size) - np.repeat(np.cumsum(count) - count, count)
+    kind, number = _repeated(steps)
     key = steps.key[kind]
     position, direction, speed = lattice.motion(key[:, HERE], _placed(steps, kind, number))
-    following = _chained(key, speed)
-    way, place = _ways(following, np.flatnonzero(key[:, BEFORE] == NONE))
-    length = np.bincount(way)
-    step_ns = int(lattice.step_s * 1e9)
-    begin = np.cumsum(np.append(0, length * step_ns + APART_NS))[:-1]
-    order = np.lexsort((place, way))
+    order, way = _in_ways(key, speed)
+    step_ns = unpacked_when(key[order, WHEN], lattice)[2] * TICK_NS
+    lasts = np.where(np.diff(way, prepend=way[:1]) == 0, step_ns, APART_NS)
     tracks = Tracks(
-        track_id=way[order], time_ns=(begin[way] + place * step_ns)[order], position=position[order],
-        direction=direction[order], speed=speed[order],
+        track_id=way, time_ns=np.cumsum(lasts) - lasts[0], position=position[order], direction=direction[order],
+        speed=speed[order],
     )  # fmt: skip
     return tracks, kind[order]
+
+
+def kinds_in_ways(steps: Tally, lattice: Lattice) -> IntArray:
+    """(n,) the kind of each step, one way after the other: where `BEFORE` is `NONE`, the next one begins.
+
+    Raises:
+        ValueError: the steps do not chain.
+    """
+    kind, _ = _repeated(steps)
+    _, _, speed = lattice.motion(steps.key[:, HERE], steps.value[:, 1:5] / steps.value[:, :1])
+    order, _ = _in_ways(steps.key[kind], speed[kind])
+    return kind[order]
+
+
+def _repeated(steps: Tally) -> tuple[IntArray, IntArray]:
+    """The kind of each step, and which of its kind it is."""
+    count = steps.value[:, 0]
+    kind = np.repeat(np.arange(len(steps)), count)
+    return kind, np.arange(kind.size) - np.repeat(np.cumsum(count) - count, count)
+
+
+def _in_ways(key: IntArray, speed: FloatArray) -> tuple[IntArray, IntArray]:
+    """Steps in order of their ways and of their places there, and the number of each one's way, ascending."""
+    way, place = _ways(_chained(key, speed), np.flatnonzero(key[:, BEFORE] == NONE))
+    order = np.lexsort((place, way))
+    return order, way[order]
 
 
 def _placed(steps: Tally, kind: IntArray, number: IntArray) -> FloatArray:

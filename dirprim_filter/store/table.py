@@ -1,15 +1,18 @@
 """A summary as a Parquet table of integers, zstd-compressed: what any tool can query, in few bytes.
 
-Columns, a row for each key of the summary's tallies:
+Columns, a row for each step, place or sum:
     kind: "step", "passed" or "leader".
-    hour, fold: of a step, when the vehicle came into sight: hours since 1970-01-01; and the fold of its name.
+    begins: of a step, whether its vehicle came into sight here; if not, the row above is the step before.
+    hour, fold, ticks: of a step, when the vehicle came into sight: hours since 1970-01-01; the fold of its name; how
+        long the step is, in 50 ms.
     east, north, direction, speed: of a step, bins of its state; of "passed", square and way; of "leader", `east` is the
         number of the sum.
-    before, after: of a step, whether the vehicle was in sight a step before, and a step later.
-    before_east, ... after_speed: how those states differ from the step's, in bins.
-    count, sum_east, ..., sum_speed: of a step, see `Summary.steps`; of "passed", vehicles; of "leader", recordings and
-        the sum.
-    spread_east, ..., spread_speed: of a step, count times the sum of squares, less the square of the sum: mostly 0.
+    count: of a step, 1; of "passed", vehicles; of "leader", recordings.
+    sum_east, ..., sum_speed: at the first step of those alike, see `Summary.steps`; of "leader", `sum_east` is the sum.
+    spread_east, ..., spread_speed: there, how many are alike times the sum of squares, less the square of the sum.
+
+Steps are alike where the steps before and after them are, too: `Summary.steps` has one key for all of them. Here they
+stand in the order of ways that they can be chained into (see `pseudo_tracks`): a state is mostly near the one above.
 """
 
 from __future__ import annotations
@@ -25,24 +28,27 @@ import numpy as np
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 from dirprim_filter.store.lattice import NONE, Lattice, packed, unpacked
-from dirprim_filter.store.steps import AFTER, BEFORE, HERE, WHEN
+from dirprim_filter.store.pseudo_tracks import kinds_in_ways
+from dirprim_filter.store.steps import BEFORE, HERE, WHEN, packed_when, unpacked_when
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.tallies import Tally
 
 FORMAT = b"dirprim_summary"
-VERSION = 1
+VERSION = 2
 KINDS = ("step", "passed", "leader")
 MOST_ROWS = 50_000_000
 """Of a file: what says more is not believed."""
 STATE = ("east", "north", "direction", "speed")
 SUMS = ("count", *(f"sum_{name}" for name in STATE))
 SPREADS = tuple(f"spread_{name}" for name in STATE)
-COLUMNS = (
-    "hour", "fold", *STATE, "before", "after", *(f"before_{name}" for name in STATE),
-    *(f"after_{name}" for name in STATE), *SUMS, *SPREADS,
-)  # fmt: skip
+KEY = ("begins", "hour", "fold", "ticks", *STATE)
+COLUMNS = (*KEY, *SUMS, *SPREADS)
 WIDE = (*SUMS, *SPREADS)
 """These take 64 bits, the others 32: the same in all files, so that they can be read as one."""
+ENCODING = {
+    **dict.fromkeys(STATE[:2], "DELTA_BINARY_PACKED"), **dict.fromkeys((*STATE[2:], *SUMS[1:]), "BYTE_STREAM_SPLIT"),
+}  # fmt: skip
+"""Of columns whose values are mostly near the ones above, and of small numbers; the others have dictionaries."""
 
 
 def write_summary(summary: Summary, file: Any) -> None:
@@ -61,7 +67,10 @@ def write_summary(summary: Summary, file: Any) -> None:
         columns[name] = pa.array(column, pa.int64() if name in WIDE else pa.int32())
     about = {"version": VERSION, "lattice": asdict(summary.lattice), "frame": summary.frame}
     table = pa.table(columns).replace_schema_metadata({FORMAT: json.dumps(about, sort_keys=True)})
-    pq.write_table(table, file, compression="zstd", compression_level=9)
+    pq.write_table(
+        table, file, compression="zstd", compression_level=9, column_encoding=ENCODING,
+        use_dictionary=[name for name in ("kind", *COLUMNS) if name not in ENCODING],
+    )  # fmt: skip
 
 
 def read_summary(path: str | PathLike[str]) -> Summary:
@@ -98,45 +107,37 @@ def _check(version: object, n_rows: int) -> None:
 
 def _summary(lattice: Lattice, frame: str, kind: IntArray, column: dict[str, IntArray]) -> Summary:
     step, passed, leader = ({name: values[kind == which] for name, values in column.items()} for which in KINDS)
-    when = step["hour"] * lattice.n_folds + step["fold"]
-    here = [step[name] for name in STATE]
-    states = [
-        np.where(
-            step[of] == 1, _state([own + step[f"{of}_{name}"] for own, name in zip(here, STATE, strict=True)]), NONE
-        )
-        for of in ("before", "after")
-    ]
-    count, *sums = (step[name] for name in SUMS)
-    squares = [(step[f"spread_{name}"] + total**2) // count for name, total in zip(STATE, sums, strict=True)]
+    when = packed_when(step["hour"], step["fold"], step["ticks"], lattice)
+    state = packed(np.column_stack([step["east"], step["north"]]), step["direction"], step["speed"])
+    begins = step["begins"] != 0
+    if not begins[:1].all():
+        raise ValueError("a first step that another came before")
+    before = np.where(begins, NONE, np.roll(state, 1))
+    after = np.where(np.roll(begins, -1), NONE, np.roll(state, -1))
+    sums = Tally.of(
+        np.column_stack([when, before, state, after]), np.column_stack([step[name] for name in (*SUMS, *SPREADS)])
+    )
+    squares = (sums.value[:, 5:] + sums.value[:, 1:5] ** 2) // sums.value[:, :1]
     square = np.column_stack([passed["east"], passed["north"]])
     return Summary(
         lattice=lattice, frame=frame,
-        steps=Tally.of(
-            np.column_stack([when, states[0], _state(here), states[1]]), np.column_stack([count, *sums, *squares])
-        ),
+        steps=Tally(key=sums.key, value=np.column_stack([sums.value[:, :5], squares])),
         passed=Tally.of(packed(square, passed["direction"], passed["speed"])[:, None], passed["count"][:, None]),
         leader=Tally.of(leader["east"][:, None], np.column_stack([leader["count"], leader["sum_east"]])),
     )  # fmt: skip
 
 
-def _state(bins: list[IntArray]) -> IntArray:
-    return packed(np.column_stack(bins[:2]), bins[2], bins[3])
-
-
 def _of_steps(summary: Summary) -> dict[str, IntArray]:
-    """By place, for neighbours compress best side by side."""
-    by_place = np.argsort(summary.steps.key[:, HERE], kind="stable")
-    key, value = summary.steps.key[by_place], summary.steps.value[by_place]
-    hour, fold = np.divmod(key[:, WHEN], summary.lattice.n_folds)
-    here = _bins(key[:, HERE])
-    columns = {"hour": hour, "fold": fold, **dict(zip(STATE, here, strict=True))}
-    for name, of in (("before", BEFORE), ("after", AFTER)):
-        known = key[:, of] != NONE
-        columns[name] = known.astype(np.int64)
-        there = _bins(np.where(known, key[:, of], key[:, HERE]))
-        columns |= {f"{name}_{axis}": b - a for axis, a, b in zip(STATE, here, there, strict=True)}
-    spread = value[:, :1] * value[:, 5:] - value[:, 1:5] ** 2
-    return columns | dict(zip((*SUMS, *SPREADS), [*value.T[:5], *spread.T], strict=True))
+    kind = kinds_in_ways(summary.steps, summary.lattice)
+    key, value = summary.steps.key[kind], summary.steps.value[kind]
+    value = np.column_stack([value[:, :5], value[:, :1] * value[:, 5:] - value[:, 1:5] ** 2])
+    _, first = np.unique(kind, return_index=True)
+    again = np.ones(kind.size, np.bool_)
+    again[first] = False
+    value[again] = 0
+    value[:, 0] = 1
+    keys = (key[:, BEFORE] == NONE, *unpacked_when(key[:, WHEN], summary.lattice), *_bins(key[:, HERE]))
+    return dict(zip(COLUMNS, [*keys, *value.T], strict=True))
 
 
 def _of_passed(passed: Tally) -> dict[str, IntArray]:

@@ -47,8 +47,6 @@ def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
         (["learn", "0.mcap", "-o", "m.mcap", "--min-vehicles", "3"], "expected a store, got logs"),
         (["learn", "fleet", "-o", "m.mcap", "--now", "3"], "expected --half-life with it"),
         (["store", "add", "fleet", "1.mcap", "--frame", "odom"], "expected frame None"),
-        (["store", "add", "fleet", "1.mcap", "--step", "0.2"], "expected lattice Lattice(step_s=0.5"),
-        (["store", "add", "new", "1.mcap", "--step", "0"], "step_s: expected a positive number"),
         (["store", "add", "fleet", "absent.mcap"], "absent.mcap: No such file"),
         (["store", "forget", "fleet", "1.mcap"], "is not in the store"),
         (["store", "info", "absent"], "expected a store, found none"),

@@ -14,7 +14,7 @@ from dirprim_filter.recording.reader import read_track_logs
 from dirprim_filter.store import adding, table, workers
 from dirprim_filter.store.adding import add_logs, failures, hash_of_rows
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.lattice import Lattice
+from dirprim_filter.store.lattice import NONE, Lattice
 from dirprim_filter.store.log_files import find_logs
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import Summary
@@ -101,7 +101,7 @@ def test_stores_merge_to_what_one_would_be(full, logs, tmp_path):
         add_logs(half, find_logs([str(logs / f"{number}.mcap") for number in numbers]))
     assert (halves[0].merge(halves[1]), halves[0].merge(halves[1])) == (1, 0)
     assert files(halves[0]) == files(full)
-    other = Store.create(tmp_path / "c", StoreConfig(lattice=Lattice(square_m=1.0)))
+    other = Store.create(tmp_path / "c", StoreConfig(lattice=Lattice(square_m=2.0)))
     with pytest.raises(ValueError, match="expected lattice"):
         full.merge(other)
 
@@ -162,6 +162,16 @@ def test_a_summary_comes_back_from_its_file(tmp_path):
         (tmp_path / "broken").write_bytes(broken)
         with pytest.raises(RecordingError, match=r"broken: expected statistics of a recording"):
             table.read_summary(tmp_path / "broken")
+
+
+def test_another_tool_counts_the_same(full):
+    duckdb = pytest.importorskip("duckdb")
+    rows = f"read_parquet('{full.path}/recordings/*.parquet')"
+    found = duckdb.sql(
+        f"SELECT sum(begins), sum(count), sum(sum_east), sum(sum_speed) FROM {rows} WHERE kind = 'step'"  # noqa: S608
+    ).fetchall()[0]
+    steps = full.summary().steps
+    assert found == (np.sum(steps.value[steps.key[:, 1] == NONE, 0]), *steps.value[:, [0, 1, 4]].sum(axis=0))
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.leader_learning import LeaderSums
+from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.store.lattice import NONE, Lattice
 from dirprim_filter.store.pseudo_tracks import pseudo_tracks
-from dirprim_filter.store.steps import HOUR_NS, Instants
+from dirprim_filter.store.steps import HOUR_NS, TICK_NS, Instants, unpacked_when
 from dirprim_filter.store.summary import LEADER_UNIT, Summary
 from dirprim_filter.store.tallies import Tally
 from dirprim_filter.tracks import Tracks
@@ -62,8 +64,8 @@ def test_what_is_taken_away_was_never_there(parts):
 
 
 def test_another_lattice_or_frame_is_refused(parts):
-    with pytest.raises(ValueError, match=r"expected square_m 2.0, got 1.0"):
-        _ = parts[0] + Summary.none(lattice=Lattice(square_m=1.0))
+    with pytest.raises(ValueError, match=r"expected square_m 1.0, got 2.0"):
+        _ = parts[0] + Summary.none(lattice=Lattice(square_m=2.0))
     with pytest.raises(ValueError, match="expected positions in frame '', got 'odom'"):
         _ = parts[0] - Summary.none(frame="odom")
 
@@ -74,8 +76,8 @@ def test_steps_are_counted_as_by_a_loop():
     counted = Counter()
     for vehicle in range(tracks.n_tracks):
         own = tracks[tracks.vehicle == vehicle]
-        at_step = np.arange(0, own.time_ns[-1] - own.time_ns[0] + 1, 500_000_000)
-        seen = Instants.of(own, lattice.step_s)
+        seen = Instants.of(own)
+        at_step = np.arange(0, own.time_ns[-1] - own.time_ns[0] + 1, seen.ticks * TICK_NS)
         east = np.interp(at_step, own.time_ns - own.time_ns[0], own.position[:, 0])
         np.testing.assert_allclose(seen.position[:, 0], east, atol=0.1)  # a spline beside straight lines
         states = lattice.states(seen.position, seen.direction, seen.speed)[0].tolist()
@@ -83,7 +85,21 @@ def test_steps_are_counted_as_by_a_loop():
     any_fold = steps_of_any_hour(summary.steps)
     kinds = [tuple(key) for key in any_fold.key.tolist()]
     assert Counter(dict(zip(kinds, any_fold.value[:, 0].tolist(), strict=True))) == counted
-    assert set((summary.steps.key[:, 0] // lattice.n_folds).tolist()) == {7}
+    hour, _, ticks = unpacked_when(summary.steps.key[:, 0], lattice)
+    assert (set(hour.tolist()), set(ticks.tolist())) == ({7}, {4})
+
+
+@pytest.mark.parametrize(
+    ("rows_apart_s", "step_s"), [(0.02, 0.2), (0.1, 0.2), (0.08, 0.25), (0.2, 0.2), (0.5, 0.5), (1 / 3, 0.35)]
+)
+def test_a_step_is_as_long_as_the_rows_are_apart_that_learning_keeps(rows_apart_s, step_s):
+    rng = np.random.default_rng(0)
+    tracks = ring_traffic(rng, n_vehicles=2, n_rows=60, dt_s=rows_apart_s)
+    jitter = rng.integers(-1_000_000, 1_000_000, len(tracks))
+    seen = Instants.of(replace(tracks, time_ns=np.maximum(tracks.time_ns + jitter, 0)))
+    assert seen.ticks * TICK_NS == pytest.approx(step_s * 1e9)
+    learned_from = TrackRows.thinned(tracks, interval_s=LearningConfig().row_interval_s)
+    assert seen.speed.size == pytest.approx(len(learned_from), rel=0.1)
 
 
 def test_leaders_count_as_in_the_log(parts):
@@ -106,7 +122,7 @@ def test_pseudo_vehicles_make_every_step_as_often_as_it_was_counted(parts):
 
 
 def test_pseudo_vehicles_have_the_mean_and_variance_of_each_kind_of_step():
-    position = np.array([[0.3, 1.1], [0.9, 0.7], [1.7, 0.2]])
+    position = np.array([[0.15, 0.55], [0.45, 0.35], [0.85, 0.1]])
     tracks = Tracks(
         track_id=np.arange(3), time_ns=np.zeros(3, np.int64), position=position, direction=np.full(3, 0.1),
         speed=np.array([3.0, 3.5, 3.1]),
@@ -114,8 +130,8 @@ def test_pseudo_vehicles_have_the_mean_and_variance_of_each_kind_of_step():
     summary = Summary.of(tracks, lattice=Lattice(n_folds=1))
     assert len(summary.steps) == 1
     pseudo, _ = pseudo_tracks(summary.steps, summary.lattice)
-    np.testing.assert_allclose(pseudo.position.mean(axis=0), position.mean(axis=0), atol=0.07)
-    np.testing.assert_allclose(pseudo.position.std(axis=0), position.std(axis=0), atol=0.07)
+    np.testing.assert_allclose(pseudo.position.mean(axis=0), position.mean(axis=0), atol=0.02)
+    np.testing.assert_allclose(pseudo.position.std(axis=0), position.std(axis=0), atol=0.02)
 
 
 def test_steps_that_do_not_chain_are_refused(parts):
