@@ -18,12 +18,16 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from killing import trackers
 
+from dirprim_filter import learn_primitives
+from situations import ring_traffic
+
 
 def main(n_kills: int = 100, seed: int = 0) -> None:
     """Kill, recover, count."""
     rng = np.random.default_rng(seed)
     begun = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder, trackers(Path(folder)) as tracking:
+    ring_map = learn_primitives(ring_traffic(rng), tessellation="grid", cell_size=6.0, rng=rng)
+    with tempfile.TemporaryDirectory() as folder, trackers(Path(folder), ring_map) as tracking:
         kills = [tracking.kill_one(str(kill), rng) for kill in range(n_kills)]
     lost_s = np.array([kill.lost_ns for kill in kills]) * 1e-9
     handed, recovered = (sum(getattr(kill, f"n_{name}") for kill in kills) for name in ("handed_over", "recovered"))

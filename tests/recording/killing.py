@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 
-from dirprim_filter import learn_primitives, save_map, write_tracks
+from dirprim_filter import PrimitiveMap, save_map, write_tracks
 from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.scan import scan
 from situations import ring_traffic
@@ -109,13 +109,10 @@ class Trackers:
 
 
 @contextmanager
-def trackers(folder: Path) -> Iterator[Trackers]:
-    """A log, a map, and a server that tracks the one with the other."""
-    rng = np.random.default_rng(0)
-    traffic = ring_traffic(rng, n_vehicles=4, n_rows=N_ROWS)
-    write_tracks(traffic, folder / "log.mcap")
-    learned = learn_primitives(traffic[traffic.time_ns < 200 * STEP_NS], tessellation="grid", cell_size=7.0, rng=rng)
-    save_map(learned, folder / "map.mcap")
+def trackers(folder: Path, ring_map: PrimitiveMap) -> Iterator[Trackers]:
+    """A log of the ring, its map, and a server that tracks the one with the other."""
+    write_tracks(ring_traffic(np.random.default_rng(0), n_vehicles=4, n_rows=N_ROWS), folder / "log.mcap")
+    save_map(ring_map, folder / "map.mcap")
     script = folder / "tracker.py"
     script.write_text(TRACKER)
     with subprocess.Popen([sys.executable, script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:

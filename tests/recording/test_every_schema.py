@@ -17,6 +17,7 @@ from test_osi_sensor_data import sensor_data_class
 from test_ros2_schemas import ZEROS, carla, detected, detection, marker, point, quaternion, tracked
 
 from dirprim_filter.cli.main import run
+from dirprim_filter.cli.reading import Reading
 from dirprim_filter.recording import read_estimates
 
 N, STEP_NS, START_NS = 80, 100_000_000, 1_700_000_000_000_000_000
@@ -313,19 +314,32 @@ LOGS = {
 UNNAMED = "Autoware DetectedObjects"
 
 
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory):
+    """What `learn` makes of the way that all these logs contain."""
+    log, learned = (tmp_path_factory.mktemp("way") / name for name in ("log.mcap", "map.mcap"))
+    pb_scene(log)
+    flat = ["--tessellation", "grid", "--cell-size", "10", "--modes", "dbscan", "--primitive", "flat"]
+    assert run(["learn", str(log), "-o", str(learned), *flat]) == 0
+    return str(learned)
+
+
 @pytest.mark.parametrize("name", LOGS)
-def test_every_command_runs(tmp_path, capsys, name):
+def test_every_command_reads_it(tmp_path, capsys, learned, name):
+    """`learn` and `evaluate` read what `Reading.tracks` reads."""
     write, options = LOGS[name]
     if options == ORIGIN:
         pytest.importorskip("pyproj", reason="the extra geo is not installed")
-    log, learned, out = (str(tmp_path / f"{part}.mcap") for part in ("log", "map", "out"))
+    log, out = (str(tmp_path / f"{part}.mcap") for part in ("log", "out"))
     write(tmp_path / "log.mcap")
     assert run(["info", log, "--json", *(options if "--fields" in options else [])]) == 0
     (topic,) = json.loads(capsys.readouterr().out)["topics"]
     assert topic["messages"] == N
     assert topic["tracks"] == (None if options == NAMED else 1)
-    flat = ["--tessellation", "grid", "--cell-size", "10", "--modes", "dbscan", "--primitive", "flat"]
-    assert run(["learn", log, "-o", learned, *flat, *options]) == 0
+    asked = {option.removeprefix("--"): value for option, value in zip(options[::2], options[1::2], strict=True)}
+    tracks = Reading(**asked).tracks([tmp_path / "log.mcap"]).tracks
+    np.testing.assert_allclose(tracks.position, PLACE, atol=0.05)  # fixes are written by a sphere
+    np.testing.assert_array_equal(tracks.time_ns, TIMES)
     assert run(["track", log, "--map", learned, "-o", out, "--particles", "200", *options]) == 0
     estimates = read_estimates(out)
     truth = np.array(PLACE)[np.searchsorted(TIMES, estimates.time_ns)]

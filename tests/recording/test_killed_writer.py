@@ -8,8 +8,8 @@ KILLS = 3
 
 
 @pytest.fixture(scope="module")
-def tracking(tmp_path_factory):
-    with trackers(tmp_path_factory.mktemp("killed")) as server:
+def tracking(tmp_path_factory, ring_map):
+    with trackers(tmp_path_factory.mktemp("killed"), ring_map) as server:
         yield server
 
 
