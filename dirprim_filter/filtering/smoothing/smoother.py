@@ -18,7 +18,8 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
-from dirprim_filter.filtering.smoothing.recorded import RecordedFilter, recorded
+from dirprim_filter.filtering.smoothing.recorded import recorded
+from dirprim_filter.filtering.smoothing.recorded_filter import RecordedFilter
 from dirprim_filter.filtering.smoothing.stitching import SURE, stitch, trim
 from dirprim_filter.filtering.tracker import Tracker, bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap

@@ -21,7 +21,7 @@ from dirprim_filter.filtering.association import Pairs, best_assignment
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.smoothing.chain import Belief, Chain
-from dirprim_filter.filtering.smoothing.recorded import Bridge, RecordedFilter
+from dirprim_filter.filtering.smoothing.recorded_filter import Bridge, RecordedFilter
 
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
