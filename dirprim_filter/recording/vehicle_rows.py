@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray
-from dirprim_filter.optional_columns import chosen, joined, unknown
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.losses import ALONE, Losses
+from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.track_ids import as_track_ids, numbered
 from dirprim_filter.tracks import Tracks
 
-OPTIONAL: dict[str, tuple[int, ...]] = {"direction": (), "speed": (), "size": (3,), "heading": ()}
-"""The shape of a row of each; `optional_columns.unknown` may stand for a column without any value."""
-LEFT_OUT: Any = None
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class VehicleRows(ArrayValue):
+class VehicleRows(Rows):
     """Rows that are not yet tracks.
 
     Attributes:
@@ -47,38 +43,16 @@ class VehicleRows(ArrayValue):
     size: FloatArray = LEFT_OUT
     heading: FloatArray = LEFT_OUT
 
-    def __post_init__(self) -> None:
-        for name, shape in OPTIONAL.items():
-            if getattr(self, name) is LEFT_OUT:
-                object.__setattr__(self, name, unknown(len(self), *shape))
-        if self.group is LEFT_OUT:
-            object.__setattr__(self, "group", np.zeros(len(self), np.int64))
-
-    def __len__(self) -> int:
-        return int(self.vehicle.size)
-
-    def __getitem__(self, rows: BoolArray | IntArray) -> VehicleRows:
-        """The rows of a mask or of indices; the same rows where a mask leaves out none."""
-        if rows.dtype == np.bool_ and rows.all():
-            return self
-        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)[1:]}
-        columns = {name: chosen(column, rows) if name in OPTIONAL else column[rows] for name, column in columns.items()}
-        return replace(self, **columns)
+    NOTHING: ClassVar[Mapping[str, Any]] = {
+        "direction": np.nan, "speed": np.nan, "group": np.int64(0), "size": [np.nan] * 3, "heading": np.nan,
+    }  # fmt: skip
+    OF_ALL: ClassVar[tuple[str, ...]] = ("names",)
 
     @classmethod
     def of(cls, track_id: AnyArray, **columns: Any) -> VehicleRows:
         """Rows by the (n,) ids of their vehicles."""
         names, vehicle = numbered(track_id)
         return cls(names=np.array(names, np.str_), vehicle=vehicle, **columns)
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[VehicleRows], names: AnyArray) -> VehicleRows:
-        """All rows of all parts, of which there is at least one; their vehicles are among `names`."""
-        columns: dict[str, Any] = {}
-        for f in fields(cls)[1:]:
-            join = joined if f.name in OPTIONAL else np.concatenate
-            columns[f.name] = join([getattr(part, f.name) for part in parts])
-        return cls(names=names, **columns)
 
     def has_motion(self) -> BoolArray:
         """(n,) where both course and speed are known."""

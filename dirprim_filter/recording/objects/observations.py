@@ -16,7 +16,7 @@ from dirprim_filter.recording.losses import INVALID, UNPLACED, UNTIMED, Clock, L
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
-from dirprim_filter.recording.schemas.object_rows import ObjectRows, concatenated
+from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
 
@@ -97,7 +97,7 @@ class Observations:
             parts.append((places, time_ns, rows))
         number = np.concatenate([here[rows.message] for here, _, rows in parts])
         time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])
-        rows = concatenated([rows for _, _, rows in parts])
+        rows = ObjectRows.concatenate(rows for _, _, rows in parts)
         if len(parts) > 1:
             order = np.argsort(number, kind="stable")
             number, time_ns, rows = number[order], time_ns[order], rows[order]

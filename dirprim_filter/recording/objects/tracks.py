@@ -105,4 +105,4 @@ def rows_of_logs(logs: Sequence[VehicleRows], names: Sequence[str]) -> VehicleRo
         parts.append(replace(log, vehicle=log.vehicle + n_vehicles, group=group.astype(np.int64) + n_groups))
         n_vehicles += len(log.names)
         n_groups += known.size
-    return VehicleRows.concatenate(parts, np.concatenate(vehicles))
+    return VehicleRows.concatenate(parts, names=np.concatenate(vehicles))

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from dirprim_filter.optional_columns import chosen, joined, unknown
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
+from dirprim_filter.recording.rows import LEFT_OUT, Rows
 from dirprim_filter.recording.schemas.attitude import course, heading, rotated
 from dirprim_filter.recording.schemas.field_groups import (
     COVARIANCE,
@@ -23,11 +23,9 @@ from dirprim_filter.recording.schemas.field_groups import (
 )
 from dirprim_filter.sizes import known_sizes
 
-_OPTIONAL = ("size", "heading")
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectRows:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObjectRows(Rows):
     """The objects of a batch of messages, those of a message together and in its order.
 
     Attributes:
@@ -53,36 +51,19 @@ class ObjectRows:
     frame_id: AnyArray
     position: FloatArray
     height: FloatArray
-    direction: FloatArray
-    speed: FloatArray
-    climb: FloatArray
-    group: IntArray
-    covariance: FloatArray
-    label: AnyArray
-    size: FloatArray
-    heading: FloatArray
+    direction: FloatArray = LEFT_OUT
+    speed: FloatArray = LEFT_OUT
+    climb: FloatArray = LEFT_OUT
+    group: IntArray = LEFT_OUT
+    covariance: FloatArray = LEFT_OUT
+    label: AnyArray = LEFT_OUT
+    size: FloatArray = LEFT_OUT
+    heading: FloatArray = LEFT_OUT
 
-    def __len__(self) -> int:
-        return int(self.message.size)
-
-    def __getitem__(self, rows: BoolArray | IntArray) -> Self:
-        """The rows of a mask or of indices; the same rows where a mask leaves out none."""
-        if rows.dtype == np.bool_ and rows.all():
-            return self
-        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        columns = {n: chosen(column, rows) if n in _OPTIONAL else column[rows] for n, column in columns.items()}
-        return replace(self, **columns)
-
-
-def concatenated(parts: Sequence[ObjectRows]) -> ObjectRows:
-    """All rows of all parts, of which there is at least one; `message` stays as it is."""
-    if len(parts) == 1:
-        return parts[0]
-    columns: dict[str, Any] = {}
-    for f in fields(ObjectRows):
-        join = joined if f.name in _OPTIONAL else np.concatenate
-        columns[f.name] = join([getattr(part, f.name) for part in parts])
-    return ObjectRows(**columns)
+    NOTHING: ClassVar[Mapping[str, Any]] = {
+        "direction": np.nan, "speed": np.nan, "climb": 0.0, "group": np.int64(0), "covariance": [[np.nan] * 2] * 2,
+        "label": "", "size": [np.nan] * 3, "heading": np.nan,
+    }  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,41 +132,19 @@ def motion(columns: FieldColumns, yaw: FloatArray, *, in_body: bool = False) -> 
     return {"direction": direction, "speed": speed, "climb": velocity[:, 2]}
 
 
-def rows_of(
-    message: IntArray,
-    *,
-    track_id: AnyArray,
-    stamp_ns: IntArray,
-    frame_id: AnyArray,
-    place: FloatArray,
-    direction: FloatArray | None = None,
-    speed: FloatArray | None = None,
-    climb: FloatArray | None = None,
-    group: IntArray | None = None,
-    covariance: FloatArray | None = None,
-    label: AnyArray | None = None,
-    size: FloatArray | None = None,
-    heading: FloatArray | None = None,
-) -> ObjectRows:
+def rows_of(message: IntArray, *, place: FloatArray, **known: Any) -> ObjectRows:
     """Rows of which all but the place may be unknown.
 
     The place is (n, 3) metres, of which an unknown height counts as 0; a size that is not positive is unknown, as a
     field that was not set reads as 0; so is a heading that is not finite. All else is as in `ObjectRows`.
     """
-    none = np.full(message.size, np.nan)
-    return ObjectRows(
-        message=message, track_id=track_id, stamp_ns=stamp_ns, frame_id=frame_id,
-        position=np.ascontiguousarray(place[:, :2]),
-        height=np.where(np.isfinite(place[:, 2]), place[:, 2], 0.0),
-        direction=none if direction is None else direction,
-        speed=none if speed is None else speed,
-        climb=np.zeros(message.size) if climb is None else np.where(np.isfinite(climb), climb, 0.0),
-        group=np.zeros(message.size, np.int64) if group is None else group,
-        covariance=np.full((message.size, 2, 2), np.nan) if covariance is None else covariance,
-        label=np.full(message.size, "") if label is None else label,
-        size=unknown(message.size, 3) if size is None else known_sizes(size),
-        heading=unknown(message.size) if heading is None else np.where(np.isfinite(heading), heading, np.nan),
-    )  # fmt: skip
+    for name, instead in (("climb", 0.0), ("heading", np.nan)):
+        if known.get(name) is not None:
+            known[name] = np.where(np.isfinite(known[name]), known[name], instead)
+    if known.get("size") is not None:
+        known["size"] = known_sizes(known["size"])
+    height = np.where(np.isfinite(place[:, 2]), place[:, 2], 0.0)
+    return ObjectRows(message=message, position=np.ascontiguousarray(place[:, :2]), height=height, **known)
 
 
 NO_ROWS = rows_of(

@@ -68,7 +68,7 @@ class GrowingTable:
 
     def rows(self) -> VehicleRows:
         """All rows."""
-        return VehicleRows.concatenate(self._parts, np.array(list(self._numbers), np.str_))
+        return VehicleRows.concatenate(self._parts, names=np.array(list(self._numbers), np.str_))
 
     def whole(
         self, rows: VehicleRows | None = None, *, unused: Sequence[str] = (), files: Sequence[Path] = ()
