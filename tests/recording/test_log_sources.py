@@ -207,12 +207,26 @@ def test_a_copy_that_finds_no_room_blames_the_disk_and_not_the_url(monkeypatch):
     with fsspec.open("memory://large.mcap", "wb") as file:
         file.write(b"x" * 100)
 
-    class FullDisk(io.BytesIO):
-        name = "/full/copy"
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-        def write(self, _):
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(source.tempfile, "NamedTemporaryFile", lambda **_: FullDisk())
+    monkeypatch.setattr(source, "_blocks", lambda _: full)
     with pytest.raises(NoRoomError, match=r"memory://large\.mcap: expected to copy it to .*: No space left .* TMPDIR"):
         source.local_files("memory://large.mcap")
+    assert not source._copies
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_copy_has_no_name_where_the_system_allows_it_and_goes_when_it_is_dropped(tmp_path, monkeypatch, named):
+    if named:
+        monkeypatch.setattr(source, "OPEN_FILES", tmp_path / "absent")
+    elif not source.OPEN_FILES.is_dir():
+        pytest.skip("open files cannot be opened by number here")
+    monkeypatch.setattr(source.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log_bytes(SENT))))
+    (copy,) = source.local_files("-")
+    assert len(list(tmp_path.glob("dirprim-*"))) == named  # what a killed process would leave
+    assert rows(scan("-")) == rows(scan("-")) == SENT
+    source.drop_copy("-")
+    assert not copy.exists()
+    assert not any(tmp_path.iterdir())

@@ -1,7 +1,8 @@
 """Where the bytes of a log come from: files, a pipe, a URL or a bag; in the end always files that can be mapped.
 
 The order of log time needs the whole log, so what cannot be mapped is copied to a temporary file first; memory stays
-bounded. The copy lasts as long as the process: a pipe can be read only once, but a log is opened several times.
+bounded. The copy lasts as long as the process: a pipe can be read only once, but a log is opened several times. Where open
+files can be opened again by their numbers, the copy has no name: nothing is left of it when the process is killed.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import atexit
 import errno
 import logging
 import mmap
+import os
 import re
 import stat
 import sys
@@ -35,6 +37,9 @@ BLOCK_BYTES = 1 << 22
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 URL = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.:-]+?):/+(?P<rest>[^/].*)")
 """`Path` folds the slashes of a URL; what names no file and starts like this is taken for one."""
+
+OPEN_FILES = Path("/proc/self/fd")
+"""Of this process by their numbers, where the system lists them."""
 
 _copies: dict[str, Path] = {}
 
@@ -70,7 +75,12 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
 
 def drop_copy(path: str | PathLike[str]) -> None:
     """Remove the copy of a pipe or a URL, if there is one: who reads many need not keep them all."""
-    if copy := _copies.pop(fspath(path), None):
+    copy = _copies.pop(fspath(path), None)
+    if copy is None:
+        return
+    if copy.parent == OPEN_FILES:
+        os.close(int(copy.name))
+    else:
         copy.unlink(missing_ok=True)
 
 
@@ -125,19 +135,25 @@ def _fetched(name: str, url: str) -> Path:
 
 def _copied(name: str, write: Callable[[FileIO], None]) -> Path:
     with tempfile.NamedTemporaryFile(prefix="dirprim-", suffix=".mcap", buffering=0, delete=False) as copy:
-        atexit.register(Path(copy.name).unlink, missing_ok=True)
+        path = Path(copy.name)
+        if OPEN_FILES.is_dir():
+            path.unlink()
+            path = OPEN_FILES / str(os.dup(copy.fileno()))
+        else:
+            atexit.register(path.unlink, missing_ok=True)
+        _copies[name] = path
         try:
             write(cast("FileIO", copy))
-        except OSError as error:
-            if error.errno not in NO_ROOM:
+        except BaseException as error:
+            drop_copy(name)
+            if not isinstance(error, OSError) or error.errno not in NO_ROOM:
                 raise
             raise NoRoomError(
                 f"{name}: expected to copy it to {tempfile.gettempdir()}: {error.strerror}; make room there, or "
                 "set TMPDIR to a folder that has some"
             ) from error
-    _copies[name] = Path(copy.name)
-    logger.info("%s: copied to %s", name, copy.name)
-    return _copies[name]
+    logger.info("%s: copied to %s", name, tempfile.gettempdir())
+    return path
 
 
 def _blocks(stream: BinaryIO) -> Callable[[FileIO], None]:
