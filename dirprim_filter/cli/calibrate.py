@@ -12,17 +12,13 @@ from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Logs, Output, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import check_plot
+from dirprim_filter.cli.sensing import UNITS
 
 if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
     from dirprim_filter.evaluation.calibration import Calibration
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.tracks import Tracks
-
-UNITS = {
-    "latency_s": "s", "detection_probability": "per frame", "clutter_density": "per m2 and frame", "outlier_share": "",
-    "spread_m": "m", "bias_m": "m", "correlated_share": "of the variance", "correlation_s": "s",
-}  # fmt: skip
 
 
 @reads_logs

@@ -13,6 +13,10 @@ WRITTEN = "written"
 """Marks the options for output files, which `outputs.checked` checks before the work."""
 
 
+AUTO = "auto"
+"""In place of a sensor's file: learn it from the log."""
+
+
 class Cells(StrEnum):
     """How the plane is divided."""
 
@@ -108,6 +112,13 @@ def seconds(text: str) -> float:
     return duration
 
 
+def _existing_or_auto(text: str | None) -> str | None:
+    """A file that exists, or `AUTO`; None stays None."""
+    if text not in (None, AUTO) and not Path(text).exists():
+        raise typer.BadParameter(f"expected auto or a file, but '{text}' does not exist")
+    return text
+
+
 Log = Annotated[
     Path, typer.Argument(help="An MCAP log or rosbag2 folder; - for standard input, or a URL.", parser=_log)
 ]
@@ -149,6 +160,14 @@ Noise = Annotated[
 SensorFile = Annotated[
     Path | None,
     typer.Option("--sensor", help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`.", exists=True),
+]
+SensorOrAuto = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor",
+        help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`; auto: learned from the log itself.",
+        callback=_existing_or_auto,
+    ),
 ]
 NoIds = Annotated[
     bool, typer.Option("--no-ids", help="Ignore the ids of a log; not needed for detections without ids.")

@@ -30,13 +30,14 @@ from dirprim_filter.cli.options import (
     Particles,
     Save,
     Seed,
-    SensorFile,
+    SensorOrAuto,
     Serve,
     Spawn,
     Truth,
 )
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
+from dirprim_filter.cli.sensing import sensor_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
     from dirprim_filter.forecasting import ForecastSink
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.recording.writer import EstimateWriter
-    from dirprim_filter.sensor import Sensor
 
 PARTICLES_WRITTEN = 100
 """Of each vehicle: they are for the eye, and all of them take longer to write than to move."""
@@ -73,7 +73,7 @@ def track(
     config: Config = None,
     particles: Particles = None,
     noise: Noise = None,
-    sensor: SensorFile = None,
+    sensor: SensorOrAuto = None,
     particle_stride: Annotated[
         int | None,
         typer.Option(min=1, help="Write every n-th particle. Default: about 100 a vehicle, 50 to rerun."),
@@ -114,7 +114,8 @@ def track(
 ) -> int:
     """Track the vehicles of a log with a learned map; write the estimates, and stream them to rerun.
 
-    With --sensor a detection is of where the vehicle was its latency ago, and estimates are of their own time.
+    With --sensor a detection is of where the vehicle was its latency ago, and estimates are of their own time. With
+    --sensor auto the errors are learned from the first minutes of the log, as far as they show without a truth.
 
     Groups of a log are tracked each by itself, whatever their times: the vehicles of a group other than 0 are called
     group/id in the output. With --group only that one, under its ids.
@@ -132,7 +133,7 @@ def track(
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    sensing = _sensing(sensor, noise)
+    sensing = sensor_of(sensor, log, reading, noise_m=noise, with_ids=not no_ids, seed=seed)
     learned = load_map(map_file)
     knobs, association = read_filter(
         config, n_particles=particles, noise_m=noise, detection_probability=detection_probability,
@@ -193,20 +194,6 @@ def track(
             keep_serving(viewer)
     _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}")
     return losses.exit_code(stream.losses)
-
-
-def _sensing(sensor: Path | None, noise: float | None) -> Sensor | None:
-    """The sensor's model, if its file was given.
-
-    Raises:
-        BadParameter: the noise was given as well.
-        ValueError: the file is none.
-    """
-    from dirprim_filter.recording.sensor_file import load_sensor
-
-    if sensor is not None and noise is not None:
-        raise typer.BadParameter("a sensor file contains the noise: give one of the two", param_hint="--noise")
-    return None if sensor is None else load_sensor(sensor)
 
 
 def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoother | None:

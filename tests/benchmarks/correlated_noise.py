@@ -26,7 +26,7 @@ SPREAD_M = 0.6
 WARM_UP_NS = 1_000_000_000
 
 
-def followed(learned, truth, seen, sensor):
+def followed(learned, truth, seen, sensor, *, noise_m=SPREAD_M):
     """RMSE, NEES, and the share of true positions in 90 % ellipses, of estimates after a second."""
     where = {(v, t): x for v, t, x in zip(truth.track_id, truth.time_ns.tolist(), truth.position, strict=True)}
     error, covariance = [], []
@@ -40,7 +40,7 @@ def followed(learned, truth, seen, sensor):
                     error.append(x - where[name, t])
                     covariance.append(p)
 
-    tracker = Tracker(learned, config=FilterConfig(noise_m=SPREAD_M), sensor=sensor, rng=np.random.default_rng(0))
+    tracker = Tracker(learned, config=FilterConfig(noise_m=noise_m), sensor=sensor, rng=np.random.default_rng(0))
     replay(seen.frames(), tracker, [Keep()])
     off = np.array(error)
     squared = np.einsum("ni,ni->n", off, np.linalg.solve(np.array(covariance), off[..., None])[..., 0])

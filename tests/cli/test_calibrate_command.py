@@ -100,6 +100,20 @@ def test_what_is_no_such_json_is_one_line(text, fields, says, tmp_path, capsys):
     assert said.count("\n") == 1
 
 
+def test_a_log_tells_of_its_own_sensor_what_can_be_seen(log, tmp_path, capsys):
+    where, out = tmp_path / "map.mcap", tmp_path / "out.mcap"
+    save_map(learn_primitives(TRUTH, tessellation="grid", cell_size=40.0, rng=np.random.default_rng(0)), where)
+    command = ["track", str(log), "--map", str(where), "--particles", "50", "--end", "2000000000"]
+    assert run([*command, "-o", str(out), "--sensor", "auto"]) == DONE
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("sensor, learned from ")
+    assert said[0].endswith("pieces of track")
+    assert {line.split()[0] for line in said if " m" in line} >= {"along.spread_m", "across.spread_m"}
+    assert not any(line.startswith(("latency_s", "along.bias_m")) for line in said)
+    assert any(line.startswith("not known: latency_s, along.bias_m, across.bias_m") for line in said)
+    assert len(read_estimates(out)) > 100
+
+
 def test_a_log_is_tracked_by_a_sensor_file(log, tmp_path, capsys):
     where, sensor = tmp_path / "map.mcap", tmp_path / "sensor.toml"
     save_map(learn_primitives(TRUTH, tessellation="grid", cell_size=40.0, rng=np.random.default_rng(0)), where)
@@ -117,6 +131,12 @@ def test_a_log_is_tracked_by_a_sensor_file(log, tmp_path, capsys):
     assert rmse[1] < 0.8 * rmse[0]
     capsys.readouterr()
     assert run([*command, "-o", str(tmp_path / "both.mcap"), "--sensor", str(sensor), "--noise", "1"]) == USAGE
+    assert run([*command, "-o", str(tmp_path / "absent.mcap"), "--sensor", "absent.toml"]) == USAGE
+    assert run([*command, "-o", str(tmp_path / "nameless.mcap"), "--sensor", "auto", "--no-ids"]) == USAGE
+    short = ["--end", "600000000"]
+    capsys.readouterr()
+    assert run([*command, "-o", str(tmp_path / "short.mcap"), "--sensor", "auto", *short]) == FAILED
+    assert "--sensor auto: expected at least 8 pieces of track" in capsys.readouterr().err
     sensor.write_text("latency_s = -1\n[along]\nspread_m = 1\n[across]\nspread_m = 1\n")
     assert run([*command, "-o", str(tmp_path / "bad.mcap"), "--sensor", str(sensor)]) == FAILED
     assert capsys.readouterr().err.splitlines()[-1].startswith(f"error: {sensor}: latency_s: expected 0 to 5 seconds")

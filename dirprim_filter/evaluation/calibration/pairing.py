@@ -38,6 +38,10 @@ SAME_NAMES = 0.5
 """Share of the nearest pairs with equal ids, above which pairs are made by id."""
 
 
+SHORTEST_FRAME_NS = 5e6
+"""Where detections come at times of their own, their gaps may be of nanoseconds: no frames fit in between."""
+
+
 class TruthRows(NamedTuple):
     """Where true vehicles were at the instants of frames. (n,) rows.
 
@@ -81,7 +85,7 @@ class Scene:
             raise ValueError("expected detections and a truth, got none of one of them")
         self.detections = detections
         epoch_ns = int(detections.time_ns.min())
-        frames = _frames(detections)
+        frames = frames_of(detections)
         self.frame_group = frames[:, 0]
         self.frame_s: FloatArray = np.asarray((frames[:, 1] - epoch_ns) * 1e-9, np.float64)
         number = {(group, time_ns): i for i, (group, time_ns) in enumerate(frames.tolist())}
@@ -180,13 +184,13 @@ class Scene:
         return np.column_stack([position, frame * APART_M])
 
 
-def _frames(detections: Detections) -> IntArray:
+def frames_of(detections: Detections) -> IntArray:
     """(f, 2) group and time of all frames, of those that held no detection as well."""
     parts = []
     for group in np.unique(detections.group):
         times = np.unique(detections.time_ns[detections.group == group])
         gaps = np.diff(times)
-        usual = float(np.median(gaps)) if gaps.size else 1.0
+        usual = max(float(np.median(gaps)), SHORTEST_FRAME_NS) if gaps.size else 1.0
         empty = [
             np.linspace(start, start + gap, round(gap / usual) + 1)[1:-1].astype(np.int64)
             for start, gap in zip(times[:-1].tolist(), gaps.tolist(), strict=True)

@@ -1,0 +1,93 @@
+"""The sensor that a command goes by: of a file, or learned from the log itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from dirprim_filter.cli.counts import counted
+from dirprim_filter.cli.options import AUTO
+
+if TYPE_CHECKING:
+    from dirprim_filter.cli.reading import Reading
+    from dirprim_filter.detections import Detections
+    from dirprim_filter.evaluation.calibration.self_calibration import SelfCalibration
+    from dirprim_filter.sensor import Sensor
+
+UNITS = {
+    "latency_s": "s", "detection_probability": "per frame", "clutter_density": "per m2 and frame", "outlier_share": "",
+    "spread_m": "m", "bias_m": "m", "correlated_share": "of the variance", "correlation_s": "s",
+}  # fmt: skip
+"""Of a sensor's numbers."""
+LEARNED_FROM_S = 300.0
+"""Seconds of a log that a sensor is learned from."""
+MOST_ROWS = 200_000
+
+
+def sensor_of(
+    sensor: str | None, log: Path, reading: Reading, *, noise_m: float | None, with_ids: bool, seed: int
+) -> Sensor | None:
+    """The sensor's model, if its file was given; or what the log shows of it, which is printed.
+
+    Raises:
+        BadParameter: the noise was given as well, or the log cannot be read twice, or its ids are not to be used.
+        ValueError: the file is none, or the log does not show how the sensor errs.
+    """
+    from dirprim_filter.recording.sensor_file import load_sensor
+
+    if sensor is None:
+        return None
+    if noise_m is not None:
+        raise typer.BadParameter("a sensor's model contains the noise: give one of the two", param_hint="--noise")
+    if sensor != AUTO:
+        return load_sensor(sensor)
+    if str(log) == "-":
+        raise typer.BadParameter(
+            "auto reads the log twice, which standard input cannot: give a file", param_hint="--sensor"
+        )
+    if not with_ids:
+        raise typer.BadParameter("auto learns from vehicles that are named again: leave out one", param_hint="--no-ids")
+    return _learned(log, reading, seed=seed)
+
+
+def _learned(log: Path, reading: Reading, *, seed: int) -> Sensor:
+    import numpy as np
+
+    from dirprim_filter.cli.progress import working
+    from dirprim_filter.evaluation.calibration import self_calibrate
+
+    with working(f"learning how the sensor of {log.name} errs"):
+        try:
+            found = self_calibrate(_first_minutes(log, reading), rng=np.random.default_rng(seed))
+        except ValueError as error:
+            raise ValueError(f"{log}: --sensor auto: {error}") from error
+    typer.echo(learned_text(found))
+    return found.sensor
+
+
+def _first_minutes(log: Path, reading: Reading) -> Detections:
+    from dirprim_filter.detections import Detections
+
+    frames: list[Detections] = []
+    n_rows = 0
+    for frame in reading.detections(log, motion=False):
+        frames.append(frame)
+        n_rows += len(frame)
+        passed_s = (int(frame.time_ns[0]) - int(frames[0].time_ns[0])) * 1e-9 if len(frame) else 0.0
+        if n_rows > MOST_ROWS or passed_s > LEARNED_FROM_S:
+            break
+    return Detections.concatenate(frames)
+
+
+def learned_text(found: SelfCalibration) -> str:
+    """A line for each number, and for what is not known."""
+    lines = [f"sensor, learned from {found.n_detections} detections in {counted(found.n_windows, 'piece')} of track"]
+    silent = ("latency_s", "along.bias_m", "across.bias_m")
+    for name, value in found.sensor.numbers().items():
+        axis, _, own = name.rpartition(".")
+        lasts = own != "correlation_s" or found.sensor.numbers()[f"{axis}.correlated_share"]
+        if value is not None and name not in silent and lasts:
+            lines.append(f"{name:<24}{value:>10.3g} {UNITS[own]}".rstrip())
+    return "\n".join([*lines, *(f"not known: {line}" for line in found.unknown)])

@@ -1,0 +1,139 @@
+"""A sensor's model from its own detections, without a truth: maximum likelihood over all ways that vehicles may go.
+
+What differs from detection to detection is seen; what moves all detections of a vehicle alike is not: a bias, a
+latency, an error that outlasts the pieces of track that are looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from dirprim_filter.arrays import FloatArray
+from dirprim_filter.detections import NO_ID, Detections
+from dirprim_filter.evaluation.calibration.evidence import N_SHARED, Evidence
+from dirprim_filter.evaluation.calibration.pairing import frames_of
+from dirprim_filter.evaluation.calibration.reports import share
+from dirprim_filter.evaluation.calibration.windows import LONGEST_PAUSE_S, by_vehicle, windows_of, without_strays
+from dirprim_filter.sensor import AxisError, Sensor
+from dirprim_filter.track_ids import vehicle_numbers
+
+MOST_WINDOWS = 120
+FEWEST_WINDOWS = 8
+LONGEST_LASTING_S = 2.0
+"""Errors that last longer cannot be told from a vehicle's own way within a window."""
+LEAST_SHARE = 0.1
+"""Of the variance; a smaller share that lasts is no finding."""
+FIRST_ERROR = (np.log(0.5), 0.0, np.log(0.5))
+FIRST_ACCELERATION = (0.0, np.log(1.5))
+ERROR_RANGE = ((-4.0, 2.0), (-5.0, 5.0), (np.log(0.05), np.log(LONGEST_LASTING_S)))
+ACCELERATION_RANGE = ((-4.0, 2.0), (0.0, 1.5))
+"""Of log m/s^2 and log seconds: drivers hold an acceleration for a second or longer."""
+DIFFERENCE_RANGE = (-4.0, 4.0)
+MOST_STEPS = 80
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SelfCalibration:
+    """What was learned.
+
+    Attributes:
+        sensor: the model, without bias and latency.
+        n_windows: pieces of track that the errors were learned from.
+        n_detections: in them.
+        unknown: what cannot be seen without a truth, and why.
+    """
+
+    sensor: Sensor
+    n_windows: int
+    n_detections: int
+    unknown: tuple[str, ...]
+
+
+def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfCalibration:
+    """Learn how a sensor errs from what it reports of vehicles in motion.
+
+    Args:
+        detections: with ids: of a few minutes.
+        rng: which pieces of track are looked at, where there are many.
+
+    Raises:
+        ValueError: detections have no ids, or too few are of vehicles in motion.
+    """
+    named = detections[detections.track_id != NO_ID]
+    if len(named) == 0:
+        raise ValueError("expected detections with ids, to learn from how the same vehicle is seen again; got none")
+    usual, n_stray, n_judged = without_strays(named)
+    windows = windows_of(usual, n_most=MOST_WINDOWS, rng=rng)
+    n_windows = windows.known.shape[0]
+    if n_windows < FEWEST_WINDOWS:
+        raise ValueError(
+            f"expected at least {FEWEST_WINDOWS} pieces of track of moving vehicles, got {n_windows}: state the noise, "
+            "or calibrate the sensor against a truth"
+        )
+    along, across, lasting = _errors(Evidence(windows), n_windows)
+    seen, false, why = _reports(named)
+    unknown = [
+        "latency_s, along.bias_m, across.bias_m: detections that are all late or off look as if vehicles were there",
+        *lasting, *why,
+    ]  # fmt: skip
+    return SelfCalibration(
+        sensor=Sensor(
+            along=along, across=across, detection_probability=seen, clutter_density=false,
+            outlier_share=share(n_stray, n_judged).value if n_stray else None,
+        ),
+        n_windows=n_windows, n_detections=int(windows.known.sum()), unknown=tuple(unknown),
+    )  # fmt: skip
+
+
+def _errors(evidence: Evidence, n_windows: int) -> tuple[AxisError, AxisError, list[str]]:
+    """The likeliest errors along and across, and where they last too long to be seen."""
+    start = np.zeros(N_SHARED + 2 * n_windows)
+    start[:N_SHARED] = (*FIRST_ERROR, *FIRST_ERROR, *FIRST_ACCELERATION, *FIRST_ACCELERATION)
+    bounds = [*ERROR_RANGE, *ERROR_RANGE, *ACCELERATION_RANGE, *ACCELERATION_RANGE]
+    found = minimize(
+        evidence, start, jac=True, method="L-BFGS-B", bounds=bounds + [DIFFERENCE_RANGE] * (2 * n_windows),
+        options={"maxiter": MOST_STEPS, "ftol": 1e-7},
+    ).x  # fmt: skip
+    along, across = _axis(found[:3]), _axis(found[3:6])
+    lines = [
+        f"{name}: errors that last {LONGEST_LASTING_S:g} s or longer look like the vehicle's own way"
+        for name, at in (("along", found[:3]), ("across", found[3:6]))
+        if _lasts_too_long(at)
+    ]
+    return along, across, lines
+
+
+def _axis(at: FloatArray) -> AxisError:
+    spread, lasting, time_s = np.exp(at[0]), 1.0 / (1.0 + np.exp(-at[1])), np.exp(at[2])
+    if _lasts_too_long(at):
+        return AxisError(spread_m=float(spread * np.sqrt(1.0 - lasting)))
+    if lasting < LEAST_SHARE:
+        return AxisError(spread_m=float(spread))
+    return AxisError(spread_m=float(spread), correlated_share=float(lasting), correlation_s=float(time_s))
+
+
+def _lasts_too_long(at: FloatArray) -> bool:
+    return bool(np.exp(at[2]) > 0.98 * LONGEST_LASTING_S and at[1] > np.log(LEAST_SHARE / (1.0 - LEAST_SHARE)))
+
+
+def _reports(named: Detections) -> tuple[float | None, float | None, list[str]]:
+    """Detection probability and clutter density, each None where it is not known, and why."""
+    frames = frames_of(named)
+    number = {key: i for i, key in enumerate(map(tuple, frames.tolist()))}
+    frame = np.array([number[key] for key in zip(named.group.tolist(), named.time_ns.tolist(), strict=True)], np.int64)
+    vehicle = vehicle_numbers(named.track_id, named.group)
+    steps = []
+    for rows in by_vehicle(vehicle, named.time_ns):
+        in_sight = np.diff(named.time_ns[rows]) <= LONGEST_PAUSE_S * 1e9
+        steps.append(np.diff(frame[rows])[in_sight])
+    passed = np.concatenate(steps)
+    if passed.size == 0 or np.median(passed) > 1:
+        why = "frames are not of all vehicles, so none says that one was missed"
+        return None, None, [f"detection_probability, clutter_density: {why}"]
+    is_single = np.bincount(vehicle)[vehicle] == 1
+    place = named.position[~is_single]
+    area = float(np.prod(np.maximum(np.ptp(place, axis=0), 1.0)))
+    return share(passed.size, int(passed.sum())).value, (int(is_single.sum()) + 0.5) / (area * len(frames)), []
