@@ -1,8 +1,8 @@
 """Where the bytes of a log come from: files, a pipe, a URL or a bag; in the end always files that can be mapped.
 
 The order of log time needs the whole log, so what cannot be mapped is copied to a temporary file first; memory stays
-bounded. The copy lasts as long as the process: a pipe can be read only once, but a log is opened several times. Where open
-files can be opened again by their numbers, the copy has no name: nothing is left of it when the process is killed.
+bounded. The copy lasts as long as the process: a pipe can be read only once, but a log is opened several times. Where
+open files can be opened again by number, the copy has no name: nothing is left of it when the process is killed.
 """
 
 from __future__ import annotations
