@@ -29,6 +29,7 @@ from dirprim_filter.recording.container.records import (
     Schema,
     channel_record,
     encoded,
+    fields_of,
     schema_record,
     written,
 )
@@ -121,27 +122,27 @@ class McapWriter:
             compression="zstd", data=data, message_start_time=first, message_end_time=last,
             uncompressed_crc=zlib.crc32(contents), uncompressed_size=len(contents),
         )  # fmt: skip
-        index = fields.ChunkIndex(
-            message_start_time=first, message_end_time=last, compression="zstd", compressed_size=len(data),
-            uncompressed_size=len(contents), chunk_start_offset=0, chunk_length=0, message_index_length=0,
-            message_index_offsets={},
-        )  # fmt: skip
-        self.put_chunk(written(chunk), index, entries[:, 0], entries[:, 1:])
+        self.put_chunk(written(chunk), entries[:, 0], entries[:, 1:])
 
-    def put_chunk(self, chunk: bytes, index: fields.ChunkIndex, channel_id: AnyArray, entries: AnyArray) -> None:
+    def put_chunk(self, chunk: bytes, channel_id: AnyArray, entries: AnyArray) -> None:
         """Write a whole chunk and its message indexes, behind what was appended so far.
 
         Args:
             chunk: the record.
-            index: what the summary is to say of it; where it stands is filled in.
             channel_id: (n) of its messages.
             entries: (n, 2) uint64, their log times and their offsets in the contents.
         """
+        said = fields_of(chunk, 0)
+        index = fields.ChunkIndex(
+            message_start_time=said["message_start_time"], message_end_time=said["message_end_time"],
+            compression=said["compression"], compressed_size=said["data"][1] - said["data"][0],
+            uncompressed_size=said["uncompressed_size"], chunk_start_offset=self._at, chunk_length=len(chunk),
+            message_index_length=0, message_index_offsets={},
+        )  # fmt: skip
         order = np.argsort(channel_id, kind="stable")
         ids, starts = np.unique(channel_id[order], return_index=True)
         packed = np.ascontiguousarray(entries[order].astype("<u8", copy=False))
-        index.chunk_start_offset, index.chunk_length = self._at, len(chunk)
-        indexes = b""
+        indexes = bytearray()
         for one, rows in zip(ids.tolist(), np.split(packed, starts[1:]), strict=False):
             index.message_index_offsets[one] = self._at + len(chunk) + len(indexes)
             indexes += encoded(Opcode.MESSAGE_INDEX, {"channel_id": one, "records": rows.tobytes()})

@@ -186,8 +186,12 @@ def field_places(buffer: Bytes, at: int, end: int) -> list[tuple[int, int]] | No
     return places if start <= end else None
 
 
-def _values(buffer: Bytes, at: int) -> dict[str, Any]:
-    """The fields of the record at `at` by name."""
+def fields_of(buffer: Bytes, at: int) -> dict[str, Any]:
+    """The fields of the record at `at` by name; of data of any size the place.
+
+    Raises:
+        MalformedRecordError: they do not fit, or a text is no UTF-8.
+    """
     end, opcode = record_end(buffer, at), Opcode(buffer[at])
     places = field_places(buffer, at, end) if end <= len(buffer) else None
     if places is None:
@@ -231,7 +235,7 @@ def parse(buffer: Bytes, at: int) -> Any:
     Raises:
         MalformedRecordError: its fields do not fit, or a text is no UTF-8.
     """
-    return _KINDS[buffer[at]](**_values(buffer, at))
+    return _KINDS[buffer[at]](**fields_of(buffer, at))
 
 
 def parse_schema(buffer: Bytes, at: int) -> tuple[int, Schema]:
@@ -269,7 +273,7 @@ def parse_attachment(file: mmap, at: int) -> Attachment:
     Raises:
         MalformedRecordError: its fields do not fit.
     """
-    said = _values(file, at)
+    said = fields_of(file, at)
     start, stop = said["data"]
     return Attachment(
         name=said["name"], media_type=said["media_type"], log_time_ns=said["log_time"], crc=said["crc"],

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container.chunk import Chunk
@@ -185,14 +184,8 @@ class _Copier:
             if schema_id:
                 self.writer.schemas[schema_id] = channel.schema
         self.writer.channels.update(channels)
-        index = ChunkIndex(
-            message_start_time=chunk.start_ns, message_end_time=chunk.end_ns, compression=chunk.compression,
-            compressed_size=chunk.data_length, uncompressed_size=chunk.size, chunk_start_offset=0, chunk_length=0,
-            message_index_length=0, message_index_offsets={},
-        )  # fmt: skip
         offsets = (columns.start - MESSAGE_HEADER.size).astype(np.uint64)
-        record = self.file[chunk.offset : chunk.end]
-        self.writer.put_chunk(record, index, ids, np.column_stack([times, offsets]))
+        self.writer.put_chunk(self.file[chunk.offset : chunk.end], ids, np.column_stack([times, offsets]))
         return True
 
     def _fits(
