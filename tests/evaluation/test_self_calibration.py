@@ -107,13 +107,17 @@ def test_strays_are_found_and_nothing_else():
 
 
 def test_what_tells_nothing_of_a_sensor_is_refused(monkeypatch):
-    monkeypatch.setattr(self_calibration, "MOST_STEPS", 1)  # what is found of errors is not looked at
     seen = sense(DRIVEN, SENSOR, rng=np.random.default_rng(1))
     with pytest.raises(ValueError, match="expected detections with ids"):
         self_calibrate(seen.without_ids(), rng=np.random.default_rng(0))
     few = seen[np.isin(seen.track_id, ["v1", "v2", "v3", "v4"])]
     with pytest.raises(ValueError, match="at least 8 pieces of track of moving vehicles, got 4: state the noise"):
         self_calibrate(few, rng=np.random.default_rng(0))
+    lasting = AxisError(spread_m=0.3, correlated_share=0.999, correlation_s=1.0)
+    smooth = sense(DRIVEN, Sensor(along=lasting, across=lasting), rng=np.random.default_rng(1))
+    with pytest.raises(ValueError, match="as smooth as ways are"):
+        self_calibrate(smooth, rng=np.random.default_rng(0))
+    monkeypatch.setattr(self_calibration, "MOST_STEPS", 1)  # what is found of errors is not looked at
     each = np.argsort(np.argsort(seen.time_ns, kind="stable"), kind="stable")
     apart = replace(seen, time_ns=seen.time_ns + each)  # each vehicle reports at times of its own
     found = self_calibrate(apart, rng=np.random.default_rng(0))

@@ -26,6 +26,8 @@ LONGEST_LASTING_S = 2.0
 """Errors that last longer cannot be told from a vehicle's own way within a window."""
 LEAST_SHARE = 0.1
 """Of the variance; a smaller share that lasts is no finding."""
+LEAST_WHITE = 0.01
+"""Of the variance; detections with less of it are smooth as ways are: a filter ran over them."""
 FIRST_ERROR = (np.log(0.5), 0.0, np.log(0.5))
 FIRST_ACCELERATION = (0.0, np.log(1.5))
 ERROR_RANGE = ((-4.0, 2.0), (-5.0, 5.0), (np.log(0.05), np.log(LONGEST_LASTING_S)))
@@ -60,7 +62,7 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
         rng: which pieces of track are looked at, where there are many.
 
     Raises:
-        ValueError: detections have no ids, or too few are of vehicles in motion.
+        ValueError: detections have no ids, too few are of vehicles in motion, or they are as smooth as ways are.
     """
     named = detections[detections.track_id != NO_ID]
     if len(named) == 0:
@@ -97,6 +99,11 @@ def _errors(evidence: Evidence, n_windows: int) -> tuple[AxisError, AxisError, l
         evidence, start, jac=True, method="L-BFGS-B", bounds=bounds + [DIFFERENCE_RANGE] * (2 * n_windows),
         options={"maxiter": MOST_STEPS, "ftol": 1e-7},
     ).x  # fmt: skip
+    if max(found[1], found[4]) > np.log(1.0 / LEAST_WHITE - 1.0):
+        raise ValueError(
+            "expected detections that scatter, got such as smooth as ways are, as a filter leaves them: their errors "
+            "cannot be told from motion; state the noise, or calibrate the sensor against a truth"
+        )
     along, across = _axis(found[:3]), _axis(found[3:6])
     lines = [
         f"{name}: errors that last {LONGEST_LASTING_S:g} s or longer look like the vehicle's own way"
