@@ -20,6 +20,12 @@ SENSOR = Sensor(
 DRIVEN = circling(12, 40)
 
 
+@pytest.fixture(autouse=True)
+def _few_steps(monkeypatch):
+    """Enough for so few windows."""
+    monkeypatch.setattr(self_calibration, "MOST_STEPS", 25)
+
+
 def two_windows():
     """Of 9 and 6 detections at uneven times, the second padded."""
     rng, n = np.random.default_rng(2), 9
@@ -115,6 +121,7 @@ def test_what_tells_nothing_of_a_sensor_is_refused(monkeypatch):
         self_calibrate(few, rng=np.random.default_rng(0))
     lasting = AxisError(spread_m=0.3, correlated_share=0.999, correlation_s=1.0)
     smooth = sense(DRIVEN, Sensor(along=lasting, across=lasting), rng=np.random.default_rng(1))
+    monkeypatch.setattr(self_calibration, "MOST_STEPS", 60)
     with pytest.raises(ValueError, match="as smooth as ways are"):
         self_calibrate(smooth, rng=np.random.default_rng(0))
     monkeypatch.setattr(self_calibration, "MOST_STEPS", 1)  # what is found of errors is not looked at
