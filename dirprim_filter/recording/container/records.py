@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import groupby
 from mmap import mmap
 from typing import Any, NamedTuple
 
@@ -34,6 +35,7 @@ _NUMBER = struct.Struct("<HQ")
 """An entry of a map of numbers."""
 _LENGTHS = {"text": U32, "data": U32, "texts": U32, "numbers": U32, "place": U64}
 """What stands in front of a field that carries its length; the other fields are numbers, given by their bytes."""
+_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 RECORDS: dict[int, dict[str, int | str]] = {
     Opcode.HEADER: {"profile": "text", "library": "text"},
     Opcode.FOOTER: {"summary_start": 8, "summary_offset_start": 8, "summary_crc": 4},
@@ -66,8 +68,24 @@ RECORDS: dict[int, dict[str, int | str]] = {
 }  # fmt: skip
 """The fields of all records but messages, by the names of the mcap package: by this table they are read, checked and
 written."""
-_KINDS = {opcode: getattr(fields, Opcode(opcode).name.title().replace("_", "")) for opcode in RECORDS}
+_KINDS = {int(opcode): getattr(fields, Opcode(opcode).name.title().replace("_", "")) for opcode in RECORDS}
 _OPCODES = {kind: opcode for opcode, kind in _KINDS.items()}
+
+
+def _parts_of(layout: dict[str, int | str]) -> list[tuple[tuple[str, ...], str, struct.Struct]]:
+    """Names, kind and form of the fields; numbers beside each other, of no kind, are one part: that is read sooner."""
+    parts = []
+    for is_number, run in groupby(layout.items(), key=lambda field: isinstance(field[1], int)):
+        if is_number:
+            numbers = dict(run)
+            codes = (_CODES[int(size)] for size in numbers.values())
+            parts.append((tuple(numbers), "", struct.Struct(f"<{''.join(codes)}")))
+        else:
+            parts += [((name,), str(kind), _LENGTHS[str(kind)]) for name, kind in run]
+    return parts
+
+
+_PARTS = {int(opcode): _parts_of(layout) for opcode, layout in RECORDS.items()}
 
 
 class MalformedRecordError(ValueError):
@@ -168,19 +186,18 @@ def record_end(buffer: Bytes, at: int) -> int:
 
 
 def field_places(buffer: Bytes, at: int, end: int) -> list[tuple[int, int]] | None:
-    """First byte, and byte after, of each field that this version knows of the record at `at`; None where not all fit.
+    """First byte, and byte after, of the parts that this version knows of the record at `at`; None where not all fit.
 
-    What carries its length is given without that.
+    A part is a run of numbers, or what carries its length, which is given without that.
     """
     places = []
     start = at + RECORD_HEADER_SIZE
-    for kind in RECORDS[buffer[at]].values():
-        if isinstance(kind, int):
-            stop = start + kind
-        elif (body := start + _LENGTHS[kind].size) > end:
+    for _, kind, form in _PARTS[buffer[at]]:
+        stop = start + form.size
+        if stop > end:
             return None
-        else:
-            stop, start = body + int(_LENGTHS[kind].unpack_from(buffer, start)[0]), body
+        if kind:
+            start, stop = stop, stop + form.unpack_from(buffer, start)[0]
         places.append((start, stop))
         start = stop
     return places if start <= end else None
@@ -192,21 +209,21 @@ def fields_of(buffer: Bytes, at: int) -> dict[str, Any]:
     Raises:
         MalformedRecordError: they do not fit, or a text is no UTF-8.
     """
-    end, opcode = record_end(buffer, at), Opcode(buffer[at])
+    end, opcode = record_end(buffer, at), buffer[at]
     places = field_places(buffer, at, end) if end <= len(buffer) else None
     if places is None:
-        raise MalformedRecordError(f"the fields of a {opcode.name} record end past it")
+        raise MalformedRecordError(f"the fields of a {Opcode(opcode).name} record end past it")
     values: dict[str, Any] = {}
-    for (name, kind), (start, stop) in zip(RECORDS[opcode].items(), places, strict=True):
-        try:
-            if isinstance(kind, int):
-                values[name] = int.from_bytes(buffer[start:stop], "little")
+    try:
+        for (names, kind, form), (start, stop) in zip(_PARTS[opcode], places, strict=True):
+            if not kind:
+                values.update(zip(names, form.unpack_from(buffer, start), strict=True))
             else:
-                values[name] = (start, stop) if kind == "place" else _READERS[kind](buffer[start:stop])
-        except UnicodeDecodeError as error:
-            raise MalformedRecordError(f"a field of a {opcode.name} record is not UTF-8") from error
-        except struct.error as error:
-            raise MalformedRecordError(f"a map of a {opcode.name} record does not end where it says") from error
+                values[names[0]] = (start, stop) if kind == "place" else _READERS[kind](buffer[start:stop])
+    except UnicodeDecodeError as error:
+        raise MalformedRecordError(f"a field of a {Opcode(opcode).name} record is not UTF-8") from error
+    except struct.error as error:
+        raise MalformedRecordError(f"a map of a {Opcode(opcode).name} record does not end where it says") from error
     return values
 
 
@@ -288,13 +305,15 @@ def written(*records: fields.McapRecord) -> bytes:
 
 def encoded(opcode: int, values: Mapping[str, Any]) -> bytes:
     """A record of these fields."""
-    body = b"".join(_encoded(kind, values[name]) for name, kind in RECORDS[opcode].items())
+    body = b"".join(
+        _encoded(kind, values[names[0]]) if kind else form.pack(*map(values.__getitem__, names))
+        for names, kind, form in _PARTS[opcode]
+    )
     return bytes([opcode]) + U64.pack(len(body)) + body
 
 
-def _encoded(kind: int | str, value: Any) -> bytes:
-    if isinstance(kind, int):
-        return int(value).to_bytes(kind, "little")
+def _encoded(kind: str, value: Any) -> bytes:
+    """What carries its length."""
     if kind == "numbers":
         value = b"".join(_NUMBER.pack(*entry) for entry in value.items())
     elif kind == "texts":
