@@ -6,6 +6,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py speed
     python tests/benchmarks/fleet.py memory 1000000
     python tests/benchmarks/fleet.py killing
+    python tests/benchmarks/fleet.py known 10000
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,9 +161,26 @@ def killing() -> None:
     shutil.rmtree(folder)
 
 
+def known(n_logs: int) -> None:
+    """Adding logs that the store knows: they are found and looked up, and none is opened."""
+    with tempfile.TemporaryDirectory() as folder:
+        store, log = Store.create(Path(folder) / "store", StoreConfig()), Path(folder) / "0.mcap"
+        write_tracks(read_tracks(ROOT / "recordings" / "roundabout_track.mcap")[:100], log)
+        add_logs(store, find_logs([str(log)]))
+        (entry,) = store.entries()
+        for i in range(1, n_logs):
+            copy = log.with_name(f"{i}.mcap")
+            copy.touch()
+            stat = copy.stat()
+            replace(entry, url=str(copy.resolve()), size=0, mark=str(stat.st_mtime_ns)).write(store.path / "logs")
+        began = time.perf_counter()
+        added = add_logs(store, find_logs([f"{folder}/*.mcap"]))
+        print(f"{added.known} known logs of {n_logs}: {time.perf_counter() - began:.1f} s")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["fidelity", "speed", "memory", "killing"])
+    parser.add_argument("what", choices=["fidelity", "speed", "memory", "killing", "known"])
     parser.add_argument("of", nargs="?")
     parser.add_argument("--cells", type=int, default=120)
     parser.add_argument("--seeds", type=int, default=1)
@@ -170,5 +189,7 @@ if __name__ == "__main__":
         fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
     elif given.what == "memory":
         memory(int(given.of or 1_000_000))
+    elif given.what == "known":
+        known(int(given.of or 10_000))
     else:
         {"speed": speed, "killing": killing}[given.what]()

@@ -231,6 +231,28 @@ def test_a_killed_worker_loses_nothing(tmp_path):
     assert (tmp_path / "killed").exists()
 
 
+class DyingScheduler:
+    """Workers whose scheduler dies after one task."""
+
+    def each(self, work, tasks):
+        yield work(tasks[0])
+        raise ConnectionError("the scheduler died")
+
+
+def test_after_the_scheduler_died_no_finished_log_is_opened_again(full, logs, monkeypatch):
+    whole, found = files(full), find_logs([str(logs / "*.mcap")])
+    for log in found:
+        full.forget(log.url)
+    with pytest.raises(ConnectionError):
+        add_logs(full, found, workers=DyingScheduler())
+    done = {entry.url for entry in full.entries()}
+    opened = []
+    monkeypatch.setattr(adding, "read_track_logs", lambda url, *how: opened.append(url) or read_track_logs(url, *how))
+    assert add_logs(full, found).known == len(done) > 0
+    assert set(opened) == {log.url for log in found} - done
+    assert files(full) == whole
+
+
 def test_config_refuses_what_differs(store):
     with pytest.raises(ValueError, match="expected labels None, as its logs are counted, got car"):
         store.check_config(replace(store.config, labels="car"))
