@@ -66,16 +66,16 @@ class Summary:
             MalformedRecordError: it cannot be parsed.
         """
         opcode = file[at]
-        if opcode == Opcode.SCHEMA:
+        if opcode == Opcode.CHUNK_INDEX:
+            index = parse(file, at)
+            self.chunks[index.chunk_start_offset] = index
+        elif opcode == Opcode.SCHEMA:
             schema_id, self.schemas[schema_id] = parse_schema(file, at)
         elif opcode == Opcode.CHANNEL:
             try:
                 channel_id, self.channels[channel_id] = parse_channel(file, at, ChainMap(self.schemas, schemas))
             except UndefinedSchemaError:
                 self.is_whole = False
-        elif opcode == Opcode.CHUNK_INDEX:
-            index = parse(file, at)
-            self.chunks[index.chunk_start_offset] = index
         elif opcode == Opcode.ATTACHMENT_INDEX:
             self.attachments.append(parse(file, at).name)
         elif opcode == Opcode.METADATA_INDEX:
