@@ -17,7 +17,7 @@ from dirprim_filter.recording.container.recovery import recover
 from dirprim_filter.recording.foxglove.frames import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 
-N = 12
+N = 9
 GOOD = b"a good file"
 
 
