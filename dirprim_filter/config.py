@@ -87,8 +87,8 @@ class FilterConfig:
         drift: m^2/s, diffusion of the position beside what direction and speed predict, in each axis: 0.07 m in
             a second.
         max_gap_s: seconds without a measurement after which a belief ends.
-        interaction: "leader": vehicles respond to the vehicle ahead, by the estimates of the frame before; "none":
-            the belief of a vehicle does not depend on any other.
+        interaction: "leader": vehicles respond to the vehicle ahead, by the estimates of the frame before, as far as
+            the map's vehicles did; "none": the belief of a vehicle does not depend on any other.
     """
 
     n_particles: int = 1000
@@ -108,7 +108,7 @@ class FilterConfig:
     step_s: float = 0.1
     drift: float = 0.005
     max_gap_s: float = 5.0
-    interaction: Literal["none", "leader"] = "none"
+    interaction: Literal["none", "leader"] = "leader"
 
     def __post_init__(self) -> None:
         require_positive(self, skip=("interaction",))

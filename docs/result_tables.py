@@ -203,8 +203,7 @@ TABLES: dict[str, Table] = {
         minutes=60,
     ),
     "forecasts": Table(
-        command="dirprim evaluate forecast {logs} --folds 4 --horizon 1 --horizon 3 --horizon 5 --horizon 8 "
-        "--interaction leader --json",
+        command="dirprim evaluate forecast {logs} --folds 4 --horizon 1 --horizon 3 --horizon 5 --horizon 8 --json",
         runs=(*LOGGED[:3], Run(name="Death Circle, video 2", logs=DEATH_CIRCLE[:1])),
         entries=methods,
         columns=(

@@ -174,7 +174,9 @@ NoIds = Annotated[
 ]
 Interaction = Annotated[
     Interacts | None,
-    typer.Option("--interaction", help="leader: vehicles respond to the one ahead of them. Default: none."),
+    typer.Option(
+        "--interaction", help="leader: vehicles respond to the one ahead of them; none: each is alone. Default: leader."
+    ),
 ]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
 Layout = Annotated[Path | None, typer.Option("--layout", help="Write a Foxglove layout for this log, .json."), WRITTEN]

@@ -40,30 +40,6 @@ class Cloud(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def predict(table: MotionTable, cloud: Cloud, vehicle: IntArray, dt_s: FloatArray) -> None:
-    """Move every particle of the given vehicles."""
-    alone = np.empty((0, 3))
-    for i in range(vehicle.size):
-        v = vehicle[i]
-        state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
-        _motion.move(
-            table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
-            cloud.push[v], alone, dt_s[i], state,
-        )  # fmt: skip
-        cloud.state[v] = state
-
-
-@njit(cache=True, nogil=True)
-def predict_paths(table: MotionTable, cloud: Cloud, dt_s: FloatArray, path: FloatArray) -> None:
-    """Positions of the particles after each of n_steps steps, (n_steps,) seconds. Fills (V, P, n_steps, 2)."""
-    for v in range(path.shape[0]):
-        for step in range(path.shape[2]):
-            predict(table, cloud, np.array([v]), dt_s[step : step + 1])
-            for p in range(path.shape[1]):  # no slice into a slice: see `_motion.rollout`
-                path[v, p, step, 0], path[v, p, step, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
-
-
-@njit(cache=True, nogil=True)
 def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
     """Look up the cell of every particle, and draw a manoeuvre that fits its direction and speed."""
     for v in vehicle:

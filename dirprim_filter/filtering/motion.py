@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.primitives import PrimitiveMap
-from dirprim_filter.primitives._leader import LeaderTable
+from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.motion_table import MotionKnobs
 from dirprim_filter.primitives.motion_table import motion_table as table_of
@@ -24,22 +24,12 @@ def forecast_table(primitive_map: PrimitiveMap, config: FilterConfig) -> MotionT
     return table_of(primitive_map, of_map)
 
 
-def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTable | None:
-    """The response to leaders; None without interaction, or where the map holds that there is none.
-
-    Raises:
-        ValueError: the map does not know.
-    """
-    if config.interaction == "none":
-        return None
-    leader = primitive_map.motion.leader
-    if leader is None:
-        raise ValueError(
-            "interaction: this map does not know how vehicles follow a leader: learn it again with `dirprim learn`"
-        )
-    if leader.trust == 0.0:
-        return None
-    return LeaderTable(leader.gain, leader.push, leader.trust, leader.start_rate)
+def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTable:
+    """The response to leaders: none without interaction, or where the map knows of none."""
+    response = primitive_map.motion.leader
+    if response is None or config.interaction == "none":
+        return ALONE
+    return LeaderTable(response.gain, response.push, response.trust, response.start_rate)
 
 
 def _knobs(config: FilterConfig) -> MotionKnobs:

@@ -128,12 +128,9 @@ class ParticleFilter:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
         self.belief.step += 1
         around = self._surroundings
-        if self._response is None or around.state.shape[1] == 0:
-            self._split(_kernels.predict, (self._table, self.belief.cloud), (slot, dt_s), (), each_ns=60.0)
-            return
         self._split(
-            _interaction.predict_behind, (self._table, self._response, self.belief.cloud, around.state),
-            (slot, around.own[slot], around.since_s[slot], dt_s), (), each_ns=120.0,
+            _interaction.predict, (self._table, self._response, self.belief.cloud, around.state),
+            (slot, around.own[slot], around.since_s[slot], dt_s), (), each_ns=60.0,
         )  # fmt: skip
         around.since_s[slot] += dt_s
 

@@ -21,7 +21,7 @@ from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.cue_weights import cue_columns
 from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.primitives import PrimitiveMap
-from dirprim_filter.primitives._leader import LeaderTable
+from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
 
@@ -43,8 +43,8 @@ def forecast_states(
 ) -> FloatArray:
     """Sample rollouts of many vehicles.
 
-    Each as if it were alone or, where `config.interaction` says "leader", all in one world: then sample p of every
-    vehicle belongs together.
+    Each as if it were alone, unless a `config` says that vehicles respond to leaders: then all are in one world, and
+    sample p of every vehicle belongs together.
 
     Args:
         primitive_map: how vehicles move at each place.
@@ -54,7 +54,7 @@ def forecast_states(
         time_s: (n_times,) ascending, seconds ahead.
         n_samples: number of rollouts of each.
         cue: of where each of them will turn, such as a turn signal.
-        config: the parameters of the motion model, and whether vehicles interact.
+        config: the parameters of the motion model, and whether vehicles interact; by default they do not.
         rng: draws the rollouts.
 
     Returns:
@@ -66,7 +66,7 @@ def forecast_states(
     """
     start = Start.of(position, direction, speed)
     steps = Steps.at(time_s, n_samples)
-    config = config or FilterConfig()
+    config = config or FilterConfig(interaction="none")
     response = leader_table(primitive_map, config)
     return sample_paths(forecast_table(primitive_map, config), start, steps, cue=cue, response=response, rng=rng)
 
@@ -129,7 +129,7 @@ class Steps(NamedTuple):
 
 
 def sample_paths(
-    table: MotionTable, start: Start, steps: Steps, *, cue: Cue | None = None, response: LeaderTable | None = None,
+    table: MotionTable, start: Start, steps: Steps, *, cue: Cue | None = None, response: LeaderTable = ALONE,
     rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip
     """Rollouts of vehicles, each from one state. (n, n_samples, n_steps, 2) metres."""
@@ -194,11 +194,8 @@ def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.rand
     return cloud._replace(**of_particles)
 
 
-def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: LeaderTable | None = None) -> FloatArray:
-    """The particles moved on: (v, n, n_steps, 2) metres. With a response to leaders, sample p of all is one world."""
+def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: LeaderTable = ALONE) -> FloatArray:
+    """The particles moved on: (v, n, n_steps, 2) metres. Behind leaders sample p of all vehicles is one world."""
     path: FloatArray = np.empty((*cloud.speed.shape, dt_s.size, 2))
-    if response is None:
-        _kernels.predict_paths(table, cloud, dt_s, path)
-    else:
-        _interaction.predict_worlds(table, response, cloud, dt_s, path)
+    _interaction.predict_paths(table, response, cloud, dt_s, path)
     return path

@@ -11,7 +11,7 @@ from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives._manoeuvres import BEND_E, BEND_N, CURVATURE, STANDING_BELOW, STARTS, MotionTable
-from dirprim_filter.primitives.leader import N_FEATURES
+from dirprim_filter.primitives.leader import N_FEATURES, N_PACES
 
 FAR_M, NEAR_M = 60.0, 0.5
 """Metres ahead: a vehicle farther away is no leader; a nearer one is the vehicle itself, or beside it."""
@@ -43,6 +43,10 @@ class LeaderTable(NamedTuple):
     push: float
     trust: float
     start_rate: FloatArray  # (3,)
+
+
+ALONE = LeaderTable(np.zeros(N_FEATURES), 0.0, 0.0, np.zeros(N_PACES))
+"""Of vehicles that go on as if nobody else were there."""
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.evaluation import cues, density, experiment, forecasting
 
 DONE, FAILED, USAGE = 0, 1, 2
-FORECASTS = ["prior", "place-free", "one cell", "trajectory memory", "constant velocity"]
+FORECASTS = ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]
 
 
 @pytest.fixture(scope="module")
@@ -209,17 +209,18 @@ def test_every_object_says_what_it_follows_from(log, capsys):
 
 
 def test_forecasts_can_be_had_again_from_what_was_reported(log, capsys, tmp_path):
-    assert evaluate("forecast", log, *FORECAST, "--seed", 3, "--interaction", "leader", "--json") == DONE
+    assert evaluate("forecast", log, *FORECAST, "--seed", 3, "--json") == DONE
     first = capsys.readouterr().out
     names = [row["name"] for row in json.loads(first)["methods"]]
-    assert names == [*FORECASTS[:2], "prior, leaders", *FORECASTS[2:]]
+    assert names == FORECASTS
     (tmp_path / "run.json").write_text(first)
     assert evaluate("forecast", log, "--config", tmp_path / "run.json", "--json") == DONE
     assert capsys.readouterr().out == first
     others = ("--seed", 0, "--interaction", "none")
     assert evaluate("forecast", log, "--config", tmp_path / "run.json", *others, "--json") == DONE
-    changed = {"seed": 0, "interaction": "none"}
-    assert json.loads(capsys.readouterr().out)["experiment"] == json.loads(first)["experiment"] | changed
+    again = json.loads(capsys.readouterr().out)
+    assert again["experiment"] == json.loads(first)["experiment"] | {"seed": 0, "interaction": "none"}
+    assert [row["name"] for row in again["methods"]] == [name for name in FORECASTS if name != "prior, leaders"]
     (tmp_path / "wrong.toml").write_text("n_fold = 2")
     assert evaluate("forecast", log, "--config", tmp_path / "wrong.toml") == FAILED
     assert "experiment: n_fold: expected one of split_by" in capsys.readouterr().err

@@ -7,7 +7,7 @@ import pytest
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.filtering import Tracker, Worlds, _interaction
 from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.filtering.rollouts import Start, Steps, forecast_states, projected, sampled_state, side_by_side
 from dirprim_filter.forecasting import Forecaster
@@ -82,9 +82,22 @@ def test_where_leaders_are_not_trusted_vehicles_go_on_as_if_alone():
     assert (futures(road(trust=0.5), place, speed, time_s=steps)[1] != alone[1]).any()
 
 
-def test_a_map_that_does_not_know_leaders_is_to_be_learned_again():
-    with pytest.raises(ValueError, match=r"interaction: this map does not know .* learn it again"):
-        Tracker(squares(1, 1, motion_by_hand([0])), config=HEEDING, rng=np.random.default_rng(0))
+def test_on_a_map_that_does_not_know_leaders_vehicles_go_on_as_if_alone():
+    alone, unknown = road(), road()
+    unknown = replace(unknown, motion=replace(unknown.motion, leader=None))
+    place, speed = [100.0, 85.0], [5.0, 10.0]
+    np.testing.assert_array_equal(futures(unknown, place, speed), futures(alone, place, speed, interaction="none"))
+    assert np.abs(futures(alone, place, speed) - futures(unknown, place, speed)).max() > 1.0
+
+
+def test_only_vehicles_near_the_particles_can_lead_them():
+    """Those that are left out would change nothing: others far away, moving on, leave the particles as they are."""
+    position = np.array([[0.0, 0.0], [4.0, 2.0]])
+    others = np.array([[30.0, 0.0, 0.0, 5.0], [0.0, 0.0, 0.0, 5.0], [70.0, 0.0, np.pi, 10.0], [500.0, 0.0, 0.0, 5.0]])
+    there = np.empty((4, 4))
+    n, own = _interaction.vehicles_near(position, others, 1, 1.0, there)
+    assert own == 1
+    np.testing.assert_allclose(there[:n], [[35, 0, 0, 5], [5, 0, 0, 5], [60, 0, np.pi, 10]], atol=1e-12)
 
 
 def reported(order=(0, 1)):

@@ -9,9 +9,10 @@ from scipy import stats
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.filtering import _kernels, _measuring, particle_filter
+from dirprim_filter.filtering import _interaction, _kernels, _measuring, particle_filter
 from dirprim_filter.filtering.belief import FIRST_CAPACITY, ParticleBelief, birth_key
 from dirprim_filter.filtering.motion import tracking_table
+from dirprim_filter.primitives._leader import ALONE
 from situations import one_cell_map
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
@@ -68,7 +69,8 @@ def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(clo
     table = tracking_table(one_cell_map(), FilterConfig())
     vehicle = np.array([1], np.int64)
     _kernels.initialise_motion(table, cloud, vehicle)
-    _kernels.predict(table, cloud, vehicle, np.array([1e-9]))
+    none, own = np.empty((1, 0, 4)), np.array([-1])
+    _interaction.predict(table, ALONE, cloud, none, vehicle, own, np.zeros(1), np.array([1e-9]))
     weighed(cloud, vehicle, [50.0, -20.0], noise_m=1e7)
     np.testing.assert_allclose(cloud.weight[1], before.weight[1], rtol=1e-9)
     np.testing.assert_allclose(cloud.position[1], before.position[1], atol=1e-4)

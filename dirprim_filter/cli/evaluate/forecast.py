@@ -94,7 +94,7 @@ def _settings(given: Mapping[str, Any], log: TrackResult) -> dict[str, Any]:
 
     defaults: dict[str, Any] = {
         "split_by": honest_split(log.tracks), "horizons_s": list(HORIZONS_S), "n_folds": 4, "n_seeds": 1,
-        "n_samples": 100, "seed": 0, "interaction": "none",
+        "n_samples": 100, "seed": 0, "interaction": "leader",
     }  # fmt: skip
     for name in given:
         if name not in defaults:
