@@ -74,6 +74,7 @@ def _remote(pattern: str) -> list[LogFile]:
         raise MissingExtraError(pattern, library="fsspec", extra="fleet") from error
     try:
         files, path = fsspec.core.url_to_fs(pattern)
+        files.invalidate_cache()  # of an earlier listing in this process
         paths = files.glob(path) if glob.has_magic(pattern) else [path]
         about: list[dict[str, Any]] = [files.info(one) for one in paths]
     except FileNotFoundError as error:

@@ -9,6 +9,7 @@ import pytest
 from dying import once_killed
 
 from dirprim_filter import write_tracks
+from dirprim_filter.recording.container import source
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 from dirprim_filter.recording.reader import read_track_logs
 from dirprim_filter.store import adding, table, workers
@@ -214,6 +215,41 @@ def test_urls_are_known_by_what_their_file_system_says(store, logs):
     add_logs(store, found[:1])
     assert add_logs(store, found[:1]).known == 1
     assert store.entry_of(found[0].url).rows == hash_of_rows(traffic(0))
+
+
+@pytest.fixture
+def object_store(monkeypatch):
+    """The file system of S3 as moto plays it, with an empty bucket."""
+    server = pytest.importorskip("moto.server", reason="an object store needs moto")
+    s3fs = pytest.importorskip("s3fs", reason="an object store needs s3fs")
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(name, "testing")
+    played = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    played.start()
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://{}:{}".format(*played.get_host_and_port()))
+    there = s3fs.S3FileSystem(skip_instance_cache=True)
+    there.mkdir("bucket")
+    yield there
+    played.stop()
+
+
+def test_logs_of_an_object_store_are_added_by_pattern_and_known_by_their_etags(
+    object_store, store, logs, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for i in range(2):
+        object_store.put_file(str(logs / f"{i}.mcap"), f"bucket/day{i}/log.mcap")
+    pattern = "s3://bucket/**/*.mcap"
+    added = add_logs(store, find_logs([pattern]))
+    assert [entry.url for entry in store.entries()] == [f"s3://bucket/day{i}/log.mcap" for i in range(2)]
+    assert not list(failures(added))
+    assert store.summary() == Summary.total([Summary.of(traffic(i), frame=store.frame) for i in range(2)])
+    object_store.put_file(str(logs / "2.mcap"), "bucket/day1/log.mcap")
+    changed = add_logs(store, find_logs([pattern]))
+    assert (changed.known, list(failures(changed))) == (1, [])
+    assert store.entry_of("s3://bucket/day1/log.mcap").rows == hash_of_rows(traffic(2))
+    assert not source._copies
+    assert not list(tmp_path.glob("dirprim-*"))
 
 
 def test_without_an_extra_one_line_says_which(monkeypatch):

@@ -54,8 +54,8 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
         OSError: it cannot be read.
     """
     name = fspath(path)
-    if name in _copies:
-        return [_copies[name]]
+    if copy := _copies.get(_key(name)):
+        return [copy]
     if name == STDIN:
         return [_copied(name, _blocks(sys.stdin.buffer))]
     file = Path(name)
@@ -75,13 +75,18 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
 
 def drop_copy(path: str | PathLike[str]) -> None:
     """Remove the copy of a pipe or a URL, if there is one: who reads many need not keep them all."""
-    copy = _copies.pop(fspath(path), None)
+    copy = _copies.pop(_key(path), None)
     if copy is None:
         return
     if copy.parent == OPEN_FILES:
         os.close(int(copy.name))
     else:
         copy.unlink(missing_ok=True)
+
+
+def _key(path: str | PathLike[str]) -> str:
+    """The same for a URL and for the `Path` of it, which folds its slashes."""
+    return str(Path(path))
 
 
 def mapped(file: Path, path: str | PathLike[str]) -> mmap.mmap:
@@ -141,7 +146,7 @@ def _copied(name: str, write: Callable[[FileIO], None]) -> Path:
             path = OPEN_FILES / str(os.dup(copy.fileno()))
         else:
             atexit.register(path.unlink, missing_ok=True)
-        _copies[name] = path
+        _copies[_key(name)] = path
         try:
             write(cast("FileIO", copy))
         except BaseException as error:
