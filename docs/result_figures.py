@@ -31,9 +31,9 @@ def quantities(output: str) -> dict[str, Any]:
 
 def observations(output: str) -> dict[str, Any]:
     """The two observations of `evaluate cues`, each with the prior."""
-    methods = json.loads(output)
+    table = json.loads(output)["table"]
     return {
-        name: methods[key] | {"prior": methods["prior"]}
+        name: table[key] | {"prior": table["prior"]}
         for name, key in (("cell before", "cell_before"), ("own course", "own_course"))
     }
 

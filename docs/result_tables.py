@@ -212,7 +212,8 @@ TABLES: dict[str, Table] = {
             Column(head="in the 90 % region", read=coverages, beside=" to {}"),
         ),
         code=("dirprim_filter/evaluation/forecasting.py", "dirprim_filter/evaluation/forecast_cases.py",
-            "dirprim_filter/evaluation/forecast_methods.py", "dirprim_filter/evaluation/baselines", *FILTER),
+            "dirprim_filter/evaluation/forecast_methods.py", "dirprim_filter/evaluation/baselines", *PRIMITIVES,
+            "dirprim_filter/filtering/rollouts.py", "dirprim_filter/filtering/_interaction.py"),
         minutes=30,
     ),
     "tracking": Table(

@@ -21,9 +21,6 @@ from dirprim_filter.primitives._map_kernels import MapTable
 
 KERNEL_SHARE = 0.5
 """Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
-FEW = 0.1
-"""Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, copies are spread
-in position too."""
 
 
 class Cloud(NamedTuple):
@@ -138,7 +135,8 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
 
     A vehicle whose effective sample size is not below `below` keeps its own. Copies are spread by the kernel of a
     regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times the effective sample size to
-    the power -1/6, so that the few that a vehicle found again after a gap leaves do not become one that is wrong.
+    the power -1/6. Else the few particles that go with a fast driver, or that a vehicle found again after a gap leaves,
+    soon descend from one that is wrong, and the belief is sure of it.
     """
     n = cloud.position.shape[1]
     survivors = np.empty(n, np.int64)
@@ -154,10 +152,8 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
         cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
         wider = bandwidth * spread_of(direction, survivors, True)
         faster = bandwidth * spread_of(speed, survivors, False)
-        east = north = 0.0
-        if effective < FEW * n:
-            east = bandwidth * spread_of(position[:, 0], survivors, False)
-            north = bandwidth * spread_of(position[:, 1], survivors, False)
+        east = bandwidth * spread_of(position[:, 0], survivors, False)
+        north = bandwidth * spread_of(position[:, 1], survivors, False)
         free = 0
         for a in range(n):
             for _ in range(survivors[a] - 1):

@@ -15,8 +15,12 @@ from numba import njit
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.filtering import _kernels
-from dirprim_filter.filtering._kernels import FEW, KERNEL_SHARE, Cloud, effective_sample_size, systematic
+from dirprim_filter.filtering._kernels import KERNEL_SHARE, Cloud, effective_sample_size, systematic
 from dirprim_filter.filtering._sensing import Axes, Carried, correlated_share
+
+FEW = 0.1
+"""Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, errors are drawn
+anew."""
 
 
 @njit(cache=True, nogil=True)
