@@ -200,13 +200,14 @@ def _shown(name: str) -> Iterator[str]:
 
 
 def _cells(columns: tuple[Column, ...], figures: list[Any], beside: list[list[Any]]) -> Iterator[str]:
-    """A row's figures, the best of each column in bold."""
+    """A row's figures, the best of each column, or of the row, in bold."""
     for i, column in enumerate(columns):
-        of_column = [first for first in (_first(row[i]) for row in beside) if first is not None]
+        rivals = figures if column.best == "row" else [row[i] for row in beside]
+        known = [first for first in map(_first, rivals) if first is not None]
         own = _first(figures[i])
         text = "" if own is None else f"{own:,.{column.digits}f}"
-        if own is not None and column.best and len(of_column) > 1:
-            best = min(of_column) if column.best == "low" else max(of_column)
+        if own is not None and column.best and len(known) > 1:
+            best = min(known) if column.best == "low" else max(known)
             text = f"**{text}**" if own == best else text
         if isinstance(figures[i], list) and len(figures[i]) > 1 and own is not None:
             text += column.beside.format(f"{figures[i][1]:,.{column.digits}f}")

@@ -47,7 +47,7 @@ class Column:
     """A column: its head, how a figure is read from a row's entry, and how it is shown.
 
     Attributes:
-        best: "low" or "high" where the best of a run is set in bold.
+        best: "low" or "high" where the best of a run's rows is in bold, "row" where the highest of a row's columns is.
         beside: how the second of two numbers is set.
     """
 
@@ -147,7 +147,7 @@ TABLES: dict[str, Table] = {
         entries=quantities,
         of="density of",
         columns=tuple(
-            Column(head=head, read=density(method), best="high", digits=3, beside=" ({})")
+            Column(head=head, read=density(method), best="row", digits=3, beside=" ({})")
             for method, head in (
                 ("primitive, curved", "curved"), ("primitive, flat", "flat"), ("primitive, the paper's", "the paper's"),
                 ("DGM", "DGM"), ("GP", "GP"), ("place-free", "place-free"), ("uninformative", "uninformative"),
