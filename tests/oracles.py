@@ -150,7 +150,7 @@ def manoeuvre_weights(motion, cell, center, extent, place, direction, speed, *, 
     amount = motion.seconds if by_time else motion.visits
     return np.array([
         amount[z] * fit(motion, z, center, extent, place, direction, speed)
-        * ((motion.start_rate[z] > 0) == (speed < 0.3))
+        * ((motion.start_rate[z] > 0) == (speed < 0.1))
         for z in np.flatnonzero(motion.cell == cell)
     ])  # fmt: skip
 
