@@ -129,8 +129,8 @@ class ForecastSink(Protocol):
 class Forecaster:
     """An `EstimateSink` that forecasts every vehicle of a frame, now and then.
 
-    A vehicle's rollouts depend on the seed, its id and the time, and on no other vehicle, unless
-    `config.interaction` says so. Then sample p of all vehicles of a group is one world.
+    A vehicle's rollouts depend on the seed, its id and the time. Where vehicles respond to leaders, sample p of all
+    vehicles of a group is one world; with `config.interaction` "none" they depend on no other vehicle.
 
     Args:
         primitive_map: how vehicles move at each place.

@@ -39,7 +39,8 @@ class Tracker:
     is confirmed, as long as that probability is above one half.
 
     The belief of a labelled track moves from its own measurement to its next, cut in whole steps from its own, never by
-    the times of others: the belief of a vehicle does not depend on which other vehicles the log contains.
+    the times of others. Where vehicles respond to leaders, those of the frame before are looked at; else the belief of
+    a vehicle does not depend on which other vehicles the log contains.
 
     Args:
         model: a map, for a particle filter on it; or any other filter.

@@ -91,7 +91,7 @@ def test_on_a_map_that_does_not_know_leaders_vehicles_go_on_as_if_alone():
 
 
 def test_only_vehicles_near_the_particles_can_lead_them():
-    """Those that are left out would change nothing: others far away, moving on, leave the particles as they are."""
+    """Who is farther away than a leader may be, by when the particles look, is left out; their own vehicle is known."""
     position = np.array([[0.0, 0.0], [4.0, 2.0]])
     others = np.array([[30.0, 0.0, 0.0, 5.0], [0.0, 0.0, 0.0, 5.0], [70.0, 0.0, np.pi, 10.0], [500.0, 0.0, 0.0, 5.0]])
     there = np.empty((4, 4))
