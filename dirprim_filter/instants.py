@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -33,26 +32,17 @@ class Instants(NamedTuple):
 
         Nothing is used that was seen after an instant. (i,) groups, (i,) times.
         """
-        vehicle, by_time = tracks.vehicle, np.lexsort((time_ns, group))
-        order = np.lexsort((tracks.time_ns, vehicle))
-        bounds = np.searchsorted(vehicle[order], np.arange(tracks.n_tracks + 1))
-        wanted, unseen_ns = time_ns[by_time], int(LONGEST_UNSEEN_S * 1e9)
-        rows, at = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-        for a, b in pairwise(bounds.tolist()):
-            seen_ns, own_group = tracks.time_ns[order[a:b]], tracks.group[order[a]]
-            low, high = np.searchsorted(group[by_time], [own_group, own_group + 1])
-            begin, end = np.searchsorted(wanted[low:high], [seen_ns[0], seen_ns[-1] + unseen_ns + 1]) + low
-            last = np.searchsorted(seen_ns, wanted[begin:end], side="right") - 1
-            near = wanted[begin:end] - seen_ns[last] <= unseen_ns
-            rows.append(order[a + last[near]])
-            at.append(by_time[begin:end][near])
-        row, instant = np.concatenate(rows), np.concatenate(at)
-        by_instant = np.argsort(instant, kind="stable")
-        row, instant = row[by_instant], instant[by_instant]
+        vehicle = tracks.vehicle
+        row, at = _seen_before(tracks, group, time_ns)
+        n = 1 + int(vehicle.max(initial=-1))
+        key = at * n + vehicle[row]
+        order = np.argsort(key, kind="stable")  # of a vehicle's rows before an instant the last one stays
+        lasts = order[np.append(np.diff(key[order]) != 0, True)[: order.size]]
+        row, at = row[lasts], at[lasts]
         course, speed = tracks.direction[row], tracks.speed[row]
-        way = speed * (time_ns[instant] - tracks.time_ns[row]) * 1e-9
+        way = speed * (time_ns[at] - tracks.time_ns[row]) * 1e-9
         place = tracks.position[row] + way[:, None] * np.column_stack([np.cos(course), np.sin(course)])
-        first = np.searchsorted(instant, np.arange(time_ns.size + 1))
+        first = np.searchsorted(at, np.arange(time_ns.size + 1))
         return cls(np.column_stack([place, course, speed]), np.asarray(vehicle[row], np.int64), first)
 
     @property
@@ -66,3 +56,21 @@ class Instants(NamedTuple):
         own, wanted = self.instant * wide + self.vehicle, instant * wide + vehicle
         at = np.minimum(np.searchsorted(own, wanted), max(own.size - 1, 0))
         return np.where(own[at] == wanted, at, -1) if own.size else np.full(wanted.size, -1)
+
+
+def _seen_before(tracks: Tracks, group: IntArray, time_ns: IntArray) -> tuple[IntArray, IntArray]:
+    """Rows of an instant's group within `LONGEST_UNSEEN_S` before it, in order of time; and the instant of each."""
+    unseen_ns = int(LONGEST_UNSEEN_S * 1e9)
+    rows, instants = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    by_group, row_by_group = np.argsort(group, kind="stable"), np.argsort(tracks.group, kind="stable")
+    asked, groups = group[by_group], tracks.group[row_by_group]
+    for one in np.unique(group).tolist():
+        wanted = by_group[slice(*np.searchsorted(asked, [one, one + 1]))]
+        own = row_by_group[slice(*np.searchsorted(groups, [one, one + 1]))]
+        seen_ns = tracks.time_ns[own]
+        begin = np.searchsorted(seen_ns, time_ns[wanted] - unseen_ns)
+        count = np.searchsorted(seen_ns, time_ns[wanted], side="right") - begin
+        since = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        rows.append(own[np.repeat(begin, count) + since])
+        instants.append(np.repeat(wanted, count))
+    return np.concatenate(rows), np.concatenate(instants)

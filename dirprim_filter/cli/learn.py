@@ -147,6 +147,7 @@ class _Store:
     def __init__(self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None) -> None:
         from dirprim_filter.store.learning import MIN_VEHICLES, Fading
         from dirprim_filter.store.store import Store
+        from dirprim_filter.store.stored_sums import StoredSums
 
         if now is not None and half_life_s is None:
             raise ValueError("--now: expected --half-life with it")
@@ -155,17 +156,17 @@ class _Store:
         if not entries:
             raise ValueError(f"{folder}: expected logs to learn from, the store is empty; see `dirprim store add`")
         now_ns = time_ns(now)
-        self._summary = store.summary()
+        self._sums = StoredSums.of(store)
         self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
         self._fading = None
         if half_life_s is not None:
             end_ns = max(entry.end_ns for entry in entries)
             self._fading = Fading(half_life_s=half_life_s, now_ns=end_ns if now_ns is None else now_ns)
-        self.said = {"sha256 store": self._summary.digest, "min_vehicles": self._least, "fading": self._fading}
+        self.said = {"sha256 store": self._sums.digest, "min_vehicles": self._least, "fading": self._fading}
         n_rows = sum({entry.rows: entry.n_rows for entry in entries}.values())
         self.counts = f"{counted(len(entries), 'log')}, {counted(n_rows, 'row')}"
 
     def learn(self, **options: Any) -> PrimitiveMap:
         from dirprim_filter.store.learning import learn_from_summary
 
-        return learn_from_summary(self._summary, min_vehicles=self._least, fading=self._fading, **options)
+        return learn_from_summary(self._sums, min_vehicles=self._least, fading=self._fading, **options)

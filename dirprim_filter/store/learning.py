@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.primitives.leader import LeaderResponse
+from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
 from dirprim_filter.store.steps import HOUR_NS, WHEN, passed_place, unpacked_when
-from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.tallies import Tally
 from dirprim_filter.store.withholding import withheld
 from dirprim_filter.tracks import Tracks
@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 MIN_VEHICLES = 5
 MOST_STEPS = 1_000_000
 """Of pseudo-vehicles drawn evenly from all hours: more tell next to nothing new."""
-BLOCK_STEPS = 500_000
+BLOCK_STEPS = 200_000
 """At a time become pseudo-vehicles."""
 GOLDEN = 0.6180339887498949
 """Multiples of it, modulo 1, are spread evenly: every block of them holds its share below any number."""
@@ -56,8 +56,36 @@ class Fading:
         return np.where(age_s < 0, 0.0, 0.5 ** (np.maximum(age_s, 0.0) / self.half_life_s))
 
 
+class Sums(Protocol):
+    """What a map is learned from: of a `Summary`, or of a store, `StoredSums`."""
+
+    @property
+    def lattice(self) -> Lattice:
+        """What is counted on."""
+        ...
+
+    @property
+    def whens(self) -> Tally:
+        """(when): how many steps."""
+        ...
+
+    @property
+    def passed(self) -> Tally:
+        """(place and way): how many vehicles."""
+        ...
+
+    @property
+    def leader_sums(self) -> LeaderSums:
+        """What the response to leaders is learned from."""
+        ...
+
+    def steps_of(self, first: int, last: int) -> Tally:
+        """The steps of some `when`s, both included."""
+        ...
+
+
 def learn_from_summary(
-    summary: Summary,
+    summary: Sums,
     *,
     min_vehicles: int = MIN_VEHICLES,
     fading: Fading | None = None,
@@ -87,23 +115,26 @@ def learn_from_summary(
     return learned if min_vehicles == 1 else withheld(learned, tracks, min_vehicles)
 
 
-def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Tracks:
+def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Tracks:
     """Pseudo-vehicles, where at least so many vehicles passed each place each way; of older ones as many as count.
 
     Raises:
         ValueError: none is left.
     """
-    if not len(summary.steps):
+    whens = summary.whens
+    if not len(whens):
         raise ValueError("summary: expected at least one vehicle, got none; add a recording first")
-    hour, _, _ = unpacked_when(summary.steps.key[:, WHEN], summary.lattice)
-    count = summary.steps.value[:, 0]
+    hour, _, _ = unpacked_when(whens.key[:, 0], summary.lattice)
+    count = whens.value[:, 0]
     share = np.ones(hour.size) if fading is None else fading.share(hour)
     share *= min(1.0, MOST_STEPS / max(float((share * count).sum()), 1.0))
     n_ways, end_ns, parts = 0, 0, []
-    for block in _blocks(summary.steps):
-        tracks, kind = pseudo_tracks(summary.steps[block], summary.lattice)
+    for first, last in _blocks(whens):
+        steps = summary.steps_of(first, last)
+        tracks, kind = pseudo_tracks(steps, summary.lattice)
         way = tracks.track_id + n_ways
-        shown = ((way * GOLDEN) % 1.0 < share[block][kind]) & _is_passed(summary, tracks, min_vehicles)
+        counts = share[np.searchsorted(whens.key[:, 0], steps.key[kind, WHEN])]
+        shown = ((way * GOLDEN) % 1.0 < counts) & _is_passed(summary, tracks, min_vehicles)
         parts.append(_shown(replace(tracks, track_id=way), shown, end_ns))
         n_ways, end_ns = n_ways + tracks.n_tracks, end_ns + len(tracks) * APART_NS
     tracks = Tracks.concatenate(parts)
@@ -123,15 +154,15 @@ def _shown(tracks: Tracks, shown: BoolArray, begin_ns: int) -> Tracks:
     return replace(tracks[row], time_ns=begin_ns + np.cumsum(np.append(0, lasts))[: row.size])
 
 
-def _blocks(steps: Tally) -> list[slice]:
-    """Kinds of steps of whole hours and folds, about `BLOCK_STEPS` steps each: all at once may be too many."""
-    begins = np.append(0, 1 + np.flatnonzero(np.diff(steps.key[:, WHEN])))
-    before = np.cumsum(steps.value[:, 0])[begins] - steps.value[begins, 0]
-    begins = begins[np.diff(before // BLOCK_STEPS, prepend=-1) > 0]
-    return [slice(a, b) for a, b in pairwise([*begins.tolist(), len(steps)])]
+def _blocks(whens: Tally) -> list[tuple[int, int]]:
+    """First and last of some hours and folds, of about `BLOCK_STEPS` steps: all at once may be too many."""
+    before = np.cumsum(whens.value[:, 0]) - whens.value[:, 0]
+    begins = np.flatnonzero(np.diff(before // BLOCK_STEPS, prepend=-1) > 0)
+    when = whens.key[:, 0]
+    return list(zip(when[begins].tolist(), when[np.append(begins[1:], when.size) - 1].tolist(), strict=True))
 
 
-def _is_passed(summary: Summary, tracks: Tracks, min_vehicles: int) -> BoolArray:
+def _is_passed(summary: Sums, tracks: Tracks, min_vehicles: int) -> BoolArray:
     """(n,) where so many vehicles passed the place the way the row does."""
     state, _ = summary.lattice.states(tracks.position, tracks.direction, tracks.speed)
     place = passed_place(state, summary.lattice)

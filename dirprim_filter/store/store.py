@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
@@ -20,12 +19,8 @@ from typing import Self
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store.config import FORMAT, StoreConfig
 from dirprim_filter.store.manifest import Entry, new_file, remove_parts
-from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.table import read_summary
 
 CONFIG_FILE, MANIFEST, RECORDINGS = "store.json", "logs", "recordings"
-SUMMED_AT_ONCE = 4_000_000
-"""Keys in memory, beside those of the sum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,14 +79,6 @@ class Store:
     def recording(self, rows: str) -> Path:
         """The file of a recording, by the hash of its rows."""
         return self.path / RECORDINGS / f"{rows}.parquet"
-
-    def summary(self) -> Summary:
-        """The sum of all recordings: the same whatever order they were added in, and from wherever."""
-        recordings = sorted({entry.rows for entry in self.entries()})
-        total = Summary.none(lattice=self.config.lattice, frame=self.frame or "")
-        for parts in _by_size(read_summary(self.recording(rows)) for rows in recordings):
-            total = Summary.total([total, *parts])
-        return total
 
     def record(self, entry: Entry, frame: str) -> None:
         """Count a log whose recording is written.
@@ -185,15 +172,3 @@ class Store:
         said = {"format": FORMAT, "config": self.config.to_json(), "frame": frame}
         with new_file(self.path / CONFIG_FILE) as file:
             file.write(json.dumps(said, sort_keys=True, indent=1).encode())
-
-
-def _by_size(summaries: Iterable[Summary]) -> Iterator[list[Summary]]:
-    """The same in lists of about `SUMMED_AT_ONCE` keys."""
-    parts: list[Summary] = []
-    for summary in summaries:
-        parts.append(summary)
-        if sum(len(part.steps) for part in parts) >= SUMMED_AT_ONCE:
-            yield parts
-            parts = []
-    if parts:
-        yield parts

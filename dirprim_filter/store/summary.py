@@ -14,7 +14,7 @@ from dirprim_filter.primitives.leader import N_FEATURES, N_PACES
 from dirprim_filter.primitives.leader_learning import N_FOLDS, LeaderSums
 from dirprim_filter.primitives.motion_sums import Regression
 from dirprim_filter.store.lattice import Lattice
-from dirprim_filter.store.steps import tally_steps
+from dirprim_filter.store.steps import WHEN, tally_steps
 from dirprim_filter.store.tallies import Tally
 from dirprim_filter.tracks import Tracks
 
@@ -102,13 +102,16 @@ class Summary(ArrayValue):
     @property
     def leader_sums(self) -> LeaderSums:
         """What the response to leaders is learned from."""
-        flat = np.zeros(N_LEADER_SUMS)
-        flat[self.leader.key[:, 0]] = self.leader.value[:, 1] * LEADER_UNIT
-        parts: list[FloatArray] = []
-        for shape in LEADER_SHAPES:
-            parts.append(flat[: int(np.prod(shape))].reshape(shape))
-            flat = flat[int(np.prod(shape)) :]
-        return LeaderSums(Regression(*parts[:4]), *parts[4:])
+        return as_leader_sums(self.leader)
+
+    @property
+    def whens(self) -> Tally:
+        """(when): how many steps."""
+        return Tally.of(self.steps.key[:, WHEN : WHEN + 1], self.steps.value[:, :1])
+
+    def steps_of(self, first: int, last: int) -> Tally:
+        """The steps of some `when`s, both included."""
+        return self.steps[slice(*np.searchsorted(self.steps.key[:, WHEN], [first, last + 1]).tolist())]
 
     def _check_alike(self, other: Summary) -> None:
         for field in fields(Lattice):
@@ -124,3 +127,14 @@ def _as_tally(sums: LeaderSums) -> Tally:
     flat = np.concatenate([np.ravel(part) for part in (*sums.acceleration, sums.stood, sums.started)])
     whole = np.round(flat / LEADER_UNIT).astype(np.int64)
     return Tally(key=np.arange(whole.size)[:, None], value=np.column_stack([np.ones(whole.size, np.int64), whole]))
+
+
+def as_leader_sums(leader: Tally) -> LeaderSums:
+    """The sums of `Summary.leader`."""
+    flat = np.zeros(N_LEADER_SUMS)
+    flat[leader.key[:, 0]] = leader.value[:, 1] * LEADER_UNIT
+    parts: list[FloatArray] = []
+    for shape in LEADER_SHAPES:
+        parts.append(flat[: int(np.prod(shape))].reshape(shape))
+        flat = flat[int(np.prod(shape)) :]
+    return LeaderSums(Regression(*parts[:4]), *parts[4:])

@@ -18,10 +18,12 @@ stand in the order of ways that they can be chained into (see `pseudo_tracks`): 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -29,7 +31,7 @@ from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 from dirprim_filter.store.lattice import NONE, Lattice, packed, unpacked
 from dirprim_filter.store.pseudo_tracks import kinds_in_ways
-from dirprim_filter.store.steps import BEFORE, HERE, WHEN, packed_when, unpacked_when
+from dirprim_filter.store.steps import BEFORE, HERE, WHEN, packed_when, tally_in_order, unpacked_when
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.tallies import Tally
 
@@ -73,6 +75,24 @@ def write_summary(summary: Summary, file: Any) -> None:
     )  # fmt: skip
 
 
+class Counts(NamedTuple):
+    """What a summary counts beside steps, see `Summary`."""
+
+    whens: Tally
+    passed: Tally
+    leader: Tally
+
+    @classmethod
+    def none(cls) -> Self:
+        """Of nothing."""
+        return cls(Tally.none(1, 1), Tally.none(1, 1), Tally.none(1, 2))
+
+    @classmethod
+    def total(cls, parts: list[Self]) -> Self:
+        """The sums of all parts, of which there is at least one."""
+        return cls(*(Tally.total(list(column)) for column in zip(*parts, strict=True)))
+
+
 def read_summary(path: str | PathLike[str]) -> Summary:
     """Read what `write_summary` wrote.
 
@@ -81,16 +101,48 @@ def read_summary(path: str | PathLike[str]) -> Summary:
         MissingExtraError: pyarrow is not installed.
         OSError: it cannot be read.
     """
+    with _opened(path, COLUMNS) as (about, of):
+        lattice, counts = Lattice(**about["lattice"]), _counts(about, of)
+        return Summary(
+            lattice=lattice, frame=str(about["frame"]), steps=_steps(lattice, of["step"]), passed=counts.passed,
+            leader=counts.leader,
+        )  # fmt: skip
+
+
+def read_counts(path: str | PathLike[str], lattice: Lattice) -> Counts:
+    """Read what `write_summary` wrote of counts on a lattice, but for the steps.
+
+    Raises:
+        RecordingError: the lattice is another, or as `read_summary`, as are the others.
+        MissingExtraError: see there.
+        OSError: see there.
+    """
+    with _opened(path, ("hour", "fold", "ticks", "east", "north", "direction", "count", "sum_east")) as (about, of):
+        if Lattice(**about["lattice"]) != lattice:
+            raise ValueError(f"counts on {about['lattice']}")
+        return _counts(about, of)
+
+
+@contextmanager
+def _opened(path: str | PathLike[str], names: tuple[str, ...]) -> Iterator[tuple[Any, dict[str, dict[str, IntArray]]]]:
+    """What a file says about itself, and some columns of each kind of rows."""
     pa, pq = _pyarrow()
     with Path(path).open("rb") as opened:
         try:
             file = pq.ParquetFile(opened)
             about = json.loads((file.schema_arrow.metadata or {}).get(FORMAT, b"{}"))
             _check(about.get("version"), file.metadata.num_rows)
-            table = file.read(["kind", *COLUMNS])
+            table = file.read(["kind", *names])
             kind = np.asarray(table["kind"].cast(pa.string()))
-            columns = {name: np.asarray(table[name]).astype(np.int64) for name in COLUMNS}
-            return _summary(Lattice(**about["lattice"]), str(about["frame"]), kind, columns)
+            rows = [np.flatnonzero(kind == which) for which in KINDS]
+            columns = [(name, np.asarray(table[name])) for name in names]
+            yield (
+                about,
+                {
+                    which: {name: column[own].astype(np.int64) for name, column in columns}
+                    for which, own in zip(KINDS, rows, strict=True)
+                },
+            )
         except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             if isinstance(error, OSError) and error.errno is not None:  # of the disk; pyarrow's own have no number
                 raise
@@ -105,26 +157,28 @@ def _check(version: object, n_rows: int) -> None:
         raise ValueError(f"a table of version {version} with {n_rows} rows")
 
 
-def _summary(lattice: Lattice, frame: str, kind: IntArray, column: dict[str, IntArray]) -> Summary:
-    step, passed, leader = ({name: values[kind == which] for name, values in column.items()} for which in KINDS)
+def _counts(about: Any, of: dict[str, dict[str, IntArray]]) -> Counts:
+    step, passed, leader = (of[which] for which in KINDS)
+    when = packed_when(step["hour"], step["fold"], step["ticks"], Lattice(**about["lattice"]))
+    place = packed(
+        np.column_stack([passed["east"], passed["north"]]), passed["direction"], np.zeros_like(passed["east"])
+    )
+    return Counts(
+        Tally.of(when[:, None], step["count"][:, None]),
+        Tally.of(place[:, None], passed["count"][:, None]),
+        Tally.of(leader["east"][:, None], np.column_stack([leader["count"], leader["sum_east"]])),
+    )
+
+
+def _steps(lattice: Lattice, step: dict[str, IntArray]) -> Tally:
     when = packed_when(step["hour"], step["fold"], step["ticks"], lattice)
     state = packed(np.column_stack([step["east"], step["north"]]), step["direction"], step["speed"])
     begins = step["begins"] != 0
     if not begins[:1].all():
         raise ValueError("a first step that another came before")
-    before = np.where(begins, NONE, np.roll(state, 1))
-    after = np.where(np.roll(begins, -1), NONE, np.roll(state, -1))
-    sums = Tally.of(
-        np.column_stack([when, before, state, after]), np.column_stack([step[name] for name in (*SUMS, *SPREADS)])
-    )
+    sums = tally_in_order(when, state, begins, np.column_stack([step[name] for name in (*SUMS, *SPREADS)]))
     squares = (sums.value[:, 5:] + sums.value[:, 1:5] ** 2) // sums.value[:, :1]
-    square = np.column_stack([passed["east"], passed["north"]])
-    return Summary(
-        lattice=lattice, frame=frame,
-        steps=Tally(key=sums.key, value=np.column_stack([sums.value[:, :5], squares])),
-        passed=Tally.of(packed(square, passed["direction"], passed["speed"])[:, None], passed["count"][:, None]),
-        leader=Tally.of(leader["east"][:, None], np.column_stack([leader["count"], leader["sum_east"]])),
-    )  # fmt: skip
+    return Tally(key=sums.key, value=np.column_stack([sums.value[:, :5], squares]))
 
 
 def _of_steps(summary: Summary) -> dict[str, IntArray]:

@@ -29,12 +29,15 @@ from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, Cases
 from dirprim_filter.evaluation.forecast_methods import futures_of
 from dirprim_filter.evaluation.splits import honest_split, split, thinned
 from dirprim_filter.recording.tables import read_csv
-from dirprim_filter.store.adding import add_logs
+from dirprim_filter.store.adding import add_logs, hash_of_rows
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.learning import learn_from_summary
+from dirprim_filter.store.learning import learn_from_summary, visible_tracks
 from dirprim_filter.store.log_files import find_logs
+from dirprim_filter.store.manifest import Entry, new_file
 from dirprim_filter.store.store import Store
+from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.summary import Summary
+from dirprim_filter.store.table import write_summary
 from dirprim_filter.tracks import Tracks
 from tessellation import VoronoiTessellation
 
@@ -122,17 +125,44 @@ def speed() -> None:
 
 
 def memory(n_rows: int) -> None:
-    """The most memory, and the size of the sum, of recordings of 100,000 rows each, made and added one by one."""
+    """The most memory of counting recordings of 100,000 rows each, made one by one, and of learning from all."""
     tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
-    total, done, began = Summary.none(), 0, time.perf_counter()
-    while done < n_rows:
-        total = Summary.total([total, Summary.of(repeated(tracks, 100_000, first=done))])
-        done += 100_000
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(
-        f"{done} rows: {len(total.steps)} kinds of steps of {int(total.steps.value[:, 0].sum())}, "
-        f"at most {most:.0f} MiB, {time.perf_counter() - began:.0f} s"
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store.create(Path(folder) / "store", StoreConfig())
+        done, began = 0, time.perf_counter()
+        while done < n_rows:
+            made = repeated(tracks, 100_000, first=done)
+            write_entry(store, made, f"{done}.mcap")
+            done += len(made)
+        said = f"{done} rows: counted with at most {most_mib():.0f} MiB in {time.perf_counter() - began:.0f} s"
+        began = time.perf_counter()
+        sums = StoredSums.of(store)
+        shown = visible_tracks(sums)
+        took = time.perf_counter() - began
+        print(
+            f"{said}; {len(shown)} of {int(sums.whens.value.sum())} steps chosen with at most {most_mib():.0f} MiB in "
+            f"{took:.0f} s",
+            flush=True,
+        )
+        learn_primitives(shown, tessellation="grid", cell_size=8.0, rng=np.random.default_rng(0))
+        print(f"a map of cells of 8 m learned with at most {most_mib():.0f} MiB")
+
+
+def most_mib() -> float:
+    """The most memory that this process has had."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def write_entry(store: Store, tracks: Tracks, name: str) -> None:
+    """Put tracks into a store, as if they had come from a log."""
+    entry = Entry(
+        url=name, size=0, mark="0", rows=hash_of_rows(tracks), n_rows=len(tracks), n_vehicles=tracks.n_tracks,
+        start_ns=int(tracks.time_ns[0]), end_ns=int(tracks.time_ns[-1]), n_squares=0, config=store.config.digest,
+        status="whole",
+    )  # fmt: skip
+    with new_file(store.recording(entry.rows)) as file:
+        write_summary(Summary.of(tracks), file)
+    store.record(entry, "")
 
 
 def killing() -> None:

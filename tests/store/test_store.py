@@ -12,12 +12,13 @@ from dirprim_filter import write_tracks
 from dirprim_filter.recording.container import source
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 from dirprim_filter.recording.reader import read_track_logs
-from dirprim_filter.store import adding, table, workers
+from dirprim_filter.store import adding, learning, stored_sums, table, workers
 from dirprim_filter.store.adding import add_logs, failures, hash_of_rows
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import NONE, Lattice
 from dirprim_filter.store.log_files import find_logs
 from dirprim_filter.store.store import Store
+from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.workers import LocalWorkers
 from situations import ring_traffic
@@ -51,13 +52,29 @@ def files(store):
     return {str(path.relative_to(store.path)): path.read_bytes() for path in store.path.rglob("*") if path.is_file()}
 
 
+def summed(store):
+    return Summary.total([table.read_summary(store.recording(rows)) for rows in {e.rows for e in store.entries()}])
+
+
 def test_a_store_sums_its_recordings_whatever_the_order(full, logs, tmp_path):
     backwards = Store.create(tmp_path / "backwards", StoreConfig())
     for seed in (2, 0, 1):
         add_logs(backwards, find_logs([str(logs / f"{seed}.mcap")]))
     assert files(backwards) == files(full)
     frame = full.frame
-    assert full.summary() == Summary.total([Summary.of(traffic(seed), frame=frame) for seed in range(3)])
+    assert summed(full) == Summary.total([Summary.of(traffic(seed), frame=frame) for seed in range(3)])
+
+
+def test_from_a_store_the_same_is_learned_as_from_its_sum_in_memory(full, monkeypatch):
+    monkeypatch.setattr(learning, "BLOCK_STEPS", 15)
+    monkeypatch.setattr(stored_sums, "SUMMED_AT_ONCE", 20)
+    stored, whole = StoredSums.of(full), summed(full)
+    assert (stored.whens, stored.passed, stored.leader) == (whole.whens, whole.passed, whole.leader)
+    assert learning.visible_tracks(stored, min_vehicles=2) == learning.visible_tracks(whole, min_vehicles=2)
+    full.forget(full.entries()[0].url)
+    assert StoredSums.of(full).digest != stored.digest
+    with pytest.raises(RecordingError, match="expected statistics of a recording"):
+        StoredSums.of(replace(full, config=StoreConfig(lattice=Lattice(square_m=2.0))))
 
 
 def test_known_logs_are_not_opened_again(full, logs, monkeypatch):
@@ -79,12 +96,12 @@ def test_a_log_that_has_changed_replaces_what_it_was(full, tmp_path):
 
 
 def test_a_copy_counts_once_and_stays_when_one_is_forgotten(full, logs, tmp_path):
-    total = full.summary()
+    total = summed(full)
     (tmp_path / "copy.mcap").write_bytes((logs / "0.mcap").read_bytes())
     add_logs(full, find_logs([str(tmp_path / "copy.mcap")]))
-    assert (len(full.entries()), full.summary()) == (4, total)
+    assert (len(full.entries()), summed(full)) == (4, total)
     full.forget(str(logs / "0.mcap"))
-    assert full.summary() == total
+    assert summed(full) == total
 
 
 def test_forgetting_leaves_what_never_adding_would(full, logs, tmp_path):
@@ -171,7 +188,7 @@ def test_another_tool_counts_the_same(full):
     found = duckdb.sql(
         f"SELECT sum(begins), sum(count), sum(sum_east), sum(sum_speed) FROM {rows} WHERE kind = 'step'"  # noqa: S608
     ).fetchall()[0]
-    steps = full.summary().steps
+    steps = summed(full).steps
     assert found == (np.sum(steps.value[steps.key[:, 1] == NONE, 0]), *steps.value[:, [0, 1, 4]].sum(axis=0))
 
 
@@ -243,7 +260,7 @@ def test_logs_of_an_object_store_are_added_by_pattern_and_known_by_their_etags(
     added = add_logs(store, find_logs([pattern]))
     assert [entry.url for entry in store.entries()] == [f"s3://bucket/day{i}/log.mcap" for i in range(2)]
     assert not list(failures(added))
-    assert store.summary() == Summary.total([Summary.of(traffic(i), frame=store.frame) for i in range(2)])
+    assert summed(store) == Summary.total([Summary.of(traffic(i), frame=store.frame) for i in range(2)])
     object_store.put_file(str(logs / "2.mcap"), "bucket/day1/log.mcap")
     changed = add_logs(store, find_logs([pattern]))
     assert (changed.known, list(failures(changed))) == (1, [])

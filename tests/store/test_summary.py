@@ -9,6 +9,7 @@ import pytest
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.store import tallies
 from dirprim_filter.store.lattice import NONE, Lattice
 from dirprim_filter.store.pseudo_tracks import pseudo_tracks
 from dirprim_filter.store.steps import HOUR_NS, TICK_NS, Instants, unpacked_when
@@ -69,6 +70,22 @@ def test_any_sharding_order_and_grouping_gives_the_same(many):
     assert Summary.total(many[1:]).digest != whole
 
 
+@pytest.mark.parametrize("far", [3, 1 << 40], ids=["one number holds a key", "none does"])
+def test_keys_are_summed_as_by_a_loop_and_piece_by_piece(far, monkeypatch):
+    rng = np.random.default_rng(0)
+    key, value = rng.integers(-1, 3, (200, 4)) * far, rng.integers(1, 9, (200, 2))
+    looped = {}
+    for row, more in zip(key.tolist(), value, strict=True):
+        looped[tuple(row)] = looped.get(tuple(row), 0) + more
+    whole = Tally.of(key, value)
+    assert [tuple(row) for row in whole.key.tolist()] == sorted(looped)
+    np.testing.assert_array_equal(whole.value, [looped[row] for row in sorted(looped)])
+    monkeypatch.setattr(tallies, "BLOCK_KEYS", 7)
+    thirds = [Tally.of(key[i::3], value[i::3]) for i in range(3)]
+    assert Tally.total(thirds) == whole
+    assert Tally.total(thirds[:2]) != whole
+
+
 def test_what_is_taken_away_was_never_there(parts):
     a, b, c = parts[:3]
     assert (a + b + c) - b == a + c
@@ -90,7 +107,7 @@ def test_steps_are_counted_as_by_a_loop():
     counted = Counter()
     for vehicle in range(tracks.n_tracks):
         own = tracks[tracks.vehicle == vehicle]
-        seen = Instants.of(own)
+        (seen,) = Instants.blocks(own)
         at_step = np.arange(0, own.time_ns[-1] - own.time_ns[0] + 1, seen.ticks * TICK_NS)
         east = np.interp(at_step, own.time_ns - own.time_ns[0], own.position[:, 0])
         np.testing.assert_allclose(seen.position[:, 0], east, atol=0.1)  # a spline beside straight lines
@@ -110,7 +127,7 @@ def test_a_step_is_as_long_as_the_rows_are_apart_that_learning_keeps(rows_apart_
     rng = np.random.default_rng(0)
     tracks = ring_traffic(rng, n_vehicles=2, n_rows=60, dt_s=rows_apart_s)
     jitter = rng.integers(-1_000_000, 1_000_000, len(tracks))
-    seen = Instants.of(replace(tracks, time_ns=np.maximum(tracks.time_ns + jitter, 0)))
+    (seen,) = Instants.blocks(replace(tracks, time_ns=np.maximum(tracks.time_ns + jitter, 0)))
     assert seen.ticks * TICK_NS == pytest.approx(step_s * 1e9)
     learned_from = TrackRows.thinned(tracks, interval_s=LearningConfig().row_interval_s)
     assert seen.speed.size == pytest.approx(len(learned_from), rel=0.1)
