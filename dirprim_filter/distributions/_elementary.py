@@ -120,8 +120,14 @@ def exp_single(x: float) -> float:
 @njit(**EXACT)
 def squared_sine_single(x: float) -> float:
     """sin(x)^2 in single precision, for |x| up to a hundred."""
-    n = (x * _PER_PI_S + _ROUND_S) - _ROUND_S
+    n = nearest_integer_single(x * _PER_PI_S)
     y = (x - n * _PI_HIGH_S) - n * _PI_LOW_S
     t = y * y
     s = y + y * t * ((((_S11_S * t + _S9_S) * t + _S7_S) * t + _S5_S) * t + _S3_S)
     return s * s
+
+
+@njit(**EXACT)
+def nearest_integer_single(x: float) -> float:
+    """The integer nearest to x in single precision, for |x| up to a million."""
+    return (x + _ROUND_S) - _ROUND_S

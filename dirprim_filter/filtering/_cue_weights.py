@@ -10,7 +10,7 @@ from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.primitives._manoeuvres import AHEAD, MotionTable
+from dirprim_filter.primitives._manoeuvres import MotionTable
 
 
 @njit(cache=True, nogil=True)
@@ -32,7 +32,7 @@ def weigh_by_cue(
     for i in range(vehicle.size):
         v, weight = vehicle[i], cloud.weight[vehicle[i]]
         for p in range(cloud.speed.shape[1]):
-            turned = table.row[cloud.manoeuvre[v, p], AHEAD]
+            turned = table.ahead[cloud.manoeuvre[v, p]]
             fit = 0.0
             for m in range(turn.size):
                 fit += math.exp(log_scale[m] + concentration[m] * (math.cos(turned - turn[m]) - 1.0))

@@ -96,12 +96,13 @@ def predict_paths(
     for t in range(dt_s.size):
         n_looks = 1 if is_alone else max(1, math.ceil(dt_s[t] / LOOK_S - 1e-9))
         for _ in range(n_looks):
-            for v in range(n_vehicles if seers > 0 else 0):
-                for p in range(n):
-                    world[p, v, 0], world[p, v, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
-                    world[p, v, 2], world[p, v, 3] = cloud.direction[v, p], cloud.speed[v, p]
-            for v in range(n_vehicles if seers > 0 else 0):
-                look_ahead(table, response, cloud, v, world, v, curvature, seen, led[v])
+            if not is_alone:
+                for v in range(n_vehicles):
+                    for p in range(n):
+                        world[p, v, 0], world[p, v, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
+                        world[p, v, 2], world[p, v, 3] = cloud.direction[v, p], cloud.speed[v, p]
+                for v in range(n_vehicles):
+                    look_ahead(table, response, cloud, v, world, v, curvature, seen, led[v])
             for v in range(n_vehicles):
                 step(table, cloud, v, led[v], dt_s[t] / n_looks)
         for v in range(n_vehicles):

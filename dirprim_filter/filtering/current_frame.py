@@ -25,6 +25,7 @@ class CurrentFrame:
             does not hold, and unlabelled ones.
         n_aside: how many beliefs were moved aside.
         held: the slots that hold their beliefs at the frame's time.
+        moments: of those, once they are weighed.
         shown: of these, what there are estimates of.
         shown_home: likewise of `home`.
         shown_names: their names.
@@ -38,6 +39,7 @@ class CurrentFrame:
     home: IntArray = field(default_factory=NO_ROWS.copy)
     n_aside: int = 0
     held: IntArray = field(default_factory=NO_ROWS.copy)
+    moments: FloatArray | None = None
     shown: IntArray = field(default_factory=NO_ROWS.copy)
     shown_home: IntArray = field(default_factory=NO_ROWS.copy)
     shown_names: list[str] = field(default_factory=list)

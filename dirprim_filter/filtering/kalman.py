@@ -9,6 +9,7 @@ Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking
 from __future__ import annotations
 
 from copy import copy
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -58,7 +59,7 @@ class KalmanBank:
                 column = getattr(self, name)
                 setattr(self, name, np.concatenate([column, np.zeros((more, *column.shape[1:]))]))
 
-    def look_around(self, slot: IntArray, home: IntArray) -> None:
+    def look_around(self, moments: FloatArray, home: IntArray) -> None:
         """Does nothing: Kalman filters have no interaction."""
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
@@ -273,7 +274,7 @@ class ConstantVelocity(KalmanFilter):  # type: ignore[misc]  # filterpy has no t
         """Take a vehicle's belief, to move it by `dt_s`."""
         self.x, self.P = mean.copy(), covariance.copy()
         self.F[0, 2] = self.F[1, 3] = dt_s
-        self.Q = _white_acceleration(self._density, dt_s)
+        self.Q = _white_acceleration(self._density, dt_s).copy()
         self.Q[4, 4] = FIRST_TURN_STD**2  # for the turn that may begin next
 
     def measure(self, of_state: FloatArray, noise: FloatArray) -> None:
@@ -293,7 +294,7 @@ class ConstantTurn(UnscentedKalmanFilter):  # type: ignore[misc]  # filterpy has
     def lend(self, mean: FloatArray, covariance: FloatArray, dt_s: float) -> None:
         """Take a vehicle's belief, to move it by `dt_s`."""
         self.x, self.P, self._dt = mean.copy(), covariance.copy(), dt_s
-        self.Q = _white_acceleration(self._density, dt_s)
+        self.Q = _white_acceleration(self._density, dt_s).copy()
         self.Q[4, 4] = self._turn_density * dt_s
 
     def measure(self, of_state: FloatArray, noise: FloatArray) -> None:
@@ -319,7 +320,9 @@ def turned(state: FloatArray, dt_s: float) -> FloatArray:
     )  # fmt: skip
 
 
+@lru_cache
 def _white_acceleration(density: float, dt_s: float) -> FloatArray:
+    """(5, 5), of which users take a copy."""
     noise = np.zeros((N_STATES, N_STATES))
     noise[:4, :4] = np.kron(Q_continuous_white_noise(dim=2, dt=dt_s, spectral_density=density), np.eye(2))
     return noise

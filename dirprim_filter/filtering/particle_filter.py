@@ -70,9 +70,9 @@ class ParticleFilter:
         self.belief.reserve(n_slots)
         self._surroundings.reserve(n_slots)
 
-    def look_around(self, slot: IntArray, home: IntArray) -> None:
-        """Note where vehicles are: possible leaders until this is called again. (v,), (v,) see `BayesFilter`."""
-        self._surroundings.see(self.moments(slot), home)
+    def look_around(self, moments: FloatArray, home: IntArray) -> None:
+        """Note where vehicles are: possible leaders until this is called again. (v, 10), (v,) see `BayesFilter`."""
+        self._surroundings.see(moments, home)
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Initialise beliefs from one measurement each and the primitive at its place.

@@ -41,11 +41,11 @@ class BayesFilter(Protocol):
         """Make the beliefs of `target` those of `source`, random numbers to come included."""
         ...
 
-    def look_around(self, slot: IntArray, home: IntArray) -> None:
+    def look_around(self, moments: FloatArray, home: IntArray) -> None:
         """Note where vehicles are, for filters with interaction; the others do nothing.
 
         Args:
-            slot: (v,) the slots of their beliefs, all at one time.
+            moments: (v, 10) of their beliefs, all at one time, see `moments`.
             home: (v,) the slots of the tracks.
         """
         ...

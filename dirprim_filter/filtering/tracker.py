@@ -141,6 +141,7 @@ class Tracker:
         is_lost = is_weightless | (roster.n_unexplained[slot] >= config.lost_after)
         if is_lost.any():
             self._recover(slot[is_lost], row[is_lost])
+        frame.moments = self._filter.moments(frame.held)
 
     def estimate(self) -> Estimates:
         """What is believed of confirmed tracks: labelled ones of the frame in its order, absent and unlabelled ones."""
@@ -149,7 +150,8 @@ class Tracker:
         reported = roster.is_confirmed[frame.home] & (exists >= self.tracking.report_above)
         frame.shown, home = self._now(frame.held[reported]), frame.home[reported]
         frame.shown_home, frame.shown_names = home, roster.names_of(home)
-        m = self._filter.moments(frame.shown)
+        weighed = frame.moments  # of the time when detections were true
+        m = self._filter.moments(frame.shown) if weighed is None or self._latency_ns else weighed[reported]
         is_measured = roster.measured_ns[home] == self._time_ns
         return Estimates(
             track_id=np.array(frame.shown_names, dtype=np.str_),
@@ -201,7 +203,8 @@ class Tracker:
         """Have the filter note where the last frame's vehicles are, of those that are likely there."""
         frame, roster = self._frame, self._roster
         there = roster.is_confirmed[frame.home] & (roster.probability[frame.home] >= self.tracking.report_above)
-        self._filter.look_around(frame.held[there], frame.home[there])
+        moments = self._filter.moments(frame.held) if frame.moments is None else frame.moments
+        self._filter.look_around(moments[there], frame.home[there])
 
     def _associate(self, row: IntArray) -> Hits:
         """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""

@@ -46,7 +46,7 @@ class LeaderTable(NamedTuple):
 
 
 ALONE = LeaderTable(np.zeros(N_FEATURES), 0.0, 0.0, np.zeros(N_PACES))
-"""Of vehicles that go on as if nobody else were there."""
+"""Of vehicles that go on as if no other vehicle were there."""
 
 
 @njit(cache=True, nogil=True)
@@ -85,9 +85,9 @@ def behind(
 def bends(table: MotionTable, manoeuvre: IntArray, direction: FloatArray, curvature: FloatArray) -> None:
     """Fills (n,) 1/m: the arc that each particle is about to drive, by its manoeuvre."""
     for p in range(direction.size):
-        row = table.row[manoeuvre[p]]
-        bend = row[BEND_E] * math.cos(direction[p]) + row[BEND_N] * math.sin(direction[p]) + row[CURVATURE]
-        curvature[p] = 0.0 if row[STARTS] > 0.0 else min(max(bend, -TIGHTEST), TIGHTEST)
+        row, z = table.row, manoeuvre[p]
+        bend = row[z, BEND_E] * math.cos(direction[p]) + row[z, BEND_N] * math.sin(direction[p]) + row[z, CURVATURE]
+        curvature[p] = 0.0 if row[z, STARTS] > 0.0 else min(max(bend, -TIGHTEST), TIGHTEST)
 
 
 @njit(cache=True)

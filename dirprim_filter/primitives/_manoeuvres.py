@@ -7,38 +7,62 @@ place-free ones.
 import math
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._elementary import EXACT, exp, log
+from dirprim_filter.distributions._elementary import EXACT, exp_single, log, nearest_integer_single, single
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives.motion import CREEP
+from tessellation._compiling import INLINED
 from tessellation._kernels import Locator
 
 # Columns of `MotionTable.row`.
-(EAST, NORTH, EXTENT, COURSE, BEND_E, BEND_N, A_0, A_E, A_N, A_V, PUSH, TURNING, KEEPS, LONGER, STARTS, PACE, GAIN_E,
- GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH, SCALE, VISITS, SECONDS, AHEAD,
- MODE, CURVATURE) = range(32)  # fmt: skip
-N_COLUMNS = 32
+(EAST, NORTH, EXTENT, COURSE, BEND_E, BEND_N, A_0, A_E, A_N, A_V, PUSH, TURNING, KEEPS, LONGER, STARTS,
+ CURVATURE) = range(16)  # fmt: skip
+N_FIELDS, LANES = 16, 8
+# Where the fields of eight begin in a row of `Candidates.field`.
+(HEADS, TURNS_E, TURNS_N, PACE, GAIN_E, GAIN_N, PATH_0, PATH_1, PATH_2, COSINE, SINE, BY_COURSE, BY_PACE, BY_PATH,
+ BY_VISITS, BY_TIME) = range(0, N_FIELDS * LANES, LANES)  # fmt: skip
 STANDING_BELOW = 0.1
 """m/s: who is faster creeps, which is to start or to stop; queues of real vehicles do so for seconds."""
 DEGREES = 5.0
-"""Of freedom: (DEGREES + 3) / 2 is the power in `fit`."""
+"""Of freedom: (DEGREES + 3) / 2 is the power in `weigh_candidates`."""
 DISCOUNT = 0.2
 """Subtracted from each count of transitions (Ney, Essen and Kneser 1994), for transitions that were not seen."""
+_TWO_PI, _PER_TWO_PI, _PER_DEGREES = single(2.0 * np.pi), single(0.5 / np.pi), single(1.0 / DEGREES)
+_ONE, _HALF, _LEAST = single(1.0), single(0.5), single(-50.0)
+
+SingleArray = npt.NDArray[np.float32]
+
+
+class Candidates(NamedTuple):
+    """Which manoeuvres may be taken up in each cell: those in motion, then those that stand.
+
+    Eight stand side by side, in single precision, so that one instruction weighs all of them.
+    """
+
+    center: FloatArray  # (n_cells, 3) east, north, and how far from there fields go
+    begin: IntArray  # (2 n_cells + 1,) the first eight of each
+    field: SingleArray  # (k, N_FIELDS * LANES)
+    number: IntArray  # (k, LANES) of the manoeuvre; the eight are filled up with any, of weight 0
+    free: SingleArray  # (4, m, LANES) of place-free ones: log pace, 1 / its spread, rate if in motion, rate if standing
 
 
 class MotionTable(NamedTuple):
     """A map's motion as the kernels take it; the last rows are the place-free manoeuvres'."""
 
     locator: Locator
-    row: FloatArray  # (z, N_COLUMNS)
+    candidates: Candidates
+    row: FloatArray  # (z, 16)
+    ahead: FloatArray  # (z,) radians by which vehicles have turned some seconds later
     begin: IntArray  # (n_cells + 1,) the first manoeuvre of each cell
     first: IntArray  # (z + 1,)
     following: IntArray  # (t,)
     count: FloatArray  # type: ignore[assignment]  # (t,), not the method of tuples
-    most: int  # manoeuvres of a cell, and the place-free ones
+    most: int  # eights of a cell, or of place-free ones
     course_rate: float
     push_rate: float
     strength: float
@@ -48,40 +72,66 @@ class MotionTable(NamedTuple):
     step_s: float
 
 
-@njit(**EXACT)
-def copied(table: MotionTable) -> MotionTable:
-    """The same table in memory of its own: threads that count references to one array wait for each other."""
-    place = table.locator
-    return MotionTable(
-        Locator(place.origin_x, place.origin_y, place.pixels_per_metre, place.pixel.copy(), place.entry.copy()),
-        table.row.copy(), table.begin.copy(), table.first.copy(), table.following.copy(), table.count.copy(),
-        table.most, table.course_rate, table.push_rate, table.strength, table.place_free_share, table.redraw_rate,
-        table.drift, table.step_s,
-    )  # fmt: skip
+@njit(**EXACT | INLINED)
+def weigh_eight(
+    of: SingleArray, often: SingleArray, east: float, north: float, heading: float, slowed: float, log_pace: float,
+    out: SingleArray,
+) -> None:  # fmt: skip
+    """A loop of vector instructions of eight rounds: its length comes from `out`, or it would be unrolled instead."""
+    for k in range(out.size):
+        off = heading - of[HEADS + k] - of[TURNS_E + k] * east - of[TURNS_N + k] * north
+        off -= _TWO_PI * nearest_integer_single(off * _PER_TWO_PI)
+        off *= slowed * of[BY_COURSE + k]
+        pace = log_pace - of[PACE + k] - of[GAIN_E + k] * east - of[GAIN_N + k] * north
+        pace *= of[BY_PACE + k]
+        u = of[COSINE + k] * east + of[SINE + k] * north
+        across = of[COSINE + k] * north - of[SINE + k] * east
+        across -= of[PATH_0 + k] + (of[PATH_1 + k] + of[PATH_2 + k] * u) * u
+        across *= of[BY_PATH + k]
+        q = _ONE + (off * off + pace * pace + across * across) * _PER_DEGREES
+        out[k] = often[k] / ((q * q) * (q * q))
 
 
-@njit(**EXACT)
-def fit(rows: FloatArray, z: int, x: float, y: float, direction: float, speed: float, log_pace: float) -> float:
-    """How well course, pace and path fit a manoeuvre: their density, divided by the place-free one.
+@njit(**EXACT | INLINED)
+def weigh_candidates(
+    may: Candidates, cell: int, stands: bool, x: float, y: float, direction: float, speed: float, rate: int,
+    weight: SingleArray,
+) -> float:  # fmt: skip
+    """Fill how often each manoeuvre of a cell is driven, times how well course, pace and path fit it; their sum.
 
-    Student's t of three variables with `DEGREES` of freedom: a vehicle that fits none well still follows the road.
+    That is their density divided by the place-free one: Student's t of three variables with `DEGREES` of freedom, for a
+    vehicle that fits none well still follows the road.
     """
-    extent = rows[z, EXTENT]
-    east, north = min(max(x - rows[z, EAST], -extent), extent), min(max(y - rows[z, NORTH], -extent), extent)
-    off = direction - rows[z, COURSE] - rows[z, BEND_E] * east - rows[z, BEND_N] * north
-    off -= 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)
-    off *= min(speed, 1.0) * rows[z, BY_COURSE]
-    pace = (log_pace - rows[z, PACE] - rows[z, GAIN_E] * east - rows[z, GAIN_N] * north) * rows[z, BY_PACE]
-    u, across = rows[z, COSINE] * east + rows[z, SINE] * north, rows[z, COSINE] * north - rows[z, SINE] * east
-    across = (across - rows[z, PATH_0] - rows[z, PATH_1] * u - rows[z, PATH_2] * u * u) * rows[z, BY_PATH]
-    q = 1.0 + (off * off + pace * pace + across * across) / DEGREES
-    return float(rows[z, SCALE] / (q * q * q * q))
+    extent = may.center[cell, 2]
+    east = single(min(max(x - may.center[cell, 0], -extent), extent))
+    north = single(min(max(y - may.center[cell, 1], -extent), extent))
+    heading, slowed, log_pace = single(direction), single(min(speed, 1.0)), single(log(speed + CREEP))
+    first, last = may.begin[2 * cell + stands], may.begin[2 * cell + stands + 1]
+    for b in range(first, last):
+        often = may.field[b, rate : rate + LANES]
+        weigh_eight(may.field[b], often, east, north, heading, slowed, log_pace, weight[b - first])
+    return total_of(weight[: last - first])
 
 
-@njit(**EXACT)
+@njit(**EXACT | INLINED)
+def total_of(weight: SingleArray) -> float:
+    """The sum of (m, LANES) weights."""
+    total = 0.0
+    for eight in weight:
+        total += sum_of(eight)
+    return total
+
+
+@njit(**EXACT | INLINED)
+def sum_of(eight: SingleArray) -> float:
+    """In pairs: no addition waits for more than two before it."""
+    return ((eight[0] + eight[1]) + (eight[2] + eight[3])) + ((eight[4] + eight[5]) + (eight[6] + eight[7]))
+
+
+@njit(**EXACT | INLINED)
 def take_up(
-    table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, by_time: bool,
-    least: float, weight: FloatArray, state: UIntArray,
+    table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, rate: int,
+    least: float, weight: SingleArray, state: UIntArray,
 ) -> int:  # fmt: skip
     """A manoeuvre of the cell by how often it is driven and how well it fits, or a place-free one.
 
@@ -93,105 +143,113 @@ def take_up(
         y: metres.
         direction: radians.
         speed: m/s.
-        by_time: weigh manoeuvres by how long they are driven, as found at any instant, not by how often entered.
+        rate: `BY_TIME` weighs manoeuvres by how long they are driven, as found at any instant, `BY_VISITS` by how
+            often they are entered.
         least: share of the place-free manoeuvres, if theirs is less.
-        weight: (most,) room.
+        weight: (most, LANES) room.
         state: of the random numbers.
     """
-    stands = speed < STANDING_BELOW
-    rows, begin = table.row, table.begin  # taken out of the table once: each time counts a reference
-    a, b, total, log_pace = 0, 0, 0.0, log(speed + CREEP)
+    stands, total = speed < STANDING_BELOW, 0.0
     if cell >= 0:
-        a, b = begin[cell], begin[cell + 1]
-    for z in range(a, b):
-        weight[z - a] = 0.0
-        if (rows[z, STARTS] > 0.0) == stands:
-            fits = fit(rows, z, x, y, direction, speed, log_pace)
-            weight[z - a] = rows[z, SECONDS if by_time else VISITS] * fits
-            total += weight[z - a]
-    share = table.strength / (total + table.strength)
-    if total > 0.0 and random.uniform(state) >= max(share, least):
-        left = random.uniform(state) * total
-        for z in range(a, b):
-            left -= weight[z - a]
-            if left < 0.0:
-                return z
-    if before >= 0 and (rows[before, STARTS] > 0.0) == stands:
+        total = weigh_candidates(table.candidates, cell, stands, x, y, direction, speed, rate, weight)
+    share = max(table.strength / (total + table.strength), least)
+    drawn = random.uniform(state)
+    if total > 0.0 and drawn >= share:
+        may, at = table.candidates, 2 * cell + stands
+        first, last = may.begin[at], may.begin[at + 1]
+        k = chosen(weight[: last - first], (drawn - share) / (1.0 - share) * total)
+        return int(may.number[first + k // LANES, k % LANES])
+    if before >= 0 and (table.row[before, STARTS] > 0.0) == stands:
         return before
     return leave_places(table, before, speed, weight, state)
 
 
-@njit(**EXACT)
-def leave_places(table: MotionTable, before: int, speed: float, weight: FloatArray, state: UIntArray) -> int:
+@njit(**EXACT | INLINED)
+def chosen(weight: SingleArray, left: float) -> int:
+    """The first of (m, LANES) whose cumulative weight exceeds `left`, an even draw from below their sum."""
+    b = 0
+    while b < len(weight) - 1:
+        these = sum_of(weight[b])
+        if left < these:
+            break
+        left -= these
+        b += 1
+    for k in range(LANES - 1):
+        left -= weight[b, k]
+        if left < 0.0:
+            return b * LANES + k
+    return (b + 1) * LANES - 1
+
+
+@njit(**EXACT | INLINED)
+def weigh_free_eight(
+    mean: SingleArray, by_pace: SingleArray, often: SingleArray, log_pace: float, out: SingleArray
+) -> None:
+    """How often place-free manoeuvres are driven, times how well the pace fits them."""
+    for k in range(out.size):
+        off = (log_pace - mean[k]) * by_pace[k]
+        out[k] = often[k] * exp_single(max(-_HALF * off * off, _LEAST))
+
+
+@njit(**EXACT | INLINED)
+def leave_places(table: MotionTable, before: int, speed: float, weight: SingleArray, state: UIntArray) -> int:
     """A place-free manoeuvre: that which follows another such, or else any of about that speed."""
-    rows, first, following, count = table.row, table.first, table.following, table.count
+    row, first, following, count = table.row, table.first, table.following, table.count
     n_placed, stands, total = table.begin[-1], speed < STANDING_BELOW, 0.0
     if before >= n_placed:
         for t in range(first[before], first[before + 1]):
-            if (rows[following[t], STARTS] > 0.0) == stands:
+            if (row[following[t], STARTS] > 0.0) == stands:
                 total += count[t]
         left = random.uniform(state) * total
         for t in range(first[before], first[before + 1]):
-            if (rows[following[t], STARTS] > 0.0) == stands:
+            if (row[following[t], STARTS] > 0.0) == stands:
                 left -= count[t]
                 if left < 0.0:
                     return int(following[t])
-    total, pace = 0.0, log(speed + CREEP)
-    for z in range(n_placed, len(rows)):
-        weight[z - n_placed] = 0.0
-        if (rows[z, STARTS] > 0.0) == stands:
-            off = (pace - rows[z, PACE]) * rows[z, BY_PACE]
-            weight[z - n_placed] = rows[z, SECONDS] * rows[z, BY_PACE] * exp(max(-0.5 * off * off, -50.0))
-            total += weight[z - n_placed]
-    left = random.uniform(state) * total
-    for z in range(n_placed, len(rows)):
-        left -= weight[z - n_placed]
-        if left < 0.0:
-            return z
-    return len(rows) - 1
+    free, pace = table.candidates.free, single(log(speed + CREEP))
+    n, rate = free.shape[1], 3 if stands else 2
+    for b in range(n):
+        weigh_free_eight(free[0, b], free[1, b], free[rate, b], pace, weight[b])
+    k = chosen(weight[:n], random.uniform(state) * total_of(weight[:n]))
+    return int(min(n_placed + k, len(row) - 1))
 
 
-@njit(**EXACT)
-def go_over(
-    table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, weight: FloatArray,
-    state: UIntArray,
-) -> int:  # fmt: skip
-    """The manoeuvre that follows another in the cell entered: by counts, or backing off to any that fits there."""
-    rows, first, following, count = table.row, table.first, table.following, table.count
+@njit(**EXACT | INLINED)
+def go_over(table: MotionTable, before: int, cell: int, speed: float, state: UIntArray) -> int:
+    """The manoeuvre that follows another in the cell entered, by counts; -1 to back off to any that fits there."""
+    row, first, following, count = table.row, table.first, table.following, table.count
     stands, n, kinds = speed < STANDING_BELOW, 0.0, 0.0
     if cell >= 0 and before < table.begin[-1]:
         a, b = table.begin[cell], table.begin[cell + 1]
         for t in range(first[before], first[before + 1]):
             z = following[t]
-            if a <= z < b and (rows[z, STARTS] > 0.0) == stands:
+            if a <= z < b and (row[z, STARTS] > 0.0) == stands:
                 n += count[t]
                 kinds += DISCOUNT
         left = random.uniform(state) * n
         if n > 0.0 and left < n - kinds:
             for t in range(first[before], first[before + 1]):
                 z = following[t]
-                if a <= z < b and (rows[z, STARTS] > 0.0) == stands:
+                if a <= z < b and (row[z, STARTS] > 0.0) == stands:
                     left -= count[t] - DISCOUNT
                     if left < 0.0:
                         return int(z)
-    return take_up(table, before, cell, x, y, direction, speed, False, 0.0, weight, state)
+    return -1
 
 
-@njit(**EXACT)
-def course_at(row: FloatArray, x: float, y: float) -> float:
+@njit(**EXACT | INLINED)
+def course_at(row: FloatArray, z: int, x: float, y: float) -> float:
     """The course of a manoeuvre at a place."""
-    extent = row[EXTENT]
-    east, north = min(max(x - row[EAST], -extent), extent), min(max(y - row[NORTH], -extent), extent)
-    return float(row[COURSE] + row[BEND_E] * east + row[BEND_N] * north)
+    extent = row[z, EXTENT]
+    east, north = min(max(x - row[z, EAST], -extent), extent), min(max(y - row[z, NORTH], -extent), extent)
+    return float(row[z, COURSE] + row[z, BEND_E] * east + row[z, BEND_N] * north)
 
 
-@njit(**EXACT)
-def keep_deviation(
-    table: MotionTable, before: int, after: int, place: FloatArray, direction: FloatArray, p: int
-) -> None:
-    """Turn a particle with the course of its manoeuvre: what it keeps is how it deviates."""
-    one, other = table.row[before], table.row[after]
-    if one[KEEPS] + other[KEEPS] + one[STARTS] + other[STARTS] == 0.0:
-        turned = direction[p] + course_at(other, place[0], place[1])
-        turned -= course_at(one, place[0], place[1])
-        direction[p] = turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
+@njit(**EXACT | INLINED)
+def keep_deviation(table: MotionTable, before: int, after: int, x: float, y: float, direction: float) -> float:
+    """The direction of a particle that turns with the course of its manoeuvre: what it keeps is how it deviates."""
+    row = table.row
+    if row[before, KEEPS] + row[after, KEEPS] + row[before, STARTS] + row[after, STARTS] == 0.0:
+        direction += course_at(row, after, x, y) - course_at(row, before, x, y)
+        direction -= 2.0 * math.pi * math.floor(direction / (2.0 * math.pi) + 0.5)
+    return direction

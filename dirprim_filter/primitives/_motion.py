@@ -22,11 +22,14 @@ from dirprim_filter.primitives._manoeuvres import (
     A_V,
     BEND_E,
     BEND_N,
+    BY_TIME,
+    BY_VISITS,
     COURSE,
     CURVATURE,
     EAST,
     EXTENT,
     KEEPS,
+    LANES,
     LONGER,
     NORTH,
     PUSH,
@@ -34,12 +37,14 @@ from dirprim_filter.primitives._manoeuvres import (
     STARTS,
     TURNING,
     MotionTable,
+    SingleArray,
     go_over,
     keep_deviation,
     leave_places,
     take_up,
 )
 from dirprim_filter.primitives.motion import JUMP_S
+from tessellation._compiling import UNCOUNTED
 from tessellation._kernels import locate, locate_all
 
 STARTS_AT = 0.31
@@ -60,9 +65,34 @@ class Step(NamedTuple):
     drift: float  # m, range of an even draw
 
 
+class Block(NamedTuple):
+    """Particles of one vehicle that are moved together."""
+
+    position: FloatArray  # (n, 2)
+    direction: FloatArray  # (n,)
+    speed: FloatArray  # (n,)
+    cell: IntArray  # (n,)
+    manoeuvre: IntArray  # (n,)
+    push: FloatArray  # (n,)
+    led: FloatArray  # (n, 3) or (0, 3), see `move`
+
+
 # Rows of the room in which a block of particles moves.
-(GAINED, OFF, STRETCH, TURN_E, TURN_N, TURN_0, BACK, NOISE, MOVED_E, MOVED_N, BEFORE) = range(11)
-PIECES, BLOCK = 11, 256
+(GAINED, OFF, STRETCH, TURN_E, TURN_N, TURN_0, BACK, NOISE, MOVED_E, MOVED_N, BEFORE, STARTING) = range(12)
+PIECES, BLOCK = 12, 256
+# Why a particle may change its manoeuvre.
+STAYS, PASSES, JUMPS, REDRAWS = range(4)
+
+
+class Due(NamedTuple):
+    """Which particles of a block may change their manoeuvre."""
+
+    redraws: float  # see `random.gap_scale`
+    jumps: float
+    left: IntArray  # (2,) particles until the next redraw, and the next jump
+    cell: IntArray  # (BLOCK,) where they are now
+    why: IntArray  # (BLOCK,)
+    which: IntArray  # (BLOCK,)
 
 
 @njit(**EXACT)
@@ -83,63 +113,70 @@ def move(
     `led` is (n, 3), the response to leaders: an acceleration, the share that the manoeuvre's own acceleration and start
     rate keep, and a start rate; or (0, 3) without leaders.
     """
-    n, weight = speed.size, np.empty(table.most)
+    n, weight = speed.size, np.empty((table.most, LANES), np.float32)
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
     step = step_of(table, dt_s / n_steps)
-    redraws, jumps = 1.0 - math.exp(-table.redraw_rate * step.h), 1.0 - math.exp(-step.h / JUMP_S)
-    due = np.array([random.draw_gap(redraws, state), random.draw_gap(jumps, state)])
+    due = _due(1.0 - math.exp(-table.redraw_rate * step.h), 1.0 - math.exp(-step.h / JUMP_S), state)
     normal, even, room = np.empty(2 * n), np.empty(2 * n), np.empty((PIECES, BLOCK))
     for _ in range(n_steps):
         random.fill_normals(normal, state)
         random.fill_even(even, state)  # over some steps a drift is normal whatever each step's is
         for first in range(0, n, BLOCK):
             last = min(first + BLOCK, n)
-            _gather(table, step, position, direction, speed, manoeuvre, push, led, first, last, room)
-            _advance(
-                step, direction[first:last], speed[first:last], push[first:last], normal[first:], normal[n + first :],
-                even[first:], even[n + first :], room,
+            block = Block(
+                position[first:last], direction[first:last], speed[first:last], cell[first:last],
+                manoeuvre[first:last], push[first:last], led[first:last],
             )  # fmt: skip
-            _change(
-                table, step.h, position, direction, speed, cell, manoeuvre, led, first, last, room, redraws, jumps,
-                due, weight, state,
-            )  # fmt: skip
+            _gather(table, step, block, room)
+            _advance(step, block, normal[first:], normal[n + first :], even[first:], even[n + first :], room)
+            _place(table, step.h, block, room, due, state)
+            _change(table, block, due, weight, state)
 
 
 @njit(**EXACT)
-def _gather(
-    table: MotionTable, step: Step, position: FloatArray, direction: FloatArray, speed: FloatArray,
-    manoeuvre: IntArray, push: FloatArray, led: FloatArray, first: int, last: int, room: FloatArray,
-) -> None:  # fmt: skip
+def _due(redraws: float, jumps: float, state: UIntArray) -> Due:
+    """By the probabilities of each in a step."""
+    redraws, jumps = random.gap_scale(redraws), random.gap_scale(jumps)
+    left = np.array([random.draw_gap(redraws, state), random.draw_gap(jumps, state)])
+    return Due(redraws, jumps, left, np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64))
+
+
+@njit(**EXACT | UNCOUNTED)
+def _gather(table: MotionTable, step: Step, block: Block, room: FloatArray) -> None:
     """What each particle's manoeuvre says at its place: here memory is waited for, so that the next loop need not."""
-    is_led = len(led) > 0
-    for p in range(first, last):
-        row, i, v = table.row[manoeuvre[p]], p - first, speed[p]
-        extent, moves = row[EXTENT], 0.0 if row[STARTS] > 0.0 else 1.0
-        east = min(max(position[p, 0] - row[EAST], -extent), extent)
-        north = min(max(position[p, 1] - row[NORTH], -extent), extent)
-        gained = row[A_0] + row[A_E] * east + row[A_N] * north + row[A_V] * v + row[PUSH] * push[p]
+    position, direction, speed, push, led = block.position, block.direction, block.speed, block.push, block.led
+    is_led, row, manoeuvre = len(led) > 0, table.row, block.manoeuvre
+    for i in range(speed.size):
+        z, v = manoeuvre[i], speed[i]
+        extent, starts = row[z, EXTENT], row[z, STARTS]
+        moves = 0.0 if starts > 0.0 else 1.0
+        east = min(max(position[i, 0] - row[z, EAST], -extent), extent)
+        north = min(max(position[i, 1] - row[z, NORTH], -extent), extent)
+        gained = row[z, A_0] + row[z, A_E] * east + row[z, A_N] * north + row[z, A_V] * v + row[z, PUSH] * push[i]
         if is_led:
-            gained = led[p, 0] + led[p, 1] * gained
-        room[GAINED, i] = moves * gained
-        room[OFF, i] = direction[p] - row[COURSE] - row[BEND_E] * east - row[BEND_N] * north
-        room[STRETCH, i] = moves * (1.0 + row[LONGER])
-        room[TURN_E, i], room[TURN_N, i], room[TURN_0, i] = row[BEND_E], row[BEND_N], row[CURVATURE]
-        keeps = row[KEEPS]  # 1 for a place-free manoeuvre, which has no course to come back to
+            gained = led[i, 0] + led[i, 1] * gained
+            starts = led[i, 2] + led[i, 1] * starts
+        room[GAINED, i], room[STARTING, i] = moves * gained, (1.0 - moves) * starts
+        room[OFF, i] = direction[i] - row[z, COURSE] - row[z, BEND_E] * east - row[z, BEND_N] * north
+        room[STRETCH, i] = moves * (1.0 + row[z, LONGER])
+        room[TURN_E, i], room[TURN_N, i], room[TURN_0, i] = row[z, BEND_E], row[z, BEND_N], row[z, CURVATURE]
+        keeps = row[z, KEEPS]  # 1 for a place-free manoeuvre, which has no course to come back to
         room[BACK, i] = moves * (1.0 - keeps) * (1.0 - step.course_kept)
         wanders = step.turned_by + keeps * (step.root - step.turned_by)
-        room[NOISE, i] = moves * row[TURNING] * wanders * min(v, 1.0)
+        room[NOISE, i] = moves * row[z, TURNING] * wanders * min(v, 1.0)
         room[BEFORE, i] = v
 
 
-@njit(**EXACT)
+@njit(**EXACT | UNCOUNTED)
 def _advance(
-    step: Step, direction: FloatArray, speed: FloatArray, push: FloatArray, turned: FloatArray, pushed: FloatArray,
-    strayed_east: FloatArray, strayed_north: FloatArray, room: FloatArray,
+    step: Step, block: Block, turned: FloatArray, pushed: FloatArray, strayed_east: FloatArray,
+    strayed_north: FloatArray, room: FloatArray,
 ) -> None:  # fmt: skip
-    """Turn, accelerate and push (n,) particles on, and fill how far each goes: a loop of vector instructions.
+    """Turn, accelerate and push particles on, and fill how far each goes: a loop of vector instructions.
 
     Who stands neither turns nor accelerates.
     """
+    direction, speed, push = block.direction, block.speed, block.push
     gained, off, stretch = room[GAINED], room[OFF], room[STRETCH]
     turn_e, turn_n, turn_0 = room[TURN_E], room[TURN_N], room[TURN_0]
     back, noise, moved_e, moved_n = room[BACK], room[NOISE], room[MOVED_E], room[MOVED_N]
@@ -161,45 +198,62 @@ def _advance(
 
 
 @njit(**EXACT)
-def _change(
-    table: MotionTable, h: float, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
-    manoeuvre: IntArray, led: FloatArray, first: int, last: int, room: FloatArray, redraws: float, jumps: float,
-    due: IntArray, weight: FloatArray, state: UIntArray,
-) -> None:  # fmt: skip
-    """Put particles where they go, and change the manoeuvres of those that enter a cell, stop, start or are due.
+def _place(table: MotionTable, h: float, block: Block, room: FloatArray, due: Due, state: UIntArray) -> None:
+    """Put particles where they go, start those that do, and note which enter another cell, stop or start."""
+    position, speed, cell, now, why = block.position, block.speed, block.cell, due.cell, due.why
+    for i in range(speed.size):
+        position[i, 0] += room[MOVED_E, i]
+        position[i, 1] += room[MOVED_N, i]
+    locate_all(table.locator, position, now)
+    for i in range(speed.size):
+        if room[STARTING, i] > 0.0 and random.uniform(state) < room[STARTING, i] * h:
+            speed[i] = STARTS_AT
+    for i in range(speed.size):
+        halts = (room[BEFORE, i] < STANDING_BELOW) != (speed[i] < STANDING_BELOW)
+        why[i] = PASSES if halts or now[i] != cell[i] else STAYS
+        cell[i] = now[i]
 
-    due: (2,) how many particles until the next redraw, and until the next jump.
-    """
-    redraw, jump, is_led = due[0], due[1], len(led) > 0
-    rows, begin, here = table.row, table.begin, np.empty(BLOCK, np.int64)
-    for p in range(first, last):
-        position[p, 0] += room[MOVED_E, p - first]
-        position[p, 1] += room[MOVED_N, p - first]
-    locate_all(table.locator, position[first:last], here)
-    for p in range(first, last):
-        before, now, x, y = manoeuvre[p], here[p - first], position[p, 0], position[p, 1]
-        starts = rows[before, STARTS]
-        if is_led and starts > 0.0:
-            starts = led[p, 2] + led[p, 1] * starts
-        if starts > 0.0 and random.uniform(state) < starts * h:
-            speed[p] = STARTS_AT
-        later = speed[p]
-        redrawn, jumped = redraw == 0, jump == 0
-        redraw = random.draw_gap(redraws, state) if redrawn else redraw - 1
-        jump = random.draw_gap(jumps, state) if jumped else jump - 1
-        if redrawn:
-            manoeuvre[p] = take_up(
-                table, -1, now, x, y, direction[p], later, True, table.place_free_share, weight, state
-            )
-        elif now != cell[p] or (room[BEFORE, p - first] < STANDING_BELOW) != (later < STANDING_BELOW):
-            manoeuvre[p] = go_over(table, before, now, x, y, direction[p], later, weight, state)
-            keep_deviation(table, before, manoeuvre[p], position[p], direction, p)
-        elif jumped and rows[before, KEEPS] == 1.0:
-            manoeuvre[p] = leave_places(table, before, later, weight, state)
-        elif jumped and not (now >= 0 and begin[now] <= before < begin[now + 1]):
-            manoeuvre[p] = take_up(table, -1, now, x, y, direction[p], later, True, 0.0, weight, state)
-        cell[p] = now
-    due[0], due[1] = redraw, jump
+
+@njit(**EXACT | UNCOUNTED)
+def _change(table: MotionTable, block: Block, due: Due, weight: SingleArray, state: UIntArray) -> None:
+    """Change the manoeuvres of the particles that pass into another cell or state, or are due by chance."""
+    position, direction, cell, manoeuvre = block.position, block.direction, block.cell, block.manoeuvre
+    begin = table.begin
+    for k in range(_list_due(due, cell.size, state)):
+        p = due.which[k]
+        before, now, x, y = manoeuvre[p], cell[p], position[p, 0], position[p, 1]
+        theta, v, why, after = direction[p], block.speed[p], due.why[p], -1
+        if why == PASSES:
+            after = go_over(table, before, now, v, state)
+        elif why == JUMPS and begin[-1] <= before:
+            after = leave_places(table, before, v, weight, state)
+        elif why == JUMPS and now >= 0 and begin[now] <= before < begin[now + 1]:
+            after = before
+        if after < 0:
+            former, rate = (before, BY_VISITS) if why == PASSES else (-1, BY_TIME)
+            least = table.place_free_share if why == REDRAWS else 0.0
+            after = take_up(table, former, now, x, y, theta, v, rate, least, weight, state)
+        if why == PASSES:
+            direction[p] = keep_deviation(table, before, after, x, y, theta)
+        manoeuvre[p] = after
+
+
+@njit(**EXACT | UNCOUNTED)
+def _list_due(due: Due, n: int, state: UIntArray) -> int:
+    """List the particles of a block that may change their manoeuvre; -> how many they are."""
+    left, why, which, n_due = due.left, due.why, due.which, 0
+    while left[1] < n:
+        why[left[1]] = PASSES if why[left[1]] == PASSES else JUMPS
+        left[1] += 1 + random.draw_gap(due.jumps, state)
+    while left[0] < n:
+        why[left[0]] = REDRAWS
+        left[0] += 1 + random.draw_gap(due.redraws, state)
+    left[0] -= n
+    left[1] -= n
+    for i in range(n):
+        which[n_due] = i
+        n_due += why[i] != STAYS
+    return n_due
 
 
 @njit(nogil=True, **EXACT)
@@ -208,12 +262,12 @@ def initialise_motion(
     manoeuvre: IntArray, push: FloatArray, state: UIntArray,
 ) -> None:  # fmt: skip
     """Draw for (n,) particles a manoeuvre that fits them and a push, and look up their cell."""
-    weight = np.empty(table.most)
+    weight = np.empty((table.most, LANES), np.float32)
     for p in range(speed.size):
         push[p] = random.draw_normal(state)
         cell[p] = locate(table.locator, position[p, 0], position[p, 1])
         manoeuvre[p] = take_up(
-            table, -1, cell[p], position[p, 0], position[p, 1], direction[p], speed[p], True,
+            table, -1, cell[p], position[p, 0], position[p, 1], direction[p], speed[p], BY_TIME,
             table.place_free_share, weight, state,
         )  # fmt: skip
 

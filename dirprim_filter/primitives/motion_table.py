@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.primitives._manoeuvres import MotionTable
+from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, Candidates, MotionTable
 from dirprim_filter.primitives.motion import PUSH_RATE
 from tessellation._kernels import Locator
 from tessellation.locate import locator_of
@@ -43,16 +43,18 @@ class MotionKnobs(NamedTuple):
 
 def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
     """The motion of a map, with a filter's knobs."""
-    motion, cells = primitives.motion, primitives.tessellation
+    motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives, knobs)
     of_cell = motion.cell[: motion.n_placed]
     return MotionTable(
         locator=reaching(locator_of(cells), knobs.reach_m),
+        candidates=may,
         row=_rows(primitives, knobs),
+        ahead=motion.turn_ahead,
         begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
         first=motion.first,
         following=motion.following,
         count=motion.count,
-        most=max(int(np.bincount(of_cell, minlength=1).max()), len(motion) - motion.n_placed),
+        most=max(int(np.diff(may.begin).max(initial=0)), may.free.shape[1]),
         course_rate=motion.course_rate,
         push_rate=PUSH_RATE,
         strength=motion.strength,
@@ -64,24 +66,52 @@ def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
 
 
 def _rows(primitives: PrimitiveMap, knobs: MotionKnobs) -> FloatArray:
-    """(z, N_COLUMNS), see `_motion`."""
+    """(z, 16), see `_manoeuvres`."""
     motion = primitives.motion
     is_free = motion.cell < 0
     agility = np.where(is_free, knobs.agility, 1.0)
-    seconds = motion.seconds.copy()
-    seconds[-2] = max(seconds[-2], knobs.straight_share)  # of place-free vehicles in motion
-    extent = np.append(0.6 * np.sqrt(primitives.tessellation.area), 0.0)
+    return np.column_stack([
+        _centers(primitives)[motion.cell], motion.course, motion.bend, motion.acceleration,
+        agility * np.hypot(motion.push, knobs.push), agility * np.hypot(motion.course_spread, knobs.direction_spread),
+        is_free, motion.stretch, agility * motion.start_rate, motion.curvature,
+    ])  # fmt: skip
+
+
+def _centers(primitives: PrimitiveMap) -> FloatArray:
+    """(n_cells + 1, 3) east, north, and how far from there fields go; the last row is of no cell."""
+    return np.column_stack([primitives.centers, np.append(0.6 * np.sqrt(primitives.tessellation.area), 0.0)])
+
+
+def _candidates(primitives: PrimitiveMap, knobs: MotionKnobs) -> Candidates:
+    """The manoeuvres of each cell, eight side by side."""
+    motion, n = primitives.motion, primitives.motion.n_placed
     by_course = 1.0 / (motion.course_spread + COURSE_FLOOR)
     by_pace = 1.0 / (motion.log_pace_spread + PACE_FLOOR)
     by_path = 1.0 / (motion.path_spread + PATH_FLOOR)
-    return np.column_stack([
-        primitives.centers[motion.cell], extent[motion.cell], motion.course, motion.bend, motion.acceleration,
-        agility * np.hypot(motion.push, knobs.push), agility * np.hypot(motion.course_spread, knobs.direction_spread),
-        is_free, motion.stretch, agility * motion.start_rate,
-        motion.log_pace, motion.gain, motion.path, np.cos(motion.path_direction), np.sin(motion.path_direction),
-        by_course, by_pace, by_path, by_course * by_pace * by_path / PLACE_FREE_DENSITY, motion.visits, seconds,
-        motion.turn_ahead, motion.mode, motion.curvature,
-    ])  # fmt: skip
+    scale = by_course * by_pace * by_path / PLACE_FREE_DENSITY
+    column = np.column_stack([
+        motion.course, motion.bend, motion.log_pace, motion.gain, motion.path, np.cos(motion.path_direction),
+        np.sin(motion.path_direction), by_course, by_pace, by_path, motion.visits * scale, motion.seconds * scale,
+    ])[:n]  # fmt: skip
+    stands = motion.start_rate > 0
+    kind = 2 * motion.cell[:n] + stands[:n]
+    order, size = np.argsort(kind, kind="stable"), np.bincount(kind, minlength=2 * primitives.tessellation.n_cells)
+    begin = np.append(0, np.cumsum(-(-size // LANES)))
+    at = LANES * begin[kind[order]] + np.arange(n) - np.repeat(np.cumsum(size) - size, size)
+    field, number = np.zeros((begin[-1] * LANES, N_FIELDS), np.float32), np.zeros(begin[-1] * LANES, np.int64)
+    field[at], number[at] = column[order], order
+    seconds = motion.seconds[n:].copy()
+    seconds[-2] = max(seconds[-2], knobs.straight_share)  # of those in motion
+    rate = seconds * by_pace[n:]
+    free = np.array([motion.log_pace[n:], by_pace[n:], rate * ~stands[n:], rate * stands[n:]], np.float32)
+    free = np.pad(free, ((0, 0), (0, -free.shape[1] % LANES)))
+    return Candidates(
+        center=_centers(primitives)[:-1],
+        begin=begin,
+        field=field.reshape(-1, LANES, N_FIELDS).transpose(0, 2, 1).reshape(-1, N_FIELDS * LANES),
+        number=np.maximum.accumulate(number.reshape(-1, LANES), axis=1),
+        free=free.reshape(4, -1, LANES),
+    )
 
 
 def reaching(locator: Locator, reach_m: float) -> Locator:

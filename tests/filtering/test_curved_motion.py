@@ -107,7 +107,7 @@ def test_a_belief_is_born_of_the_density_of_its_place(place):
 
 
 def test_beyond_its_cell_a_manoeuvre_bends_no_further():
-    row = forecast_table(circling(), FilterConfig()).row[0]
+    row = forecast_table(circling(), FilterConfig()).row
     reach = 0.6 * 60.0
     for x, bound in ((29.0, 29.0), (35.0, 35.0), (37.0, reach), (-500.0, -reach)):
-        assert _manoeuvres.course_at(row, x, 3.0) == pytest.approx(bound / RADIUS)
+        assert _manoeuvres.course_at(row, 0, x, 3.0) == pytest.approx(bound / RADIUS)

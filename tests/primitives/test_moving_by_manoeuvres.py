@@ -11,7 +11,7 @@ from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.primitives import _manoeuvres, _motion
 from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
 from moving import ALONE, SIDE, motion_by_hand, moved, only_places, seeded, squares
-from oracles import fit, manoeuvre_weights, moved_without_noise
+from oracles import manoeuvre_weights, moved_without_noise
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 N = 20_000
@@ -19,13 +19,14 @@ EXTENT = 0.6 * SIDE
 STILL = MotionKnobs(drift=0.0, step_s=0.1)
 
 
-def random_map(rng, *, noise=1.0):
-    """Two cells, four manoeuvres in motion and one that stands in each, of random fields."""
-    n = 10
+def random_map(rng, *, noise=1.0, n_moving=4):
+    """Two cells, some manoeuvres in motion and one that stands in each, of random fields."""
+    n = 2 * (n_moving + 1)
     motion = motion_by_hand(
-        np.repeat([0, 1], 5), start_rate=np.tile([0.0, 0.0, 0.0, 0.0, 0.3], 2), visits=rng.gamma(2.0, 5.0, n),
-        seconds=rng.gamma(2.0, 5.0, n), course=rng.uniform(-3, 3, n), bend=rng.normal(0, 0.05, (n, 2)),
-        course_spread=noise * rng.gamma(2.0, 0.2, n), log_pace=rng.normal(2.0, 0.3, n), turning=0.2 * noise,
+        np.repeat([0, 1], n_moving + 1), start_rate=np.tile([*np.zeros(n_moving), 0.3], 2),
+        visits=rng.gamma(2.0, 5.0, n), seconds=rng.gamma(2.0, 5.0, n), course=rng.uniform(-3, 3, n),
+        bend=rng.normal(0, 0.05, (n, 2)), course_spread=noise * rng.gamma(2.0, 0.2, n),
+        log_pace=rng.normal(2.0, 0.3, n), turning=0.2 * noise,
         gain=rng.normal(0, 0.02, (n, 2)), log_pace_spread=rng.gamma(2.0, 0.3, n), strength=3.0,
         path=rng.normal(0, [1.0, 0.1, 0.01], (n, 3)),
         path_spread=rng.gamma(2.0, 1.0, n), path_direction=rng.uniform(-3, 3, n),
@@ -41,34 +42,30 @@ def somewhere(rng):
     return rng.uniform([-8.0, -8.0], [48.0, 28.0]), rng.uniform(-np.pi, np.pi), speed
 
 
-def test_how_well_a_vehicle_fits_is_what_the_slow_twin_says():
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        random = random_map(rng)
-        table = motion_table(random, STILL)
-        for z in range(10):
-            place, direction, speed = somewhere(rng)
-            center = random.centers[random.motion.cell[z]]
-            slow = fit(random.motion, z, center, EXTENT, place, direction, speed)
-            for quicker in (0.0, 1e-3):
-                found = _manoeuvres.fit(table.row, z, *place, direction, speed, np.log(speed + 0.3) + quicker)
-                assert (found == pytest.approx(slow, rel=1e-9, abs=0.0)) == (quicker == 0.0)
-
-
-@pytest.mark.parametrize("by_time", [False, True])
-def test_weights_of_manoeuvres_are_what_the_slow_twin_says(by_time):
-    rng, state = np.random.default_rng(2), seeded(2)
-    for _ in range(100):
-        random = only_places(random_map(rng))
-        table, room = motion_table(random, STILL), np.full(20, np.nan)
+@pytest.mark.parametrize("rate", [_manoeuvres.BY_VISITS, _manoeuvres.BY_TIME])
+@pytest.mark.parametrize("n_moving", [4, 8, 11])
+def test_weights_of_manoeuvres_are_what_the_slow_twin_says(rate, n_moving):
+    rng = np.random.default_rng(2)
+    for _ in range(30):
+        random = only_places(random_map(rng, n_moving=n_moving))
+        may = motion_table(random, STILL).candidates
         place, direction, speed = somewhere(rng)
         for cell in (0, 1):
-            _manoeuvres.take_up(table, -1, cell, *place, direction, speed, by_time, 0.0, room, state)
             slow = manoeuvre_weights(
-                random.motion, cell, random.centers[cell], EXTENT, place, direction, speed, by_time=by_time
-            )
-            np.testing.assert_allclose(room[:5], slow, rtol=1e-9, atol=1e-200)
-            assert (slow[4] > 0) == (speed < 0.1)
+                random.motion, cell, random.centers[cell], EXTENT, place, direction, speed,
+                by_time=rate == _manoeuvres.BY_TIME,
+            )  # fmt: skip
+            slow = slow[:-1] if speed > 0.1 else slow[-1:]
+            for quicker in (0.0, 1e-2):
+                room = np.full((3, 8), np.nan, np.float32)
+                given = (*place, direction, (speed + 0.3) * (1.0 + quicker) - 0.3, rate, room)
+                total = _manoeuvres.weigh_candidates(may, cell, speed < 0.1, *given)
+                found = room[~np.isnan(room)]
+                assert len(found) % 8 == 0
+                assert total == pytest.approx(found.sum(), rel=1e-5)
+                assert not found[slow.size :].any()
+                is_close = np.isclose(found[: slow.size], slow, rtol=2e-4, atol=1e-30)
+                assert is_close.all() if quicker == 0.0 else not is_close.all()
 
 
 def test_manoeuvres_are_taken_up_by_their_weights_against_the_strength_of_no_place():
@@ -79,10 +76,8 @@ def test_manoeuvres_are_taken_up_by_their_weights_against_the_strength_of_no_pla
     random = replace(random, motion=replace(random.motion, strength=0.5 * weight.sum()))
     for share, free in ((0.0, 1 / 3), (0.2, 1 / 3), (0.7, 0.7)):
         table = motion_table(random, MotionKnobs(place_free_share=share))
-        room, state = np.empty(20), seeded(4)
-        found = [
-            _manoeuvres.take_up(table, -1, 0, *place, direction, speed, True, share, room, state) for _ in range(N)
-        ]
+        given = (*place, direction, speed, _manoeuvres.BY_TIME, share, np.empty((3, 8), np.float32), seeded(4))
+        found = [_manoeuvres.take_up(table, -1, 0, *given) for _ in range(N)]
         count = np.bincount(found, minlength=12)
         expected = N * np.append((1 - free) * weight / weight.sum(), free)
         seen = np.append(count[:5], count[10:].sum())

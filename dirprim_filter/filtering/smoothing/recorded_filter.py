@@ -72,9 +72,9 @@ class RecordedFilter(ABC):
         for s in target.tolist():
             self.chain.pop(s, None)
 
-    def look_around(self, slot: IntArray, home: IntArray) -> None:
+    def look_around(self, moments: FloatArray, home: IntArray) -> None:
         """As the filter does."""
-        self._inner.look_around(slot, home)
+        self._inner.look_around(moments, home)
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move beliefs on."""
