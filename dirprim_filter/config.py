@@ -127,11 +127,14 @@ class TrackingConfig:
     Attributes:
         detection_probability: of a vehicle in sight, in each frame.
         clutter_density: false detections per square metre in each frame: one in a square of 100 m. Labelled or not, the
-            odds that a first detection is a vehicle are `birth_density` to this.
-        birth_density: new vehicles per square metre in each frame: one in a hundred frames.
+            odds that a first detection is a vehicle are those expected there to this, see `filtering.undetected`.
+        birth_density: new vehicles per square metre in each frame, anywhere: one in a hundred frames. On a map more are
+            expected where journeys begin.
+        vehicle_density: vehicles per square metre to expect before the first frame: as many as false detections. On a
+            map it is corrected by those that are found, and they are expected where vehicles were.
         occlusion_rate: 1/s, how often a vehicle is occluded, as by a lorry or a tree.
         reappearance_rate: 1/s, how fast it comes back: after three seconds.
-        departure_rate: 1/s, how often a vehicle leaves for good.
+        departure_rate: 1/s, how often a vehicle leaves for good, anywhere. On a map more do where journeys end.
         gate: squared Mahalanobis distance beyond which a detection is not assigned to a track; one in 3,000 of its own
             is excluded.
         confirm_above: probability of existence from which on a track is reported.
@@ -144,6 +147,7 @@ class TrackingConfig:
     detection_probability: float = 0.9
     clutter_density: float = 1e-4
     birth_density: float = 1e-6
+    vehicle_density: float = 1e-4
     occlusion_rate: float = 0.05
     reappearance_rate: float = 0.33
     departure_rate: float = 0.01

@@ -49,11 +49,13 @@ def honest_tracking(tracks: Tracks, experiment: TrackingExperiment) -> TrackingC
     if model is not None and model.clutter_density is not None:
         false_per_frame = model.clutter_density * area
     instants = np.unique(tracks.time_ns).size
+    n_new = tracks.n_tracks - np.count_nonzero(tracks.time_ns == tracks.time_ns.min())
     occlusion = 1.0 / 20.0 if experiment.gap_s > 0 else 1e-3
     return TrackingConfig(
         detection_probability=min(1.0 - experiment.miss_rate, 0.99),
         clutter_density=max(false_per_frame, 1e-6) / area,
-        birth_density=max(tracks.n_tracks / instants, 1e-3) / area,
+        birth_density=max(n_new / instants, 1e-3) / area,
+        vehicle_density=len(tracks) / instants / area,
         occlusion_rate=occlusion,
         reappearance_rate=1.0 / max(experiment.gap_s, 1.0),
     )

@@ -56,8 +56,9 @@ class Associator:
         self._noise, self._config = noise, config
 
     def hits(
-        self, slot: IntArray, existence: FloatArray, is_confirmed: BoolArray, detections: Detections, rows: IntArray
-    ) -> Hits:
+        self, slot: IntArray, existence: FloatArray, is_confirmed: BoolArray, detections: Detections, rows: IntArray, *,
+        first: FloatArray,
+    ) -> Hits:  # fmt: skip
         """Confirmed tracks choose first, tentative ones among what they leave.
 
         Args:
@@ -66,15 +67,18 @@ class Associator:
             is_confirmed: (v,) of them.
             detections: the frame.
             rows: (d,) its unlabelled rows.
+            first: density of first detections that was expected at each row of the frame.
         """
         found = []
         for chosen in (is_confirmed, ~is_confirmed):
-            hits = self._best(slot[chosen], existence[chosen], detections, rows)
+            hits = self._best(slot[chosen], existence[chosen], detections, rows, first)
             found.append(hits)
             rows = np.setdiff1d(rows, hits.row, assume_unique=True)
         return Hits.concatenate(found)
 
-    def _best(self, slot: IntArray, existence: FloatArray, detections: Detections, rows: IntArray) -> Hits:
+    def _best(
+        self, slot: IntArray, existence: FloatArray, detections: Detections, rows: IntArray, first: FloatArray
+    ) -> Hits:
         if slot.size == 0 or rows.size == 0:
             return Hits(slot[:0], rows[:0])
         seen, config = detections[rows], self._config
@@ -85,7 +89,7 @@ class Associator:
         visible, occluded = existence[pairs.one, VISIBLE], existence[pairs.one, OCCLUDED]
         in_sight = visible / (visible + occluded)  # if it exists: that is judged later
         expected = config.detection_probability * in_sight
-        by_chance = np.log(config.clutter_density + config.birth_density)
+        by_chance = np.log(config.clutter_density + first[rows][pairs.other])
         best = best_assignment(pairs, np.log(expected) - np.log1p(-expected) + fit - by_chance)
         return Hits(slot[best.one], rows[best.other])
 

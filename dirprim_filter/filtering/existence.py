@@ -17,10 +17,15 @@ VISIBLE, OCCLUDED, GONE = range(3)
 """The states: visible, occluded, or gone: the vehicle left, or the track always was a false detection."""
 
 
-def at_birth(n: int, config: TrackingConfig) -> FloatArray:
-    """(n, 3) after the detection that initialises a track: of a new vehicle, or a false one."""
-    exists = config.birth_density / (config.birth_density + config.clutter_density)
-    return np.tile(np.array([exists, 0.0, 1.0 - exists]), (n, 1))
+def at_birth(first: FloatArray, config: TrackingConfig) -> FloatArray:
+    """(n, 3) after the detection that initialises a track: the first of a vehicle, or a false one.
+
+    Args:
+        first: (n,) density of first detections that was expected there, see `Undetected`.
+        config: density of false ones.
+    """
+    exists = first / (first + config.clutter_density)
+    return np.column_stack([exists, np.zeros_like(exists), 1.0 - exists])
 
 
 def probability(existence: FloatArray, outside: FloatArray) -> FloatArray:
@@ -34,10 +39,19 @@ def probability(existence: FloatArray, outside: FloatArray) -> FloatArray:
     return np.asarray(existence[:, VISIBLE] + existence[:, OCCLUDED] * (1.0 - outside))
 
 
-def later(existence: FloatArray, dt_s: FloatArray, config: TrackingConfig) -> FloatArray:
-    """(n, 3) -> (n, 3) after `dt_s` (n,) seconds without a frame."""
+def later(
+    existence: FloatArray, dt_s: FloatArray, config: TrackingConfig, *, ends: FloatArray | float = 0.0
+) -> FloatArray:
+    """(n, 3) -> (n, 3) after `dt_s` (n,) seconds without a frame.
+
+    Args:
+        existence: by state.
+        dt_s: seconds.
+        config: rates.
+        ends: 1/s, (n,), rate of departure at the place, beside that of the configuration.
+    """
     out, back = config.occlusion_rate, config.reappearance_rate
-    stays = np.exp(-config.departure_rate * dt_s)
+    stays = np.exp(-(config.departure_rate + ends) * dt_s)
     mixes = np.exp(-(out + back) * dt_s)
     exists = existence[:, VISIBLE] + existence[:, OCCLUDED]
     balance = exists * back / (out + back)
@@ -45,12 +59,13 @@ def later(existence: FloatArray, dt_s: FloatArray, config: TrackingConfig) -> Fl
     return np.column_stack([visible, stays * exists - visible, 1.0 - stays * exists])
 
 
-def after_hit(existence: FloatArray, log_density: FloatArray, config: TrackingConfig) -> FloatArray:
+def after_hit(existence: FloatArray, log_density: FloatArray, first: FloatArray, config: TrackingConfig) -> FloatArray:
     """(n, 3) -> (n, 3) after a hit: an assigned detection with this log density (n,) under the track's belief.
 
-    The detection is of the vehicle; or it is clutter or another vehicle, and then this one was missed or is not there.
+    The detection is of the vehicle; or it is clutter, or the first of another vehicle, expected there in this density
+    (n,), and then this one was missed or is not there.
     """
-    by_chance = np.log(config.clutter_density + config.birth_density)
+    by_chance = np.log(config.clutter_density + first)
     gain = np.exp(np.clip(log_density - by_chance, -50.0, 50.0))
     p = config.detection_probability
     return _normalised(existence * np.column_stack([1.0 - p + p * gain, np.ones_like(gain), np.ones_like(gain)]))

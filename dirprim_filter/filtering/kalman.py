@@ -51,6 +51,11 @@ class KalmanBank:
         self._log_outlier = float(np.log(config.outlier_probability / config.outlier_extent_m**2))
         self._log_kept = float(np.log1p(-config.outlier_probability))
 
+    @property
+    def traffic(self) -> None:
+        """None: these models know no places."""
+        return
+
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
         more = n_slots - len(self.mean)
@@ -141,6 +146,10 @@ class KalmanBank:
 
     def probability_outside(self, slot: IntArray) -> FloatArray:
         """0: these models know no places. (v,)."""
+        return np.zeros(slot.size)
+
+    def rate_of_ends(self, slot: IntArray) -> FloatArray:
+        """0, likewise. (v,)."""
         return np.zeros(slot.size)
 
     def resample(self, slot: IntArray) -> None:

@@ -26,6 +26,7 @@ from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, 
 from dirprim_filter.filtering.motion import leader_table, tracking_table
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.surroundings import Surroundings
+from dirprim_filter.filtering.traffic import Traffic
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from tessellation import OUTSIDE
@@ -56,6 +57,10 @@ class ParticleFilter:
         self._surroundings.reserve(self.belief.n_slots)
         self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
+        self.traffic = Traffic.of(primitive_map)
+        self._ends = np.zeros(len(primitive_map.motion))
+        if self.traffic is not None:
+            self._ends[: self.traffic.ends.size] = self.traffic.ends
         self._noise = _noise(config)
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
@@ -189,6 +194,11 @@ class ParticleFilter:
             return np.zeros(slot.size)
         cloud = self.belief.cloud
         return np.asarray((cloud.weight[slot] * (cloud.cell[slot] == OUTSIDE)).sum(axis=1))
+
+    def rate_of_ends(self, slot: IntArray) -> FloatArray:
+        """Mean over the particles of the rate at which journeys end in their manoeuvre, 1/s. (v,) -> (v,)."""
+        cloud = self.belief.cloud
+        return np.asarray((cloud.weight[slot] * self._ends[cloud.manoeuvre[slot]]).sum(axis=1))
 
     def particles(self, slot: IntArray) -> BelievedParticles:
         """The beliefs' samples, one vehicle after the other."""

@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
+from dirprim_filter.filtering.traffic import Traffic
 
 
 class Evidence(NamedTuple):
@@ -28,6 +29,11 @@ class BayesFilter(Protocol):
 
     No belief depends on another, unless the filter's configuration says that vehicles interact.
     """
+
+    @property
+    def traffic(self) -> Traffic | None:
+        """Of the map; None for models without places."""
+        ...
 
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots; the present beliefs stay."""
@@ -71,6 +77,10 @@ class BayesFilter(Protocol):
 
     def probability_outside(self, slot: IntArray) -> FloatArray:
         """(v,) probability that a vehicle is outside of the map's cells; 0 for models without places."""
+        ...
+
+    def rate_of_ends(self, slot: IntArray) -> FloatArray:
+        """(v,) 1/s, rate at which journeys end where vehicles are; 0 for models without places."""
         ...
 
     def resample(self, slot: IntArray) -> None:

@@ -15,7 +15,7 @@ from dirprim_filter.filtering.protocols import BayesFilter
 FIRST_CAPACITY = 16
 _COLUMNS = (
     "time_ns", "existence_ns", "measured_ns", "counted_ns", "is_labelled", "is_confirmed", "existence",
-    "outside", "n_unexplained", "log_evidence",
+    "outside", "ends", "n_unexplained", "log_evidence",
 )  # fmt: skip
 
 
@@ -31,6 +31,7 @@ class Roster:
         is_confirmed: (slots,) whether it was ever confirmed.
         existence: (slots, 3) see `existence`.
         outside: (slots,) probability that it is outside of the map's cells.
+        ends: (slots,) 1/s, rate at which journeys end where it was when its existence was last moved on.
         n_unexplained: (slots,) consecutive measurements that its belief did not explain.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
     """
@@ -48,6 +49,7 @@ class Roster:
         self.is_confirmed: BoolArray = np.empty(0, np.bool_)
         self.existence: FloatArray = np.empty((0, 3))
         self.outside: FloatArray = np.empty(0)
+        self.ends: FloatArray = np.empty(0)
         self.n_unexplained: IntArray = np.empty(0, np.int64)
         self.log_evidence: FloatArray = np.empty(0)
         self._grow(FIRST_CAPACITY)
@@ -58,8 +60,8 @@ class Roster:
     def __contains__(self, name: str) -> bool:
         return name in self._slot
 
-    def enter(self, names: Sequence[str], *, is_labelled: bool, time_ns: int, config: TrackingConfig) -> IntArray:
-        """(v,) slots for tracks that have none yet and begin with a detection at `time_ns`."""
+    def enter(self, names: Sequence[str], *, is_labelled: bool, time_ns: int, exists: FloatArray) -> IntArray:
+        """(v,) slots for tracks that have none yet; they begin with a detection at `time_ns`, and `exists` (v, 3)."""
         if len(names) > len(self._free):
             self._grow(max(self.time_ns.size, len(names)))
         self._members.clear()
@@ -69,8 +71,9 @@ class Roster:
             column[slot] = time_ns
         self.is_labelled[slot] = is_labelled
         self.is_confirmed[slot] = False
-        self.existence[slot] = existence.at_birth(slot.size, config)
+        self.existence[slot] = exists
         self.outside[slot] = 0.0
+        self.ends[slot] = 0.0
         self.n_unexplained[slot] = 0
         self.log_evidence[slot] = 0.0
         return slot
@@ -110,7 +113,9 @@ class Roster:
 
     def forget(self, *, before_ns: int, config: TrackingConfig) -> None:
         """End tracks not measured since `before_ns`, and those that hardly exist."""
-        hopeless = config.forget_below * existence.at_birth(1, config)[0, existence.VISIBLE]
+        hopeless = (
+            config.forget_below * existence.at_birth(np.array([config.birth_density]), config)[0, existence.VISIBLE]
+        )
         ended = (self.probability < hopeless) | (self.measured_ns < before_ns)
         for is_labelled in (True, False):
             names, slot = self.members(is_labelled=is_labelled)

@@ -9,7 +9,7 @@ from itertools import compress
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import NO_ID, NO_TIME, Detections, check_after
 from dirprim_filter.estimates import Estimates, Innovations, Samples, TrackedFrame
@@ -23,6 +23,7 @@ from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.scans import RevisitTime
 from dirprim_filter.filtering.sensed_particles import SensedParticles
+from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 
@@ -73,6 +74,11 @@ class Tracker:
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         self._roster = Roster(self._filter)
         self._associator = Associator(self._filter, self.config, self.tracking)
+        traffic = self._filter.traffic
+        self._undetected = {
+            is_labelled: Undetected(traffic, self.tracking, self.config, learns_level=not is_labelled)
+            for is_labelled in (True, False)
+        }
         self._revisits = {True: RevisitTime(), False: RevisitTime()}
         self._seed = int(rng.integers(2**63))
         self._n_begun = self._n_numbered = 0
@@ -100,18 +106,19 @@ class Tracker:
         is_frame = time_ns > self._time_ns
         if self.config.interaction == "leader":
             self._look_around()
-        self._time_ns = time_ns
+        passed_ns, self._time_ns = time_ns - self._time_ns, time_ns
         self._frame = frame = CurrentFrame(detections=detections)
         if not is_frame:
             return
         self._roster.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9), config=self.tracking)
         is_labelled = detections.track_id != NO_ID
+        frame.first = self._first_detections(is_labelled, passed_ns)
         frame.kinds = tuple(np.unique(is_labelled).tolist()) or (True, False)
         found = self._associate(np.flatnonzero(~is_labelled)) if False in frame.kinds else Hits(NO_ROWS, NO_ROWS)
         frame.hits = Hits.concatenate([self._match(np.flatnonzero(is_labelled)), found])
         rest = np.setdiff1d(np.arange(len(detections)), frame.hits.row)
-        self._begin_tracks(rest[is_labelled[rest]], is_labelled=True)
-        self._begin_tracks(rest[~is_labelled[rest]], is_labelled=False)
+        for kind in frame.kinds:
+            self._begin_tracks(rest[is_labelled[rest] == kind], is_labelled=kind)
         self._hold(detections.track_id[is_labelled].tolist())
 
     def weigh(self) -> None:
@@ -133,7 +140,9 @@ class Tracker:
         unexplained = evidence.is_unexplained | is_weightless
         roster.n_unexplained[slot] = np.where(unexplained, roster.n_unexplained[slot] + 1, 0)
         hit, missed = slot[~unexplained], np.concatenate([missed, slot[unexplained]])
-        roster.existence[hit] = existence.after_hit(roster.existence[hit], roster.log_evidence[hit], config)
+        roster.existence[hit] = existence.after_hit(
+            roster.existence[hit], roster.log_evidence[hit], frame.first[row[~unexplained]], config
+        )
         roster.existence[missed] = existence.after_miss(roster.existence[missed], config)
         for counted in (slot, missed):
             roster.counted_ns[counted] = self._time_ns
@@ -206,6 +215,15 @@ class Tracker:
         moments = self._filter.moments(frame.held) if frame.moments is None else frame.moments
         self._filter.look_around(moments[there], frame.home[there])
 
+    def _first_detections(self, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
+        """(d,) their density to expect at each of the frame's detections, so long after the frame before."""
+        expected = np.empty(is_labelled.size)
+        for kind, undetected in self._undetected.items():
+            undetected.advance(passed_ns * 1e-9)
+            of_kind = is_labelled == kind
+            expected[of_kind] = undetected.first_detections(self._frame.detections.position[of_kind])
+        return expected
+
     def _associate(self, row: IntArray) -> Hits:
         """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""
         roster = self._roster
@@ -214,7 +232,12 @@ class Tracker:
         roster.time_ns[slot] = self._time_ns
         self._age(slot, slot)
         return self._associator.hits(
-            slot, roster.existence[slot], roster.is_confirmed[slot], self._frame.detections, row
+            slot,
+            roster.existence[slot],
+            roster.is_confirmed[slot],
+            self._frame.detections,
+            row,
+            first=self._frame.first,
         )
 
     def _match(self, row: IntArray) -> Hits:
@@ -236,7 +259,9 @@ class Tracker:
         if not is_labelled:
             names = [f"{TENTATIVE}{self._n_begun + i}" for i in range(row.size)]
             self._n_begun += row.size
-        slot = self._roster.enter(names, is_labelled=is_labelled, time_ns=self._time_ns, config=self.tracking)
+        first = self._undetected[is_labelled].see(self._frame.detections.position[row])
+        exists = existence.at_birth(first, self.tracking)
+        slot = self._roster.enter(names, is_labelled=is_labelled, time_ns=self._time_ns, exists=exists)
         self._begin(slot, row)
 
     def _hold(self, ids: Sequence[str]) -> None:
@@ -270,7 +295,10 @@ class Tracker:
         """Let existence (v,) come to the frame's time, by where the beliefs in the slots `held` (v,) are then."""
         roster = self._roster
         dt_s = _seconds(self._time_ns - roster.existence_ns[slot])
-        roster.existence[slot] = existence.later(roster.existence[slot], dt_s, self.tracking)
+        ends = self._filter.rate_of_ends(held)
+        passed = 0.5 * (roster.ends[slot] + ends)  # on the way
+        roster.existence[slot] = existence.later(roster.existence[slot], dt_s, self.tracking, ends=passed)
+        roster.ends[slot] = ends
         roster.outside[slot] = self._filter.probability_outside(held)
         roster.existence_ns[slot] = self._time_ns
 

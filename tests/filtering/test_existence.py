@@ -60,13 +60,14 @@ def existence_by_enumeration(steps, config):
 
 
 def existence_by_the_filter(steps, config):
-    believed = existence.at_birth(1, config)
+    first = np.array([config.birth_density])
+    believed = existence.at_birth(first, config)
     for dt_s, density in steps:
         believed = existence.later(believed, np.array([dt_s]), config)
         if density is None:
             believed = existence.after_miss(believed, config)
         else:
-            believed = existence.after_hit(believed, np.log([density]), config)
+            believed = existence.after_hit(believed, np.log([density]), first, config)
     return believed[0]
 
 

@@ -13,6 +13,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence
 from dirprim_filter.filtering.smoothing.chain import MOVES, Belief, Chain
+from dirprim_filter.filtering.traffic import Traffic
 
 STEP_S = 0.1
 """Of a way across a gap that no filter went."""
@@ -43,6 +44,11 @@ class RecordedFilter(ABC):
         self.chain: dict[int, Chain] = {}
         self.chains: list[Chain] = []
         self._time_ns: dict[int, int] = {}
+
+    @property
+    def traffic(self) -> Traffic | None:
+        """As the filter's."""
+        return self._inner.traffic
 
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
@@ -98,6 +104,10 @@ class RecordedFilter(ABC):
     def probability_outside(self, slot: IntArray) -> FloatArray:
         """As the filter says."""
         return self._inner.probability_outside(slot)
+
+    def rate_of_ends(self, slot: IntArray) -> FloatArray:
+        """As the filter says."""
+        return self._inner.rate_of_ends(slot)
 
     def resample(self, slot: IntArray) -> None:
         """As the filter does."""

@@ -95,13 +95,14 @@ def trim(chain: Chain, *, frame_s: float, log_density: float, config: TrackingCo
 
 def _is_confirmed(time_ns: IntArray, frame_s: float, log_density: float, config: TrackingConfig) -> bool:
     """Whether measurements (n,), in either order, and the misses between them, are of a vehicle."""
-    state, usual = existence.at_birth(1, config), np.array([log_density])
+    anywhere = np.array([config.birth_density])
+    state, usual = existence.at_birth(anywhere, config), np.array([log_density])
     for dt_ns in np.abs(np.diff(time_ns)).tolist():
         n_frames = max(round(dt_ns * 1e-9 / frame_s), 1)
         for i in range(n_frames):
             state = existence.later(state, np.array([frame_s]), config)
             state = existence.after_miss(state, config) if i + 1 < n_frames else state
-        state = existence.after_hit(state, usual, config)
+        state = existence.after_hit(state, usual, anywhere, config)
     return bool(existence.probability(state, np.zeros(1))[0] >= config.confirm_above)
 
 

@@ -1,0 +1,96 @@
+"""Where the vehicles of a map are, where journeys begin and end, and how they pass on: a Markov chain of manoeuvres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.stats import chi2
+
+from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.primitives import PrimitiveMap
+from tessellation import Tessellation
+
+STEP_S = 0.1
+"""Seconds, the longest step; visits that were shorter count as long: then no step empties a manoeuvre twice."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Traffic:
+    """Traffic of one vehicle on average, as in the map's log.
+
+    A manoeuvre of n visits and s seconds holds traffic in proportion to s. If a of the visits followed another and b
+    went on to another, n - a journeys began with it and n - b ended. As many come as go: `later` keeps `present`.
+
+    Attributes:
+        present: (z,) probability that a vehicle of the map is in each manoeuvre.
+        begins: (z,) 1/s, journeys that begin in each.
+        ends: (z,) 1/s, rate at which journeys end in its cell and mode, where more do than chance explains.
+        flow: (z, z) 1/s, from the column's manoeuvre to the row's; on the diagonal minus the rate at which visits end.
+        cell: (z,) of each.
+        area: (c,) square metres, of each cell.
+        tessellation: the cells.
+    """
+
+    present: FloatArray
+    begins: FloatArray
+    ends: FloatArray
+    flow: csr_array
+    cell: IntArray
+    area: FloatArray
+    tessellation: Tessellation
+
+    @classmethod
+    def of(cls, primitive_map: PrimitiveMap) -> Self | None:
+        """Of a map with places; None where it has none, or counted no transitions."""
+        motion = primitive_map.motion
+        n = motion.n_placed
+        source = np.repeat(np.arange(n), np.diff(motion.first[: n + 1]))
+        target, count = motion.following[: source.size], motion.count[: source.size]
+        placed = target < n
+        source, target, count = source[placed], target[placed], count[placed]
+        visits = motion.visits[:n]
+        if not count.sum() > 0:
+            return None
+        seconds = np.maximum(motion.seconds[:n], STEP_S * visits)
+        present = seconds / seconds.sum()
+        per_second = np.divide(1.0, seconds, out=np.zeros(n), where=seconds > 0)
+        arrived, gone_on = np.bincount(target, count, n), np.bincount(source, count, n)
+        _, place = np.unique(np.column_stack([motion.cell[:n], motion.mode[:n]]), axis=0, return_inverse=True)
+        where = (np.append(target, np.arange(n)), np.append(source, np.arange(n)))
+        rate = np.append(count * per_second[source], -visits * per_second)
+        return cls(
+            present=present, begins=np.maximum(visits - arrived, 0.0) / seconds.sum(),
+            ends=_rate_beyond_chance(np.maximum(visits - gone_on, 0.0), seconds, place),
+            flow=csr_array((rate, where), shape=(n, n)), cell=motion.cell[:n],
+            area=primitive_map.tessellation.area, tessellation=primitive_map.tessellation,
+        )  # fmt: skip
+
+    def later(self, share: FloatArray, dt_s: float) -> FloatArray:
+        """(z,) -> (z,) vehicles in each manoeuvre after `dt_s`, those that began their journey since included."""
+        n_steps = int(np.ceil(dt_s / STEP_S))
+        for _ in range(n_steps):
+            share = share + dt_s / n_steps * (self.begins + self.flow @ share)
+        return np.maximum(share, 0.0)
+
+    def density(self, share: FloatArray, position: FloatArray, *, spread_m: float) -> FloatArray:
+        """(z,), (n, 2) -> (n,) vehicles per square metre, averaged over a Gaussian about each position (cubature)."""
+        in_cell = np.bincount(self.cell, share, self.area.size)
+        per_area = np.divide(in_cell, self.area, out=np.zeros(self.area.size), where=self.area > 0)
+        off = spread_m * np.sqrt(2.0) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        cell = self.tessellation.cell_of(position[:, None] + off)
+        return np.asarray(np.append(per_area, 0.0)[cell].mean(axis=1))
+
+
+def _rate_beyond_chance(ended: FloatArray, seconds: FloatArray, place: IntArray) -> FloatArray:
+    """(z,) 1/s, by which each place's rate of ends certainly exceeds that of all; `place` (z,) numbers them.
+
+    A log that itself ends cuts off journeys wherever they are. The rate of a place is the lower limit of the 95 %
+    interval of a Poisson rate (Garwood 1936).
+    """
+    n, s = np.bincount(place, ended), np.bincount(place, seconds)
+    least = np.where(n > 0, chi2.ppf(0.025, 2.0 * np.maximum(n, 1e-9)) / 2.0, 0.0)
+    rate = np.divide(least, s, out=np.zeros(n.size), where=s > 0)
+    return np.asarray(np.maximum(rate - n.sum() / s.sum(), 0.0)[place])

@@ -1,0 +1,97 @@
+"""How many first detections are expected, and where: vehicles that are there and were never detected.
+
+They are a Poisson process, thinned by each frame that did not show them. In the first frame they are all vehicles,
+where traffic is dense; later mostly those that have just begun their journey, where journeys begin.
+
+Source: Williams, Marginal Multi-Bernoulli Filters: RFS Derivation of MHT, JIPDA, and Association-Based MeMBer, 2015.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dirprim_filter.arrays import FloatArray
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.filtering.traffic import Traffic
+
+N_FIXED_POINT = 30
+"""Steps of expectation maximisation towards the traffic's level, which rises to it; a few do where few are doubtful."""
+
+
+class Undetected:
+    """The intensity of vehicles not yet detected, in one world.
+
+    On a map they go on as its vehicles did, and new ones begin where its journeys began, as many as fit the traffic's
+    *level*: the mean number of vehicles on the map. It has a gamma distribution, at first exponential about
+    `vehicle_density` times the area, and learns from first detections. Elsewhere, and without a map, the intensity is
+    `vehicle_density` until frames have thinned it, and `birth_density` new ones in each frame.
+
+    Args:
+        traffic: of a map; None without one.
+        config: detection probability and densities.
+        noise: standard deviation of detections, and after how long a pause all tracks have ended.
+        learns_level: else it stays what is expected at first: then no vehicle has a part in what is believed of others.
+    """
+
+    def __init__(
+        self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig, *, learns_level: bool = True
+    ) -> None:
+        self._traffic, self._config, self._noise = traffic, config, noise
+        self._learns_level = learns_level and traffic is not None
+        area = 0.0 if traffic is None else float(traffic.area.sum())
+        self._n_found = 1.0
+        self._n_expected = 1.0 / (config.vehicle_density * area) if area > 0 else 1.0
+        self._share, self._anywhere = self._at_first()
+
+    @property
+    def level(self) -> float:
+        """Mean number of vehicles on the map; NaN without one."""
+        return self._n_found / self._n_expected if self._traffic is not None else float("nan")
+
+    def advance(self, dt_s: float) -> None:
+        """Predict by so many seconds; after a pause in which all tracks ended nobody is detected any more."""
+        if dt_s > self._noise.max_gap_s:
+            self._share, self._anywhere = self._at_first()
+        elif self._traffic is not None:
+            self._share = self._traffic.later(self._share, dt_s)
+
+    def first_detections(self, position: FloatArray) -> FloatArray:
+        """(n, 2) -> (n,) expected density of first detections there in this frame, per square metre."""
+        return self._density(self._per_level(position))
+
+    def see(self, position: FloatArray) -> FloatArray:
+        """Learn the level from the frame's detections (n, 2) that are of no track; thin by what the frame would show.
+
+        Returns:
+            (n,) the density of first detections that was expected at each, by what is known of the level now.
+        """
+        seen, per_level = self._config.detection_probability, self._per_level(position)
+        if self._learns_level:
+            found = self._n_found
+            self._n_expected += seen * float(self._share.sum())
+            for _ in range(N_FIXED_POINT):
+                any_cause = self._density(per_level) + self._config.clutter_density
+                self._n_found = found + float((self.level * per_level / any_cause).sum())
+        expected = self._density(per_level)
+        self._share = (1.0 - seen) * self._share
+        self._anywhere *= 1.0 - seen
+        return expected
+
+    def _at_first(self) -> tuple[FloatArray, float]:
+        """Before the first frame: (z,) of one vehicle on the map, and anywhere, per square metre."""
+        share = np.empty(0) if self._traffic is None else self._traffic.present
+        return share, self._config.vehicle_density
+
+    def _per_level(self, position: FloatArray) -> FloatArray:
+        """(n, 2) -> (n,) first detections per square metre where the level is 1."""
+        if self._traffic is None:
+            return np.zeros(len(position))
+        density = self._traffic.density(self._share, position, spread_m=self._noise.noise_m)
+        return self._config.detection_probability * density
+
+    def _density(self, per_level: FloatArray) -> FloatArray:
+        """(n,) -> (n,) with those that come into sight anywhere."""
+        if self._traffic is None:
+            found = self._config.detection_probability * self._anywhere
+            return np.full(per_level.size, self._config.birth_density + found)
+        return np.asarray(self._config.birth_density + self.level * per_level)

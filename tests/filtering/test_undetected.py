@@ -1,0 +1,154 @@
+"""Where first detections are expected: against the chain's exact solution, counted vehicles, and what was made."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.sparse import csr_array
+
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.filtering import Tracker
+from dirprim_filter.filtering.traffic import Traffic
+from dirprim_filter.filtering.undetected import Undetected
+from situations import one_cell_map, with_ways
+from tessellation import GridTessellation
+
+KNOBS = FilterConfig(n_particles=100)
+STAY_S = 2.0
+
+
+def road(n_cells=4, side=20.0):
+    """Squares side by side: journeys begin in the first, stay 2 s in each on average, and end in the last."""
+    flow = (np.eye(n_cells, k=-1) - np.eye(n_cells)) / STAY_S
+    cells = GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n_cells, n_y=1, square=np.arange(n_cells))
+    return Traffic(
+        present=np.full(n_cells, 1.0 / n_cells), begins=np.eye(n_cells)[0] / (n_cells * STAY_S),
+        ends=np.eye(n_cells)[-1] / STAY_S, flow=csr_array(flow), cell=np.arange(n_cells), area=cells.area,
+        tessellation=cells,
+    )  # fmt: skip
+
+
+def seen_in(traffic, rng, *, level, clutter):
+    """First detections of a Poisson number of vehicles where traffic is, and false ones among them."""
+    side = np.sqrt(traffic.area[0])
+    n, n_false = rng.poisson(level), rng.poisson(clutter * traffic.area.sum())
+    cell = np.append(rng.choice(traffic.cell, n, p=traffic.present), rng.integers(0, traffic.area.size, n_false))
+    return np.column_stack([side * (cell + rng.random(cell.size)), side * rng.random(cell.size)])
+
+
+def test_traffic_learned_from_a_log_neither_grows_nor_shrinks_and_comes_back(ring_map):
+    traffic = Traffic.of(ring_map)
+    for dt_s in (0.04, 1.0):
+        np.testing.assert_allclose(traffic.later(traffic.present, dt_s), traffic.present, rtol=1e-9)
+    after = traffic.later(0.1 * traffic.present, 1.0)
+    assert (after <= traffic.present * (1 + 1e-9)).all()
+    assert 0.1 < after.sum() < traffic.later(after, 1.0).sum() < 1.0
+    assert Traffic.of(ring_map.without_places()) is None  # the controls: nothing is known of journeys
+    assert Traffic.of(one_cell_map()) is None
+
+
+def test_journeys_begin_and_end_where_visits_have_none_before_or_after_them(ring_map):
+    made = with_ways(one_cell_map(), [0, 0, 0], [(0, 1, 1.0), (1, 2, 0.5)])  # of one visit and one second each
+    traffic = Traffic.of(made)
+    np.testing.assert_allclose(traffic.begins, np.array([1.0, 0.0, 0.5]) / 3.0)
+    on_a_ring = Traffic.of(ring_map)
+    assert on_a_ring.ends.max() < 1.0  # the log ends wherever its vehicles are: that is no exit
+
+
+def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinned_by_frames():
+    traffic, config = road(), TrackingConfig(detection_probability=0.6)
+    undetected, share, b = Undetected(traffic, config, KNOBS), traffic.present, traffic.begins
+    generator = np.zeros((5, 5))
+    generator[:4, :4], generator[:4, 4] = traffic.flow.toarray(), b
+    level = config.vehicle_density * traffic.area.sum()
+    centers = traffic.tessellation.centers
+    for _ in range(4):
+        expected = config.birth_density + 0.6 * level * share / traffic.area
+        np.testing.assert_allclose(undetected.first_detections(centers), expected, rtol=0.03)
+        undetected = thinned(undetected, level)
+        share = (expm(generator * 0.2) @ np.append(0.4 * share, 1.0))[:4]
+        undetected.advance(0.2)
+    assert share[0] > 5.0 * share[-1]  # the first cell is where journeys begin
+    assert undetected.first_detections(centers + 1e3) == pytest.approx(config.birth_density)
+
+
+def thinned(undetected, level):
+    """After a frame without detections, its level put back."""
+    undetected.see(np.empty((0, 2)))
+    undetected._n_found = level * undetected._n_expected
+    return undetected
+
+
+def test_the_level_is_learned_from_vehicles_and_not_from_clutter():
+    traffic, config = road(), TrackingConfig(clutter_density=2e-3, vehicle_density=1e-2)
+    levels = {}
+    for truth in (0.0, 40.0):
+        found = []
+        for seed in range(40):
+            undetected, rng = Undetected(traffic, config, KNOBS), np.random.default_rng(seed)
+            undetected.see(seen_in(traffic, rng, level=0.9 * truth, clutter=config.clutter_density))
+            found.append(undetected.level)
+        levels[truth] = np.mean(found)
+    assert levels[40.0] == pytest.approx(40.0, rel=0.1)  # 16 were expected
+    assert levels[0.0] < 4.0
+    stays = Undetected(traffic, config, KNOBS, learns_level=False)
+    stays.see(seen_in(traffic, np.random.default_rng(0), level=40.0, clutter=0.0))
+    assert stays.level == pytest.approx(config.vehicle_density * traffic.area.sum())
+
+
+def test_after_a_pause_everybody_is_undetected_again_and_without_a_map_frames_thin_alike():
+    place = np.zeros((1, 2))
+    for traffic in (None, road()):
+        undetected = Undetected(traffic, TrackingConfig(), KNOBS, learns_level=False)
+        place = np.full((1, 2), 10.0)
+        first = undetected.first_detections(place)
+        assert undetected.see(place) == pytest.approx(first)
+        undetected.advance(0.1)
+        assert undetected.first_detections(place) < 0.3 * first
+        undetected.advance(KNOBS.max_gap_s + 0.1)
+        assert undetected.first_detections(place) == pytest.approx(first)
+
+
+@pytest.mark.parametrize("is_dense", [True, False])
+def test_a_first_frame_full_of_vehicles_on_the_road_is_believed_and_one_detection_is_not(ring_map, is_dense):
+    rng = np.random.default_rng(0)
+    angle, off_road = rng.uniform(0, 2 * np.pi, 20 if is_dense else 1), rng.uniform(40, 80, (5, 2))
+    places = np.concatenate([20.0 * np.column_stack([np.cos(angle), np.sin(angle)]), off_road])
+    tracker = Tracker(ring_map, config=KNOBS, rng=np.random.default_rng(1))
+    seen = Detections(track_id=[""] * len(places), time_ns=[0] * len(places), position=places)
+    tracker.predict(seen)
+    tracker.weigh()
+    found = tracker.estimate()
+    assert len(found) == (angle.size if is_dense else 0)
+    assert (np.linalg.norm(found.position, axis=1) < 30.0).all()
+
+
+def test_who_is_missed_where_journeys_end_is_gone_sooner_than_elsewhere(ring_map):
+    ends = np.array([0.0, 2.0])
+
+    class AtAnExit:
+        def __init__(self, inner):
+            self._inner = inner
+
+        def __getattr__(self, name):
+            return getattr(self._inner, name)
+
+        def rate_of_ends(self, slot):
+            return np.full(slot.size, self.rate)
+
+    left = []
+    for rate in ends:
+        tracker = Tracker(ring_map, config=KNOBS, rng=np.random.default_rng(1))
+        tracker._filter = AtAnExit(tracker._filter)
+        tracker._filter.rate = rate
+        names = []
+        for i in range(30):
+            place = 20.0 * np.array([[np.cos(0.04 * i), np.sin(0.04 * i)]])[: i < 20]
+            seen = Detections(track_id=[""] * len(place), time_ns=[i * 10**8] * len(place), position=place)
+            tracker.predict(seen, time_ns=i * 10**8)
+            tracker.weigh()
+            names.append(len(tracker.estimate()))
+            tracker.resample()
+        assert all(names[5:20])
+        left.append(sum(names[20:]))
+    assert left[1] < left[0]
