@@ -87,7 +87,7 @@ def measure(table: Table, run: Run, folder: Path, data: Path, *, minutes: float)
     for name in logs_of(command):
         if not (folder / name).exists():
             call(LOGS[name].command.format(data=data.resolve(), log=name), folder, minutes=minutes)
-    commit, code = git("describe", "--always", "--dirty", "--exclude", "*"), code_of(table)  # as the run begins
+    commit, code = commit_at_hand(), code_of(table)  # as the run begins
     began, used = time.perf_counter(), processor_seconds()
     output = call(command, folder, minutes=minutes)
     entries = (run.entries or table.entries)(output)
@@ -127,6 +127,12 @@ def git(*arguments: str) -> str:
     return subprocess.run(  # noqa: S603
         ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True  # noqa: S607
     ).stdout.strip()  # fmt: skip
+
+
+def commit_at_hand() -> str:
+    """Its short name; marked as not clean if anything but results that were stored meanwhile differs from it."""
+    others = git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs/results", ":!docs/results.md")
+    return git("rev-parse", "--short", "HEAD") + ("-dirty" if others else "")
 
 
 def code_of(table: Table) -> dict[str, str]:
