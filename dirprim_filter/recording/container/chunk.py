@@ -120,17 +120,23 @@ def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
     if chunk.is_cut:
         detail = f"the file ends inside a chunk; {len(contents)} of {chunk.size} bytes are read unchecked"
         return contents, chunk.damaged("truncated", None, detail)
-    found = zlib.crc32(contents)
-    if chunk.crc not in (0, found):
-        return b"", _lost(file, chunk, "chunk_crc", f"expected CRC {chunk.crc:#010x}, got {found:#010x}")
+    found, crc = zlib.crc32(contents), chunk.crc or _crc_of(file, chunk)
+    if crc not in (0, found):
+        return b"", _lost(file, chunk, "chunk_crc", f"expected CRC {crc:#010x}, got {found:#010x}")
     if len(contents) == chunk.size and is_ended:
         return contents, None
     wrong = "its compressed data do not end"
     if len(contents) != chunk.size:
         wrong = f"expected {chunk.size} bytes of contents, got {len(contents)}"
-    if not chunk.crc:
+    if not crc:
         return b"", _lost(file, chunk, "chunk_header", wrong)
     return contents, chunk.damaged("chunk_header", 0, f"{wrong}; the checksum confirms the contents")
+
+
+def _crc_of(file: mmap, chunk: Chunk) -> int:
+    """Its checksum by what the file says now: of a chunk that came only as it was read, the outline knows none."""
+    is_record = chunk.data_offset > chunk.offset
+    return int(FIXED.unpack_from(file, chunk.offset + RECORD_HEADER_SIZE)[3]) if is_record else 0
 
 
 class _TooLargeError(ValueError):

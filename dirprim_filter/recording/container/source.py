@@ -16,14 +16,17 @@ import re
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from io import FileIO
 from os import PathLike, fspath
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
+from dirprim_filter.recording.container import partial_copy
 from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.container.other_formats import READ_BYTES
+from dirprim_filter.recording.container.partial_copy import NotInPartsError, PartialCopy, PartialMap, Remote
 from dirprim_filter.recording.container.records import MAGIC
 
 logger = logging.getLogger(__name__)
@@ -42,6 +45,8 @@ OPEN_FILES = Path("/proc/self/fd")
 """Of this process by their numbers, where the system lists them."""
 
 _copies: dict[str, Path] = {}
+_in_parts: dict[str, PartialCopy] = {}
+"""Of which copies chunks are missing."""
 
 
 def local_files(path: str | PathLike[str]) -> list[Path]:
@@ -59,9 +64,8 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
     if name == STDIN:
         return [_copied(name, _blocks(sys.stdin.buffer))]
     file = Path(name)
-    if (match := URL.fullmatch(name)) and not file.exists():
-        root = "/" if match["scheme"] in ("file", "local") else ""
-        return [_fetched(name, f"{match['scheme']}://{root}{match['rest']}")]
+    if url := _url(name):
+        return [_fetched(name, url)]
     if file.is_dir() or file.suffix == SQLITE:
         from dirprim_filter.recording.container import rosbag2  # noqa: PLC0415  (`dirprim info` of a log does without)
 
@@ -73,8 +77,37 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
     return [file]
 
 
+def copy_in_parts(path: str | PathLike[str]) -> bool:
+    """Until `drop_copy`, have chunks of a URL's log come when they are first read, see `partial_copy`; whether that is.
+
+    A log that is short, or has no whole Summary section with the places of its chunks, is to be copied whole; so is one
+    of which all bytes are wanted, for a checksum.
+
+    Raises:
+        RecordingError: as `local_files`.
+        OSError: as there.
+    """
+    name = fspath(path)
+    if (url := _url(name)) is None or _key(name) in _copies:
+        return False
+
+    def write(file: FileIO) -> None:
+        _in_parts[_key(name)] = PartialCopy(remote, file)
+
+    try:
+        with _asking(url) as fsspec:
+            files, place = fsspec.core.url_to_fs(url)
+            remote = Remote(files, place, int(files.info(place).get("size") or 0))
+            if remote.size >= partial_copy.SHORT_BYTES:
+                _copied(name, write)
+    except NotInPartsError as error:
+        logger.info("%s: copied whole: %s", name, error)
+    return _key(name) in _in_parts
+
+
 def drop_copy(path: str | PathLike[str]) -> None:
     """Remove the copy of a pipe or a URL, if there is one: who reads many need not keep them all."""
+    _in_parts.pop(_key(path), None)
     copy = _copies.pop(_key(path), None)
     if copy is None:
         return
@@ -103,7 +136,10 @@ def mapped(file: Path, path: str | PathLike[str]) -> mmap.mmap:
     with file.open("rb") as opened:
         if file.stat().st_size == 0:
             raise NotMcapError(path, b"")
-        bytes_of = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
+        kind = PartialMap if _key(path) in _in_parts else mmap.mmap
+        bytes_of = kind(opened.fileno(), 0, access=mmap.ACCESS_READ)
+    if isinstance(bytes_of, PartialMap):
+        bytes_of.copy, bytes_of.path = _in_parts[_key(path)], file
     opening = bytes_of[:READ_BYTES]
     if not opening.startswith(VERSION_FREE_MAGIC) and bytes_of[-len(MAGIC) :] != MAGIC:
         bytes_of.close()
@@ -118,7 +154,23 @@ def let_go(file: mmap.mmap, start: int, end: int) -> None:
         file.madvise(mmap.MADV_DONTNEED, first, end - first)
 
 
+def _url(name: str) -> str | None:
+    """The URL that a path is, its slashes put right; None of others."""
+    match = URL.fullmatch(name)
+    if match is None or Path(name).exists():
+        return None
+    root = "/" if match["scheme"] in ("file", "local") else ""
+    return f"{match['scheme']}://{root}{match['rest']}"
+
+
 def _fetched(name: str, url: str) -> Path:
+    with _asking(url) as fsspec, fsspec.open(url, "rb") as remote:
+        return _copied(name, _blocks(remote))
+
+
+@contextmanager
+def _asking(url: str) -> Iterator[Any]:
+    """fsspec, whose errors become ours."""
     try:
         import fsspec  # noqa: PLC0415 - an extra
     except ImportError as error:
@@ -126,9 +178,8 @@ def _fetched(name: str, url: str) -> Path:
             f"{url}: expected fsspec to read URLs, it is not installed; pip install 'dirprim-filter[remote]'"
         ) from error
     try:
-        with fsspec.open(url, "rb") as remote:
-            return _copied(name, _blocks(remote))
-    except NoRoomError:
+        yield fsspec
+    except RecordingError:
         raise
     except FileNotFoundError as error:  # some name only a path, even if no server answers
         why = f": {error.__cause__}" if error.__cause__ else ""

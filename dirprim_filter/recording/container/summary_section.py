@@ -21,6 +21,7 @@ from dirprim_filter.recording.container.records import (
     MAGIC,
     RECORD_HEADER_SIZE,
     U32,
+    Bytes,
     Channel,
     MalformedRecordError,
     Schema,
@@ -59,7 +60,7 @@ class Summary:
     metadata: list[str] = field(default_factory=list)
     is_whole: bool = True
 
-    def take(self, file: mmap, at: int, schemas: dict[int, Schema]) -> None:
+    def take(self, file: Bytes, at: int, schemas: dict[int, Schema]) -> None:
         """Learn from the record at `at`; a summary need not repeat the `schemas` that stand in the data.
 
         Raises:
