@@ -141,6 +141,8 @@ class ColumnPlan(Plan):
 
     def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
         """The columns of messages; `failures` says which cannot be read."""
+        data = data.view()
+        data.flags.writeable = False  # always: kernels would be compiled for both
         n = len(start)
         status = np.zeros(n, np.int64)
         count = np.zeros(self._width.size, np.int64)
