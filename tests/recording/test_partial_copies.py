@@ -162,13 +162,19 @@ def test_a_sound_log_is_added_in_parts(tmp_path, drive):
     assert Counting.fetched < 0.5 * len(Counting.log)
 
 
-def test_from_a_server_without_ranges_and_of_a_short_log_the_whole_is_fetched(drive, monkeypatch):
+def test_from_a_server_without_ranges_the_whole_is_fetched(drive, monkeypatch):
     monkeypatch.setattr(Counting, "knows_ranges", False)
     assert not source.copy_in_parts(URL)
     assert read_tracks(URL) == drive[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("SHORT_BYTES", 1 << 30), ("MOST_SUMMARY_BYTES", 10), ("MOST_PART_BYTES", 10)]
+)
+def test_a_log_that_is_short_or_claims_too_much_is_copied_whole(name, value, monkeypatch):
+    assert source.copy_in_parts(URL)
     source.drop_copy(URL)
-    monkeypatch.setattr(Counting, "knows_ranges", True)
-    monkeypatch.setattr(partial_copy, "SHORT_BYTES", len(drive[1]) + 1)
+    monkeypatch.setattr(partial_copy, name, value)
     assert not source.copy_in_parts(URL)
     assert not source.copy_in_parts("log.mcap")
 

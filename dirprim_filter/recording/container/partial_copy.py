@@ -40,6 +40,8 @@ TAIL_BYTES = 1 << 13
 """Of the end of a log, in which the Summary section of a log of few chunks stands."""
 AHEAD_BYTES = 1 << 23
 """So much is fetched at a time of chunks that stand together and are wanted alike."""
+MOST_SUMMARY_BYTES, MOST_PART_BYTES = 1 << 28, 1 << 30
+"""At once in memory: a log that claims more is copied whole, which takes none."""
 CHUNK_HEAD = struct.Struct("<BQQQQII")
 """Opcode, length, first and last time, uncompressed size, CRC, length of the compression's name."""
 CRC_AT = slice(RECORD_HEADER_SIZE + 3 * 8, RECORD_HEADER_SIZE + 3 * 8 + 4)
@@ -105,7 +107,8 @@ class Part(NamedTuple):
         indexes = sorted((at, channel) for channel, at in index.message_index_offsets.items())
         places = [*(at for at, _ in indexes), stop]
         too_near = any(after - at < INDEX_HEAD.size for at, after in pairwise(places))
-        if data + index.compressed_size != end or places[0] != end or stop > size or too_near:
+        does_not_fit = stop > size or stop - start > MOST_PART_BYTES
+        if data + index.compressed_size != end or places[0] != end or does_not_fit or too_near:
             raise NotInPartsError(f"chunk index of byte {start}: its numbers contradict each other")
         chunk = CHUNK_HEAD.pack(
             Opcode.CHUNK, end - start - RECORD_HEADER_SIZE, index.message_start_time, index.message_end_time,
@@ -147,7 +150,7 @@ class _Tail(NamedTuple):
         except MalformedRecordError as error:
             raise NotInPartsError(f"{remote.path}: {error}") from error
         start = said.summary_start
-        if not len(MAGIC) <= start < footer:
+        if not max(len(MAGIC), footer - MOST_SUMMARY_BYTES) <= start < footer:
             raise NotInPartsError(f"{remote.path}: expected a Summary section")
         if start < at:
             at, own = start, remote.between(start, at) + own
