@@ -52,15 +52,20 @@ def initialise(
     noise: float,
 ) -> None:  # fmt: skip
     """Initialise a belief from one measurement: positions around it, direction and speed from the primitive there."""
-    scatter(primitives, cloud, vehicle, key, measured, noise)
+    scatter(primitives, cloud, vehicle, key, measured, noise, table.place_free_share)
     initialise_motion(table, cloud, vehicle)
 
 
 @njit(cache=True, nogil=True)
 def scatter(
-    primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float
-) -> None:
-    """All of `initialise` but cells and manoeuvres."""
+    primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float,
+    place_free_share: float,
+) -> None:  # fmt: skip
+    """All of `initialise` but cells and manoeuvres.
+
+    A share of the particles has a place-free speed: else the belief about a vehicle that creeps where others drove fast
+    is wrong from the start, and again whenever it is begun anew.
+    """
     n = cloud.speed.shape[1]
     block = np.empty(n // ROWS + 1, np.uint64)
     for i in range(vehicle.size):
@@ -73,7 +78,19 @@ def scatter(
         for b in range(block.size):
             block[b] = random.bits(state)
         _map_kernels.draw(primitives, cloud.position[v], block, cloud.direction[v], cloud.speed[v])
+        for p in range(int(place_free_share * n)):
+            cloud.speed[v, p] = draw_place_free_speed(primitives, state)
         cloud.weight[v] = 1.0 / n
+
+
+@njit(cache=True)
+def draw_place_free_speed(primitives: MapTable, state: UIntArray) -> float:
+    """A draw from the speeds of all places together."""
+    j, last, u = primitives.first[-1], primitives.last[-1] - 1, random.uniform(state)
+    while j < last and primitives.mode[j, _map_kernels.CUMULATIVE] <= u:
+        j += 1
+    shape, rate = primitives.mode[j, _map_kernels.SHAPE], primitives.mode[j, _map_kernels.RATE]
+    return float(random.draw_gamma(shape, state) / rate)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})

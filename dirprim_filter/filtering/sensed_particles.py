@@ -55,7 +55,8 @@ class SensedParticles(ParticleFilter):
         self.belief.step += 1
         cloud, columns = self.belief.cloud, _columns(measured)
         first = (slot, np.asarray(key), measured.position)
-        self._split(_kernels.scatter, (self._primitives, cloud), first, (self._spread,), each_ns=150.0)
+        how = (self._spread, self._table.place_free_share)
+        self._split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
         known = np.flatnonzero(~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if known.size:
             drawn = np.full((known.size, 8), 0.0)  # as they were drawn: the position is already used

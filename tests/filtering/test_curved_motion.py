@@ -82,12 +82,16 @@ def test_speed_settles_on_the_gain_of_the_place():
 
 
 @pytest.mark.parametrize("place", [(10.0, 0.0), (-25.0, 5.0), (28.0, -28.0)])
-def test_a_belief_is_born_of_the_density_of_its_place(place):
-    """Far from the centre of a cell that bends and gains: direction and speed are those of `log_density` there."""
+@pytest.mark.parametrize("share", [1e-6, 0.3])
+def test_a_belief_is_born_of_the_density_of_its_place(place, share):
+    """Far from the centre of a cell that bends and gains: direction and speed are those of `log_density` there.
+
+    But for the share of particles whose speed is place-free.
+    """
     slope = np.zeros((2, 1, 2))
     slope[0, 0] = 0.01, -0.004
     bent = replace(circling(concentration=40.0, shape=12.0), gain=slope, motion=None)
-    filter_ = ParticleFilter(bent, FilterConfig(n_particles=20_000, noise_m=1e-6))
+    filter_ = ParticleFilter(bent, FilterConfig(n_particles=20_000, noise_m=1e-6, place_free_share=share))
     slot, place = np.zeros(1, np.int64), np.array(place)
     filter_.begin(slot, np.array([7], np.uint64), Detections(track_id=["a"], time_ns=[0], position=[place]))
     cloud = filter_.belief.cloud
@@ -98,10 +102,14 @@ def test_a_belief_is_born_of_the_density_of_its_place(place):
         assert total[-1] == pytest.approx(1.0, abs=1e-4)
         return np.interp(drawn, grid, total)
 
-    of_direction, of_speed = bent.direction_log_density(place, theta), bent.speed_log_density(place, v)
+    def speed_there(place):
+        nowhere = bent.speed_log_density(np.array([1e6, 0.0]), v)
+        return np.logaddexp(np.log1p(-share) + bent.speed_log_density(place, v), np.log(share) + nowhere)
+
+    of_direction, of_speed = bent.direction_log_density(place, theta), speed_there(place)
     assert stats.kstest(below(theta, of_direction, cloud.direction[0]), "uniform").pvalue > FALSE_ALARM
     assert stats.kstest(below(v, of_speed, cloud.speed[0]), "uniform").pvalue > FALSE_ALARM
-    of_center, at_center = bent.direction_log_density(np.zeros(2), theta), bent.speed_log_density(np.zeros(2), v)
+    of_center, at_center = bent.direction_log_density(np.zeros(2), theta), speed_there(np.zeros(2))
     assert stats.kstest(below(theta, of_center, cloud.direction[0]), "uniform").pvalue < FALSE_ALARM
     assert stats.kstest(below(v, at_center, cloud.speed[0]), "uniform").pvalue < FALSE_ALARM
 

@@ -119,7 +119,7 @@ def test_a_bias_moves_no_estimate(learned):
     here, there = np.array(both).T
     at, direction, other = at[here], direction[here], other[there]
     off = (other - at) @ np.array([1.0, 1j]) * np.exp(-1j * direction)
-    assert abs(off.real.mean()) < 0.08  # 0.13 where each particle has the bias in its own axes
+    assert abs(off.real.mean()) < 0.1  # 0.13 where each particle has the bias in its own axes
 
 
 @pytest.mark.parametrize("n_left", [3, 15])

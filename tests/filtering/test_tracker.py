@@ -8,6 +8,7 @@ import pytest
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.distributions import Gamma
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.belief import FIRST_CAPACITY
@@ -453,3 +454,15 @@ def test_beliefs_are_as_wide_as_they_err(ring_map, seed):
     assert (found < share + allowed + 0.05).all()  # a filter grants drivers more than these, who never stray, need
     too_sure = coverage(ring_map, 0.3, n_vehicles=n_vehicles, seed=seed)  # the control: of a sensor of 0.5 m
     assert (share - too_sure > allowed).all()
+
+
+@pytest.mark.parametrize("share", [0.1, 1e-6])
+def test_who_creeps_where_all_others_drove_fast_is_followed_from_its_first_detections_on(share):
+    """Without particles of a place-free speed the belief is wrong, and wrong again each time it is begun anew."""
+    rng, fast = np.random.default_rng(3), one_cell_map(concentration=1e3)
+    fast = replace(fast, speed=Gamma(shape=np.array([[400.0], [2.0]]), rate=np.array([[20.0], [0.2]])))
+    frames = [one("slow", 0.1 * i, *([0.2 * i, 0.0] + rng.normal(0, 0.3, 2))) for i in range(40)]
+    found, tracker = track(fast, frames, n_particles=1000, noise_m=0.3, place_free_share=share)
+    off = np.linalg.norm(found.position - np.column_stack([2e-9 * found.time_ns, np.zeros(len(found))]), axis=1)
+    assert len(found) == 40
+    assert (tracker.recoveries == 0 and off[3:].max() < 0.9) == (share > 0.01)
