@@ -461,7 +461,8 @@ def test_who_creeps_where_all_others_drove_fast_is_followed_from_its_first_detec
     """Without particles of a place-free speed the belief is wrong, and wrong again each time it is begun anew."""
     rng, fast = np.random.default_rng(3), one_cell_map(concentration=1e3)
     fast = replace(fast, speed=Gamma(shape=np.array([[400.0], [2.0]]), rate=np.array([[20.0], [0.2]])))
-    frames = [one("slow", 0.1 * i, *([0.2 * i, 0.0] + rng.normal(0, 0.3, 2))) for i in range(40)]
+    noise = rng.normal(0, 0.3, (40, 2))
+    frames = [one("slow", 0.1 * i, 0.2 * i + noise[i, 0], noise[i, 1]) for i in range(40)]
     found, tracker = track(fast, frames, n_particles=1000, noise_m=0.3, place_free_share=share)
     off = np.linalg.norm(found.position - np.column_stack([2e-9 * found.time_ns, np.zeros(len(found))]), axis=1)
     assert len(found) == 40
