@@ -74,8 +74,9 @@ class FilterConfig:
         motion_outlier_probability: share of measured directions and speeds that are outliers: detectors confuse
             front and rear, and give standing vehicles any course.
         resample_below: resample when the effective sample size falls below this share of the particles.
-        place_free_share: least share of the particles that take up a place-free manoeuvre, where they take up any: the
-            vehicle that does what none has done there is not lost.
+        place_free_share: least share of the particles that take up a place-free manoeuvre, where they take up any, and
+            share of a new belief's that have a place-free speed: the vehicle that does what none has done there is
+            not lost.
         redraw_rate: 1/s, how often a particle takes up whichever manoeuvre fits it by then.
         direction_spread: radians by which drivers stray beyond what a map's manoeuvres say: a filter that believes a
             hundredth of a radian loses whoever does otherwise. Forecasts go by the map alone.
