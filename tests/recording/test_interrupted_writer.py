@@ -78,6 +78,7 @@ def write(path, *, keep, interrupt):
     """A log of N instants in chunks of four. -> how many were handed over before the interrupt."""
     handed_over = 0
     before = sys.gettrace()
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     try:
         with LogWriter(path, metadata={}, max_chunk_ns=5, keep_when_interrupted=keep) as log:
             sys.settrace(interrupt)
@@ -88,6 +89,7 @@ def write(path, *, keep, interrupt):
         pass
     finally:
         sys.settrace(before)
+        signal.signal(signal.SIGINT, handler)
     return handed_over
 
 
