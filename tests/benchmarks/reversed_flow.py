@@ -70,7 +70,7 @@ def scores(seed: int, n_vehicles: float, days_before: int, days_since: int) -> d
     return found
 
 
-def told(gained: np.ndarray) -> str:
+def described(gained: np.ndarray) -> str:
     """Mean, least and most of (seeds, streets), and of all streets."""
     gained = np.column_stack([gained, gained.mean(axis=1)])
     columns = zip((*STREETS, "all streets"), gained.mean(axis=0), gained.min(axis=0), gained.max(axis=0), strict=True)
@@ -87,4 +87,4 @@ if __name__ == "__main__":
     runs = [scores(seed, given.vehicles, given.days_before, given.days_since) for seed in range(given.seeds)]
     for peer in ("all days", "last day"):
         gained = np.array([run["half-life"] for run in runs]) - [run[peer] for run in runs]
-        print(f"a half-life of {HALF_LIFE_DAYS} days, beside {peer}: {told(gained)}")
+        print(f"a half-life of {HALF_LIFE_DAYS} days, beside {peer}: {described(gained)}")
