@@ -88,9 +88,8 @@ class LogWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        is_whole = kind is None or (self._keep_when_interrupted and issubclass(kind, KeyboardInterrupt))
-        with uninterrupted():
-            if is_whole:
+        with uninterrupted():  # an interrupt just before leaves the `.partial`, as a kill does
+            if kind is None or (self._keep_when_interrupted and issubclass(kind, KeyboardInterrupt)):
                 with self._opened:
                     self._writer.finish()
             else:

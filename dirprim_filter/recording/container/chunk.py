@@ -19,7 +19,7 @@ import zstandard
 
 from dirprim_filter.recording.container._kernels import index_run
 from dirprim_filter.recording.container.damage import Damage, DamageKind
-from dirprim_filter.recording.container.records import RECORD_HEADER_SIZE, U64
+from dirprim_filter.recording.container.records import RECORD_HEADER_SIZE, U32, U64
 
 MAX_CHUNK_BYTES = 1 << 30
 """No chunk is decompressed beyond this: writers close chunks after some MiB; a larger claim is damage, or an
@@ -80,18 +80,10 @@ class Chunk:
 
 def chunk_at(file: mmap, offset: int) -> Chunk | None:
     """The chunk record that starts at `offset`, by its own fields alone; None where these make no sense."""
-    body = offset + RECORD_HEADER_SIZE
-    if body + FIXED_SIZE > len(file):
+    if (place := _data_place(file, offset)) is None:
         return None
-    start_ns, end_ns, size, crc, name_length = FIXED.unpack_from(file, body)
-    name_at = body + FIXED.size
-    if name_length > 4 or name_at + name_length + U64.size > len(file):
-        return None
-    compression = COMPRESSIONS.get(file[name_at : name_at + name_length])
-    if compression is None:
-        return None
-    data_length = int(U64.unpack_from(file, name_at + name_length)[0])
-    data_offset = name_at + name_length + U64.size
+    compression, data_offset, data_length = place
+    start_ns, end_ns, size, crc, _ = FIXED.unpack_from(file, offset + RECORD_HEADER_SIZE)
     return Chunk(
         offset=offset,
         data_offset=data_offset,
@@ -104,6 +96,27 @@ def chunk_at(file: mmap, offset: int) -> Chunk | None:
         claimed_length=data_length,
         is_cut=data_offset + data_length > len(file),
     )
+
+
+def chunk_end(file: mmap, offset: int) -> int | None:
+    """The `end` of the `chunk_at` the offset; None where there is none."""
+    place = _data_place(file, offset)
+    return min(place[1] + place[2], len(file)) if place else None
+
+
+def _data_place(file: mmap, offset: int) -> tuple[str, int, int] | None:
+    """A chunk's compression, and where its data start and how long they are by its own fields."""
+    name_at = offset + RECORD_HEADER_SIZE + FIXED.size
+    if name_at + U64.size > len(file):
+        return None
+    name_length = U32.unpack_from(file, name_at - U32.size)[0]
+    data_offset = name_at + name_length + U64.size
+    if name_length > 4 or data_offset > len(file):
+        return None
+    compression = COMPRESSIONS.get(file[name_at : name_at + name_length])
+    if compression is None:
+        return None
+    return compression, data_offset, U64.unpack_from(file, data_offset - U64.size)[0]
 
 
 def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:

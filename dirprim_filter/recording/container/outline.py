@@ -41,6 +41,8 @@ RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
 INDEXES = (Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS)
 """What stands in the Summary section alone."""
+BEFORE_INDEX = (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+"""What a message index stands behind."""
 HELD_BYTES = 1 << 28
 """What the pass has touched of the file leaves this process's memory after so much of it."""
 
@@ -128,7 +130,7 @@ class _Walk:
             self.ended_early(at)
             return None
         opcode, after_index = self.file[at], self.after_index
-        self.after_index = opcode in (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+        self.after_index = opcode in BEFORE_INDEX
         end = record_end(self.file, at)
         if opcode == Opcode.CHUNK:
             return self.take_chunk(at, end)

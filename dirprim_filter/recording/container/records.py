@@ -9,7 +9,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import groupby
 from mmap import mmap
 from typing import Any, NamedTuple
 
@@ -33,9 +32,10 @@ U32 = struct.Struct("<I")
 U64 = struct.Struct("<Q")
 _NUMBER = struct.Struct("<HQ")
 """An entry of a map of numbers."""
-_LENGTHS = {"text": U32, "data": U32, "texts": U32, "numbers": U32, "place": U64}
-"""What stands in front of a field that carries its length; the other fields are numbers, given by their bytes."""
-_CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
+_CODES: dict[int | str, str] = {
+    1: "B", 2: "H", 4: "I", 8: "Q", "text": "I", "data": "I", "texts": "I", "numbers": "I", "place": "Q",
+}  # fmt: skip
+"""Forms of numbers, given by their bytes, and of the length that other fields carry in front."""
 RECORDS: dict[int, dict[str, int | str]] = {
     Opcode.HEADER: {"profile": "text", "library": "text"},
     Opcode.FOOTER: {"summary_start": 8, "summary_offset_start": 8, "summary_crc": 4},
@@ -72,17 +72,19 @@ _KINDS = {int(opcode): getattr(fields, Opcode(opcode).name.title().replace("_", 
 _OPCODES = {kind: opcode for opcode, kind in _KINDS.items()}
 
 
-def _parts_of(layout: dict[str, int | str]) -> list[tuple[tuple[str, ...], str, struct.Struct]]:
-    """Names, kind and form of the fields; numbers beside each other, of no kind, are one part: that is read sooner."""
-    parts = []
-    for is_number, run in groupby(layout.items(), key=lambda field: isinstance(field[1], int)):
-        if is_number:
-            numbers = dict(run)
-            codes = (_CODES[int(size)] for size in numbers.values())
-            parts.append((tuple(numbers), "", struct.Struct(f"<{''.join(codes)}")))
-        else:
-            parts += [((name,), str(kind), _LENGTHS[str(kind)]) for name, kind in run]
-    return parts
+def _parts_of(layout: dict[str, int | str]) -> list[tuple[struct.Struct, str]]:
+    """Fields that stand beside each other are read at once, which is sooner: numbers, and the length behind them.
+
+    Returns:
+        forms, each with the kind of what follows that length; the last may have none.
+    """
+    parts, codes = [], "<"
+    for kind in layout.values():
+        codes += _CODES[kind]
+        if isinstance(kind, str):
+            parts.append((struct.Struct(codes), kind))
+            codes = "<"
+    return [*parts, (struct.Struct(codes), "")] if codes != "<" else parts
 
 
 _PARTS = {int(opcode): _parts_of(layout) for opcode, layout in RECORDS.items()}
@@ -182,25 +184,20 @@ class Message(NamedTuple):
 
 def record_end(buffer: Bytes, at: int) -> int:
     """The byte after the record at `at`, by its length alone."""
-    return at + RECORD_HEADER_SIZE + int(U64.unpack_from(buffer, at + 1)[0])
+    length: int = U64.unpack_from(buffer, at + 1)[0]
+    return at + RECORD_HEADER_SIZE + length
 
 
-def field_places(buffer: Bytes, at: int, end: int) -> list[tuple[int, int]] | None:
-    """First byte, and byte after, of the parts that this version knows of the record at `at`; None where not all fit.
-
-    A part is a run of numbers, or what carries its length, which is given without that.
-    """
-    places = []
-    start = at + RECORD_HEADER_SIZE
-    for _, kind, form in _PARTS[buffer[at]]:
-        stop = start + form.size
-        if stop > end:
+def fields_end(buffer: Bytes, at: int, end: int) -> int | None:
+    """The byte after the fields that this version knows of the record at `at`; None where they end past `end`."""
+    opcode, at = buffer[at], at + RECORD_HEADER_SIZE
+    for form, kind in _PARTS[opcode]:
+        start, at = at, at + form.size
+        if at > end:
             return None
         if kind:
-            start, stop = stop, stop + form.unpack_from(buffer, start)[0]
-        places.append((start, stop))
-        start = stop
-    return places if start <= end else None
+            at += form.unpack_from(buffer, start)[-1]
+    return at if at <= end else None
 
 
 def fields_of(buffer: Bytes, at: int) -> dict[str, Any]:
@@ -209,22 +206,23 @@ def fields_of(buffer: Bytes, at: int) -> dict[str, Any]:
     Raises:
         MalformedRecordError: they do not fit, or a text is no UTF-8.
     """
-    end, opcode = record_end(buffer, at), buffer[at]
-    places = field_places(buffer, at, end) if end <= len(buffer) else None
-    if places is None:
+    opcode, end = buffer[at], record_end(buffer, at)
+    if end > len(buffer) or fields_end(buffer, at, end) is None:
         raise MalformedRecordError(f"the fields of a {Opcode(opcode).name} record end past it")
-    values: dict[str, Any] = {}
+    values: list[Any] = []
+    at += RECORD_HEADER_SIZE
     try:
-        for (names, kind, form), (start, stop) in zip(_PARTS[opcode], places, strict=True):
-            if not kind:
-                values.update(zip(names, form.unpack_from(buffer, start), strict=True))
-            else:
-                values[names[0]] = (start, stop) if kind == "place" else _READERS[kind](buffer[start:stop])
+        for form, kind in _PARTS[opcode]:
+            values += form.unpack_from(buffer, at)
+            at += form.size
+            if kind:
+                start, at = at, at + values[-1]
+                values[-1] = (start, at) if kind == "place" else _READERS[kind](buffer[start:at])
     except UnicodeDecodeError as error:
         raise MalformedRecordError(f"a field of a {Opcode(opcode).name} record is not UTF-8") from error
     except struct.error as error:
         raise MalformedRecordError(f"a map of a {Opcode(opcode).name} record does not end where it says") from error
-    return values
+    return dict(zip(RECORDS[opcode], values, strict=True))
 
 
 def _texts(data: bytes) -> dict[str, str]:
@@ -305,21 +303,19 @@ def written(*records: fields.McapRecord) -> bytes:
 
 def encoded(opcode: int, values: Mapping[str, Any]) -> bytes:
     """A record of these fields."""
-    body = b"".join(
-        _encoded(kind, values[names[0]]) if kind else form.pack(*map(values.__getitem__, names))
-        for names, kind, form in _PARTS[opcode]
-    )
+    body = b"".join(_encoded(kind, values[name]) for name, kind in RECORDS[opcode].items())
     return bytes([opcode]) + U64.pack(len(body)) + body
 
 
-def _encoded(kind: str, value: Any) -> bytes:
-    """What carries its length."""
+def _encoded(kind: int | str, value: Any) -> bytes:
+    if isinstance(kind, int):
+        return int(value).to_bytes(kind, "little")
     if kind == "numbers":
         value = b"".join(_NUMBER.pack(*entry) for entry in value.items())
     elif kind == "texts":
         value = b"".join(_encoded("text", text) for entry in value.items() for text in entry)
     data: bytes = value.encode() if kind == "text" else value
-    return _LENGTHS[kind].pack(len(data)) + data
+    return struct.pack(f"<{_CODES[kind]}", len(data)) + data
 
 
 def schema_record(schema_id: int, schema: Schema) -> fields.Schema:

@@ -18,8 +18,8 @@ from mmap import mmap
 
 from mcap.opcode import Opcode
 
-from dirprim_filter.recording.container.chunk import FIXED_SIZE, Chunk, chunk_at, read_contents
-from dirprim_filter.recording.container.records import PRIVATE, RECORD_HEADER_SIZE, RECORDS, field_places, record_end
+from dirprim_filter.recording.container.chunk import FIXED_SIZE, Chunk, chunk_at, chunk_end, read_contents
+from dirprim_filter.recording.container.records import PRIVATE, RECORD_HEADER_SIZE, RECORDS, fields_end, record_end
 
 MAX_CHECKS = 8
 """At most so many times the bytes of the file are checked to distinguish chunks from noise."""
@@ -35,15 +35,14 @@ def is_record(chunks: ChunkFinder, at: int, end: int) -> bool:
     opcode, body = file[at], at + RECORD_HEADER_SIZE
     if end > len(file) or (opcode not in RECORDS and opcode < PRIVATE):
         return False
-    disguised = end - body >= FIXED_SIZE and chunk_at(file, at)
-    if disguised and disguised.end == end:
+    if end - body >= FIXED_SIZE and chunk_end(file, at) == end:
         return False
     if opcode >= PRIVATE:
         return starts_record(file, end)
-    places = field_places(file, at, end)
-    if places is None or places[-1][1] == end:
-        return places is not None
-    return (opcode == Opcode.FOOTER or starts_record(file, end)) and chunks.next_chunk(places[-1][1], end) is None
+    stop = fields_end(file, at, end)
+    if stop is None or stop == end:
+        return stop is not None
+    return (opcode == Opcode.FOOTER or starts_record(file, end)) and chunks.next_chunk(stop, end) is None
 
 
 def starts_record(file: mmap, at: int) -> bool:
