@@ -24,7 +24,7 @@ from dirprim_filter.recording.foxglove.estimates import SMOOTHED_COLOR, Estimate
 from dirprim_filter.recording.foxglove.forecasts import forecast_scene
 from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import map_scene
-from dirprim_filter.recording.foxglove.objects import detections_scene, tracks_scene
+from dirprim_filter.recording.foxglove.objects import TracksScene, detections_scene
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
 from dirprim_filter.track_ids import as_texts
@@ -71,7 +71,7 @@ def write_tracks(
     """
     lifetime_ns = _lifetime_ns(tracks.time_ns)
     sources: list[Tracks | Detections] = [tracks] if detections is None else [tracks, detections]
-    streams = [_instants(source) for source in sources]
+    streams, scene = [_instants(source) for source in sources], TracksScene(lifetime_ns)
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
         begun = False
         origin = origin_of(np.concatenate([source.position for source in sources]))
@@ -83,8 +83,7 @@ def write_tracks(
             message = encode_observations(source, rows, time_ns, labels=labels)
             if isinstance(source, Tracks):
                 log.write(topic_names.OBJECTS, message, time_ns)
-                drawn = tracks_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
-                log.write(topic_names.OBJECTS_SCENE, drawn, time_ns)
+                log.write_encoded(topic_names.OBJECTS_SCENE, SceneUpdate, scene.encode(source, rows, time_ns), time_ns)
             else:
                 log.write(topic_names.DETECTIONS, message, time_ns)
                 drawn = detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)

@@ -29,7 +29,7 @@ from dirprim_filter.recording.foxglove.entities import (
 )
 from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
 from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
-from dirprim_filter.recording.foxglove.templates import MessageTemplates
+from dirprim_filter.recording.foxglove.templates import MessageTemplates, number_of
 from dirprim_filter.recording.schemas.dirprim import set_time
 from dirprim_filter.track_ids import as_texts
 
@@ -61,8 +61,9 @@ class EstimatesScene:
     """
 
     def __init__(self, color: Color | None = None) -> None:
-        entities = SceneUpdate.DESCRIPTOR.fields_by_name["entities"].number
-        self._templates = MessageTemplates(partial(_drawn_estimate, color), 27 + 2 * TRAIL_POINTS, field=entities)
+        self._templates = MessageTemplates(
+            partial(_drawn_estimate, color), 27 + 2 * TRAIL_POINTS, field=number_of(SceneUpdate, "entities")
+        )
         self._size: dict[str, FloatArray] = {}
         self._trail: dict[str, FloatArray] = {}
         self._trail_ns: dict[str, int] = {}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
 from google.protobuf.message import Message
@@ -32,7 +33,7 @@ class MessageTemplates:
     def __init__(self, draw: Callable[[str, Sequence[float]], Message], n_holes: int, *, field: int) -> None:
         self._draw = draw
         self._hole = [struct.pack("<4sHH", b"hole", i, 0x7EAD) for i in range(n_holes)]
-        self._key = _varint(field << 3 | _LENGTH_DELIMITED)
+        self._field = field
         self._drawn: dict[str, tuple[bytes, list[int]]] = {}
         self._names: Sequence[str] = ()
         self._n_shared = 0
@@ -65,7 +66,7 @@ class MessageTemplates:
         parts, shared_at, at = [], [], 0
         for name in names:
             body = drawn[name][0]
-            part = b"".join((self._key, _varint(n_shared + len(body)), bytes(n_shared), body))
+            part = delimited(self._field, bytes(n_shared) + body)
             parts.append(part)
             at += len(part)
             shared_at.append(at - len(body) - n_shared)
@@ -80,6 +81,17 @@ class MessageTemplates:
         return encoded, [encoded.index(hole) for hole in self._hole]
 
 
+def number_of(kind: type[Message], field: str) -> int:
+    """The number of a field, by its name."""
+    return int(kind.DESCRIPTOR.fields_by_name[field].number)
+
+
+def delimited(field: int, data: bytes) -> bytes:
+    """A field that carries its length: a text, bytes, or an encoded message."""
+    return _varint(field << 3 | _LENGTH_DELIMITED) + _varint(len(data)) + data
+
+
+@lru_cache(maxsize=1 << 12)
 def _varint(number: int) -> bytes:
     encoded = bytearray()
     while number > 0x7F:
