@@ -20,15 +20,15 @@ from dirprim_filter.recording.decoding._kernels import (
     load,
     new_row,
 )
-from tessellation._compiling import COMPILED
+from tessellation._compiling import COMPILED, UNCOUNTED
 
 END, SKIP, READ, SKIP_TEXT, READ_TEXT, READ_BYTES, SKIP_SEQUENCE = range(7)
 LOOP, END_LOOP, UNLESS_SELECTED, JUMP, PRESENT = range(7, 12)
 
 
-@njit(**COMPILED)
+@njit(**COMPILED | UNCOUNTED)
 def walk_cdr(
-    data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, ops: IntArray, n_loops: int
+    data: AnyArray, starts: IntArray, stops: IntArray, tables: Tables, status: IntArray, room: IntArray, ops: IntArray
 ) -> bool:
     """Run the program `ops` over each message; whether a table was too small: then nothing counts.
 
@@ -38,21 +38,19 @@ def walk_cdr(
         stops: (n_messages,) where it ends.
         tables: out.
         status: (n_messages,) out.
+        room: (5, as many as tables, and as nested loops and one) for its work.
         ops: (n_ops, 6) operation and its numbers, see `cdr_plan`.
-        n_loops: how deep loops nest.
     """
     cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
     n_tables = width.size
-    row = np.zeros(n_tables, np.int64)
-    before = np.zeros(n_tables, np.int64)
-    left = np.zeros(n_loops + 1, np.int64)
-    index = np.zeros(n_loops + 1, np.int64)
-    outer = np.zeros(n_loops + 1, np.int64)  # the table that the loop was entered from
+    row, before, left, index = room[0], room[1], room[2], room[3]
+    outer = room[4]  # the table that the loop was entered from
+    top = np.int64(0)  # a literal would compile `new_row` once more
     for message in range(starts.size):
         at, end = starts[message], stops[message]
         for table in range(n_tables):
             before[table] = n_rows[table]
-        row[0] = new_row(tables, 0, message, message)
+        row[0] = new_row(tables, top, message, message)
         if row[0] < 0:
             return True
         before[0] += 1

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import AnyArray, IntArray
-from tessellation._compiling import COMPILED
+from tessellation._compiling import COMPILED, UNCOUNTED
 
 OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY = range(6)
 MAX_ELEMENTS = 1 << 17
@@ -43,7 +43,7 @@ def _four(data: AnyArray, k: Any) -> Any:
     )
 
 
-@njit(**COMPILED)
+@njit(**COMPILED | UNCOUNTED)
 def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
     """`size` bytes as an unsigned number."""
     value = np.uint64(0)
@@ -62,7 +62,7 @@ def load(data: AnyArray, at: int, size: int, little: bool) -> Any:
     return value
 
 
-@njit(**COMPILED)
+@njit(**COMPILED | UNCOUNTED)
 def new_row(tables: Tables, table: int, message: int, parent: int) -> int:
     """Append a row of defaults to a table; its number, or -1 where the table is full."""
     row = tables.n_rows[table]

@@ -22,13 +22,13 @@ from dirprim_filter.recording.decoding._kernels import (
     load,
     new_row,
 )
-from tessellation._compiling import COMPILED
+from tessellation._compiling import COMPILED, UNCOUNTED
 
 SCALAR, TEXT, MESSAGE, EACH_MESSAGE, ONE_MESSAGE, EACH_SCALAR, ONE_SCALAR, EACH_TEXT, ONE_TEXT = range(9)
 PLAIN, ZIGZAG, SIGNED32 = range(3)
 
 
-@njit(**COMPILED)
+@njit(**COMPILED | UNCOUNTED)
 def _varint(data: AnyArray, at: int, end: int) -> Any:
     """A varint and where it ends; -1 where it is cut or too long."""
     value = np.uint64(0)
@@ -45,7 +45,7 @@ def _varint(data: AnyArray, at: int, end: int) -> Any:
     return value, -1
 
 
-@njit(**COMPILED)
+@njit(**COMPILED | UNCOUNTED)
 def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
     """The bits of a number and where it ends; -1 where it is cut."""
     if wire == 0:
@@ -64,16 +64,16 @@ def _scalar(data: AnyArray, at: int, end: int, wire: Any, form: int) -> Any:
     return np.int64(bits), at + size
 
 
-@njit(**COMPILED)
+@njit(**COMPILED | UNCOUNTED)
 def walk_protobuf(
     data: AnyArray,
     starts: IntArray,
     stops: IntArray,
     tables: Tables,
     status: IntArray,
+    room: IntArray,
     entries: IntArray,
     node_start: IntArray,
-    depth_max: int,
 ) -> bool:
     """Read the wanted fields of each message; whether a table was too small: then nothing counts.
 
@@ -83,23 +83,21 @@ def walk_protobuf(
         stops: (n_messages,) where it ends.
         tables: out.
         status: (n_messages,) out.
+        room: (5, as many as tables, and as levels of wanted messages and two) for its work.
         entries: (n_entries, 8) field number, wire type, action, form, table, column, child node or number wanted,
             presence or counter; those of a node one after the other, sorted.
         node_start: (n_nodes + 1,) where the entries of each node start.
-        depth_max: how deep wanted messages nest.
     """
     cells, base, width, n_rows = tables.cells, tables.base, tables.width, tables.n_rows
     n_tables = width.size
-    before = np.zeros(n_tables, np.int64)
-    ends = np.zeros(depth_max + 2, np.int64)
-    nodes = np.zeros(depth_max + 2, np.int64)
-    rows = np.zeros(depth_max + 2, np.int64)  # cell where the row of that level starts
-    numbers = np.zeros(depth_max + 2, np.int64)  # and its number in its table
+    before, ends, nodes = room[0], room[1], room[2]
+    rows, numbers = room[3], room[4]  # cell where the row of that level starts, and its number in its table
+    top = np.int64(0)  # a literal would compile `new_row` once more
     for message in range(starts.size):
         at = starts[message]
         for table in range(n_tables):
             before[table] = n_rows[table]
-        made = new_row(tables, 0, message, message)
+        made = new_row(tables, top, message, message)
         if made < 0:
             return True
         before[0] += 1

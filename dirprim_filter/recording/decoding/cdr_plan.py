@@ -53,7 +53,7 @@ def cdr_plan(schema: str, encoding: str, definition: bytes, fields: Mapping[str,
     program.structure(full_name(schema), wanted(fields), Place())
     program.emit(kernels.END)
     check_found(schema, fields, program.output.found())
-    return ColumnPlan(program.output, kernels.walk_cdr, np.array(program.ops, np.int64), program.deepest)
+    return ColumnPlan(program.output, kernels.walk_cdr, program.deepest + 1, np.array(program.ops, np.int64))
 
 
 def full_name(schema: str) -> str:

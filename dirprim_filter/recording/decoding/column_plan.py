@@ -126,18 +126,19 @@ class OutputTables:
 
 
 Walk = Callable[..., bool]
-"""A kernel: of data, starts, stops, tables, status, and its program."""
+"""A kernel: of data, starts, stops, tables, status, room for its work, and its program."""
 
 
 class ColumnPlan(Plan):
-    """A compiled plan: a walk, and the tables that it writes."""
+    """A compiled plan: a walk, how many numbers a row of its room has, and the tables that it writes."""
 
-    def __init__(self, output: OutputTables, walk: Walk, *program: AnyArray | int) -> None:
+    def __init__(self, output: OutputTables, walk: Walk, depth: int, *program: AnyArray) -> None:
         self._output = output
         self._walk = walk
         self._program = program
         self._defaults, self._default_base, self._width = output.default_rows()
         self._capacity = np.full(self._width.size, 64, np.int64)
+        self._room = (5, max(depth, self._width.size))
 
     def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
         """The columns of messages; `failures` says which cannot be read."""
@@ -154,7 +155,7 @@ class ColumnPlan(Plan):
             count[:] = 0
             status[:] = 0
             tables = kernels.Tables(cells, base, self._width, self._capacity, count, self._defaults, self._default_base)
-            if not self._walk(data, start, stop, tables, status, *self._program):
+            if not self._walk(data, start, stop, tables, status, np.zeros(self._room, np.int64), *self._program):
                 break
             self._capacity[count >= self._capacity] *= 2
         written = [

@@ -58,7 +58,7 @@ def protobuf_plan(schema: str, definition: bytes, fields: Mapping[str, Field]) -
     nodes = [sorted(node, key=lambda entry: entry[0]) for node in program.nodes]
     entries = np.array([entry for node in nodes for entry in node], np.int64).reshape(-1, 8)
     starts = np.cumsum([0, *(len(node) for node in nodes)])
-    return ColumnPlan(program.output, kernels.walk_protobuf, entries, starts.astype(np.int64), program.deepest)
+    return ColumnPlan(program.output, kernels.walk_protobuf, program.deepest + 2, entries, starts.astype(np.int64))
 
 
 def message_descriptor(name: str, descriptors: bytes) -> Descriptor:
