@@ -53,7 +53,8 @@ def _end(buffer: AnyArray, at: Any, size: int) -> Any:
 @njit(**COMPILED)
 def count_records(buffer: AnyArray) -> tuple[int, int, int]:
     """Messages, other records, and the byte where the walk ends: the size where all records fit."""
-    at, size = np.int64(0), len(buffer)
+    at: Any = np.int64(0)  # a literal would compile `_end` once more
+    size = len(buffer)
     n_messages = n_others = 0
     while at < size:
         end = _end(buffer, at, size)
@@ -82,7 +83,8 @@ def read_records(buffer: AnyArray, n_messages: int, n_others: int) -> tuple[AnyA
     start = np.empty(n_messages, np.int64)
     stop = np.empty(n_messages, np.int64)
     other = np.empty(n_others, np.int64)
-    at, size = np.int64(0), len(buffer)
+    at: Any = np.int64(0)  # a literal would compile `_end` once more
+    size = len(buffer)
     i = j = 0
     while i < n_messages or j < n_others:
         end = _end(buffer, at, size)
