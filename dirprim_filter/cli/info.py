@@ -11,7 +11,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import End, Fields, Logs, Start, Strict, Topics
+from dirprim_filter.cli.options import End, Fields, Logs, Start, Strict
 from dirprim_filter.cli.reading import Reading
 
 if TYPE_CHECKING:
@@ -31,7 +31,9 @@ def info(
     logs: Logs,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each log.")] = False,
     check: Annotated[bool, typer.Option("--check", help="Read every chunk of a long log too.")] = False,
-    topics: Topics = None,
+    topics: Annotated[
+        str | None, typer.Option("--topics", help="Topic name or regular expression. Default: all.")
+    ] = None,
     fields: Fields = None,
     start: Start = None,
     end: End = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Self
 
@@ -38,7 +38,7 @@ class ClockFaults:
     """What is odd about the times of messages, each compared with the one before on its channel; none is left out.
 
     Attributes:
-        zero: times of 0: in ROS a stamp that was not set.
+        zero: times of 0, in ROS stamps that were not set; of topics whose clock runs on from 0 they do not count.
         backward: times before the last one.
         duplicate: times equal to the last one; usual where each object has a message of its own.
         jumps: times more than `LONG_STEP_NS` after the last one.
@@ -127,16 +127,19 @@ class Losses:
 
 
 class Clock:
-    """Watches the times of a log's messages as they come.
-
-    Attributes:
-        faults: what was odd so far.
-    """
+    """Watches the times of a log's messages as they come."""
 
     def __init__(self) -> None:
-        self.faults = ClockFaults()
+        self._faults = ClockFaults()
         self._topics = Numbers()
         self._last_ns = np.empty(0, np.int64)
+        self._zero = np.empty(0, np.int64)  # times of 0 of each topic
+        self._runs_from_zero = np.empty(0, np.bool_)
+
+    @property
+    def faults(self) -> ClockFaults:
+        """What was odd so far."""
+        return replace(self._faults, zero=int(self._zero[~self._runs_from_zero].sum()))
 
     def watch_objects(self, messages: MessageColumns, message: IntArray, time_ns: IntArray) -> None:
         """Count what is odd in the times of objects, of which those of a message share one.
@@ -159,8 +162,10 @@ class Clock:
         """
         known = time_ns != NO_TIME
         n = int(topic.max(initial=-1)) + 1
-        if n > self._last_ns.size:
-            self._last_ns = np.concatenate([self._last_ns, np.full(n - self._last_ns.size, NO_TIME)])
+        if (more := n - self._last_ns.size) > 0:
+            self._last_ns = np.append(self._last_ns, np.full(more, NO_TIME))
+            self._zero = np.append(self._zero, np.zeros(more, np.int64))
+            self._runs_from_zero = np.append(self._runs_from_zero, np.zeros(more, np.bool_))
         seen = np.flatnonzero(self._last_ns != NO_TIME)
         topics = np.concatenate([seen, topic[known]])
         times = np.concatenate([self._last_ns[seen], time_ns[known]])
@@ -168,8 +173,9 @@ class Clock:
         topics, times = topics[order], times[order]
         same = topics[1:] == topics[:-1]
         before, after = times[:-1][same], times[1:][same]
-        self.faults += ClockFaults(
-            zero=int((time_ns == 0).sum()),
+        self._zero += np.bincount(topic[time_ns == 0], minlength=self._zero.size)
+        self._runs_from_zero[topics[1:][same][(before == 0) & (after > 0) & (after <= LONG_STEP_NS)]] = True
+        self._faults += ClockFaults(
             backward=int((after < before).sum()),
             duplicate=int((after == before).sum()),
             jumps=int((after.astype(np.float64) - before.astype(np.float64) > LONG_STEP_NS).sum()),

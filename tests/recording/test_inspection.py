@@ -76,7 +76,7 @@ def test_filters(log, capsys):
 def test_odd_times_are_counted_by_topic_in_the_order_of_the_file(log, chunk_size):
     sent = [("/a", 0), ("/a", 5), ("/b", 4), ("/a", 5), ("/a", 3), ("/b", 4), ("/a", 3), ("/a", 9), ("/b", 0)]
     path = log(log_bytes([(topic, time_ns, b"x" * 30) for topic, time_ns in sent], chunk_size=chunk_size))
-    odd = ClockFaults(zero=2, backward=2, duplicate=3)
+    odd = ClockFaults(zero=1, backward=2, duplicate=3)  # the clock of /a runs on from 0, that of /b falls to it
     assert inspect(path).stamps == {"log": odd, "publish": replace(odd, zero=0), "header": ClockFaults()}
 
 
@@ -87,8 +87,8 @@ def test_odd_times_of_headers_and_jumps_are_reported_too(tmp_path, capsys):
         messages.append(("/objects", (k if k < 4 else k + 60) * 1_000_000_000, update))
     path = write_protobuf_log(tmp_path / "log.mcap", messages)
     assert inspect(path).stamps == {
-        "log": ClockFaults(zero=1, jumps=1),
-        "publish": ClockFaults(zero=1, jumps=1),
+        "log": ClockFaults(jumps=1),
+        "publish": ClockFaults(jumps=1),
         "header": ClockFaults(zero=2, backward=2, duplicate=2, jumps=1),
     }
     assert run(["info", str(path)]) == 0

@@ -105,7 +105,7 @@ def test_motion_is_differenced_where_the_table_has_none(tmp_path):
     [
         ("", "expected columns time_s, track_id, x_m, y_m"),
         ("time_s;track_id;x_m;y_m\n", "rows after the header"),
-        ("time_s|track_id|x_m|y_m\n", "separated by commas"),
+        ("time_s|track_id|x_m|y_m\n", "with commas, semicolons or tabs between them, got time_s|track_id|x_m|y_m;"),
         ("time_s,track_id,x_m\n0,1,2\n", r"line 1: expected columns.*missing: y_m"),
         (f"{HEADER}\n", "rows after the header"),
         ("time_ms,track_id,x_m,y_m\n", r"column time_s, got time_ms; divide by 1e3, and name it time_s"),
@@ -120,6 +120,8 @@ def test_motion_is_differenced_where_the_table_has_none(tmp_path):
             r"column speed_mps, got speed_kmh; divide by 3\.6",
         ),
         ("time_s,track_id,x_m,y_m,x_m\n", "one column x_m, got 2"),
+        ("time_s,track_id,x_m,y_m,class,class\n", "one column class, got 2"),
+        ("Time,Id,x_m,y_m,class\n", "time_s, track_id, x_m, y_m, got Time, Id, x_m, y_m, class; name"),
         (f"{HEADER}\n0,1,2,3,0,1\n0,1,2,fast,0,1\n", r"line 3: expected a number as y_m, got 'fast'"),
         (f"{HEADER}\n\n\n0,1,2,3,0,1\nsoon,1,2,3,0,1\n", r"line 5: expected a number as time_s, got 'soon'"),
         (f"{HEADER}\n0,1,2,3,0\n", r"line 2: expected 6 cells, got 5"),

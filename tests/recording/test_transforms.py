@@ -16,7 +16,9 @@ from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
 
+from dirprim_filter.recording.container import log as log_module
 from dirprim_filter.recording.container.log import Log
+from dirprim_filter.recording.container.outline import read_outline
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
 from dirprim_filter.recording.losses import TRANSFORMS, UNDECODABLE, UNPLACED
 from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
@@ -158,6 +160,22 @@ def test_rotation_is_at_a_constant_rate_the_short_way(tmp_path):
     np.testing.assert_allclose(yaw[:2], [3.0 + 0.25 * turn, 3.0 + 1.05 * turn])
     assert at.translation[0, 0] == pytest.approx(1.5)
     assert at.known.tolist() == [True, True, False, False]
+
+
+def test_a_log_is_outlined_once_however_often_it_is_read(tmp_path, monkeypatch):
+    """Its topics, transforms and objects are three passes over one open log."""
+    outlined = []
+
+    def counted(file):
+        outlined.append(file)
+        return read_outline(file)
+
+    monkeypatch.setattr(log_module, "read_outline", counted)
+    path = write_ros(tmp_path / "log.mcap", [("sensor", [carla(k, 0)]) for k in range(N)])
+    assert len(read_tracks(path)) == N
+    assert len(outlined) == 1
+    assert sum(1 for _ in stream_detections(path)) == N
+    assert len(outlined) == 2
 
 
 def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):

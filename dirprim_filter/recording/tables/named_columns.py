@@ -87,10 +87,9 @@ def places_of(
         raise TableError(path, line, f"column {missing[0]}", ", ".join(header) or "none", "name one that is there")
     ours = {column: name for name, column in columns.items()}
     names = [ours.get(name, f"({name})" if name in columns else name) for name in header]
-    if LABEL not in names:
-        other = next((name for name in LABELS if name in names), None)
-        names = [LABEL if name == other else name for name in names]
     check_header(path, line, names, required)
+    label = next((name for name in LABELS if name in names), LABEL)
+    names = [LABEL if name == label else name for name in names]
     place = {name: names.index(name) for name in (*required, *KNOWN[len(REQUIRED) :]) if name in names}
     return place, [name for i, name in enumerate(names) if i not in place.values()]
 
@@ -102,7 +101,7 @@ def check_header(path: Path, line: int | str, columns: list[str], required: Sequ
         TableError: otherwise.
     """
     known = (*required, *KNOWN[len(REQUIRED) :])
-    twice = [name for name in known if columns.count(name) > 1]
+    twice = [name for name in (*known, *LABELS[1:]) if columns.count(name) > 1]
     if twice:
         raise TableError(path, line, f"one column {twice[0]}", f"{columns.count(twice[0])}", "remove the others")
     for name in known[:-1]:
@@ -113,8 +112,9 @@ def check_header(path: Path, line: int | str, columns: list[str], required: Sequ
             raise TableError(path, line, f"column {name}", other[0], f"{remedy}, and name it {name}")
     missing = [name for name in required if name not in columns]
     if missing:
+        between = ", with commas, semicolons or tabs between them" if len(columns) < 2 else ""
         raise TableError(
-            path, line, f"columns {', '.join(required)}, separated by commas", ", ".join(columns) or "none",
+            path, line, f"columns {', '.join(required)}{between}", ", ".join(columns) or "none",
             f"name the columns so, or say by --columns {missing[0]}=NAME how the table calls them; missing: "
             f"{', '.join(missing)}",
         )  # fmt: skip
