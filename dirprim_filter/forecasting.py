@@ -133,7 +133,7 @@ class Forecaster:
     vehicles of a group is one world; with `config.interaction` "none" they depend on no other vehicle.
 
     Args:
-        primitive_map: how vehicles move at each place.
+        primitive_map: how vehicles move at each place; one with a schedule holds as of the hour of each frame.
         sinks: take the forecasts.
         every_s: seconds of log time between forecasts.
         horizon_s: seconds to look ahead.
@@ -156,6 +156,8 @@ class Forecaster:
         rng: np.random.Generator,
     ) -> None:
         config = config or FilterConfig()
+        self._map, self._config = primitive_map, config
+        self._hour: int | None = None
         self._table = forecast_table(primitive_map, config)
         self._response = leader_table(primitive_map, config)
         self._sinks = sinks
@@ -169,6 +171,9 @@ class Forecaster:
         if (self._next_ns is not None and frame.time_ns < self._next_ns) or len(frame.estimates) == 0:
             return
         self._next_ns = frame.time_ns + self._every_ns
+        hour = self._map.slot_at(frame.time_ns)
+        if hour != self._hour:
+            self._hour, self._table = hour, forecast_table(self._map.at_time(frame.time_ns), self._config)
         names = [str(name) for name in frame.estimates.track_id]
         made = Forecasts.of(frame.time_ns, names, frame.estimates.position, self.paths(frame))
         for sink in self._sinks:

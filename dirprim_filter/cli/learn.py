@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -42,6 +42,13 @@ class Shape(StrEnum):
     FLAT = "flat"
 
 
+class Slots(StrEnum):
+    """What weights and speeds turn with."""
+
+    HOUR = "hour"
+    WEEK = "week"
+
+
 MinVehicles = Annotated[
     int | None, typer.Option("--min-vehicles", min=1, help="Of a store: leave out what fewer vehicles did. Default: 5.")
 ]
@@ -52,6 +59,14 @@ HalfLife = Annotated[
 Now = Annotated[
     str | None,
     typer.Option("--now", help="With --half-life: when age is counted from, ns or RFC 3339. Default: the last log's."),
+]
+By = Annotated[
+    Slots | None,
+    typer.Option("--by", help="Of a store: weights and mean speeds by the hour of the day, or of the week."),
+]
+Zone = Annotated[
+    str | None,
+    typer.Option("--zone", help="With --by: whose clocks count, such as Europe/Berlin. Default: UTC."),
 ]
 
 
@@ -68,6 +83,8 @@ def learn(
     min_vehicles: MinVehicles = None,
     half_life: HalfLife = None,
     now: Now = None,
+    by: By = None,
+    zone: Zone = None,
     seed: Seed = 0,
     reading: Reading = Reading(),
     force: Force = False,
@@ -93,9 +110,11 @@ def learn(
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
             )
-        source = _Store(logs[0], min_vehicles, half_life, now)
-    elif (min_vehicles, half_life, now) != (None, None, None):
-        raise ValueError("--min-vehicles, --half-life, --now: expected a store, got logs; see `dirprim store add`")
+        source = _Store(logs[0], min_vehicles, half_life, now, by, zone)
+    elif (min_vehicles, half_life, now, by, zone) != (None,) * 5:
+        raise ValueError(
+            "--min-vehicles, --half-life, --now, --by, --zone: expected a store, got logs; see `dirprim store add`"
+        )
     else:
         source = _Logs(logs, sensor, reading)
     config = LearningConfig()
@@ -144,29 +163,40 @@ class _Store:
     exit_code = losses.DONE
     files: tuple[Path, ...] = ()
 
-    def __init__(self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None) -> None:
+    def __init__(
+        self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None,
+        by: Slots | None, zone: str | None,
+    ) -> None:  # fmt: skip
         from dirprim_filter.store.learning import MIN_VEHICLES, Fading
         from dirprim_filter.store.store import Store
         from dirprim_filter.store.stored_sums import StoredSums
 
         if now is not None and half_life_s is None:
             raise ValueError("--now: expected --half-life with it")
+        if zone is not None and by is None:
+            raise ValueError("--zone: expected --by with it")
         store = Store.open(folder)
         entries = store.entries()
         if not entries:
             raise ValueError(f"{folder}: expected logs to learn from, the store is empty; see `dirprim store add`")
         now_ns = time_ns(now)
         self._sums = StoredSums.of(store)
+        self._by: Literal["hour", "week"] | None = None if by is None else by.value
+        self._zone = "UTC" if zone is None else zone
         self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
         self._fading = None
         if half_life_s is not None:
             end_ns = max(entry.end_ns for entry in entries)
             self._fading = Fading(half_life_s=half_life_s, now_ns=end_ns if now_ns is None else now_ns)
         self.said = {"sha256 store": self._sums.digest, "min_vehicles": self._least, "fading": self._fading}
+        if by is not None:
+            self.said |= {"by": self._by, "zone": self._zone}
         n_rows = sum({entry.rows: entry.n_rows for entry in entries}.values())
         self.counts = f"{counted(len(entries), 'log')}, {counted(n_rows, 'row')}"
 
     def learn(self, **options: Any) -> PrimitiveMap:
         from dirprim_filter.store.learning import learn_from_summary
 
-        return learn_from_summary(self._sums, min_vehicles=self._least, fading=self._fading, **options)
+        return learn_from_summary(
+            self._sums, min_vehicles=self._least, fading=self._fading, by=self._by, zone=self._zone, **options
+        )

@@ -44,18 +44,19 @@ class ParticleFilter:
     the threads nor, without `interaction`, on other vehicles.
 
     Args:
-        primitive_map: how vehicles move at each place.
+        primitive_map: how vehicles move at each place; with a schedule, as of the last measurement's hour.
         config: the filter's knobs.
     """
 
     def __init__(self, primitive_map: PrimitiveMap, config: FilterConfig | None = None) -> None:
         self.config = config = config or FilterConfig()
         self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
-        self._table = tracking_table(primitive_map, config)
+        self._map = primitive_map
+        self._hour: int | None = None
+        self._move_by(primitive_map)
         self._response = leader_table(primitive_map, config)
         self._surroundings = Surroundings()
         self._surroundings.reserve(self.belief.n_slots)
-        self._primitives = primitive_map.compiled()
         self._has_cells = primitive_map.tessellation.n_cells > 0
         self.traffic = Traffic.of(primitive_map)
         self._ends = np.zeros(len(primitive_map.motion))
@@ -64,6 +65,17 @@ class ParticleFilter:
         self._noise = _noise(config)
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
+
+    def _move_by(self, primitive_map: PrimitiveMap) -> None:
+        self._table = tracking_table(primitive_map, self.config)
+        self._primitives = primitive_map.compiled()
+
+    def _follow_the_hour(self, measured: Detections) -> None:
+        """Move by the map of the hour of the measurements; where journeys begin and end is of all day."""
+        hour = self._map.slot_at(int(measured.time_ns[-1])) if len(measured) else None
+        if hour is not None and hour != self._hour:
+            self._hour = hour
+            self._move_by(self._map.at_time(int(measured.time_ns[-1])))
 
     @property
     def manoeuvres(self) -> FloatArray:
@@ -88,6 +100,7 @@ class ParticleFilter:
             measured: v rows.
         """
         self.belief.step += 1
+        self._follow_the_hour(measured)
         of_their_own = ~np.isnan(measured.covariance[:, 0, 0])
         spread = np.full(slot.size, self.config.noise_m)
         spread[of_their_own] = np.sqrt(np.linalg.eigvalsh(measured.covariance[of_their_own])[:, -1])
@@ -151,6 +164,7 @@ class ParticleFilter:
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Weigh the particles by measurements; a belief none of whose particles is near is left as it was."""
         self.belief.step += 1
+        self._follow_the_hour(measured)
         evidence = np.empty((slot.size, 2))
         columns = self._columns(measured)
         self._split(_measuring.weigh, (self.belief.cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)

@@ -53,6 +53,7 @@ class SensedParticles(ParticleFilter):
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Initialise beliefs from one measurement each and the primitive at its place."""
         self.belief.step += 1
+        self._follow_the_hour(measured)
         cloud, columns = self.belief.cloud, _columns(measured)
         first = (slot, np.asarray(key), measured.position)
         how = (self._spread, self._table.place_free_share)
@@ -98,6 +99,7 @@ class SensedParticles(ParticleFilter):
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Weigh the particles by measurements, and learn of the errors they carry."""
         self.belief.step += 1
+        self._follow_the_hour(measured)
         evidence = np.empty((slot.size, 2))
         self._split(
             _sensing.weigh, (self.belief.cloud, self._carried), (slot, _columns(measured), evidence),

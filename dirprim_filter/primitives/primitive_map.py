@@ -18,6 +18,7 @@ from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
 from dirprim_filter.primitives.motion import Motion
+from dirprim_filter.primitives.schedule import Schedule
 from tessellation import GridTessellation, Tessellation
 from tessellation.locate import locator_of
 
@@ -71,6 +72,7 @@ class PrimitiveMap:
             left out: none, the primitives are flat.
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
         motion: how vehicles go on from place to place; left out: each on the mode of its cell, and settling on it.
+        schedule: how the map turns with the hour, see `at_time`; all the rest is of all day.
 
     Raises:
         ValueError: the parameters are not those of n_cells + 1 primitives.
@@ -84,6 +86,7 @@ class PrimitiveMap:
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
+    schedule: Schedule | None = None
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
@@ -106,11 +109,27 @@ class PrimitiveMap:
         last = self.motion.cell[self.motion.n_placed - 1] if self.motion.n_placed else -1
         if last >= n - 1 or ((self.motion.mode < 0) | (self.motion.mode >= shapes[0][1])).any():
             raise ValueError(f"motion: expected manoeuvres of {n - 1} cells and {shapes[0][1]} modes, got others")
+        if self.schedule is not None:
+            self._check_schedule(self.schedule.flow.shape[1:], (n - 1, shapes[0][1] - self.n_place_free_modes))
+
+    def _check_schedule(self, scheduled: tuple[int, ...], own: tuple[int, int]) -> None:
+        placed = self.motion.mode[: self.motion.n_placed]
+        if scheduled != own or placed.max(initial=-1) >= own[1]:
+            raise ValueError(f"schedule: expected {own} cells and modes of their own, got {scheduled}")
 
     @property
     def centers(self) -> FloatArray:
         """(n_cells + 1, 2) where each row's parameters hold, metres; of the place-free row anywhere, so the origin."""
         return np.vstack([self.tessellation.centers.reshape(-1, 2), np.zeros(2)])
+
+    def slot_at(self, time_ns: int) -> int | None:
+        """The slot of the schedule at a time, nanoseconds since 1970-01-01; None without one."""
+        return None if self.schedule is None else int(self.schedule.slots_of(np.array([time_ns]))[0])
+
+    def at_time(self, time_ns: int) -> PrimitiveMap:
+        """The map as it is at a time, with that hour's weights and speeds; without a schedule the same at all times."""
+        slot = self.slot_at(time_ns)
+        return self if self.schedule is None or slot is None else self.schedule.applied(self, slot)
 
     def primitive_at(self, position: FloatArray) -> Primitive:
         """The primitives that hold at positions. (..., 2) -> leading axes (...).

@@ -1,10 +1,10 @@
-"""A map learned from a summary: of the steps of pseudo-vehicles, faded by age, without what few vehicles did."""
+"""A map learned from a summary: of steps of pseudo-vehicles, faded by age, by hour, without what few vehicles did."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,7 +12,12 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.leader_learning import LeaderSums
+from dirprim_filter.primitives.motion_learning import modes_of
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.schedule import By
+from dirprim_filter.primitives.visits import Visits
+from dirprim_filter.store.by_hour import learn_schedule
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
 from dirprim_filter.store.steps import HOUR_NS, WHEN, passed_place, unpacked_when
@@ -89,6 +94,8 @@ def learn_from_summary(
     *,
     min_vehicles: int = MIN_VEHICLES,
     fading: Fading | None = None,
+    by: By | None = None,
+    zone: str = "UTC",
     rng: np.random.Generator,
     **options: Any,
 ) -> PrimitiveMap:
@@ -98,24 +105,42 @@ def learn_from_summary(
         summary: of recordings.
         min_vehicles: of what fewer vehicles did at a place the map says nothing; see `withheld`.
         fading: left out, all recordings count alike.
+        by: how weights and mean speeds turn, with the "hour" of the day or of the "week"; left out, not at all.
+        zone: of the clocks that say the hour, such as Europe/Berlin.
         rng: as for `learn_primitives`.
         options: others of `learn_primitives`.
 
     Raises:
-        ValueError: nothing is left to learn from, or options as for `learn_primitives`.
+        ValueError: nothing is left to learn from, by hour no two days, or options as for `learn_primitives`.
     """
     if min_vehicles < 1:
         raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
-    tracks = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading)
+    tracks, hour = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading)
     learned = learn_primitives(tracks, rng=rng, **options)
     sums = summary.leader_sums
     seen = float(sums.acceleration.weight.sum()) >= min_vehicles
     leader = sums.response() if seen else LeaderResponse.none()
     learned = replace(learned, motion=replace(learned.motion, leader=leader))
-    return learned if min_vehicles == 1 else withheld(learned, tracks, min_vehicles)
+    if min_vehicles == 1 and by is None:
+        return learned
+    visits = Visits.of(TrackRows.thinned(tracks, interval_s=0.0), learned.tessellation)
+    mode = modes_of(learned, visits)
+    if min_vehicles > 1:
+        learned = withheld(learned, visits, mode, min_vehicles)
+    if by is None:
+        return learned
+    schedule = learn_schedule(learned, visits, mode, hour, by=by, zone=zone, min_vehicles=min_vehicles)
+    return replace(learned, schedule=schedule)
 
 
-def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Tracks:
+class Visible(NamedTuple):
+    """Pseudo-vehicles that a map is learned from."""
+
+    tracks: Tracks
+    hour: IntArray  # (n_tracks,) since 1970-01-01, in which each came into sight
+
+
+def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Visible:
     """Pseudo-vehicles, where at least so many vehicles passed each place each way; of older ones as many as count.
 
     Raises:
@@ -128,14 +153,17 @@ def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: F
     count = whens.value[:, 0]
     share = np.ones(hour.size) if fading is None else fading.share(hour)
     share *= min(1.0, MOST_STEPS / max(float((share * count).sum()), 1.0))
-    n_ways, end_ns, parts = 0, 0, []
+    n_ways, end_ns = 0, 0
+    parts: list[Tracks] = []
+    hours: list[IntArray] = []
     for first, last in _blocks(whens):
         steps = summary.steps_of(first, last)
         tracks, kind = pseudo_tracks(steps, summary.lattice)
         way = tracks.track_id + n_ways
-        counts = share[np.searchsorted(whens.key[:, 0], steps.key[kind, WHEN])]
-        shown = ((way * GOLDEN) % 1.0 < counts) & _is_passed(summary, tracks, min_vehicles)
+        when = np.searchsorted(whens.key[:, 0], steps.key[kind, WHEN])
+        shown = ((way * GOLDEN) % 1.0 < share[when]) & _is_passed(summary, tracks, min_vehicles)
         parts.append(_shown(replace(tracks, track_id=way), shown, end_ns))
+        hours.append(hour[when[shown]])
         n_ways, end_ns = n_ways + tracks.n_tracks, end_ns + len(tracks) * APART_NS
     tracks = Tracks.concatenate(parts)
     if not len(tracks):
@@ -144,7 +172,8 @@ def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: F
             "add recordings, or ask for fewer vehicles"
         )
     logger.info("%d of %d steps of pseudo-vehicles are learned from", len(tracks), int(count.sum()))
-    return tracks
+    _, rows = np.unique(tracks.vehicle, return_index=True)
+    return Visible(tracks, np.concatenate(hours)[rows])
 
 
 def _shown(tracks: Tracks, shown: BoolArray, begin_ns: int) -> Tracks:

@@ -7,17 +7,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from dirprim_filter.arrays import BoolArray, FloatArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
-from dirprim_filter.primitives.motion_learning import modes_of
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
-from dirprim_filter.tracks import Tracks
 
 
-def withheld(learned: PrimitiveMap, tracks: Tracks, min_vehicles: int) -> PrimitiveMap:
+def withheld(learned: PrimitiveMap, visits: Visits, mode: IntArray, min_vehicles: int) -> PrimitiveMap:
     """The map without modes, manoeuvres and transitions of fewer vehicles.
 
     A vehicle is of the mode that its visit to the cell fits best. What such modes weighed goes to the place-free
@@ -25,10 +22,11 @@ def withheld(learned: PrimitiveMap, tracks: Tracks, min_vehicles: int) -> Primit
 
     Args:
         learned: the map.
-        tracks: that it was learned from.
+        visits: of the vehicles that it was learned from.
+        mode: (v,) of each visit.
         min_vehicles: so many at least.
     """
-    enough = _vehicles_of_modes(learned, tracks) >= min_vehicles
+    enough = _vehicles_of_modes(learned, visits, mode) >= min_vehicles
     own = enough.shape[1]
     weight = learned.direction.weight.copy()
     weight[:-1, :own] *= enough
@@ -39,13 +37,13 @@ def withheld(learned: PrimitiveMap, tracks: Tracks, min_vehicles: int) -> Primit
     return replace(learned, direction=direction, motion=_often_driven(learned.motion, enough, min_vehicles))
 
 
-def _vehicles_of_modes(learned: PrimitiveMap, tracks: Tracks) -> FloatArray:
+def _vehicles_of_modes(learned: PrimitiveMap, visits: Visits, mode: IntArray) -> FloatArray:
     """(n_cells, own modes) how many vehicles visited each."""
     own = learned.direction.weight.shape[1] - learned.n_place_free_modes
-    visits = Visits.of(TrackRows.thinned(tracks, interval_s=0.0), learned.tessellation)
     inside = visits.cell >= 0
-    mode = modes_of(learned, visits)[inside]
-    visited = np.unique(np.column_stack([visits.cell[inside], mode, visits.vehicle[visits.begin[inside]]]), axis=0)
+    visited = np.unique(
+        np.column_stack([visits.cell[inside], mode[inside], visits.vehicle[visits.begin[inside]]]), axis=0
+    )
     n_cells = learned.tessellation.n_cells
     return np.bincount(visited[:, 0] * own + visited[:, 1], minlength=n_cells * own).reshape(n_cells, own).astype(float)
 

@@ -137,7 +137,7 @@ def memory(n_rows: int) -> None:
         said = f"{done} rows: counted with at most {most_mib():.0f} MiB in {time.perf_counter() - began:.0f} s"
         began = time.perf_counter()
         sums = StoredSums.of(store)
-        shown = visible_tracks(sums)
+        shown = visible_tracks(sums).tracks
         took = time.perf_counter() - began
         print(
             f"{said}; {len(shown)} of {int(sums.whens.value.sum())} steps chosen with at most {most_mib():.0f} MiB in "

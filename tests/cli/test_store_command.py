@@ -46,6 +46,8 @@ def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
         (["learn", "fleet", "-o", "m.mcap", "--topics", "x"], "fixes how its logs are read"),
         (["learn", "0.mcap", "-o", "m.mcap", "--min-vehicles", "3"], "expected a store, got logs"),
         (["learn", "fleet", "-o", "m.mcap", "--now", "3"], "expected --half-life with it"),
+        (["learn", "fleet", "-o", "m.mcap", "--zone", "UTC"], "expected --by with it"),
+        (["learn", "0.mcap", "-o", "m.mcap", "--by", "hour"], "expected a store, got logs"),
         (["store", "add", "fleet", "1.mcap", "--frame", "odom"], "expected frame None"),
         (["store", "add", "fleet", "absent.mcap"], "absent.mcap: No such file"),
         (["store", "forget", "fleet", "1.mcap"], "is not in the store"),

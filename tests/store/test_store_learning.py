@@ -44,8 +44,8 @@ def test_the_bytes_of_a_map_depend_on_the_statistics_alone(tmp_path):
 
 def test_of_few_vehicles_a_map_says_nothing():
     summary = Summary.of(lane(6)) + Summary.of(lane(4, north=50.0, first_id=9))
-    assert visible_tracks(summary, min_vehicles=4).position[:, 1].max() > 45.0
-    assert visible_tracks(summary, min_vehicles=5).position[:, 1].max() < 5.0
+    assert visible_tracks(summary, min_vehicles=4).tracks.position[:, 1].max() > 45.0
+    assert visible_tracks(summary, min_vehicles=5).tracks.position[:, 1].max() < 5.0
     with pytest.raises(ValueError, match="expected places that 7 vehicles passed the same way, got none among 10"):
         visible_tracks(summary, min_vehicles=7)
     learned = learn_from_summary(
@@ -65,7 +65,8 @@ def test_a_vehicle_that_passes_twice_is_one():
     tracks = Tracks.concatenate([once, again])
     with pytest.raises(ValueError, match="5 vehicles passed"):
         visible_tracks(Summary.of(tracks), min_vehicles=5)
-    assert visible_tracks(Summary.of(once) + Summary.of(again), min_vehicles=5).n_tracks == 8  # in two recordings
+    in_two = visible_tracks(Summary.of(once) + Summary.of(again), min_vehicles=5)
+    assert in_two.tracks.n_tracks == 8
 
 
 def test_nothing_stands_between_rows_that_something_was_left_out_between():
@@ -73,7 +74,7 @@ def test_nothing_stands_between_rows_that_something_was_left_out_between():
     swerves = lane(1, first_id=50)
     away = np.arange(len(swerves)) == 5
     swerves = replace(swerves, position=swerves.position + 20.0 * away[:, None] * [0.0, 1.0])
-    tracks = visible_tracks(Summary.of(Tracks.concatenate([lane(6), swerves])), min_vehicles=5)
+    tracks = visible_tracks(Summary.of(Tracks.concatenate([lane(6), swerves])), min_vehicles=5).tracks
     assert tracks.n_tracks == 7
     assert np.abs(tracks.position[:, 1]).max() < 1.0
     own = tracks.time_ns[tracks.vehicle == np.argmin(np.bincount(tracks.vehicle))]
@@ -85,25 +86,26 @@ def test_age_fades_whole_vehicles_by_its_half_life():
     recordings = [Summary.of(lane(n, north=100.0 * k, hour=(10 - 10 * k) * DAY)) for k in range(2)]
     summary = Summary.total(recordings)
     fading = Fading(half_life_s=10 * DAY * 3600.0, now_ns=10 * DAY * HOUR_NS)
-    tracks = visible_tracks(summary, min_vehicles=1, fading=fading)
+    tracks = visible_tracks(summary, min_vehicles=1, fading=fading).tracks
     old = np.unique(tracks.track_id[tracks.position[:, 1] > 50.0]).size
     new = np.unique(tracks.track_id[tracks.position[:, 1] < 50.0]).size
     assert new == n
     assert abs(old - n / 2) <= 3
     assert set(np.bincount(tracks.vehicle)) == {11}  # whole ones
     before = Fading(half_life_s=3600.0, now_ns=0)
-    assert (visible_tracks(summary, min_vehicles=1, fading=before).position[:, 1] > 50.0).all()  # the rest is to come
+    tracks, _ = visible_tracks(summary, min_vehicles=1, fading=before)
+    assert (tracks.position[:, 1] > 50.0).all()  # the rest is to come
 
 
 def test_many_steps_are_taken_block_by_block_and_thinned_by_whole_vehicles(monkeypatch):
     summary = Summary.total([Summary.of(lane(30, hour=hour)) for hour in range(6)])
-    whole = visible_tracks(summary, min_vehicles=1)
+    whole = visible_tracks(summary, min_vehicles=1).tracks
     monkeypatch.setattr(learning, "BLOCK_STEPS", 150)
-    in_blocks = visible_tracks(summary, min_vehicles=1)
+    in_blocks = visible_tracks(summary, min_vehicles=1).tracks
     assert in_blocks.n_tracks == whole.n_tracks == 180
     assert sorted(in_blocks.position.tolist()) == sorted(whole.position.tolist())
     monkeypatch.setattr(learning, "MOST_STEPS", 60 * 11)
-    some = visible_tracks(summary, min_vehicles=1)
+    some = visible_tracks(summary, min_vehicles=1).tracks
     assert abs(some.n_tracks - 60) <= 3
     assert set(np.bincount(some.vehicle)) == set(np.bincount(whole.vehicle))
 

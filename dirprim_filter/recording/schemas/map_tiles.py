@@ -6,7 +6,7 @@ Source: dirprim.proto. Columns travel as packed doubles, so a map comes back bit
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -14,6 +14,7 @@ from google.protobuf.message import DecodeError
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.schedule import N_SLOTS, By, Schedule
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of, parse
 from dirprim_filter.recording.schemas.motion_columns import COLUMNS, decode_motion, encode_motion
@@ -66,6 +67,7 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
             cells=_encode_rows(columns, primitive_map.n_rows, cells),
             place_free=place_free,
             motion=encode_motion(primitive_map.motion, tile, n_tiles),
+            schedule=_encode_schedule(primitive_map.schedule, cells),
         )
 
 
@@ -133,6 +135,28 @@ def _encode_rows(columns: dict[str, FloatArray], n_rows: IntArray, rows: slice) 
     return dirprim_pb2.Primitives(**packed, n_rows=n_rows[rows].tolist())
 
 
+def _encode_schedule(schedule: Schedule | None, cells: slice) -> dirprim_pb2.Schedule | None:
+    if schedule is None:
+        return None
+    columns = {name: getattr(schedule, name)[:, cells].swapaxes(0, 1).ravel().tolist() for name in ("flow", "pace")}
+    return dirprim_pb2.Schedule(by=schedule.by, zone=schedule.zone, **columns)
+
+
+def _schedule_of(tiles: list[dirprim_pb2.PrimitiveMap], n_cells: list[int]) -> Schedule | None:
+    first = tiles[0]
+    if not first.HasField("schedule"):
+        return None
+    shape = (N_SLOTS.get(first.schedule.by, 0), first.n_modes - first.n_place_free_modes)
+    flow, pace = (
+        np.concatenate([
+            floats_of(tile.schedule, name, n * shape[0] * shape[1]).reshape(n, *shape)
+            for tile, n in zip(tiles, n_cells, strict=True)
+        ]).swapaxes(0, 1)
+        for name in ("flow", "pace")
+    )  # fmt: skip
+    return Schedule(by=cast(By, first.schedule.by), zone=first.schedule.zone, flow=flow, pace=pace)
+
+
 def _shared_part(tile: dirprim_pb2.PrimitiveMap) -> bytes:
     """What every tile of a map repeats."""
     shared = dirprim_pb2.PrimitiveMap()
@@ -141,6 +165,8 @@ def _shared_part(tile: dirprim_pb2.PrimitiveMap) -> bytes:
     shared.ClearField("cells")
     for column in COLUMNS:
         shared.motion.ClearField(column)
+    for column in ("flow", "pace"):
+        shared.schedule.ClearField(column)
     if shared.HasField("grid"):
         shared.grid.ClearField("square")
     else:
@@ -174,6 +200,7 @@ def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
         bend=np.stack([column["bend_east"], column["bend_north"]], axis=-1),
         gain=np.stack([column["gain_east"], column["gain_north"]], axis=-1),
         motion=decode_motion([tile.motion for tile in tiles]),
+        schedule=_schedule_of(tiles, n_cells),
     )
 
 
