@@ -10,7 +10,7 @@ from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from dirprim_filter.arrays import FloatArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import track_color
@@ -65,8 +65,9 @@ class EstimatesScene:
             partial(_drawn_estimate, color), 27 + 2 * TRAIL_POINTS, field=number_of(SceneUpdate, "entities")
         )
         self._size: dict[str, FloatArray] = {}
-        self._trail: dict[str, FloatArray] = {}
-        self._trail_ns: dict[str, int] = {}
+        self._names: Sequence[str] = ()
+        self._trail: FloatArray = np.empty((0, TRAIL_POINTS, 2))
+        self._trail_ns: IntArray = np.empty(0, np.int64)
 
     def encode(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> bytes:
         """The update of one instant; sizes are those that were last reported of vehicles by name.
@@ -114,19 +115,19 @@ class EstimatesScene:
 
     def _trails(self, names: Sequence[str], position: FloatArray, time_ns: int) -> FloatArray:
         """Where the vehicles were, oldest first, and are: (n, TRAIL_POINTS * 2) metres, x before y."""
-        before, before_ns = self._trail, self._trail_ns
-        self._trail, self._trail_ns = {}, {}
-        for name, here in zip(names, position, strict=True):
-            trail, since_ns = before.get(name), before_ns.get(name, time_ns)
-            if trail is None:
-                trail = np.tile(here, (TRAIL_POINTS, 1))
-            n_steps = min((time_ns - since_ns) // _TRAIL_STEP_NS, TRAIL_POINTS)
-            if n_steps:
-                trail = np.concatenate([trail[n_steps:], np.tile(trail[-1], (n_steps, 1))])
-                since_ns += n_steps * _TRAIL_STEP_NS
-            trail[-1] = here
-            self._trail[name], self._trail_ns[name] = trail, since_ns
-        return np.array(list(self._trail.values())).reshape(len(names), TRAIL_POINTS * 2)
+        if names != self._names:
+            row_of = {name: row for row, name in enumerate(self._names)}
+            row = np.array([row_of.get(name, -1) for name in names], np.int64)
+            known, before, since_ns = row >= 0, self._trail, self._trail_ns
+            self._names, self._trail = names, np.repeat(position[:, None], TRAIL_POINTS, axis=1)
+            self._trail_ns = np.full(len(names), time_ns)
+            self._trail[known], self._trail_ns[known] = before[row[known]], since_ns[row[known]]
+        n_steps = np.minimum((time_ns - self._trail_ns) // _TRAIL_STEP_NS, TRAIL_POINTS)
+        point = np.minimum(np.arange(TRAIL_POINTS) + n_steps[:, None], TRAIL_POINTS - 1)
+        self._trail = np.take_along_axis(self._trail, point[..., None], axis=1)
+        self._trail[:, -1] = position
+        self._trail_ns = self._trail_ns + n_steps * _TRAIL_STEP_NS
+        return self._trail.reshape(len(names), TRAIL_POINTS * 2)
 
 
 def _drawn_estimate(color: Color | None, name: str, numbers: Sequence[float]) -> SceneEntity:

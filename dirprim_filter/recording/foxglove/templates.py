@@ -36,8 +36,7 @@ class MessageTemplates:
         self._field = field
         self._drawn: dict[str, tuple[bytes, list[int]]] = {}
         self._names: Sequence[str] = ()
-        self._n_shared = 0
-        self._laid_out: tuple[bytes, AnyArray, AnyArray] | None = None
+        self._laid_out: dict[int, tuple[bytes, AnyArray, AnyArray]] = {}  # by the bytes that are shared
 
     def encode(self, names: Sequence[str], numbers: FloatArray, *, shared: bytes) -> bytes:
         """The field as it stands in its message.
@@ -49,10 +48,12 @@ class MessageTemplates:
         """
         if not names:
             return b""
-        if self._laid_out is None or names != self._names or len(shared) != self._n_shared:
-            self._names, self._n_shared = list(names), len(shared)
-            self._laid_out = self._lay_out(names, len(shared))
-        template, shared_at, hole_at = self._laid_out
+        if names != self._names:
+            self._names = list(names)
+            self._laid_out.clear()
+        if len(shared) not in self._laid_out:
+            self._laid_out[len(shared)] = self._lay_out(names, len(shared))
+        template, shared_at, hole_at = self._laid_out[len(shared)]
         encoded = bytearray(template)
         view = np.frombuffer(encoded, np.uint8)
         view[shared_at] = np.frombuffer(shared, np.uint8)
