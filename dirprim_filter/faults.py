@@ -9,14 +9,15 @@ on one path, in a queue or a platoon, have noise of their own.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.track_ids import world_names
-from dirprim_filter.tracks import Tracks
+
+if TYPE_CHECKING:
+    from dirprim_filter.tracks import Tracks
 
 BACKWARDS_M = 3.0
 """A vehicle that loses so much of its way, measured along its own heading, drove backwards."""
@@ -229,6 +230,8 @@ def _near(place: FloatArray, way: _Way, row: IntArray) -> tuple[IntArray, IntArr
     """Rows of two vehicles, that of the lesser number first, whose places differ by `COPY_M` at most in each axis."""
     if len(place) < 2:
         return row[:0], row[:0]
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - `info` of a long log does without
+
     pairs = row[cKDTree(place).query_pairs(COPY_M, p=np.inf, output_type="ndarray")]
     pairs = pairs[way.vehicle[pairs[:, 0]] != way.vehicle[pairs[:, 1]]]
     pairs = np.sort(pairs, axis=1)  # rows are in order of the vehicles

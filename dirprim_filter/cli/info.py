@@ -72,11 +72,12 @@ def _whole(path: Path, reading: Reading) -> LogSummary:
 def _faults(path: Path, summary: LogSummary, reading: Reading) -> Faults:
     """Of the tracks that `dirprim learn` would read; none of a log whose chunks were not read."""
     from dirprim_filter.faults import Faults, find_faults
-    from dirprim_filter.recording.errors import RecordingError
-    from dirprim_filter.recording.reader import read_tracks
 
     if not (summary.is_checked and any(topic.tracks for topic in summary.topics)):
         return Faults()
+    from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.recording.reader import read_tracks
+
     try:
         return find_faults(read_tracks(path, reading.options(), strict=False))
     except RecordingError as error:  # `learn` would say so too: detections alone, or frames that no transform joins

@@ -2,10 +2,12 @@
 
 import json
 import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
 
 from dirprim_filter.cli.main import run
@@ -62,6 +64,15 @@ def test_a_long_log_is_reported_by_its_index_unless_it_is_to_be_checked(log, cap
     assert run(["info", str(path), "--check"]) == 3
     assert re.search(r"damage: chunk_\w+ at byte \d+ \(\d+ bytes, \d+ messages lost\): ", capsys.readouterr().out)
     assert run(["info", str(path), "--strict"]) == 1
+
+
+def test_info_of_a_long_log_imports_no_compiler(log):
+    """Its index is read sooner than numba and scipy are imported."""
+    path = log(log_bytes([("/a", 0, bytes(1 << 25))], compression=CompressionType.NONE))
+    code = f"import sys; from dirprim_filter.cli.main import run; run(['info', {str(path)!r}]); print(*sys.modules)"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "by the log's index alone" in printed
+    assert not {"numba", "scipy", "google.protobuf"} & set(printed.split())
 
 
 def test_filters(log, capsys):
