@@ -38,7 +38,8 @@ class ClockFaults:
     """What is odd about the times of messages, each compared with the one before on its channel; none is left out.
 
     Attributes:
-        zero: times of 0, in ROS stamps that were not set; of topics whose clock runs on from 0 they do not count.
+        zero: times of 0, in ROS stamps that were not set; those of a topic that has but one, or whose clock runs on
+            from there, do not count.
         backward: times before the last one.
         duplicate: times equal to the last one; usual where each object has a message of its own.
         jumps: times more than `LONG_STEP_NS` after the last one.
@@ -55,7 +56,7 @@ class ClockFaults:
     @property
     def is_odd(self) -> bool:
         """Whether something is to be reported."""
-        return bool(self.zero > 1 or self.backward or self.jumps)
+        return bool(self.zero or self.backward or self.jumps)
 
     def __str__(self) -> str:
         odd = (
@@ -139,7 +140,7 @@ class Clock:
     @property
     def faults(self) -> ClockFaults:
         """What was odd so far."""
-        return replace(self._faults, zero=int(self._zero[~self._runs_from_zero].sum()))
+        return replace(self._faults, zero=int(self._zero[(self._zero > 1) & ~self._runs_from_zero].sum()))
 
     def watch_objects(self, messages: MessageColumns, message: IntArray, time_ns: IntArray) -> None:
         """Count what is odd in the times of objects, of which those of a message share one.
