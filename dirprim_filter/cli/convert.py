@@ -101,7 +101,7 @@ def convert(
         typer.echo(f"{source}: {counted(count, 'row')}: {note}", err=True)
     tracks, rows = counted(table.tracks.n_tracks, "track"), counted(len(table.tracks), "row")
     typer.echo(f"{output}: {tracks}, {rows}")
-    return losses.tell_dropped(source, table)
+    return losses.report_dropped(source, table)
 
 
 def _read(source: Path, form: str, given: dict[str, Any]) -> Table:

@@ -22,7 +22,7 @@ def exit_code(losses: Losses) -> int:
     return INPUT_LOST if losses.damage or losses.lost else DONE
 
 
-def tell_dropped(source: Path, table: Table) -> int:
+def report_dropped(source: Path, table: Table) -> int:
     """One line on stderr for each reason why rows of a table were dropped; -> the exit code."""
     for reason, count in table.losses.dropped.items():
         typer.echo(f"{source}: dropped {counted(count, 'row')}: {reason}", err=True)

@@ -2,7 +2,7 @@
 
 The Summary section says where chunks stand. What stands between them is fetched at once; of each chunk and its message
 indexes the copy holds the headers that the section implies, until the chunk is read and comes with its own. So a log
-is read as if it were here, with two differences: damage in chunks that nobody reads is not seen, and where a chunk is
+is read as if it were here, with two differences: damage in chunks that are not read is not seen, and where a chunk is
 not what the section says reading ends with `NotInPartsError`, and the log is to be copied whole.
 
 Source: the MCAP specification, version 0, records 0x06 to 0x08.
