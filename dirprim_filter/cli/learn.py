@@ -167,7 +167,8 @@ class _Store:
         self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None,
         by: Slots | None, zone: str | None,
     ) -> None:  # fmt: skip
-        from dirprim_filter.store.learning import MIN_VEHICLES, Fading
+        from dirprim_filter.store.fading import Fading
+        from dirprim_filter.store.learning import MIN_VEHICLES
         from dirprim_filter.store.store import Store
         from dirprim_filter.store.stored_sums import StoredSums
 

@@ -64,27 +64,35 @@ class Schedule:
         return slots_of(local_hours(time_ns, self.zone), self.by)
 
     def applied(self, primitives: PrimitiveMap, slot: int) -> PrimitiveMap:
-        """The map in a slot: the same cells, modes and manoeuvres, with that slot's weights and speeds.
+        """The map in a slot: the same cells, modes and manoeuvres, with that slot's weights and speeds."""
+        return replace(turned(primitives, self.flow[slot], self.pace[slot]), schedule=None)
 
-        What the place-free modes weigh in a cell, and how often its manoeuvres were seen together, stays.
-        """
-        flow, pace = self.flow[slot], self.pace[slot]
-        weight, rate = primitives.direction.weight.copy(), primitives.speed.rate.copy()
-        own = (slice(None, -1), slice(pace.shape[1]))
-        turned = weight[own] * flow
-        total = turned.sum(axis=1, keepdims=True)
-        weight[own] = turned * np.divide(weight[own].sum(axis=1, keepdims=True), total, out=total, where=total > 0)
-        rate[own] /= pace
-        direction = primitives.direction
-        return replace(
-            primitives,
-            direction=VonMisesMixture(
-                weight=weight, mean_direction=direction.mean_direction, concentration=direction.concentration
-            ),
-            speed=Gamma(shape=primitives.speed.shape, rate=rate),
-            motion=_turned(primitives.motion, flow, pace),
-            schedule=None,
-        )
+
+def turned(primitives: PrimitiveMap, flow: FloatArray, pace: FloatArray) -> PrimitiveMap:
+    """The map with other weights and mean speeds of its cells' own modes.
+
+    What the place-free modes weigh in a cell, and how often its manoeuvres were seen together, stays.
+
+    Args:
+        primitives: the map.
+        flow: (n_cells, m) vehicles of each mode, over as many as the map has one expect.
+        pace: (n_cells, m) their mean speed over that of the map.
+    """
+    weight, rate = primitives.direction.weight.copy(), primitives.speed.rate.copy()
+    own = (slice(None, -1), slice(pace.shape[1]))
+    drawn = weight[own] * flow
+    total = drawn.sum(axis=1, keepdims=True)
+    weight[own] = drawn * np.divide(weight[own].sum(axis=1, keepdims=True), total, out=total, where=total > 0)
+    rate[own] /= pace
+    direction = primitives.direction
+    return replace(
+        primitives,
+        direction=VonMisesMixture(
+            weight=weight, mean_direction=direction.mean_direction, concentration=direction.concentration
+        ),
+        speed=Gamma(shape=primitives.speed.shape, rate=rate),
+        motion=_turned(primitives.motion, flow, pace),
+    )
 
 
 def local_hours(time_ns: IntArray, zone: str) -> IntArray:

@@ -19,6 +19,7 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.schedule import HOUR_NS, N_SLOTS, By, Schedule, local_hours, slots_of
 from dirprim_filter.primitives.visits import Visits
+from dirprim_filter.store.driven import Driven
 
 logger = logging.getLogger(__name__)
 
@@ -32,8 +33,6 @@ LUCK = 0.01
 """Probability that a gain is believed where hours are alike; by a tenth, every fifth map of few days lost .01 nat."""
 SLOWEST = 0.01
 """m/s: below it a gamma of speeds says nothing."""
-WIDEST_PACE = 10.0
-"""Times as fast as all day, or as slow, at most."""
 
 
 class _Clock(NamedTuple):
@@ -61,15 +60,6 @@ class _Clock(NamedTuple):
         return cls(slots_of(local, by), day % min(N_FOLDS, days.size), day, N_SLOTS[by])
 
 
-class _Driven(NamedTuple):
-    """A row for each vehicle, cell, and mode that it drove there."""
-
-    vehicle: IntArray
-    cell: IntArray
-    mode: IntArray
-    ratio: FloatArray  # of its mean speed to that of the mode at its places
-
-
 class _Counts(NamedTuple):
     """Of some vehicles, (n_slots, n_cells, m)."""
 
@@ -91,7 +81,7 @@ class _Counts(NamedTuple):
         if not np.isfinite(strength):
             return np.ones(self.seen.shape)
         mean = (self.ratios + strength) / (self.seen + strength)
-        return np.clip(np.where(self.seen < least, 1.0, mean), 1.0 / WIDEST_PACE, WIDEST_PACE)
+        return np.where(self.seen < least, 1.0, mean)
 
 
 def learn_schedule(
@@ -112,7 +102,7 @@ def learn_schedule(
         ValueError: there is no such zone, or one day alone.
     """
     clock = _Clock.of(hour, by, zone)
-    driven, here = _driven(learned, visits, mode), np.unique(visits.vehicle)
+    driven, here = Driven.of(learned, visits, mode), np.unique(visits.vehicle)
     judged = _judged(learned, visits, clock, driven, here)
     flow, pace = judged.strengths(min_vehicles)
     counts = _counted(driven, np.isin(np.arange(hour.size), here), clock, _shape(learned))
@@ -127,25 +117,7 @@ def _shape(learned: PrimitiveMap) -> tuple[int, int]:
     return learned.tessellation.n_cells, learned.direction.weight.shape[1] - learned.n_place_free_modes
 
 
-def _driven(learned: PrimitiveMap, visits: Visits, mode: IntArray) -> _Driven:
-    inside = np.flatnonzero(visits.cell >= 0)
-    key = np.column_stack([visits.vehicle[visits.begin], visits.cell, mode])[inside]
-    of_visit = visits.of_instant
-    usual = _means(learned, visits.position, visits.cell[of_visit], mode[of_visit])
-    ratio = np.bincount(of_visit, visits.speed / usual, len(visits)) / np.maximum(visits.end - visits.begin, 1)
-    ratio[visits.stands] = 1.0
-    different, row = np.unique(key, axis=0, return_inverse=True)
-    vehicle, cell, of_mode = different.T
-    return _Driven(vehicle, cell, of_mode, np.bincount(row, ratio[inside]) / np.bincount(row))
-
-
-def _means(learned: PrimitiveMap, position: FloatArray, cell: IntArray, mode: IntArray) -> FloatArray:
-    """(n,) the mean speed of modes at places."""
-    gain = (learned.gain[cell, mode] * (position - learned.centers[cell])).sum(axis=1)
-    return np.asarray(learned.speed.mean[cell, mode] * np.exp(gain))
-
-
-def _counted(driven: _Driven, some: BoolArray, clock: _Clock, shape: tuple[int, int]) -> _Counts:
+def _counted(driven: Driven, some: BoolArray, clock: _Clock, shape: tuple[int, int]) -> _Counts:
     """Of `some` (n_vehicles,) vehicles: those of a mode are expected in the slots by how many are there at all."""
     kept = some[driven.vehicle]
     size = (clock.n_slots, *shape)
@@ -200,7 +172,7 @@ class _Judged(NamedTuple):
         return np.asarray(np.logaddexp(own, self.free))
 
 
-def _judged(learned: PrimitiveMap, visits: Visits, clock: _Clock, driven: _Driven, here: IntArray) -> _Judged:
+def _judged(learned: PrimitiveMap, visits: Visits, clock: _Clock, driven: Driven, here: IntArray) -> _Judged:
     of_visit = visits.of_instant
     rows = np.flatnonzero(visits.cell[of_visit] >= 0)
     rows = rows[:: -(-rows.size // MOST_INSTANTS)] if rows.size else rows

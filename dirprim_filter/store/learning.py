@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.leader_learning import LeaderSums
@@ -18,9 +18,10 @@ from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.schedule import By
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.by_hour import learn_schedule
+from dirprim_filter.store.fading import Fading, refreshed
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
-from dirprim_filter.store.steps import HOUR_NS, WHEN, passed_place, unpacked_when
+from dirprim_filter.store.steps import WHEN, passed_place, unpacked_when
 from dirprim_filter.store.tallies import Tally
 from dirprim_filter.store.withholding import withheld
 from dirprim_filter.tracks import Tracks
@@ -34,31 +35,6 @@ BLOCK_STEPS = 200_000
 """At a time become pseudo-vehicles."""
 GOLDEN = 0.6180339887498949
 """Multiples of it, modulo 1, are spread evenly: every block of them holds its share below any number."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fading:
-    """How what is older counts less.
-
-    Attributes:
-        half_life_s: seconds, after which a vehicle counts half.
-        now_ns: nanoseconds since 1970-01-01, from when age is counted; what is later is left out.
-
-    Raises:
-        ValueError: a half-life that is not positive.
-    """
-
-    half_life_s: float
-    now_ns: int
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.half_life_s) and self.half_life_s > 0):
-            raise ValueError(f"half_life_s: expected a positive number of seconds, got {self.half_life_s}")
-
-    def share(self, hour: IntArray) -> FloatArray:
-        """(n,) of the vehicles that came into sight in hours since 1970-01-01."""
-        age_s = (self.now_ns // HOUR_NS - hour) * 3600.0
-        return np.where(age_s < 0, 0.0, 0.5 ** (np.maximum(age_s, 0.0) / self.half_life_s))
 
 
 class Sums(Protocol):
@@ -104,7 +80,8 @@ def learn_from_summary(
     Args:
         summary: of recordings.
         min_vehicles: of what fewer vehicles did at a place the map says nothing; see `withheld`.
-        fading: left out, all recordings count alike.
+        fading: left out, all recordings count alike. Else weights and mean speeds fade by it, all the rest more slowly;
+            see `Fading.slowly`.
         by: how weights and mean speeds turn, with the "hour" of the day or of the "week"; left out, not at all.
         zone: of the clocks that say the hour, such as Europe/Berlin.
         rng: as for `learn_primitives`.
@@ -115,18 +92,20 @@ def learn_from_summary(
     """
     if min_vehicles < 1:
         raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
-    tracks, hour = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading)
+    tracks, hour = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading and fading.slowly)
     learned = learn_primitives(tracks, rng=rng, **options)
     sums = summary.leader_sums
     seen = float(sums.acceleration.weight.sum()) >= min_vehicles
     leader = sums.response() if seen else LeaderResponse.none()
     learned = replace(learned, motion=replace(learned.motion, leader=leader))
-    if min_vehicles == 1 and by is None:
+    if min_vehicles == 1 and by is None and fading is None:
         return learned
     visits = Visits.of(TrackRows.thinned(tracks, interval_s=0.0), learned.tessellation)
     mode = modes_of(learned, visits)
     if min_vehicles > 1:
         learned = withheld(learned, visits, mode, min_vehicles)
+    if fading is not None:
+        learned = refreshed(learned, visits, mode, fading.share(hour) / fading.slowly.share(hour))
     if by is None:
         return learned
     schedule = learn_schedule(learned, visits, mode, hour, by=by, zone=zone, min_vehicles=min_vehicles)

@@ -7,7 +7,8 @@ import pytest
 
 from dirprim_filter import save_map
 from dirprim_filter.store import learning
-from dirprim_filter.store.learning import Fading, learn_from_summary, visible_tracks
+from dirprim_filter.store.fading import Fading
+from dirprim_filter.store.learning import learn_from_summary, visible_tracks
 from dirprim_filter.store.pseudo_tracks import APART_NS
 from dirprim_filter.store.steps import HOUR_NS
 from dirprim_filter.store.summary import Summary

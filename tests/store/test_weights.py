@@ -1,4 +1,4 @@
-"""Maps by hour: better where demand turns, the same where nothing does, and silent of few vehicles."""
+"""Weights and mean speeds by hour and by age: better where demand turns, else the same, and silent of few vehicles."""
 
 from dataclasses import replace
 
@@ -12,6 +12,7 @@ from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.schedule import HOUR_NS
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.by_hour import learn_schedule
+from dirprim_filter.store.fading import refreshed
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation
 
@@ -120,3 +121,22 @@ def test_how_few_vehicles_drove_in_an_hour_is_not_said():
 def test_of_one_day_nothing_can_be_held_out():
     with pytest.raises(ValueError, match="expected recordings of at least two days"):
         gained(days(0, 1, 5.0, turns=True), days(1, 1, 5.0, turns=True))
+
+
+def test_weights_and_mean_speeds_are_of_what_vehicles_count():
+    """Of 200 vehicles the later half drives west and slowly; a hundredth of the earlier ones is left."""
+    late = np.arange(200) >= 100
+    visits, mode, _ = seen(np.zeros(200, int), late, np.where(late, 5.0, 10.0))
+    share = np.where(late, 1.0, 0.01)
+    faded = refreshed(STREET, visits, mode, share)
+    east, west = faded.direction.weight[0, :2]
+    assert east / west == pytest.approx(2.0 / 101.0)  # one vehicle's worth of leaning, and one that is left
+    assert east + west == pytest.approx(STREET.direction.weight[0, :2].sum())
+    same = refreshed(STREET, visits, mode, np.full(200, 0.3))
+    np.testing.assert_allclose(same.speed.mean, STREET.speed.mean)
+    np.testing.assert_allclose(same.direction.weight, STREET.direction.weight)
+    slower = np.where(np.arange(200) % 100 >= 50, 5.0, 10.0)  # both ways, half of the vehicles
+    visits, mode, _ = seen(np.zeros(200, int), late, slower)
+    pace = refreshed(STREET, visits, mode, np.where(slower < 7.0, 1.0, 0.0)).speed.mean[0] / STREET.speed.mean[0]
+    np.testing.assert_allclose(pace[:2], 5.0 / 7.5, rtol=0.02)
+    np.testing.assert_array_equal(pace[2:], 1.0)

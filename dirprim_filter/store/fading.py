@@ -1,0 +1,76 @@
+"""Age: how what is older counts less, in how many vehicles drive a mode sooner than in how they drive it.
+
+That a street is driven the other way shows in how many drive which mode, and few vehicles tell. How they drive it, mean
+directions, spreads, paths, many vehicles must tell: if all of it faded as fast, maps of streets where nothing changes
+would be learned from too few.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.schedule import turned
+from dirprim_filter.primitives.visits import Visits
+from dirprim_filter.store.driven import Driven
+from dirprim_filter.store.steps import HOUR_NS
+
+SLOWER = 4.0
+"""Times as slowly fades how vehicles drive as how many do."""
+STRENGTH = 1.0
+"""Vehicles with which a mode's weight and mean speed lean on what they were without fading."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fading:
+    """How what is older counts less.
+
+    Attributes:
+        half_life_s: seconds, after which a vehicle counts half in how many drive a mode, and how fast.
+        now_ns: nanoseconds since 1970-01-01, from when age is counted; what is later is left out.
+
+    Raises:
+        ValueError: a half-life that is not positive.
+    """
+
+    half_life_s: float
+    now_ns: int
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.half_life_s) and self.half_life_s > 0):
+            raise ValueError(f"half_life_s: expected a positive number of seconds, got {self.half_life_s}")
+
+    def share(self, hour: IntArray) -> FloatArray:
+        """(n,) of the vehicles that came into sight in hours since 1970-01-01."""
+        age_s = (self.now_ns // HOUR_NS - hour) * 3600.0
+        return np.where(age_s < 0, 0.0, 0.5 ** (np.maximum(age_s, 0.0) / self.half_life_s))
+
+    @property
+    def slowly(self) -> Self:
+        """As by which the rest fades."""
+        return replace(self, half_life_s=SLOWER * self.half_life_s)
+
+
+def refreshed(learned: PrimitiveMap, visits: Visits, mode: IntArray, share: FloatArray) -> PrimitiveMap:
+    """The map with weights and mean speeds by what vehicles count.
+
+    Args:
+        learned: the map.
+        visits: of the vehicles that it was learned from.
+        mode: (v,) of each visit.
+        share: (n_vehicles,) what each counts.
+    """
+    driven = Driven.of(learned, visits, mode)
+    shape = (learned.tessellation.n_cells, learned.direction.weight.shape[1] - learned.n_place_free_modes)
+    at, counts = np.ravel_multi_index((driven.cell, driven.mode), shape), share[driven.vehicle]
+    columns = (np.ones(at.size), driven.ratio, counts, counts * driven.ratio)
+    seen, ratios, faded, faded_ratios = (np.bincount(at, c, int(np.prod(shape))).reshape(shape) for c in columns)
+    vehicles = np.unique(visits.vehicle)
+    expected = seen * share[vehicles].mean() if vehicles.size else seen
+    usual = np.divide(ratios, seen, out=np.ones(shape), where=seen > 0)
+    pace = (faded_ratios / usual + STRENGTH) / (faded + STRENGTH)
+    return turned(learned, (faded + STRENGTH) / (expected + STRENGTH), pace)
