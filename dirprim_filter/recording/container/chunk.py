@@ -6,7 +6,6 @@ treated as a chunk without compression and checksum, so the scan knows one thing
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ import zstandard
 
 from dirprim_filter.recording.container._kernels import index_run
 from dirprim_filter.recording.container.damage import Damage, DamageKind
-from dirprim_filter.recording.container.records import RECORD_HEADER_SIZE, U32, U64
+from dirprim_filter.recording.container.records import CHUNK, RECORD_HEADER_SIZE, U32, U64
 
 MAX_CHUNK_BYTES = 1 << 30
 """No chunk is decompressed beyond this: writers close chunks after some MiB; a larger claim is damage, or an
@@ -28,10 +27,7 @@ PIECE_BYTES = 1 << 24
 FED_BYTES = 512
 """zstd can write 128 KiB for four bytes."""
 COMPRESSIONS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
-FIXED = struct.Struct("<QQQII")
-"""Start time, end time, uncompressed size, CRC of the uncompressed contents, length of the compression's
-name."""
-FIXED_SIZE = FIXED.size + U64.size
+FIXED_SIZE = CHUNK.size + U64.size
 """Bytes of a chunk record besides the compression's name and the data."""
 
 
@@ -83,7 +79,7 @@ def chunk_at(file: mmap, offset: int) -> Chunk | None:
     if (place := _data_place(file, offset)) is None:
         return None
     compression, data_offset, data_length = place
-    start_ns, end_ns, size, crc, _ = FIXED.unpack_from(file, offset + RECORD_HEADER_SIZE)
+    start_ns, end_ns, size, crc, _ = CHUNK.unpack_from(file, offset + RECORD_HEADER_SIZE)
     return Chunk(
         offset=offset,
         data_offset=data_offset,
@@ -106,7 +102,7 @@ def chunk_end(file: mmap, offset: int) -> int | None:
 
 def _data_place(file: mmap, offset: int) -> tuple[str, int, int] | None:
     """A chunk's compression, and where its data start and how long they are by its own fields."""
-    name_at = offset + RECORD_HEADER_SIZE + FIXED.size
+    name_at = offset + RECORD_HEADER_SIZE + CHUNK.size
     if name_at + U64.size > len(file):
         return None
     name_length = U32.unpack_from(file, name_at - U32.size)[0]
@@ -149,7 +145,7 @@ def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
 def _crc_of(file: mmap, chunk: Chunk) -> int:
     """Its checksum by what the file says now: of a chunk that came only as it was read, the outline knows none."""
     is_record = chunk.data_offset > chunk.offset
-    return int(FIXED.unpack_from(file, chunk.offset + RECORD_HEADER_SIZE)[3]) if is_record else 0
+    return int(CHUNK.unpack_from(file, chunk.offset + RECORD_HEADER_SIZE)[3]) if is_record else 0
 
 
 class _TooLargeError(ValueError):

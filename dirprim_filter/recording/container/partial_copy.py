@@ -24,13 +24,16 @@ from mcap.records import ChunkIndex
 
 from dirprim_filter.recording.container.errors import RecordingError
 from dirprim_filter.recording.container.records import (
+    CHUNK,
     MAGIC,
+    MESSAGE_INDEX,
     RECORD_HEADER_SIZE,
     U32,
     U64,
     MalformedRecordError,
     parse,
     record_end,
+    record_header,
 )
 from dirprim_filter.recording.container.summary_section import FOOTER_SIZE, Summary
 
@@ -42,11 +45,8 @@ AHEAD_BYTES = 1 << 23
 """So much is fetched at a time of chunks that stand together and are wanted alike."""
 MOST_SUMMARY_BYTES, MOST_PART_BYTES = 1 << 28, 1 << 30
 """At once in memory: a log that claims more is copied whole, which takes none."""
-CHUNK_HEAD = struct.Struct("<BQQQQII")
-"""Opcode, length, first and last time, uncompressed size, CRC, length of the compression's name."""
 CRC_AT = slice(RECORD_HEADER_SIZE + 3 * 8, RECORD_HEADER_SIZE + 3 * 8 + 4)
-INDEX_HEAD = struct.Struct("<BQHI")
-"""Of a message index: opcode, length, channel, bytes of its entries."""
+INDEX_HEAD_SIZE = RECORD_HEADER_SIZE + MESSAGE_INDEX.size
 
 
 class NotInPartsError(RecordingError):
@@ -103,22 +103,19 @@ class Part(NamedTuple):
         """
         start, name = index.chunk_start_offset, index.compression.encode()
         end = start + index.chunk_length
-        data, stop = start + CHUNK_HEAD.size + len(name) + U64.size, end + index.message_index_length
+        data, stop = start + RECORD_HEADER_SIZE + CHUNK.size + len(name) + U64.size, end + index.message_index_length
         indexes = sorted((at, channel) for channel, at in index.message_index_offsets.items())
         places = [*(at for at, _ in indexes), stop]
-        too_near = any(after - at < INDEX_HEAD.size for at, after in pairwise(places))
+        too_near = any(after - at < INDEX_HEAD_SIZE for at, after in pairwise(places))
         does_not_fit = stop > size or stop - start > MOST_PART_BYTES
         if data + index.compressed_size != end or places[0] != end or does_not_fit or too_near:
             raise NotInPartsError(f"chunk index of byte {start}: its numbers contradict each other")
-        chunk = CHUNK_HEAD.pack(
-            Opcode.CHUNK, end - start - RECORD_HEADER_SIZE, index.message_start_time, index.message_end_time,
-            index.uncompressed_size, 0, len(name),
-        )  # fmt: skip
-        heads = [(0, chunk + name + U64.pack(index.compressed_size))]
+        times = index.message_start_time, index.message_end_time
+        chunk = CHUNK.pack(*times, index.uncompressed_size, 0, len(name)) + name + U64.pack(index.compressed_size)
+        heads = [(0, record_header(Opcode.CHUNK, end - start - RECORD_HEADER_SIZE) + chunk)]
         for (at, channel), after in zip(indexes, places[1:], strict=True):
-            length = after - at
-            head = INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, length - RECORD_HEADER_SIZE, channel, length - INDEX_HEAD.size)
-            heads.append((at - start, head))
+            head = record_header(Opcode.MESSAGE_INDEX, after - at - RECORD_HEADER_SIZE)
+            heads.append((at - start, head + MESSAGE_INDEX.pack(channel, after - at - INDEX_HEAD_SIZE)))
         return cls(start, data, stop, frozenset(index.message_index_offsets), tuple(heads))
 
     def is_as_said(self, own: bytes) -> bool:

@@ -88,6 +88,10 @@ def _parts_of(layout: dict[str, int | str]) -> list[tuple[struct.Struct, str]]:
 
 
 _PARTS = {int(opcode): _parts_of(layout) for opcode, layout in RECORDS.items()}
+CHUNK, CHUNK_INDEX, MESSAGE_INDEX = (
+    _PARTS[opcode][0][0] for opcode in (Opcode.CHUNK, Opcode.CHUNK_INDEX, Opcode.MESSAGE_INDEX)
+)
+"""The numbers that these records begin with, and the length of what stands behind them."""
 
 
 class MalformedRecordError(ValueError):
@@ -180,6 +184,11 @@ class Message(NamedTuple):
     def schema_data(self) -> bytes:
         """The definition of its schema."""
         return self.channel.schema.data
+
+
+def record_header(opcode: int, length: int) -> bytes:
+    """What stands in front of a record's fields."""
+    return bytes([opcode]) + U64.pack(length)
 
 
 def record_end(buffer: Bytes, at: int) -> int:
@@ -304,7 +313,7 @@ def written(*records: fields.McapRecord) -> bytes:
 def encoded(opcode: int, values: Mapping[str, Any]) -> bytes:
     """A record of these fields."""
     body = b"".join(_encoded(kind, values[name]) for name, kind in RECORDS[opcode].items())
-    return bytes([opcode]) + U64.pack(len(body)) + body
+    return record_header(opcode, len(body)) + body
 
 
 def _encoded(kind: int | str, value: Any) -> bytes:

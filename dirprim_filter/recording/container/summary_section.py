@@ -8,7 +8,6 @@ Source: the MCAP specification, version 0, "Summary Section".
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections import ChainMap
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Statistics
 
 from dirprim_filter.recording.container.records import (
+    CHUNK_INDEX,
     MAGIC,
     RECORD_HEADER_SIZE,
     U32,
@@ -33,9 +33,6 @@ from dirprim_filter.recording.container.records import (
 )
 
 FOOTER_SIZE = RECORD_HEADER_SIZE + 20
-CHUNK_PLACE = struct.Struct("<QQ")
-"""Of a chunk index, behind two times: where the chunk starts, and its length."""
-CHUNK_PLACE_END = RECORD_HEADER_SIZE + 4 * 8
 
 
 @dataclass(slots=True, kw_only=True)
@@ -114,8 +111,8 @@ def read_summary(file: mmap) -> Summary | None:
 
 def _is_of_chunk(file: mmap, at: int, end: int, data_end: int) -> bool:
     """Whether a chunk stands where the chunk index, the record from `at` to `end`, says."""
-    if end - at < CHUNK_PLACE_END:
+    if end - at < RECORD_HEADER_SIZE + CHUNK_INDEX.size:
         return False
-    start, length = CHUNK_PLACE.unpack_from(file, at + CHUNK_PLACE_END - CHUNK_PLACE.size)
+    _, _, start, length, _ = CHUNK_INDEX.unpack_from(file, at + RECORD_HEADER_SIZE)
     stop = start + length
     return bool(stop <= data_end and file[start] == Opcode.CHUNK and record_end(file, start) == stop)
