@@ -111,8 +111,10 @@ class LeaderSums(NamedTuple):
 
 def _folds(tracks: Tracks) -> IntArray:
     """(n_tracks,) the fold of each vehicle: by its name, so that it is the same whichever others there are."""
-    _, first = np.unique(tracks.vehicle, return_index=True)
-    names = world_names(tracks.track_id[first], tracks.group[first])
+    vehicle = tracks.vehicle
+    row = np.empty(int(vehicle.max(initial=-1)) + 1, np.int64)
+    row[vehicle] = np.arange(vehicle.size)
+    names = world_names(tracks.track_id[row], tracks.group[row])
     return np.array([crc32(name.encode()) % N_FOLDS for name in names.tolist()], np.int64)
 
 
@@ -148,7 +150,8 @@ def _grid(tracks: Tracks) -> tuple[IntArray, IntArray]:
     groups, times = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for group in np.unique(tracks.group):
         own = tracks.time_ns[tracks.group == group]
-        seen = np.unique((own - own[0]) // every_ns)  # a log may pause for days
+        number = (own - own[0]) // every_ns  # ascending
+        seen = number[np.append(True, number[1:] != number[:-1])]  # a log may pause for days
         times.append(own[0] + seen * every_ns)
         groups.append(np.full(seen.size, group))
     group_of, time_ns = np.concatenate(groups), np.concatenate(times)
