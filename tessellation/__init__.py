@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from tessellation._late import late as _late
 
 if TYPE_CHECKING:
     from tessellation.grid import GridTessellation as GridTessellation
@@ -30,14 +31,7 @@ _HOME = {
 """The module of each name, imported when it is first used: array types cost no compiler."""
 
 __all__ = list(_HOME)
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = _late(__name__, _HOME)
 
 
 def __dir__() -> list[str]:

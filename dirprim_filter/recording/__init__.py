@@ -3,8 +3,9 @@
 Names are looked up when they are first used: a command that needs but the index of a log answers at once.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from tessellation._late import late as _late
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.map_file import load_map as load_map
@@ -22,11 +23,4 @@ _HOME = {
 }
 
 __all__ = list(_HOME)
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = _late(__name__, _HOME)
