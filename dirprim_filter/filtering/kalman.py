@@ -125,7 +125,8 @@ class KalmanBank:
                 self._update(int(s), measured.position[i], PLACE, place[i])
             if np.isfinite(direction[i]) and np.isfinite(speed[i]):
                 evidence[i] += self._weigh_velocity(int(s), direction[i], speed[i])
-        return Evidence(evidence, ~(np.logaddexp(fit, self._log_outlier) >= np.log(2.0) + self._log_outlier))
+        unexplained = ~(np.logaddexp(fit, self._log_outlier) >= np.log(2.0) + self._log_outlier)
+        return Evidence(evidence, unexplained, np.zeros(slot.size, np.bool_))
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10), as `Estimates` names them; the course is the mean velocity's, and certain."""

@@ -18,7 +18,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _interaction, _kernels, _measuring
+from dirprim_filter.filtering import _interaction, _kernels, _measuring, _widening
 from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import cue_columns
@@ -162,18 +162,28 @@ class ParticleFilter:
         return result
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
-        """Weigh the particles by measurements; a belief none of whose particles is near is left as it was."""
+        """Weigh the particles by measurements; a belief none of whose particles is near is left as it was.
+
+        Where few are near, particles are moved to the measurement, see `_widening`.
+        """
         self.belief.step += 1
         self._follow_the_hour(measured)
-        evidence = np.empty((slot.size, 2))
-        columns = self._columns(measured)
-        self._split(_measuring.weigh, (self.belief.cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
-        return self._judged(evidence)
+        cloud, columns, evidence = self.belief.cloud, self._columns(measured), np.empty((slot.size, 2))
+        before = cloud.weight[slot]
+        self._split(_measuring.weigh, (cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
+        judged, after = self._judged(evidence), cloud.weight[slot]
+        n_near = 1.0 / np.einsum("vp,vp->v", after, after)
+        judged.is_moved[:] = ~judged.is_unexplained & (n_near < _widening.FEW * after.shape[1])
+        few = np.flatnonzero(judged.is_moved)
+        per_vehicle = (slot[few], before[few], columns[few])
+        self._split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=300.0)
+        return judged
 
     def _judged(self, evidence: FloatArray) -> Evidence:
         """(v, 2) log densities of a measurement and of its position alone -> the evidence."""
         unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
-        return Evidence(evidence[:, 0], unexplained | ~np.isfinite(evidence[:, 0]))
+        unexplained |= ~np.isfinite(evidence[:, 0])
+        return Evidence(evidence[:, 0], unexplained, np.zeros(unexplained.size, np.bool_))
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh particles by a cue of the direction some seconds later: Eq. 4.

@@ -18,10 +18,12 @@ class Evidence(NamedTuple):
     Attributes:
         log_density: (v,) natural log of the density of each measurement given those before it.
         is_unexplained: (v,) where an outlier explains it better, or nothing does.
+        is_moved: (v,) of whom samples were moved, not only weighed.
     """
 
     log_density: FloatArray
     is_unexplained: BoolArray
+    is_moved: BoolArray
 
 
 class BayesFilter(Protocol):

@@ -74,14 +74,15 @@ class RecordedParticles(RecordedFilter):
 
     def _weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         cloud = self._of.belief.cloud
-        before = cloud.weight[slot]
+        before, now = cloud.weight[slot], self._columns(slot)
         evidence = self._inner.weigh(slot, measured)
-        after, now = cloud.weight[slot], self._columns(slot)
+        after = cloud.weight[slot]
         since_ns = np.array([self._time_ns[s] - past[0][0] if (past := self._past[s]) else 0 for s in slot.tolist()])
         weight = before.copy()
         for i in np.flatnonzero(since_ns > GAP_NS).tolist():
             _kernels.tempered(before[i], after[i], LEAST_EFFECTIVE * before.shape[1], weight[i])
         links = self._linked(slot, weight, now)
+        now[evidence.is_moved] = self._columns(slot[evidence.is_moved])
         for s, own, last in zip(slot.tolist(), links, self._beliefs(slot, now, after), strict=True):
             self.chain[s].extend(own, last)
             self._past[s] = []
