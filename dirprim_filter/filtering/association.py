@@ -67,21 +67,21 @@ class Associator:
             is_confirmed: (v,) of them.
             detections: the frame.
             rows: (d,) its unlabelled rows.
-            first: density of first detections that was expected at each row of the frame.
+            first: (d,) density of first detections that was expected at each of these rows.
         """
-        found = []
+        found, left, by_chance = [], np.ones(rows.size, np.bool_), np.log(self._config.clutter_density + first)
         for chosen in (is_confirmed, ~is_confirmed):
-            hits = self._best(slot[chosen], existence[chosen], detections, rows, first)
-            found.append(hits)
-            rows = np.setdiff1d(rows, hits.row, assume_unique=True)
+            some = np.flatnonzero(left)
+            best = self._best(slot[chosen], existence[chosen], detections[rows[some]], by_chance[some])
+            found.append(Hits(slot[chosen][best.one], rows[some[best.other]]))
+            left[some[best.other]] = False
         return Hits.concatenate(found)
 
-    def _best(
-        self, slot: IntArray, existence: FloatArray, detections: Detections, rows: IntArray, first: FloatArray
-    ) -> Hits:
-        if slot.size == 0 or rows.size == 0:
-            return Hits(slot[:0], rows[:0])
-        seen, config = detections[rows], self._config
+    def _best(self, slot: IntArray, existence: FloatArray, seen: Detections, by_chance: FloatArray) -> Pairs:
+        """Of tracks and detections the pairs that belong together, by the log density of the latter without a track."""
+        if slot.size == 0 or len(seen) == 0:
+            return Pairs(slot[:0], slot[:0])
+        config = self._config
         m = self._filter.moments(slot)
         noise = measured_covariance(seen, self._noise)
         pairs = gated(m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2), seen.position, noise, gate=config.gate)
@@ -89,9 +89,8 @@ class Associator:
         visible, occluded = existence[pairs.one, VISIBLE], existence[pairs.one, OCCLUDED]
         in_sight = visible / (visible + occluded)  # if it exists: that is judged later
         expected = config.detection_probability * in_sight
-        by_chance = np.log(config.clutter_density + first[rows][pairs.other])
-        best = best_assignment(pairs, np.log(expected) - np.log1p(-expected) + fit - by_chance)
-        return Hits(slot[best.one], rows[best.other])
+        gain = np.log(expected) - np.log1p(-expected) + fit - by_chance[pairs.other]
+        return best_assignment(pairs, gain)
 
 
 def gated(mean: FloatArray, covariance: FloatArray, position: FloatArray, noise: FloatArray, *, gate: float) -> Pairs:

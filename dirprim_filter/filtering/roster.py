@@ -13,6 +13,8 @@ from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.protocols import BayesFilter
 
 FIRST_CAPACITY = 16
+TENTATIVE = "\0"
+"""Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
 _COLUMNS = (
     "time_ns", "existence_ns", "measured_ns", "counted_ns", "is_labelled", "is_confirmed", "existence",
     "outside", "ends", "n_unexplained", "log_evidence",
@@ -41,6 +43,7 @@ class Roster:
         self._slot: dict[str, int] = {}
         self._free: list[int] = []
         self._members: dict[bool, tuple[list[str], IntArray]] = {}  # until a track begins or ends
+        self._n_tentative = self._n_numbered = 0
         self.time_ns: IntArray = np.empty(0, np.int64)
         self.existence_ns: IntArray = np.empty(0, np.int64)
         self.measured_ns: IntArray = np.empty(0, np.int64)
@@ -87,6 +90,26 @@ class Roster:
         """Call a track by another name."""
         self._members.clear()
         self._slot[new] = self._slot.pop(old)
+
+    def tentative_names(self, n: int) -> list[str]:
+        """Names of unlabelled tracks until they are confirmed; none was given before."""
+        self._n_tentative += n
+        return [f"{TENTATIVE}{i}" for i in range(self._n_tentative - n, self._n_tentative)]
+
+    def number(self, name: str) -> None:
+        """Call a track by the next number that no sensor uses as an id."""
+        self._n_numbered += 1
+        while (new := f"track-{self._n_numbered}") in self:
+            self._n_numbered += 1
+        self.rename(name, new)
+
+    def confirm(self, *, above: float) -> None:
+        """Note who exists with at least that probability, and number the unlabelled among them."""
+        self.is_confirmed |= self.probability >= above
+        names, slot = self.members(is_labelled=False)
+        for name in compress(names, self.is_confirmed[slot].tolist()):
+            if name.startswith(TENTATIVE):
+                self.number(name)
 
     def slots_of(self, names: Sequence[str]) -> IntArray:
         """(v,) the slots of tracks that have one."""

@@ -28,8 +28,6 @@ from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
-TENTATIVE = "\0"
-"""Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
 
 
 class Tracker:
@@ -81,7 +79,6 @@ class Tracker:
         }
         self._revisits = {True: RevisitTime(), False: RevisitTime()}
         self._seed = int(rng.integers(2**63))
-        self._n_begun = self._n_numbered = 0
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._time_ns = NO_TIME
         self._frame = CurrentFrame()
@@ -146,7 +143,7 @@ class Tracker:
         roster.existence[missed] = existence.after_miss(roster.existence[missed], config)
         for counted in (slot, missed):
             roster.counted_ns[counted] = self._time_ns
-        self._confirm()
+        roster.confirm(above=config.confirm_above)
         is_lost = is_weightless | (roster.n_unexplained[slot] >= config.lost_after)
         if is_lost.any():
             self._recover(slot[is_lost], row[is_lost])
@@ -232,13 +229,9 @@ class Tracker:
         roster.time_ns[slot] = self._time_ns
         self._age(slot, slot)
         return self._associator.hits(
-            slot,
-            roster.existence[slot],
-            roster.is_confirmed[slot],
-            self._frame.detections,
-            row,
-            first=self._frame.first,
-        )
+            slot, roster.existence[slot], roster.is_confirmed[slot], self._frame.detections, row,
+            first=self._frame.first[row],
+        )  # fmt: skip
 
     def _match(self, row: IntArray) -> Hits:
         """Move the labelled tracks of the frame's labelled rows (d,) to its time."""
@@ -246,7 +239,7 @@ class Tracker:
         ids = self._frame.detections.track_id[row].tolist()
         self._advance_in_whole_steps(roster.members(is_labelled=True)[1])
         for name in set(ids).intersection(roster.members(is_labelled=False)[0]):
-            roster.rename(name, self._next_name())  # the sensor's ids come before ours
+            roster.number(name)  # the sensor's ids come before ours
         is_known = np.array([name in roster for name in ids], dtype=np.bool_)
         slot = roster.slots_of(list(compress(ids, is_known.tolist())))
         self._advance(slot, self._time_ns - roster.time_ns[slot])
@@ -257,8 +250,7 @@ class Tracker:
         """Initialise a track for each unassigned detection (d,); an unlabelled track is named when it is confirmed."""
         names = self._frame.detections.track_id[row].tolist()
         if not is_labelled:
-            names = [f"{TENTATIVE}{self._n_begun + i}" for i in range(row.size)]
-            self._n_begun += row.size
+            names = self._roster.tentative_names(row.size)
         first = self._undetected[is_labelled].see(self._frame.detections.position[row])
         exists = existence.at_birth(first, self.tracking)
         slot = self._roster.enter(names, is_labelled=is_labelled, time_ns=self._time_ns, exists=exists)
@@ -310,21 +302,6 @@ class Tracker:
         _, slot = roster.members(is_labelled=is_labelled)
         slot = slot[~np.isin(slot, hit)]
         return slot[usual.is_due(self._time_ns - roster.counted_ns[slot]) & (roster.measured_ns[slot] < self._time_ns)]
-
-    def _confirm(self) -> None:
-        """Note who exists beyond doubt, and number the unlabelled among them."""
-        roster = self._roster
-        roster.is_confirmed |= roster.probability >= self.tracking.confirm_above
-        names, slot = roster.members(is_labelled=False)
-        for name in compress(names, roster.is_confirmed[slot].tolist()):
-            if name.startswith(TENTATIVE):
-                roster.rename(name, self._next_name())
-
-    def _next_name(self) -> str:
-        self._n_numbered += 1
-        while (name := f"track-{self._n_numbered}") in self._roster:
-            self._n_numbered += 1
-        return name
 
     def _advance_in_whole_steps(self, slot: IntArray) -> None:
         """Steps of `step_s` from each belief's own last measurement: as many as fit before the frame's time."""

@@ -49,7 +49,7 @@ class Undetected:
         return self._n_found / self._n_expected if self._traffic is not None else float("nan")
 
     def advance(self, dt_s: float) -> None:
-        """Predict by so many seconds; after a pause in which all tracks ended nobody is detected any more."""
+        """Predict by so many seconds; after a pause in which all tracks ended no vehicle counts as detected."""
         if dt_s > self._noise.max_gap_s:
             self._share, self._anywhere = self._at_first()
         elif self._traffic is not None:

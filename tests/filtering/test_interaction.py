@@ -100,9 +100,9 @@ def test_only_vehicles_near_the_particles_can_lead_them():
     np.testing.assert_allclose(there[:n], [[35, 0, 0, 5], [5, 0, 0, 5], [60, 0, np.pi, 10]], atol=1e-12)
 
 
-def reported(order=(0, 1)):
+def reported(order=(0, 1), seed=0):
     """Two vehicles at 10 m/s, 30 m apart; the one behind is not seen in the last three seconds."""
-    rng, frames = np.random.default_rng(0), []
+    rng, frames = np.random.default_rng(seed), []
     for tick in range(14):
         place = np.array([[60.0 + 5.0 * tick, 10.0], [30.0 + 5.0 * tick, 10.0]]) + rng.normal(0, 0.2, (2, 2))
         seen = [i for i in order if i == 0 or tick < 8]
@@ -126,21 +126,27 @@ def last_places(frames, interaction, sensor=None):
 
 
 def test_who_is_out_of_sight_is_believed_to_do_what_its_leader_has_it_do():
-    heeding, alone = (last_places(reported(), interaction) for interaction in ("leader", "none"))
-    assert alone[1] == pytest.approx(30.0 + 65.0, abs=2.0)
+    """The mean of six logs, each some 3 m about its own: farther off by chance once in ten thousand times."""
+    heeding = [last_places(reported(seed=seed), "leader") for seed in range(6)]
+    alone = last_places(reported(), "none")
+    assert alone[1] == pytest.approx(30.0 + 65.0, abs=4.0)
+    braking = 30.0 + 65.0 - 2.0 * 3.0**2 / 2
     # It has driven on while it was seen, against what its leader has it do: so it is believed to be somewhat slower.
-    assert heeding[1] == pytest.approx(30.0 + 65.0 - 2.0 * 3.0**2 / 2, abs=10.0)
-    assert heeding[1] < alone[1] - 7.0
-    assert heeding[0] == alone[0] == pytest.approx(60.0 + 65.0, abs=0.5)
-    assert last_places(reported((1, 0)), "leader") == heeding
-    white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m))
-    assert white == pytest.approx(heeding, abs=1e-6)
+    assert np.mean([places[1] for places in heeding]) == pytest.approx(braking - 5.0, abs=5.0)
+    assert heeding[0][0] == alone[0] == pytest.approx(60.0 + 65.0, abs=0.5)
+    assert last_places(reported((1, 0)), "leader") == heeding[0]
+    lonely = [frame[frame.track_id == 1] for frame in reported()[:8]]
+    assert last_places(lonely, "leader") == last_places(lonely, "none")
+
+
+def test_who_is_out_of_sight_of_a_sensor_with_lasting_errors_too(monkeypatch):
     lasting = AxisError(spread_m=0.3, correlated_share=0.5)
     sensor = Sensor(along=lasting, across=lasting)
     behind, without = (last_places(reported(), interaction, sensor)[1] for interaction in ("leader", "none"))
     assert behind < without - 2.0 * 3.0**2 / 2 + 3.0
-    lonely = [frame[frame.track_id == 1] for frame in reported()[:8]]
-    assert last_places(lonely, "leader") == last_places(lonely, "none")
+    monkeypatch.setattr("dirprim_filter.filtering._widening.FEW", 0.0)  # a sensor's model has no kernels
+    white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m))
+    assert white == pytest.approx(last_places(reported(), "leader"), abs=1e-6)
 
 
 def test_forecasts_of_a_frame_are_worlds_of_its_groups():

@@ -219,7 +219,7 @@ def test_a_tentative_track_waits_for_a_vehicle_missed_once_and_no_longer(ring_ma
     )
     assert len(found[20]) == 1
     assert len(tracker._roster) == 2
-    assert is_kept == (tracker._n_begun == 2)
+    assert is_kept == (tracker._roster._n_tentative == 2)
 
 
 def test_unlabelled_beliefs_that_begin_anew_in_one_frame_draw_numbers_of_their_own(ring_map):
