@@ -185,7 +185,7 @@ def _table(scores: Mapping[str, TrackingScore], *, markdown: bool = False) -> li
 def _print_result(
     learned: PrimitiveMap, scores: Mapping[str, TrackingScore], outputs: Mapping[str, Path], folder: Path
 ) -> None:
-    n_modes = (learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1)
+    n_modes = (learned.own_weight > 0).sum(axis=1)
     first = next(iter(scores.values()))
     typer.echo(
         f"\nlearned: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area.mean()) ** 0.5:.3g} m, "

@@ -128,7 +128,7 @@ def learn(
         )
     said = provenance("learn", inputs=source.files, config=config, seed=seed, **options, **source.said)
     save_map(learned, output, metadata=said, force=force)
-    n_modes = float((learned.direction.weight[:-1, : -learned.n_place_free_modes] > 0).sum(axis=1).mean())
+    n_modes = float((learned.own_weight > 0).sum(axis=1).mean())
     typer.echo(
         f"{output}: {counted(learned.tessellation.n_cells, 'cell')} of "
         f"{float(learned.tessellation.area.mean()) ** 0.5:.3g} m, {n_modes:.1f} modes each, from {source.counts}"

@@ -86,14 +86,13 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
     `REACH`, K = `SHARPEST_PETAL` and k = min(kappa, K): the area is proportional to w, whatever kappa. Where the mode
     bends, so does the petal: as much along its way as the mode's mean direction turns along it.
     """
-    direction = primitives.direction
-    own = slice(0, direction.weight.shape[1] - primitives.n_place_free_modes)
-    drawn = (direction.weight[:-1, own] >= SMALLEST_PETAL) & _has_rose(primitives)[:, None]
+    direction, weight = primitives.direction, primitives.own_weight
+    drawn = (weight >= SMALLEST_PETAL) & _has_rose(primitives)[:, None]
     cell, mode = np.nonzero(drawn)
-    order = np.argsort(-direction.weight[cell, mode], kind="stable")
+    order = np.argsort(-weight[cell, mode], kind="stable")
     cell, mode = cell[order], mode[order]
     root, bend = anchors(primitives.tessellation)[cell], primitives.bend[cell, mode]
-    weight, mean = direction.weight[cell, mode], direction.mean_direction[cell, mode]
+    weight, mean = weight[cell, mode], direction.mean_direction[cell, mode]
     mean = mean + (bend * (root - primitives.tessellation.centers[cell])).sum(axis=-1)
     concentration = np.minimum(direction.concentration[cell, mode], SHARPEST_PETAL)
     with np.errstate(divide="ignore"):

@@ -8,6 +8,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.borrowing import Borrowed
 from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -41,25 +42,40 @@ def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> Fl
     return np.asarray(strength / (n_vehicles + strength))
 
 
-def assemble(cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, strength: float) -> PrimitiveMap:
-    """A map of each cell's own modes, heaviest first, then the place-free ones, before its motion is learned."""
+def assemble(
+    cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, strength: float, borrowed: Borrowed | None = None
+) -> PrimitiveMap:
+    """A map before its motion is learned: of each cell its own modes, heaviest first, then those that it leans on.
+
+    Args:
+        cells: (n,) of the map.
+        fitted: what each holds.
+        free: the place-free primitive.
+        strength: pseudo-vehicles with which it enters each cell.
+        borrowed: modes of other layouts, if any.
+    """
     n = len(fitted.center)
+    lent = Borrowed.none(n) if borrowed is None else borrowed
     used = max(int((fitted.weight > 0).sum(axis=1).max(initial=0)), 1)
     order = np.argsort(-fitted.weight, axis=1, kind="stable")[:, :used]
     free_column = dict(zip(free._fields, free, strict=True))
 
     def column(name: str, filler: float) -> FloatArray:
-        """The cells' modes in motion, the one for standing, and the place-free modes; last the place-free row."""
-        own = np.take_along_axis(getattr(fitted, name), order, axis=1)
+        """The cells' modes in motion, the one for standing, borrowed and place-free modes; last the place-free row."""
+        own, other = np.take_along_axis(getattr(fitted, name), order, axis=1), getattr(lent.modes, name)
         of_free = np.asarray(free_column.get(name, np.zeros_like(free.weight)))
-        placed = np.vstack([np.hstack([own, np.full((n, 1), of_free[-1])]), np.full(used + 1, filler)])
-        return np.hstack([placed, np.tile(of_free, (n + 1, 1))])
+        placed = np.hstack([own, np.full((n, 1), of_free[-1]), other])
+        return np.hstack([np.vstack([placed, np.full(placed.shape[1], filler)]), np.tile(of_free, (n + 1, 1))])
 
+    n_lent = lent.modes.weight.shape[1]
+    lent_share = lent.share * (lent.standing + lent.modes.weight.sum(axis=1))
     share = place_free_share(fitted.n_vehicles, strength)[:, None]
     weight = column("weight", 0.0)
-    weight[:n, :used] *= (1 - share) * (1 - fitted.standing[:, None])
-    weight[:n, used : used + 1] = (1 - share) * fitted.standing[:, None]
-    weight[:n, used + 1 :] *= share
+    weight[:n, :used] *= ((1 - lent_share) * (1 - fitted.standing))[:, None]
+    weight[:n, used] = (1 - lent_share) * fitted.standing + lent.share * lent.standing
+    weight[:n, used + 1 : used + 1 + n_lent] *= lent.share
+    weight[:n, : used + 1 + n_lent] *= 1 - share
+    weight[:n, used + 1 + n_lent :] *= share
     weight /= weight.sum(axis=1, keepdims=True)
     n_rows = np.round(fitted.n_rows).astype(np.int64)
     return PrimitiveMap(
@@ -69,6 +85,7 @@ def assemble(cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, stren
         ),
         speed=Gamma(shape=column("shape", 1.0), rate=column("rate", 1.0)),
         n_rows=np.append(n_rows, n_rows.sum()),
+        n_borrowed_modes=n_lent,
         n_place_free_modes=free.weight.size,
         bend=np.stack([column("bend_east", 0.0), column("bend_north", 0.0)], axis=-1),
         gain=np.stack([column("gain_east", 0.0), column("gain_north", 0.0)], axis=-1),

@@ -10,13 +10,15 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Literal
+from functools import cache
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells, place_free_share
+from dirprim_filter.primitives.borrowing import N_LAYOUTS, SHARES, borrow
 from dirprim_filter.primitives.cell_model import PrimitiveModel, usual_of
 from dirprim_filter.primitives.leader_learning import learn_leader
 from dirprim_filter.primitives.motion_choice import learn_motion
@@ -100,12 +102,13 @@ def learn_primitives(
     )
     begin(1)
     few = rows.some(TRIAL_ROWS, rng=rng)
-    layout, recipe, place_free_strength = _choose(few, layouts, recipe, free, rng=rng)
+    candidates = [[layout, *_other_layouts(rows, layout, recipe, rng=rng)] for layout in layouts]
+    (layout, *others), recipe, lean = _choose(few, candidates, recipe, free, rng=rng)
     begin(2)
-    learned = assemble(layout.cells, fit_cells(rows, layout, recipe, free), free, place_free_strength)
+    learned = _learned(rows, [layout, *others], recipe, free, lean)
     logger.info(
-        "learned %d cells from %d vehicles; the place-free primitive enters as %.3g vehicles",
-        layout.cells.n_cells, rows.n_vehicles, place_free_strength,
+        "learned %d cells from %d vehicles; %g of their weight borrowed, the place-free primitive as %.3g vehicles",
+        layout.cells.n_cells, rows.n_vehicles, lean.borrowed, lean.place_free,
     )  # fmt: skip
     n_rows = residents(layout.cells.cell_of(rows.position), layout.cells.centers).start
     begin(3)
@@ -191,8 +194,9 @@ def _joint_is_worth_it(rows: TrackRows, recipe: Recipe, free: PlaceFree, *, rng:
     joint = [_lay_out_jointly(seen, None, recipe, free, progress=None, rng=rng)]
     scores = []
     for layouts in (joint, _lay_out_evenly(seen, None, recipe.config, rng=rng)):
-        layout, chosen, _ = _choose(seen, layouts, recipe, free, rng=rng)
-        scores.append(float(_held_out_scores(rows, unseen, layout, chosen, free).max()))
+        candidates = [[layout, *_other_layouts(seen, layout, recipe, rng=rng)] for layout in layouts]
+        found, chosen, _ = _choose(seen, candidates, recipe, free, rng=rng)
+        scores.append(float(_held_out_scores(rows, unseen, found, chosen, free).max()))
     logger.info("unseen vehicles: joint cells %.3f, even ones %.3f", *scores)
     return scores[0] >= scores[1]
 
@@ -241,53 +245,96 @@ def _with_usual(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree
 # What held-out vehicles like best ------------------------------------------------------------------------------------
 
 
+class Leaning(NamedTuple):
+    """What cells lean on beside their own modes."""
+
+    place_free: float = 1.0  # pseudo-vehicles of the place-free primitive
+    borrowed: float = 0.0  # share of the other layouts' modes in the rest
+
+
 def _choose(
-    rows: TrackRows, layouts: list[Layout], recipe: Recipe, free: PlaceFree, *, rng: np.random.Generator
-) -> tuple[Layout, Recipe, float]:
-    """The cells, the strength of what is usual in their modes, and that of the place-free primitive."""
-    recipes = [_with_usual(rows, layout, recipe, free) for layout in layouts]
+    rows: TrackRows, candidates: list[list[Layout]], recipe: Recipe, free: PlaceFree, *, rng: np.random.Generator
+) -> tuple[list[Layout], Recipe, Leaning]:
+    """The cells, the strength of what is usual in their modes, and how much they lean on what else.
+
+    Args:
+        rows: to be held out in turn.
+        candidates: layouts, each with those to borrow from.
+        recipe: what it says of strengths is tried first.
+        free: the place-free primitive.
+        rng: draws the folds.
+    """
+    recipes = [_with_usual(rows, layout, recipe, free) for layout, *_ in candidates]
     groups = np.unique(rows.group)
     if groups.size < 2:  # none to hold out
-        return layouts[-1], recipes[-1], 1.0
+        return candidates[-1], recipes[-1], Leaning()
     thirds = np.array_split(rng.permutation(groups), min(3, groups.size))
     folds = [np.isin(rows.group, third) for third in thirds][: 1 if groups.size >= MANY_GROUPS else None]
-    scores: dict[tuple[int, float, float], FloatArray] = {}
 
-    def score(i: int, prior_strength: float, cost: float) -> float:
-        tried = i, prior_strength, cost
-        if tried not in scores:
-            trial = recipes[i]._replace(prior_strength=prior_strength, parameter_cost=cost, thorough=False)
-            of_folds = [_held_out_scores(rows, held_out, layouts[i], trial, free) for held_out in folds]
-            scores[tried] = np.mean(of_folds, axis=0)
-        return float(scores[tried].max())
+    @cache
+    def scores(i: int, n_layouts: int, prior_strength: float, cost: float) -> FloatArray:
+        trial = recipes[i]._replace(prior_strength=prior_strength, parameter_cost=cost, thorough=False)
+        layouts = candidates[i][:n_layouts]
+        of_folds = [_held_out_scores(rows, held_out, layouts, trial, free) for held_out in folds]
+        return np.asarray(np.mean(of_folds, axis=0))
 
     # Each decides little about the others, so one after the other rather than all together.
-    config = recipe.config
-    best, prior_strength, cost = len(layouts) - 1, recipe.prior_strength, recipe.parameter_cost
+    config, every = recipe.config, len(candidates[0])
+    best, prior_strength, cost = len(candidates) - 1, recipe.prior_strength, recipe.parameter_cost
     costs = config.parameter_costs if recipe.modes == "bic" else (cost,)
     for _ in range(2):
-        best = max(range(len(layouts)), key=lambda i: score(i, prior_strength, cost))
-        prior_strength = max(config.prior_strengths, key=lambda p: score(best, p, cost))
-        cost = max(costs, key=lambda c: score(best, prior_strength, c))
+        if len(candidates) > 1:
+            best = max(range(len(candidates)), key=lambda i: scores(i, every, prior_strength, cost).max())
+        prior_strength = max(config.prior_strengths, key=lambda p: scores(best, 1, p, cost).max())
+        cost = max(costs, key=lambda c: scores(best, 1, prior_strength, c).max())
+    found = scores(best, every, prior_strength, cost)
+    borrowed, strength = np.unravel_index(int(found.argmax()), found.shape)
     logger.info(
         "chosen: %d cells, what is usual counts as %g vehicles, %g of BIC's cost of a parameter, log density %.3f",
-        layouts[best].cells.n_cells, prior_strength, cost, score(best, prior_strength, cost),
+        candidates[best][0].cells.n_cells, prior_strength, cost, found.max(),
     )  # fmt: skip
-    share = float(PLACE_FREE_STRENGTHS[np.argmax(scores[best, prior_strength, cost])])
-    return layouts[best], recipes[best]._replace(prior_strength=prior_strength, parameter_cost=cost), share
+    lean = Leaning(float(PLACE_FREE_STRENGTHS[strength]), SHARES[borrowed])
+    return candidates[best], recipes[best]._replace(prior_strength=prior_strength, parameter_cost=cost), lean
+
+
+def _other_layouts(rows: TrackRows, layout: Layout, recipe: Recipe, *, rng: np.random.Generator) -> list[Layout]:
+    """Even cells to borrow from, as many as have rows; none for one cell, and none in the paper's recipe."""
+    n_used = np.unique(layout.cells.cell_of(rows.position)).size
+    if n_used < 2 or recipe.modes != "bic":
+        return []
+    softness = layout.softness or recipe.config.softness[0]
+    place = rows.some(TRIAL_ROWS, rng=rng).position
+    even = [VoronoiTessellation.lloyd(place, n_cells=n_used, rng=rng, reach=REACH_M) for _ in range(N_LAYOUTS)]
+    return [Layout(cells, softness) for cells in even]
+
+
+def _learned(rows: TrackRows, layouts: list[Layout], recipe: Recipe, free: PlaceFree, lean: Leaning) -> PrimitiveMap:
+    """The primitives of the first layout's cells."""
+    own, *others = layouts if lean.borrowed > 0 else layouts[:1]
+    lenders = [(other.cells, fit_cells(rows, other, recipe, free)) for other in others]
+    borrowed = borrow(rows, own.cells, lenders, lean.borrowed) if lenders else None
+    return assemble(own.cells, fit_cells(rows, own, recipe, free), free, lean.place_free, borrowed)
 
 
 def _held_out_scores(
-    rows: TrackRows, held_out: BoolArray, layout: Layout, recipe: Recipe, free: PlaceFree
+    rows: TrackRows, held_out: BoolArray, layouts: list[Layout], recipe: Recipe, free: PlaceFree
 ) -> FloatArray:
-    """Mean log density of the held-out rows for each of `PLACE_FREE_STRENGTHS`."""
-    fitted = fit_cells(rows[~held_out], layout, recipe, free)
-    own = assemble(layout.cells, fitted, free, strength=1e-12)
-    kept = rows[held_out]
-    place_free = own.without_places().log_density(kept.position, kept.direction, kept.speed)
-    placed = own.log_density(kept.position, kept.direction, kept.speed)
-    n_vehicles = np.append(fitted.n_vehicles, 0.0)[layout.cells.cell_of(kept.position)]
+    """Mean log density of the held-out rows by the first layout, for each of `SHARES` that it borrows from the others.
+
+    -> (n_shares, n_strengths), the latter those of `PLACE_FREE_STRENGTHS`; (1, n_strengths) without others.
+    """
+    seen, kept = rows[~held_out], rows[held_out]
+    own, *others = layouts
+    fitted = fit_cells(seen, own, recipe, free)
+    maps = [assemble(own.cells, fitted, free, strength=1e-12)]
+    if others:
+        lenders = [(other.cells, fit_cells(seen, other, recipe, free)) for other in others]
+        borrowed = borrow(seen, own.cells, lenders, 0.0)
+        maps += [assemble(own.cells, fitted, free, 1e-12, borrowed._replace(share=share)) for share in SHARES[1:]]
+    placed = [each.log_density(kept.position, kept.direction, kept.speed) for each in maps]
+    place_free = maps[0].without_places().log_density(kept.position, kept.direction, kept.speed)
+    n_vehicles = np.append(fitted.n_vehicles, 0.0)[own.cells.cell_of(kept.position)]
     share = place_free_share(n_vehicles[:, None], PLACE_FREE_STRENGTHS)
     with np.errstate(divide="ignore"):
-        mixed = np.logaddexp(np.log1p(-share) + placed[:, None], np.log(share) + place_free[:, None])
-    return np.asarray(mixed.mean(axis=0))
+        in_place, anywhere = np.log1p(-share), np.log(share) + place_free[:, None]
+        return np.array([np.logaddexp(in_place + each[:, None], anywhere).mean(axis=0) for each in placed])

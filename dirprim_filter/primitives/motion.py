@@ -141,15 +141,13 @@ class Motion:
         return replace(self, **columns, first=first, following=following, count=count)
 
     @classmethod
-    def settling(
-        cls, direction: VonMisesMixture, speed: Gamma, bend: FloatArray, gain: FloatArray, n_place_free: int
-    ) -> Self:
+    def settling(cls, direction: VonMisesMixture, speed: Gamma, bend: FloatArray, gain: FloatArray, n_own: int) -> Self:
         """Motion by primitives alone: one manoeuvre for each mode, to which vehicles revert.
 
         The spread of the acceleration is what keeps the speed's variance that of the mode's gamma. (n_cells + 1, M).
         """
-        n_cells, n_modes = direction.weight.shape[0] - 1, direction.weight.shape[1]
-        of_cell, of_mode = np.nonzero(direction.weight[:n_cells, : n_modes - n_place_free])
+        n_cells = direction.weight.shape[0] - 1
+        of_cell, of_mode = np.nonzero(direction.weight[:n_cells, :n_own])
         mean, shape = speed.mean, speed.shape
         pace, stands = mean[of_cell, of_mode], mean[of_cell, of_mode] < CREEP
         anywhere = np.nonzero(direction.weight[-1])[0]

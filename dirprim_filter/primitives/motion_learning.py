@@ -103,16 +103,22 @@ def label_visits(
 
 
 def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
-    """(v,) the mode of each visit: the likeliest of all its instants together; of who stands the last of its cell's."""
-    n_own = primitives.direction.weight.shape[1] - primitives.n_place_free_modes
+    """(v,) the mode of each visit among its cell's own: the likeliest, or of who stands the last."""
+    n_own = primitives.n_own_modes
+    moving = likeliest_modes(primitives, visits, range(max(n_own - 1, 1)))
+    return np.asarray(np.where(visits.stands, n_own - 1, moving), np.int64)
+
+
+def likeliest_modes(primitives: PrimitiveMap, visits: Visits, modes: range) -> IntArray:
+    """(v,) of some modes, the likeliest of all the instants of each visit together."""
     direction, speed, of_instant = primitives.direction, primitives.speed, visits.of_instant
     constant = log_weights(direction.weight) - von_mises.log_normaliser(direction.concentration)
     constant += speed.shape * np.log(speed.rate) - gammaln(speed.shape)
     cell = primitives.tessellation.cell_of(visits.position)
     east, north = (visits.position - primitives.centers[cell]).T
     v = np.maximum(visits.speed, 1e-2)
-    total = np.empty((max(n_own - 1, 1), len(visits)))  # the last is for standing
-    for m, log_p in enumerate(total):
+    total = np.empty((len(modes), len(visits)))
+    for m, log_p in zip(modes, total, strict=True):
         bend, gain = primitives.bend[cell, m], primitives.gain[cell, m]
         off = visits.course - direction.mean_direction[cell, m] - bend[:, 0] * east - bend[:, 1] * north
         log_gain = gain[:, 0] * east + gain[:, 1] * north
@@ -121,7 +127,7 @@ def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
         of_speed = (shape - 1.0) * np.log(v) - shape * log_gain - rate * v * np.exp(-log_gain)
         each = np.maximum(constant[cell, m] + of_direction + of_speed, -30.0)
         log_p[:] = np.bincount(of_instant, each, minlength=len(visits))
-    return np.asarray(np.where(visits.stands, n_own - 1, np.argmax(total, axis=0)), np.int64)
+    return np.asarray(modes.start + np.argmax(total, axis=0), np.int64)
 
 
 def motion_of(
@@ -152,7 +158,7 @@ def motion_of(
     mean_speed = primitives.speed.mean[cell, mode]
     acceleration[:, 0] -= acceleration[:, 3] * mean_speed
     direction = primitives.direction.mean_direction[cell, mode]
-    stands = mode == primitives.direction.weight.shape[1] - primitives.n_place_free_modes - 1
+    stands = mode == primitives.n_own_modes - 1
     placed = {
         "cell": cell, "mode": mode, "visits": n, "seconds": sums.seconds,
         "course": direction + course[:, 0], "bend": primitives.bend[cell, mode] + course[:, 1:],

@@ -68,6 +68,8 @@ class PrimitiveMap:
         n_rows: (n_cells + 1,) how many observations each row was learned from.
         n_place_free_modes: how many of the last modes are the place-free primitive's, in every row: what a cell leans
             on where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
+        n_borrowed_modes: how many of the modes before those are borrowed from other layouts of cells, see `borrowing`:
+            they are part of the density, motion is not drawn to them.
         bend: (n_cells + 1, M, 2) rad/m, how a mode's mean direction turns towards the east and the north of its cell;
             left out: none, the primitives are flat.
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
@@ -83,6 +85,7 @@ class PrimitiveMap:
     speed: Gamma
     n_rows: IntArray
     n_place_free_modes: int
+    n_borrowed_modes: int = 0
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
@@ -97,14 +100,17 @@ class PrimitiveMap:
                 f"direction, speed, n_rows: expected ({n}, M), ({n}, M) and ({n},), "
                 f"got {shapes[0]}, {shapes[1]} and {self.n_rows.shape}"
             )
-        if not 0 <= self.n_place_free_modes <= shapes[0][1]:
-            raise ValueError(f"n_place_free_modes: expected 0 to {shapes[0][1]}, got {self.n_place_free_modes}")
+        most = shapes[0][1]
+        for name in ("n_place_free_modes", "n_borrowed_modes"):
+            if not 0 <= getattr(self, name) <= most:
+                raise ValueError(f"{name}: expected 0 to {most}, got {getattr(self, name)}")
+            most -= getattr(self, name)
         for name in ("bend", "gain"):
             slope = getattr(self, name)
             slope = as_floats(name, slope, f"{n} {shapes[0][1]} 2") if slope.size else np.zeros((*shapes[0], 2))
             object.__setattr__(self, name, slope)
         if self.motion is None:
-            settling = Motion.settling(self.direction, self.speed, self.bend, self.gain, self.n_place_free_modes)
+            settling = Motion.settling(self.direction, self.speed, self.bend, self.gain, self.n_own_modes)
             object.__setattr__(self, "motion", settling)
         last = self.motion.cell[self.motion.n_placed - 1] if self.motion.n_placed else -1
         if last >= n - 1 or ((self.motion.mode < 0) | (self.motion.mode >= shapes[0][1])).any():
@@ -116,6 +122,20 @@ class PrimitiveMap:
         placed = self.motion.mode[: self.motion.n_placed]
         if scheduled != own or placed.max(initial=-1) >= own[1]:
             raise ValueError(f"schedule: expected {own} cells and modes of their own, got {scheduled}")
+
+    @property
+    def n_own_modes(self) -> int:
+        """How many of the first modes are a cell's own; where they were learned, the last is for standing."""
+        return int(self.direction.weight.shape[1]) - self.n_borrowed_modes - self.n_place_free_modes
+
+    @property
+    def own_weight(self) -> FloatArray:
+        """(n_cells, n_own_modes) the weights of the cells' own modes, which take those of the borrowed modes on."""
+        n = self.n_own_modes
+        own = self.direction.weight[:-1, :n]
+        borrowed = self.direction.weight[:-1, n : n + self.n_borrowed_modes].sum(axis=1, keepdims=True)
+        total = own.sum(axis=1, keepdims=True)
+        return np.asarray(own * (1.0 + borrowed / np.where(total > 0.0, total, 1.0)))
 
     @property
     def centers(self) -> FloatArray:
@@ -249,6 +269,7 @@ class PrimitiveMap:
             speed=self.speed[last],
             n_rows=self.n_rows[last],
             n_place_free_modes=self.n_place_free_modes,
+            n_borrowed_modes=self.n_borrowed_modes,
             bend=self.bend[last],
             gain=self.gain[last],
             motion=self.motion.without_places(),

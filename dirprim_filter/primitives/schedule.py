@@ -71,7 +71,8 @@ class Schedule:
 def turned(primitives: PrimitiveMap, flow: FloatArray, pace: FloatArray) -> PrimitiveMap:
     """The map with other weights and mean speeds of its cells' own modes.
 
-    What the place-free modes weigh in a cell, and how often its manoeuvres were seen together, stays.
+    A borrowed mode turns as the cell's own that it resembles most. What the place-free modes weigh in a cell, and how
+    often its manoeuvres were seen together, stays.
 
     Args:
         primitives: the map.
@@ -79,11 +80,12 @@ def turned(primitives: PrimitiveMap, flow: FloatArray, pace: FloatArray) -> Prim
         pace: (n_cells, m) their mean speed over that of the map.
     """
     weight, rate = primitives.direction.weight.copy(), primitives.speed.rate.copy()
-    own = (slice(None, -1), slice(pace.shape[1]))
-    drawn = weight[own] * flow
+    of_mode = np.hstack([np.tile(np.arange(primitives.n_own_modes), (len(pace), 1)), _resembled(primitives)])
+    placed = (slice(None, -1), slice(of_mode.shape[1]))
+    drawn = weight[placed] * np.take_along_axis(flow, of_mode, axis=1)
     total = drawn.sum(axis=1, keepdims=True)
-    weight[own] = drawn * np.divide(weight[own].sum(axis=1, keepdims=True), total, out=total, where=total > 0)
-    rate[own] /= pace
+    weight[placed] = drawn * np.divide(weight[placed].sum(axis=1, keepdims=True), total, out=total, where=total > 0)
+    rate[placed] /= np.take_along_axis(pace, of_mode, axis=1)
     direction = primitives.direction
     return replace(
         primitives,
@@ -93,6 +95,19 @@ def turned(primitives: PrimitiveMap, flow: FloatArray, pace: FloatArray) -> Prim
         speed=Gamma(shape=primitives.speed.shape, rate=rate),
         motion=_turned(primitives.motion, flow, pace),
     )
+
+
+def _resembled(primitives: PrimitiveMap) -> IntArray:
+    """(n_cells, n_borrowed_modes) the own mode of greatest density at the means of each borrowed one."""
+    n, end = primitives.n_own_modes, primitives.n_own_modes + primitives.n_borrowed_modes
+    direction, speed = primitives.direction, primitives.speed
+    mean, pace = direction.mean_direction[:-1, n:end, None], speed.mean[:-1, n:end, None]
+    own = VonMisesMixture(
+        weight=direction.weight[:-1, None, :n], mean_direction=direction.mean_direction[:-1, None, :n],
+        concentration=direction.concentration[:-1, None, :n],
+    )  # fmt: skip
+    of_speed = Gamma(shape=speed.shape[:-1, None, :n], rate=speed.rate[:-1, None, :n]).log_density(pace)
+    return np.asarray((own.mode_log_density(mean[..., 0]) + of_speed).argmax(axis=-1), np.int64)
 
 
 def local_hours(time_ns: IntArray, zone: str) -> IntArray:

@@ -114,7 +114,7 @@ def learn_schedule(
 
 def _shape(learned: PrimitiveMap) -> tuple[int, int]:
     """Cells, and modes of their own."""
-    return learned.tessellation.n_cells, learned.direction.weight.shape[1] - learned.n_place_free_modes
+    return learned.tessellation.n_cells, learned.n_own_modes
 
 
 def _counted(driven: Driven, some: BoolArray, clock: _Clock, shape: tuple[int, int]) -> _Counts:

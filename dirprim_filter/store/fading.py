@@ -65,7 +65,7 @@ def refreshed(learned: PrimitiveMap, visits: Visits, mode: IntArray, share: Floa
         share: (n_vehicles,) what each counts.
     """
     driven = Driven.of(learned, visits, mode)
-    shape = (learned.tessellation.n_cells, learned.direction.weight.shape[1] - learned.n_place_free_modes)
+    shape = (learned.tessellation.n_cells, learned.n_own_modes)
     at, counts = np.ravel_multi_index((driven.cell, driven.mode), shape), share[driven.vehicle]
     columns = (np.ones(at.size), driven.ratio, counts, counts * driven.ratio)
     seen, ratios, faded, faded_ratios = (np.bincount(at, c, int(np.prod(shape))).reshape(shape) for c in columns)

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.motion_learning import likeliest_modes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.visits import Visits
 
@@ -27,25 +28,33 @@ def withheld(learned: PrimitiveMap, visits: Visits, mode: IntArray, min_vehicles
         min_vehicles: so many at least.
     """
     enough = _vehicles_of_modes(learned, visits, mode) >= min_vehicles
-    own = enough.shape[1]
     weight = learned.direction.weight.copy()
-    weight[:-1, :own] *= enough
+    weight[:-1, : enough.shape[1]] *= enough
     weight /= weight.sum(axis=1, keepdims=True)
     direction = VonMisesMixture(
         weight=weight, mean_direction=learned.direction.mean_direction, concentration=learned.direction.concentration
     )
-    return replace(learned, direction=direction, motion=_often_driven(learned.motion, enough, min_vehicles))
+    return replace(
+        learned, direction=direction,
+        motion=_often_driven(learned.motion, enough[:, : learned.n_own_modes], min_vehicles),
+    )  # fmt: skip
 
 
 def _vehicles_of_modes(learned: PrimitiveMap, visits: Visits, mode: IntArray) -> FloatArray:
-    """(n_cells, own modes) how many vehicles visited each."""
-    own = learned.direction.weight.shape[1] - learned.n_place_free_modes
-    inside = visits.cell >= 0
-    visited = np.unique(
-        np.column_stack([visits.cell[inside], mode[inside], visits.vehicle[visits.begin[inside]]]), axis=0
-    )
-    n_cells = learned.tessellation.n_cells
-    return np.bincount(visited[:, 0] * own + visited[:, 1], minlength=n_cells * own).reshape(n_cells, own).astype(float)
+    """(n_cells, own and borrowed modes) how many vehicles visited each."""
+    n_own, n_modes = learned.n_own_modes, learned.n_own_modes + learned.n_borrowed_modes
+    n_cells, inside = learned.tessellation.n_cells, np.flatnonzero(visits.cell >= 0)
+    of_modes = [(inside, mode)]
+    if learned.n_borrowed_modes:
+        moving = inside[~visits.stands[inside]]
+        of_modes.append((moving, likeliest_modes(learned, visits, range(n_own, n_modes))))
+    visited = [
+        np.unique(np.column_stack([visits.cell[v], of[v], visits.vehicle[visits.begin[v]]]), axis=0)
+        for v, of in of_modes
+    ]
+    cell, of_mode, _ = np.concatenate(visited).T
+    number = np.bincount(cell * n_modes + of_mode, minlength=n_cells * n_modes)
+    return number.reshape(n_cells, n_modes).astype(float)
 
 
 def _often_driven(motion: Motion, enough: BoolArray, least: int) -> Motion:

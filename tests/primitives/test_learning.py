@@ -45,7 +45,7 @@ def two_cells():
 def own_modes(learned, position):
     """Modes that a cell has of its own, without the one for standing: rows as in TRUTH, heaviest first."""
     direction, speed = learned.primitive_at(np.array(position))
-    n_own = direction.weight.size - learned.n_place_free_modes - 1
+    n_own = learned.n_own_modes - 1
     columns = direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.mean
     found = np.stack(columns, axis=1)[:n_own]
     found = found[found[:, 0] > 0]

@@ -116,7 +116,7 @@ def test_labels_are_of_one_cell_and_mode_each(junction):
     inside = visits.cell >= 0
     np.testing.assert_array_equal(labels.label >= 0, inside)
     np.testing.assert_array_equal(labels.cell[labels.label[inside]], visits.cell[inside])
-    standing = learned.direction.weight.shape[1] - learned.n_place_free_modes - 1
+    standing = learned.n_own_modes - 1
     np.testing.assert_array_equal(labels.mode[labels.label[inside]] == standing, visits.stands[inside])
     assert (np.diff(labels.cell) >= 0).all()
     np.testing.assert_array_equal(np.unique(labels.label[inside]), np.arange(labels.cell.size))

@@ -52,7 +52,7 @@ def test_of_few_vehicles_a_map_says_nothing():
     learned = learn_from_summary(
         summary, min_vehicles=5, tessellation="grid", cell_size=8.0, rng=np.random.default_rng(0)
     )
-    own = learned.direction.weight[:-1, : -learned.n_place_free_modes]
+    own = learned.direction.weight[:-1, : learned.n_own_modes + learned.n_borrowed_modes]
     assert (own[learned.tessellation.centers[:, 1] < 10.0] > 0).any()
     assert learned.motion.visits[learned.motion.cell >= 0].min() >= 5.0
     from_placed = np.repeat(learned.motion.cell, np.diff(learned.motion.first)) >= 0

@@ -221,11 +221,12 @@ class Schedule(_message.Message):
     def __init__(self, by: _Optional[str] = ..., zone: _Optional[str] = ..., flow: _Optional[_Iterable[float]] = ..., pace: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class PrimitiveMap(_message.Message):
-    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cells", "place_free", "version", "motion", "schedule")
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "n_borrowed_modes", "grid", "voronoi", "cells", "place_free", "version", "motion", "schedule")
     TILE_FIELD_NUMBER: _ClassVar[int]
     N_TILES_FIELD_NUMBER: _ClassVar[int]
     N_MODES_FIELD_NUMBER: _ClassVar[int]
     N_PLACE_FREE_MODES_FIELD_NUMBER: _ClassVar[int]
+    N_BORROWED_MODES_FIELD_NUMBER: _ClassVar[int]
     GRID_FIELD_NUMBER: _ClassVar[int]
     VORONOI_FIELD_NUMBER: _ClassVar[int]
     CELLS_FIELD_NUMBER: _ClassVar[int]
@@ -237,6 +238,7 @@ class PrimitiveMap(_message.Message):
     n_tiles: int
     n_modes: int
     n_place_free_modes: int
+    n_borrowed_modes: int
     grid: Grid
     voronoi: Voronoi
     cells: Primitives
@@ -244,4 +246,4 @@ class PrimitiveMap(_message.Message):
     version: int
     motion: Motion
     schedule: Schedule
-    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., schedule: _Optional[_Union[Schedule, _Mapping]] = ...) -> None: ...
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., n_borrowed_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., schedule: _Optional[_Union[Schedule, _Mapping]] = ...) -> None: ...

@@ -196,6 +196,6 @@ class Circle(NamedTuple):
 
 def moving_rows(primitives: PrimitiveMap) -> FloatArray:
     """How many rows each cell's own modes of moving vehicles stand for; 0 for all other modes. -> (n_cells, M)."""
-    weight = primitives.direction.weight[:-1]
-    own = np.arange(weight.shape[1]) < weight.shape[1] - primitives.n_place_free_modes
-    return np.asarray(primitives.n_rows[:-1, None] * weight * (own & (primitives.speed.mean[:-1] >= STANDING_SPEED)))
+    weight = np.zeros_like(primitives.direction.weight[:-1])
+    weight[:, : primitives.n_own_modes] = primitives.own_weight
+    return np.asarray(primitives.n_rows[:-1, None] * weight * (primitives.speed.mean[:-1] >= STANDING_SPEED))
