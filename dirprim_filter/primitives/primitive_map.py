@@ -116,7 +116,7 @@ class PrimitiveMap:
         if last >= n - 1 or ((self.motion.mode < 0) | (self.motion.mode >= shapes[0][1])).any():
             raise ValueError(f"motion: expected manoeuvres of {n - 1} cells and {shapes[0][1]} modes, got others")
         if self.schedule is not None:
-            self._check_schedule(self.schedule.flow.shape[1:], (n - 1, shapes[0][1] - self.n_place_free_modes))
+            self._check_schedule(self.schedule.flow.shape[1:], (n - 1, self.n_own_modes))
 
     def _check_schedule(self, scheduled: tuple[int, ...], own: tuple[int, int]) -> None:
         placed = self.motion.mode[: self.motion.n_placed]

@@ -13,7 +13,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats
-from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions import Gamma, VonMisesMixture, von_mises
+from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.primitives.motion import CREEP, Motion
 
 if TYPE_CHECKING:
@@ -101,13 +102,13 @@ def _resembled(primitives: PrimitiveMap) -> IntArray:
     """(n_cells, n_borrowed_modes) the own mode of greatest density at the means of each borrowed one."""
     n, end = primitives.n_own_modes, primitives.n_own_modes + primitives.n_borrowed_modes
     direction, speed = primitives.direction, primitives.speed
-    mean, pace = direction.mean_direction[:-1, n:end, None], speed.mean[:-1, n:end, None]
-    own = VonMisesMixture(
-        weight=direction.weight[:-1, None, :n], mean_direction=direction.mean_direction[:-1, None, :n],
-        concentration=direction.concentration[:-1, None, :n],
-    )  # fmt: skip
-    of_speed = Gamma(shape=speed.shape[:-1, None, :n], rate=speed.rate[:-1, None, :n]).log_density(pace)
-    return np.asarray((own.mode_log_density(mean[..., 0]) + of_speed).argmax(axis=-1), np.int64)
+    weight, mean, concentration, shape, rate = (
+        column[:-1, None, :n]
+        for column in (direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate)
+    )
+    log_p = log_weights(weight) + Gamma(shape=shape, rate=rate).log_density(speed.mean[:-1, n:end, None])
+    log_p += von_mises.log_density(direction.mean_direction[:-1, n:end, None], mean, concentration)
+    return np.asarray(log_p.argmax(axis=-1), np.int64)
 
 
 def local_hours(time_ns: IntArray, zone: str) -> IntArray:

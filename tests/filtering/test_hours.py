@@ -20,7 +20,7 @@ SENSOR = Sensor(along=AxisError(spread_m=0.3), across=AxisError(spread_m=0.3))
 @pytest.fixture(scope="module")
 def by_hour(ring_map):
     """At half the pace in the first hour."""
-    own = ring_map.direction.weight.shape[1] - ring_map.n_place_free_modes
+    own = ring_map.n_own_modes
     pace = np.ones((24, ring_map.tessellation.n_cells, own))
     pace[0] = 0.5
     return replace(ring_map, schedule=Schedule(by="hour", zone="UTC", flow=np.ones(pace.shape), pace=pace))

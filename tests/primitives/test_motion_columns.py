@@ -70,7 +70,7 @@ def test_primitives_alone_say_a_manoeuvre_of_each_mode_of_a_cell_and_none_of_the
     direction = VonMisesMixture(weight=weight, mean_direction=mean, concentration=np.full((3, 3), 25.0))
     speed = Gamma(shape=np.full((3, 3), 4.0), rate=4.0 / np.array([[8.0, 0.1, 5.0]] * 3))
     bend, gain = np.full((3, 3, 2), 0.03), np.full((3, 3, 2), 0.02)
-    motion = Motion.settling(direction, speed, bend, gain, 1)
+    motion = Motion.settling(direction, speed, bend, gain, n_own=2)
     assert motion.cell.tolist() == [0, 0, 1, -1, -1]
     assert motion.mode[:3].tolist() == [0, 1, 1]
     np.testing.assert_allclose(motion.course[:3], [0.5, -1.0, -1.0])

@@ -7,13 +7,14 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
+from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import CREEP
 from dirprim_filter.primitives.schedule import Schedule, local_hours, slots_of
 
 
 def schedule_of(of, *, by="hour", zone="UTC", flow=1.0, pace=1.0):
     """Of a map: the same number in all slots, or arrays."""
-    shape = (24 if by == "hour" else 168, of.tessellation.n_cells, of.direction.weight.shape[1] - of.n_place_free_modes)
+    shape = (24 if by == "hour" else 168, of.tessellation.n_cells, of.n_own_modes)
     return Schedule(by=by, zone=zone, flow=np.ones(shape) * flow, pace=np.ones(shape) * pace)
 
 
@@ -31,7 +32,7 @@ def test_a_map_is_of_its_slot_alone(ring_map):
     evening[18] = 0.5
     turned = replace(ring_map, schedule=schedule_of(ring_map, zone="Europe/Berlin", pace=evening))
     assert (turned.slot_at(0), ring_map.slot_at(0)) == (1, None)
-    own = slice(ring_map.direction.weight.shape[1] - ring_map.n_place_free_modes)
+    own = slice(ring_map.n_own_modes)
     for hour, slower in ((17, 0.5), (16, 1.0)):  # UTC, in winter
         now = turned.at_time(hour * 3600 * 10**9)
         assert now.schedule is None
@@ -41,16 +42,32 @@ def test_a_map_is_of_its_slot_alone(ring_map):
     assert ring_map.at_time(0) is ring_map
 
 
+def borrowed_flow(of, flow, cell):
+    """The flow of each borrowed mode of a cell: that of its own mode most probable at the borrowed one's means."""
+    direction, speed, n = of.direction[cell], of.speed[cell], of.n_own_modes
+    found = []
+    for b in range(n, n + of.n_borrowed_modes):
+        own = VonMisesMixture(
+            weight=np.append(direction.weight[:n], 1.0 - direction.weight[:n].sum()),
+            mean_direction=np.append(direction.mean_direction[:n], 0.0),
+            concentration=np.append(direction.concentration[:n], 0.0),
+        )
+        of_speed = Gamma(shape=speed.shape[:n], rate=speed.rate[:n]).log_density(speed.mean[b])
+        found.append(flow[cell, np.argmax(own.mode_log_density(direction.mean_direction[b])[:n] + of_speed)])
+    return found
+
+
 def test_weights_follow_the_flow_beside_what_is_place_free(ring_map):
-    own = ring_map.direction.weight.shape[1] - ring_map.n_place_free_modes
+    own = ring_map.n_own_modes
     flow = np.random.default_rng(0).uniform(0.2, 3.0, (24, ring_map.tessellation.n_cells, own))
     now = schedule_of(ring_map, flow=flow).applied(ring_map, 3)
     expected = ring_map.direction.weight.copy()
+    end = own + ring_map.n_borrowed_modes
     for cell in range(ring_map.tessellation.n_cells):
-        share = expected[cell, :own].sum()
+        share = expected[cell, :end].sum()
         if share > 0:
-            of_modes = expected[cell, :own] * flow[3, cell]
-            expected[cell, :own] = share * of_modes / of_modes.sum()
+            of_modes = expected[cell, :end] * np.append(flow[3, cell], borrowed_flow(ring_map, flow[3], cell))
+            expected[cell, :end] = share * of_modes / of_modes.sum()
     np.testing.assert_allclose(now.direction.weight, expected, rtol=1e-9)
     for amount in ("visits", "seconds"):
         before, after = (np.bincount(of.motion.cell + 1, getattr(of.motion, amount)) for of in (ring_map, now))

@@ -42,6 +42,7 @@ def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
         speed=Gamma(shape=rng.gamma(2.0, 1.0, rows), rate=rng.gamma(2.0, 1.0, rows)),
         n_rows=rng.integers(0, 2**40, n_cells + 1),
         n_place_free_modes=1,
+        n_borrowed_modes=n_modes // 3,
         motion=some_motion(n_cells, n_modes, rng),
     )
 
@@ -64,7 +65,7 @@ def some_motion(n_cells, n_modes, rng):
 def by_hour(of):
     """The map with a schedule, of which its manoeuvres' modes are its own."""
     rng, motion = np.random.default_rng(7), of.motion
-    own = (24, of.tessellation.n_cells, of.direction.weight.shape[1] - of.n_place_free_modes)
+    own = (24, of.tessellation.n_cells, of.n_own_modes)
     flow, pace = rng.gamma(2.0, size=(2, *own))
     mode = np.where(motion.cell >= 0, motion.mode % own[-1], 0)
     schedule = Schedule(by="hour", zone="Europe/Berlin", flow=flow, pace=pace)
@@ -84,7 +85,7 @@ def assert_equal(a, b):
     for name in ("shape", "rate"):
         np.testing.assert_array_equal(getattr(a.speed, name), getattr(b.speed, name), err_msg=name)
     np.testing.assert_array_equal(a.n_rows, b.n_rows)
-    assert a.n_place_free_modes == b.n_place_free_modes
+    assert (a.n_place_free_modes, a.n_borrowed_modes) == (b.n_place_free_modes, b.n_borrowed_modes)
     assert (a.schedule is None) == (b.schedule is None)
     if a.schedule is not None:
         assert_columns_equal(a.schedule, b.schedule)
@@ -130,14 +131,14 @@ def test_a_map_by_hour_loads_equal(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("harm", "message"),
     [
-        (lambda of: of.schedule.flow.pop(), "flow: expected 480 numbers, got 479"),
+        (lambda of: of.schedule.flow.pop(), "flow: expected 240 numbers, got 239"),
         (lambda of: setattr(of.schedule, "zone", "../etc/passwd"), "expected the name of a time zone"),
         (lambda of: of.schedule.ClearField("zone"), "expected the name of a time zone"),
         (lambda of: setattr(of.schedule, "by", "day"), "flow: expected 0 numbers"),
-        (lambda of: setattr(of, "n_place_free_modes", 2), "flow: expected 240 numbers, got 480"),
+        (lambda of: setattr(of, "n_place_free_modes", 2), "flow: expected 0 numbers, got 240"),
         (lambda of: setattr(of, "n_place_free_modes", 9), "flow: expected"),
         (lambda of: of.schedule.pace.__setitem__(0, 0.0), "pace: expected positive numbers"),
-        (lambda of: of.motion.mode.__setitem__(0, 2), "expected (10, 2) cells and modes of their own"),
+        (lambda of: of.motion.mode.__setitem__(0, 2), "expected (10, 1) cells and modes of their own"),
     ],
 )
 def test_a_harmed_schedule_is_reported_in_one_line(tmp_path, harm, message):

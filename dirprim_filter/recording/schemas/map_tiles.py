@@ -147,7 +147,7 @@ def _schedule_of(tiles: list[dirprim_pb2.PrimitiveMap], n_cells: list[int]) -> S
     first = tiles[0]
     if not first.HasField("schedule"):
         return None
-    shape = (N_SLOTS.get(first.schedule.by, 0), first.n_modes - first.n_place_free_modes)
+    shape = (N_SLOTS.get(first.schedule.by, 0), first.n_modes - first.n_borrowed_modes - first.n_place_free_modes)
     flow, pace = (
         np.concatenate([
             floats_of(tile.schedule, name, n * shape[0] * shape[1]).reshape(n, *shape)
