@@ -5,6 +5,8 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py fidelity recordings/roundabout_learn.mcap [--cells 200]
     python tests/benchmarks/fleet.py speed
     python tests/benchmarks/fleet.py memory 1000000
+    python tests/benchmarks/fleet.py columns 100000000
+    python tests/benchmarks/fleet.py workers 16
     python tests/benchmarks/fleet.py killing
     python tests/benchmarks/fleet.py known 10000
 """
@@ -38,6 +40,7 @@ from dirprim_filter.store.store import Store
 from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import write_summary
+from dirprim_filter.store.workers import LocalWorkers
 from dirprim_filter.tracks import Tracks
 from tessellation import VoronoiTessellation
 
@@ -165,6 +168,42 @@ def write_entry(store: Store, tracks: Tracks, name: str) -> None:
     store.record(entry, "")
 
 
+def columns(n_rows: int) -> None:
+    """Rows a second, and the most memory, of recordings of a million rows each from columns, made one by one."""
+    tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
+    done, took = 0, 0.0
+    while done < n_rows:
+        made = repeated(tracks, 1_000_000, first=done)
+        began = time.process_time()
+        Summary.of(made)
+        took += time.process_time() - began
+        done += len(made)
+        if done % 10_000_000 < len(made) or done >= n_rows:
+            print(f"{done} rows: {done / took / 1e6:.2f} M rows/s, at most {most_mib():.0f} MiB", flush=True)
+
+
+def workers(n_logs: int) -> None:
+    """Rows a second of `dirprim store add` from logs of 100,000 rows each, by one process and by two."""
+    tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
+    with tempfile.TemporaryDirectory() as folder:
+        for i in range(n_logs):
+            write_tracks(repeated(tracks, 100_000, first=i), Path(folder) / f"{i}.mcap")
+        found, took = find_logs([f"{folder}/*.mcap"]), []
+        for n in (1, 2):
+            store = Store.create(Path(folder) / f"store{n}", StoreConfig())
+            add_logs(store, found[:1])  # the first log is always added by this process
+            began = time.perf_counter()
+            add_logs(store, found, workers=LocalWorkers(n))
+            took.append(time.perf_counter() - began)
+            n_rows = sum(entry.n_rows for entry in store.entries()[1:])
+            print(
+                f"{n} processes: {n_rows / took[-1] / 1e6:.3f} M rows/s, {took[-1]:.1f} s with their start", flush=True
+            )
+    print(
+        f"two are {took[0] / took[1]:.2f} times as fast as one; processor {os.getloadavg()[0]:.1f} of {os.cpu_count()}"
+    )
+
+
 def killing() -> None:
     """`dirprim store add --workers 2`, of which one worker is killed; the store is that of one process."""
     tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
@@ -210,7 +249,7 @@ def known(n_logs: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["fidelity", "speed", "memory", "killing", "known"])
+    parser.add_argument("what", choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known"])
     parser.add_argument("of", nargs="?")
     parser.add_argument("--cells", type=int, default=120)
     parser.add_argument("--seeds", type=int, default=1)
@@ -219,6 +258,10 @@ if __name__ == "__main__":
         fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
     elif given.what == "memory":
         memory(int(given.of or 1_000_000))
+    elif given.what == "columns":
+        columns(int(given.of or 10_000_000))
+    elif given.what == "workers":
+        workers(int(given.of or 16))
     elif given.what == "known":
         known(int(given.of or 10_000))
     else:
