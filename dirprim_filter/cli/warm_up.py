@@ -28,9 +28,11 @@ def warm_up() -> None:
         n_rows=np.ones(2, np.int64),
         n_place_free_modes=0,
     )
-    tracker = Tracker(anywhere, config=FilterConfig(n_particles=2), rng=np.random.default_rng(0))
+    tracker = Tracker(anywhere, config=FilterConfig(n_particles=10), rng=np.random.default_rng(0))
     reported = Detections(
-        track_id=np.array(["a", "a"]), time_ns=np.array([0, 10**8], np.int64), position=np.zeros((2, 2))
+        track_id=np.array(["a", "a"]),
+        time_ns=np.array([0, 10**8], np.int64),
+        position=[[0.0, 0.0], [1.5, 0.0]],  # where few particles come near: for these there is a kernel too
     )
     for frame in reported.frames():
         tracker.predict(frame)
