@@ -173,7 +173,7 @@ def columns(n_rows: int) -> None:
     tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
     done, took = 0, 0.0
     while done < n_rows:
-        made = repeated(tracks, 1_000_000, first=done)
+        made = repeated(tracks, 1_000_000, first=done // len(tracks))
         began = time.process_time()
         Summary.of(made)
         took += time.process_time() - began
@@ -197,10 +197,10 @@ def workers(n_logs: int) -> None:
             took.append(time.perf_counter() - began)
             n_rows = sum(entry.n_rows for entry in store.entries()[1:])
             print(
-                f"{n} processes: {n_rows / took[-1] / 1e6:.3f} M rows/s, {took[-1]:.1f} s with their start", flush=True
+                f"processes {n}: {n_rows / took[-1] / 1e6:.3f} M rows/s, {took[-1]:.1f} s with their start", flush=True
             )
     print(
-        f"two are {took[0] / took[1]:.2f} times as fast as one; processor {os.getloadavg()[0]:.1f} of {os.cpu_count()}"
+        f"two are {took[0] / took[1]:.2f} times as fast as one; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     )
 
 

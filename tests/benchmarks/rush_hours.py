@@ -1,8 +1,8 @@
 """What maps by the hour are worth: a junction where demand and speeds turn in rush hours, and one where nothing turns.
 
-Decides: what `docs/fleet.md` says of `--by`. Its peer is the map of all day. Both have the same cells, and are judged on
-days that follow: by the mean log density of their rows, and by how far rollouts of vehicles 15 m before the turn end from
-where they were.
+Decides: what `docs/fleet.md` says of `--by`. Its peer is the map of all day. Both have the same cells, and are judged
+on days that follow: by the mean log density of their rows, and by the energy score of rollouts of vehicles 15 m
+before the turn.
 
     python tests/benchmarks/rush_hours.py [--vehicles 3] [--days 4] [--seeds 3]
 """
@@ -73,7 +73,7 @@ def log_density(learned: PrimitiveMap, rows: Tracks) -> np.ndarray:
 
 
 def errors(learned: PrimitiveMap, test: Tracks, *, by_hour: bool, rng: np.random.Generator) -> np.ndarray:
-    """(2,) energy score of where vehicles of rush hours, and of others, are `HORIZON_S` after they were 15 m before it."""
+    """(2,) energy score of rollouts of vehicles of rush hours, and of others, `HORIZON_S` on."""
     found: dict[bool, list[float]] = {True: [], False: []}
     for number in range(test.n_tracks):
         own = test[test.vehicle == number]
@@ -93,7 +93,7 @@ def errors(learned: PrimitiveMap, test: Tracks, *, by_hour: bool, rng: np.random
 
 
 def scores(seed: int, n_vehicles: float, n_days: int, *, turns: bool) -> np.ndarray:
-    """Nat gained in rush hours, in others and in all; and the shares by which forecasts are better in the former two."""
+    """Nat gained in rush hours, in others and in all; and by what share forecasts are better in the former two."""
     rng = np.random.default_rng(seed)
     days = [day(i, n_vehicles, turns=turns, rng=rng) for i in range(n_days)]
     test = Tracks.concatenate([
