@@ -86,9 +86,7 @@ def scatter(
 @njit(cache=True)
 def draw_place_free_speed(primitives: MapTable, state: UIntArray) -> float:
     """A draw from the speeds of all places together."""
-    j, last, u = primitives.first[-1], primitives.last[-1] - 1, random.uniform(state)
-    while j < last and primitives.mode[j, _map_kernels.CUMULATIVE] <= u:
-        j += 1
+    j = _map_kernels.mode_of(primitives, -1, random.uniform(state))
     shape, rate = primitives.mode[j, _map_kernels.SHAPE], primitives.mode[j, _map_kernels.RATE]
     return float(random.draw_gamma(shape, state) / rate)
 

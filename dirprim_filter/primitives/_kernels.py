@@ -74,7 +74,8 @@ def to_front(table: FloatArray) -> int:
     for m in range(table.shape[0]):
         if table[m, LOG_WEIGHT] > NO_MODE / 2:
             if m > k:
-                table[k] = table[m]
+                for j in range(table.shape[1]):  # a slice would compile its error messages for seconds
+                    table[k, j] = table[m, j]
                 table[m, LOG_WEIGHT] = NO_MODE
             k += 1
     return k

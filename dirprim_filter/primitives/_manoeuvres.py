@@ -174,11 +174,14 @@ def chosen(weight: SingleArray, left: float) -> int:
             break
         left -= these
         b += 1
-    for k in range(LANES - 1):
+    last = 0  # of any weight, where rounding has it that the sum is not exceeded
+    for k in range(LANES):
         left -= weight[b, k]
         if left < 0.0:
             return b * LANES + k
-    return (b + 1) * LANES - 1
+        if weight[b, k] > 0.0:
+            last = k
+    return b * LANES + last
 
 
 @njit(**EXACT | INLINED)

@@ -17,7 +17,7 @@ from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._elementary import exp, log, squared_sine
 from dirprim_filter.distributions._kernels import log_normaliser, wrap
 from dirprim_filter.distributions._random import UIntArray
-from tessellation._compiling import COMPILED
+from tessellation._compiling import COMPILED, INLINED
 from tessellation._kernels import Locator, locate
 
 PAIRS = 1024  # (row, mode) pairs at a time: the buffers stay in the cache
@@ -224,6 +224,15 @@ def _log_sum(log_p: FloatArray, first: int, last: int) -> float:
     return top + math.log(total)
 
 
+@njit(**COMPILED | INLINED)
+def mode_of(table: MapTable, cell: int, u: float) -> int:
+    """The mode of a cell, or of the place-free row -1, whose cumulative weight exceeds an even draw from [0, 1)."""
+    j, last = table.first[cell], table.last[cell] - 1
+    while j < last and table.mode[j, CUMULATIVE] <= u:
+        j += 1
+    return int(j)
+
+
 @njit(nogil=True, **COMPILED)
 def draw(table: MapTable, position: FloatArray, key: UIntArray, direction: FloatArray, speed: FloatArray) -> bool:
     """Fill `direction` and `speed` (n,) with a draw at each position (n, 2), each block of rows from its own key.
@@ -238,9 +247,7 @@ def draw(table: MapTable, position: FloatArray, key: UIntArray, direction: Float
         x, y = position[i, 0], position[i, 1]
         finite = finite and (x - x) + (y - y) == 0.0
         cell = locate(table.locator, x, y)
-        j, last, u = table.first[cell], table.last[cell] - 1, random.uniform(state)
-        while j < last and table.mode[j, CUMULATIVE] <= u:
-            j += 1
+        j = mode_of(table, cell, random.uniform(state))
         turned = table.mode[j, MEAN] + random.draw_turn(
             0.5 * table.mode[j, TWICE_CONCENTRATION], table.mode[j, ENVELOPE_Q], table.mode[j, ENVELOPE_B], state
         )
