@@ -32,7 +32,7 @@ def warm_up() -> None:
     reported = Detections(
         track_id=np.array(["a", "a"]),
         time_ns=np.array([0, 10**8], np.int64),
-        position=[[0.0, 0.0], [1.5, 0.0]],  # where few particles come near: for these there is a kernel too
+        position=np.array([[0.0, 0.0], [1.5, 0.0]]),  # where few particles come near: for these there is a kernel too
     )
     for frame in reported.frames():
         tracker.predict(frame)
