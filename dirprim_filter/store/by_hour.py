@@ -17,7 +17,7 @@ from scipy.stats import t as student_t
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.schedule import HOUR_NS, N_SLOTS, By, Schedule, local_hours, slots_of
+from dirprim_filter.primitives.schedule import HOUR_NS, N_SLOTS, By, Schedule, _resembled, local_hours, slots_of
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.driven import Driven
 
@@ -131,7 +131,7 @@ class _Judged(NamedTuple):
     """Instants of vehicles, and what the vehicles of other days did in their slots and cells."""
 
     day: IntArray  # (n,)
-    own: FloatArray  # (n, m) log density of each of the cell's own modes, its weight included
+    own: FloatArray  # (n, m) log density of each of the cell's own and borrowed modes, its weight included
     free: FloatArray  # (n,) of the place-free ones
     weight: FloatArray  # (n, m)
     shape: FloatArray  # (n, m) of the gamma of speeds
@@ -178,7 +178,9 @@ def _judged(learned: PrimitiveMap, visits: Visits, clock: _Clock, driven: Driven
     rows = rows[:: -(-rows.size // MOST_INSTANTS)] if rows.size else rows
     cell, vehicle = visits.cell[of_visit[rows]], visits.vehicle[rows]
     primitive = learned.primitive_at(visits.position[rows])
-    speed, m = np.maximum(visits.speed[rows], SLOWEST)[:, None], _shape(learned)[1]
+    speed = np.maximum(visits.speed[rows], SLOWEST)[:, None]
+    of_mode = np.hstack([np.tile(np.arange(learned.n_own_modes), (rows.size, 1)), _resembled(learned)[cell]])
+    m = of_mode.shape[1]
     each = primitive.direction.mode_log_density(visits.course[rows]) + primitive.speed.log_density(speed)
     others = [np.empty((rows.size, m)) for _ in _Counts._fields]
     is_here = np.isin(np.arange(clock.slot.size), here)
@@ -186,7 +188,7 @@ def _judged(learned: PrimitiveMap, visits: Visits, clock: _Clock, driven: Driven
         held_out = clock.fold[vehicle] == fold
         counts = _counted(driven, is_here & (clock.fold != fold), clock, _shape(learned))
         for column, of in zip(others, counts.of(clock.slot[vehicle[held_out]], cell[held_out]), strict=True):
-            column[held_out] = of
+            column[held_out] = np.take_along_axis(of, of_mode[held_out], axis=1)
     return _Judged(
         clock.day[vehicle], each[:, :m], logsumexp(each[:, m:], axis=1), learned.direction.weight[cell, :m],
         primitive.speed.shape[:, :m], primitive.speed.rate[:, :m] * speed, _Counts(*others),
