@@ -43,7 +43,7 @@ class Tally(ArrayValue):
         code = code[order]
         first = np.flatnonzero(np.append(True, code[1:] != code[:-1])[: code.size])
         key = key[order[first]]
-        total = np.add.reduceat(value[order], first, axis=0, dtype=np.int64) if first.size else value.astype(np.int64)
+        total = _summed(value, order, first)
         kept = total[:, 0] != 0
         if (total[:, 0] < 0).any() or total[~kept].any():
             raise ValueError("other: expected a part of what it is taken from, got counts that are not in there")
@@ -84,6 +84,17 @@ class Tally(ArrayValue):
 
     def __sub__(self, other: Self) -> Self:
         return self.of(np.concatenate([self.key, other.key]), np.concatenate([self.value, -other.value]))
+
+
+def _summed(value: IntArray, order: IntArray, first: IntArray) -> IntArray:
+    """(m, v) sums of the rows in order, from each of `first` (m,) to the next; most are of one row."""
+    size = np.diff(np.append(first, order.size))
+    total = value[order[first]].astype(np.int64)
+    several = size > 1
+    if several.any():
+        begin = np.cumsum(size[several]) - size[several]
+        total[several] = np.add.reduceat(value[order[np.repeat(several, size)]], begin, axis=0, dtype=np.int64)
+    return total
 
 
 def ranked(values: IntArray) -> tuple[IntArray, IntArray]:

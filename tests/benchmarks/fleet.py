@@ -183,7 +183,7 @@ def columns(n_rows: int) -> None:
 
 
 def workers(n_logs: int) -> None:
-    """Rows a second of `dirprim store add` from logs of 100,000 rows each, by one process and by two."""
+    """Rows a second of `dirprim store add` from logs of 100,000 rows each, by one process and by two; their memory."""
     tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
     with tempfile.TemporaryDirectory() as folder:
         for i in range(n_logs):
@@ -199,6 +199,10 @@ def workers(n_logs: int) -> None:
             print(
                 f"processes {n}: {n_rows / took[-1] / 1e6:.3f} M rows/s, {took[-1]:.1f} s with their start", flush=True
             )
+    of_worker = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    print(
+        f"{n_rows} rows: a worker took at most {of_worker:.0f} MiB; the client, which made the logs, {most_mib():.0f}"
+    )
     print(
         f"two are {took[0] / took[1]:.2f} times as fast as one; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     )
