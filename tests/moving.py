@@ -80,6 +80,31 @@ def squares(n_x, n_y, motion, *, side=SIDE):
     )  # fmt: skip
 
 
+def ring_road(radius, *, pace, swing, back, shape, side=4.0):
+    """A ring around the origin, driven counter-clockwise: speeds return to pace + swing sin(angle) at the rate `back`.
+
+    A grid of cells, in each a manoeuvre along the circles around the origin, to first order; first speeds are of a
+    gamma of this shape, of mean `pace`.
+    """
+    n = 2 * int(np.ceil((radius + 3.0) / side))
+    centre = side * (np.stack(np.meshgrid(*[np.arange(n) - n / 2 + 0.5] * 2), axis=-1).reshape(-1, 2))
+    x, y = centre.T
+    course, bend = np.arctan2(x, -y), np.column_stack([-y, x]) / (x**2 + y**2)[:, None]
+    to_pace = [back * (pace + swing * y / radius), 0 * x, 0 * x + back * swing / radius, 0 * x - back]
+    motion = motion_by_hand(np.arange(n * n), course=course, bend=bend, acceleration=np.column_stack(to_pace))
+    made = squares(n, n, motion, side=side)
+    column = np.ones((n * n + 1, 1))
+    return replace(
+        made,
+        tessellation=replace(made.tessellation, origin=np.full(2, -side * n / 2)),
+        direction=VonMisesMixture(
+            weight=column, mean_direction=np.append(course, 0.0)[:, None], concentration=1e4 * column
+        ),
+        bend=np.append(bend, np.zeros((1, 2)), axis=0)[:, None],
+        speed=Gamma(shape=shape * column, rate=shape / pace * column),
+    )
+
+
 def only_places(primitive_map):
     """The same map, whose place-free manoeuvres no vehicle takes up where a cell has its own."""
     return replace(primitive_map, motion=replace(primitive_map.motion, strength=NOTHING))

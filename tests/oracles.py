@@ -1,7 +1,7 @@
 """Slow and obvious twins of what the package computes fast."""
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg, sparse, stats
 from scipy.special import logsumexp
 
 
@@ -128,6 +128,86 @@ def kalman_known_velocity(measured, dt_s, *, velocity, noise_m, drift):
         means.append(x)
         variances.append(p)
     return np.array(means), np.array(variances), np.array(evidences)
+
+
+def forward_backward(first, fits, ahead, back):
+    """Filtered and smoothed beliefs over bins: by a prior, likelihoods, the transition and its transpose."""
+    filtered, smoothed, later = [], [], np.ones_like(first)
+    for k, fits_now in enumerate(fits):
+        belief = (ahead(filtered[-1]) if k else first) * fits_now
+        filtered.append(belief / belief.sum())
+    for belief, fits_now in zip(filtered[::-1], fits[::-1], strict=True):
+        smoothed.append(belief * later / (belief * later).sum())
+        later = back(later * fits_now)
+        later /= later.max()
+    return filtered, smoothed[::-1]
+
+
+def split_between_bins(arc, speed):
+    """Sparse moves of mass to (n, m, k) places in bins, split between the two nearest of either axis; arcs close."""
+    n, m, n_pushes = arc.shape
+    i, j = np.floor(arc).astype(np.int64), np.floor(speed.clip(0, m - 1.001)).astype(np.int64)
+    f, g = arc - i, speed.clip(0, m - 1.001) - j
+    corners = [(0, 0, (1 - f) * (1 - g)), (0, 1, (1 - f) * g), (1, 0, f * (1 - g)), (1, 1, f * g)]
+    to = [(((i + a) % n * m + j + b) * n_pushes + np.arange(n_pushes)).ravel() for a, b, _ in corners]
+    share = np.concatenate([part.ravel() for _, _, part in corners])
+    return sparse.csr_array((share, (np.concatenate(to), np.tile(np.arange(arc.size), 4))), shape=(arc.size, arc.size))
+
+
+def ring_forward_backward(
+    seen, dt_s, *, radius, acceleration, push, push_rate, first_speed, noise_m, bin_m, speeds, steps=5, coins=4
+):
+    """A histogram Bayes filter and forward-backward of a vehicle on a ring road, over arc, speed and push.
+
+    The push, an Ornstein-Uhlenbeck process, is that of fair coins which are turned: half before, half after the vehicle
+    moves. Mass that lands between two bins is split, on average a drift of bin_m^2 / (6 dt_s) m^2/s.
+
+    Args:
+        seen: (n, 2) measured positions, NaN where there is none.
+        dt_s: seconds from one to the next.
+        radius: metres, of the ring around the origin, driven counter-clockwise.
+        acceleration: m/s^2, of arc and speed.
+        push: m/s^2, its standard deviation.
+        push_rate: 1/s.
+        first_speed: prior density.
+        noise_m: metres, of a measured position in each axis.
+        bin_m: metres, about the size of a bin.
+        speeds: (m,) m/s, evenly spaced.
+        steps: of dt_s, in which the law is integrated.
+        coins: so many.
+
+    Returns:
+        Filtered and smoothed (n, 4): mean angle and standard deviation of the arc, mean and deviation of the speed.
+    """
+    n, heads = round(2 * np.pi * radius / bin_m), np.arange(coins + 1)
+    angle = 2 * np.pi / n * np.arange(n)
+    arc, v, a = np.meshgrid(radius * angle, speeds, push * (2 * heads - coins) / np.sqrt(coins), indexing="ij")
+    shape, h = arc.shape, dt_s / steps
+    for _ in range(steps):
+        later = v + h * (acceleration(arc, v) + a)
+        arc, v = arc + h * (v + later) / 2, later
+    moves = split_between_bins(arc / (radius * angle[1]), (v - speeds[0]) / (speeds[1] - speeds[0]))
+    turned = (1 - np.exp(-push_rate * dt_s / 2)) / 2
+    kept, new = ([stats.binom.pmf(np.arange(k + 1), k, p) for k in heads] for p in (1 - turned, turned))
+    turns = np.array([np.convolve(kept[k], new[coins - k]) for k in heads])
+    ring = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    off = ((seen[:, None] - ring) ** 2).sum(axis=2) / noise_m**2
+    beliefs = forward_backward(
+        np.ones(shape) * first_speed(speeds)[:, None] * stats.binom.pmf(heads, coins, 0.5),
+        np.nan_to_num(np.exp(-0.5 * off), nan=1.0)[..., None, None],
+        lambda belief: (moves @ (belief @ turns).ravel()).reshape(shape) @ turns,
+        lambda later: (moves.T @ (later @ turns.T).ravel()).reshape(shape) @ turns.T,
+    )
+    return [on_average(np.array(of), angle, radius, speeds) for of in beliefs]
+
+
+def on_average(belief, angle, radius, speeds):
+    """(k, 4) mean angle and standard deviation of the arc, mean and deviation of the speed, of (k, n, m, pushes)."""
+    of_angle, of_speed = belief.sum(axis=(2, 3)), belief.sum(axis=(1, 3))
+    mean = np.angle(of_angle @ np.exp(1j * angle))
+    away = np.angle(np.exp(1j * (angle - mean[:, None])))
+    arc_std, mean_speed = radius * np.sqrt((of_angle * away**2).sum(axis=1)), of_speed @ speeds
+    return np.column_stack([mean, arc_std, mean_speed, np.sqrt(of_speed @ speeds**2 - mean_speed**2)])
 
 
 def fit(motion, z, center, extent, place, direction, speed):  # noqa: PLR0917

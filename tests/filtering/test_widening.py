@@ -8,32 +8,36 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, _widening
 from situations import one_cell_map
 
-N, NOISE_M, SLOT = 1000, 0.5, np.array([0])
-FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
+N, NOISE_M, SEEDS = 1000, 0.5, range(20)
 FAR = 3.7  # standard deviations of the belief's place: two of ten thousand particles get there
 
 
 @pytest.fixture(scope="module")
-def model():
-    return one_cell_map(concentration=5.0, shape=10.0)
+def bayes():
+    """One filter for all tests: each places beliefs of its own."""
+    model = one_cell_map(concentration=5.0, shape=10.0)
+    made = ParticleFilter(model, FilterConfig(n_particles=N, noise_m=NOISE_M, outlier_probability=1e-12))
+    made.reserve(len(SEEDS))
+    return made
 
 
-def believed(model, mean, covariance, *, seed, speed=None):
-    """A filter that believes a Gaussian of x, y and their rates."""
-    bayes = ParticleFilter(model, FilterConfig(n_particles=N, noise_m=NOISE_M, outlier_probability=1e-12))
-    bayes.place(SLOT, np.array([seed], np.uint64), np.array([mean]), np.array([covariance]))
-    return bayes
+def believe(bayes, mean, covariance, *, seeds):
+    """A Gaussian of x, y and their rates in a slot for each seed; -> the particles."""
+    n = len(seeds)
+    bayes.place(np.arange(n), np.array(seeds, np.uint64), np.tile(mean, (n, 1)), np.tile(covariance, (n, 1, 1)))
+    return bayes.belief.cloud
 
 
-def weigh(bayes, place):
-    return bayes.weigh(SLOT, Detections(track_id=["a"], time_ns=[0], position=[place]))
+def weigh(bayes, place, *, n=1):
+    seen = Detections(track_id=[f"{i}" for i in range(n)], time_ns=np.zeros(n, np.int64), position=[place] * n)
+    return bayes.weigh(np.arange(n), seen)
 
 
-def moments(bayes):
+def moments(cloud, slot):
     """Of x and speed, by weight: mean (2,), covariance (2, 2)."""
-    cloud = bayes.belief.cloud
-    state = np.column_stack([cloud.position[0, :, 0], cloud.speed[0]])
-    return np.average(state, axis=0, weights=cloud.weight[0]), np.cov(state.T, aweights=cloud.weight[0], ddof=0)
+    state = np.column_stack([cloud.position[slot, :, 0], cloud.speed[slot]])
+    weight = cloud.weight[slot]
+    return np.average(state, axis=0, weights=weight), np.cov(state.T, aweights=weight, ddof=0)
 
 
 def after_a_gap():
@@ -46,47 +50,43 @@ def after_a_gap():
     return mean, covariance, z, np.array([0.0, 12.0]) + gain * z, exact
 
 
-def updated(model, seeds):
+def updated(bayes):
     mean, covariance, z, *_ = after_a_gap()
-    found = []
-    for seed in seeds:
-        bayes = believed(model, mean, covariance, seed=seed)
-        weigh(bayes, [z, 0.0])
-        found.append(moments(bayes))
-    return [np.array(column) for column in zip(*found, strict=True)]
+    cloud = believe(bayes, mean, covariance, seeds=SEEDS)
+    weigh(bayes, [z, 0.0], n=len(SEEDS))
+    return [np.array(column) for column in zip(*(moments(cloud, s) for s in range(len(SEEDS))), strict=True)]
 
 
-def test_a_vehicle_found_where_hardly_a_particle_is_has_the_belief_that_bayes_says(model, monkeypatch):
+def test_a_vehicle_found_where_hardly_a_particle_is_has_the_belief_that_bayes_says(bayes, monkeypatch):
     *_, exact_mean, exact = after_a_gap()
 
-    def nees(seeds):
+    def nees():
         """Mean squared error of the means in units of the stated and the exact covariance: 2 more than exact."""
-        means, covariances = updated(model, seeds)
+        means, covariances = updated(bayes)
         off = means - exact_mean
         stated = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances + 1e-9 * np.eye(2)), off)
         return float(np.median(stated)), float(np.median(covariances[:, 1, 1] / exact[1, 1]))
 
-    error, spread = nees(range(20))
+    error, spread = nees()
     assert error < 1.5  # half of what an error drawn from the belief has
     assert 0.5 < spread < 1.5
     monkeypatch.setattr(_widening, "FEW", 0.0)
-    error, spread = nees(range(20))
+    error, spread = nees()
     assert error > 3.0
     assert spread < 0.5
 
 
-def test_where_many_particles_come_near_none_is_moved(model):
+def test_where_many_particles_come_near_none_is_moved(bayes):
     mean, covariance, *_ = after_a_gap()
-    bayes = believed(model, mean, covariance / 25.0, seed=0)
-    before = bayes.belief.cloud.position[0].copy()
+    cloud = believe(bayes, mean, covariance / 25.0, seeds=[0])
+    before = cloud.position[0].copy()
     assert not weigh(bayes, [0.5, 0.0]).is_moved.any()
-    np.testing.assert_array_equal(bayes.belief.cloud.position[0], before)
+    np.testing.assert_array_equal(cloud.position[0], before)
 
 
-def test_of_a_belief_with_two_arms_the_other_arm_gets_no_particle(model):
+def test_of_a_belief_with_two_arms_the_other_arm_gets_no_particle(bayes):
     mean, covariance, *_ = after_a_gap()
-    bayes = believed(model, mean, covariance / 16.0, seed=3)
-    cloud = bayes.belief.cloud
+    cloud = believe(bayes, mean, covariance / 16.0, seeds=[3])
     cloud.position[0, :, 1] += np.where(np.arange(N) % 2 == 0, 8.0, -8.0)
     cloud.direction[0] += np.where(np.arange(N) % 2 == 0, 0.8, -0.8)
     assert weigh(bayes, [3.2, 8.0]).is_moved.all()
@@ -96,20 +96,19 @@ def test_of_a_belief_with_two_arms_the_other_arm_gets_no_particle(model):
     assert (cloud.direction[0, near] > 0.4).all()
 
 
-def test_an_outlier_and_a_measurement_that_nothing_explains_move_nothing(model):
+def test_an_outlier_and_a_measurement_that_nothing_explains_move_nothing(bayes):
     mean, covariance, *_ = after_a_gap()
-    bayes = believed(model, mean, covariance, seed=4)
-    before = bayes.belief.cloud.position[0].copy()
+    cloud = believe(bayes, mean, covariance, seeds=[4])
+    before = cloud.position[0].copy()
     evidence = weigh(bayes, [300.0, 0.0])
     assert evidence.is_unexplained.all()
     assert not evidence.is_moved.any()
-    np.testing.assert_array_equal(bayes.belief.cloud.position[0], before)
+    np.testing.assert_array_equal(cloud.position[0], before)
 
 
-def test_who_stands_keeps_standing(model):
+def test_who_stands_keeps_standing(bayes):
     mean, covariance, *_ = after_a_gap()
-    bayes = believed(model, mean, covariance, seed=5)
-    cloud = bayes.belief.cloud
+    cloud = believe(bayes, mean, covariance, seeds=[5])
     cloud.speed[0, ::2] = 0.0
     before = cloud.direction[0].copy()
     assert weigh(bayes, [10.0, 0.0]).is_moved.all()
