@@ -61,6 +61,19 @@ def test_intact_chunks_are_taken_over_byte_for_byte(tmp_path, compression):
     assert sum(type(record).__name__ == "Message" for record in streamed(tmp_path / "b.mcap")) == recovery.saved
 
 
+def test_a_chunk_whose_header_begins_too_late_is_written_anew(tmp_path):
+    """The Summary section knows when it begins, so nothing is lost; copied as it stands the output would be damaged."""
+    data = bytearray(log_bytes(SENT, chunk_size=1000))
+    at = data.index(chunks(bytes(data))[3]) + 9
+    data[at : at + 8] = (2**49).to_bytes(8, "little")
+    (tmp_path / "a.mcap").write_bytes(data)
+    recovery = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert (recovery.lost, recovery.chunks_rewritten) == (0, 1)
+    with scan(tmp_path / "b.mcap") as log:
+        assert sum(1 for _ in log) == len(SENT)
+        assert log.damage == []
+
+
 def test_the_summary_tells_what_is_there(tmp_path):
     buffer = io.BytesIO()
     writer = Writer(buffer, chunk_size=300)

@@ -17,7 +17,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from dirprim_filter.arrays import AnyArray
-from dirprim_filter.recording.container.chunk import Chunk
+from dirprim_filter.recording.container.chunk import Chunk, chunk_at
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.definitions import definition_records
 from dirprim_filter.recording.container.errors import DamagedRecordingError
@@ -162,9 +162,12 @@ class _Copier:
         return is_record and chunk.end == chunk.claimed_end == record_end(file, chunk.offset)
 
     def _copy(self, chunk: Chunk, columns: MessageColumns) -> bool:
-        """Take it over as it stands; False where its times, or an id in it, say something else than they should."""
-        times = columns.log_time_ns
-        if len(columns) and (int(times[0]), int(times[-1])) != (chunk.start_ns, chunk.end_ns):
+        """Take it over as it stands; False where its times, or an id in it, say something else than they should.
+
+        The times of its own header: those of `chunk` are the Summary section's where these begin sooner.
+        """
+        times, own = columns.log_time_ns, chunk_at(self.file, chunk.offset)
+        if own is None or (len(columns) and (int(times[0]), int(times[-1])) != (own.start_ns, own.end_ns)):
             return False
         ids = _channel_ids(columns)
         pairs = np.unique(np.column_stack([ids, columns.channel]), axis=0).tolist()
