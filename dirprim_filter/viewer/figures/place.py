@@ -115,14 +115,15 @@ class Place:
         return self.primitives.primitive_at(self.position).speed
 
     def modes(self) -> list[Mode]:
-        """What vehicles do here while they move, the most frequent first; the place-free primitive is not among it."""
-        direction, speed = self.direction, self.speed
-        shown = np.flatnonzero((moving_rows(self.primitives)[self.cell] > 0) & (direction.weight >= LEAST_WEIGHT))
-        order = shown[np.argsort(-direction.weight[shown], kind="stable")]
+        """The cell's own modes of vehicles that move, the most frequent first."""
+        direction, speed, weight = self.direction, self.speed, self.primitives.own_weight[self.cell]
+        moves = moving_rows(self.primitives)[self.cell, : weight.size] > 0
+        shown = np.flatnonzero(moves & (weight >= LEAST_WEIGHT))
+        order = shown[np.argsort(-weight[shown], kind="stable")]
         return [
             Mode(
                 number=number,
-                weight=float(direction.weight[m]),
+                weight=float(weight[m]),
                 mean_direction=float(direction.mean_direction[m]),
                 concentration=float(direction.concentration[m]),
                 speed=speed[int(m)],
