@@ -41,10 +41,10 @@ def futures(primitive_map, place, speed, *, interaction="leader", time_s=(1.0, 5
 
 def test_nobody_drives_through_a_queue_but_who_heeds_nobody():
     place, speed = [100.0, 60.0, 20.0], [0.0, 10.0, 10.0]
-    heeding = futures(road(start_rate=(0.0, 0.0, 0.0)), place, speed)
-    standing = heeding[0, :, -1] < 101.0
-    assert (heeding[1, standing, -1] < 96.0).all()
-    assert (heeding[2, standing, -1] < heeding[1, standing, -1] - 4.0).all()
+    responding = futures(road(start_rate=(0.0, 0.0, 0.0)), place, speed)
+    standing = responding[0, :, -1] < 101.0
+    assert (responding[1, standing, -1] < 96.0).all()
+    assert (responding[2, standing, -1] < responding[1, standing, -1] - 4.0).all()
     alone = futures(road(), place, speed, interaction="none")
     assert (alone[1, :, -1] > 105.0).all()
 
@@ -127,14 +127,14 @@ def last_places(frames, interaction, sensor=None):
 
 def test_who_is_out_of_sight_is_believed_to_do_what_its_leader_has_it_do():
     """The mean of six logs, each some 3 m about its own: farther off by chance once in ten thousand times."""
-    heeding = [last_places(reported(seed=seed), "leader") for seed in range(6)]
+    responding = [last_places(reported(seed=seed), "leader") for seed in range(6)]
     alone = last_places(reported(), "none")
     assert alone[1] == pytest.approx(30.0 + 65.0, abs=4.0)
     braking = 30.0 + 65.0 - 2.0 * 3.0**2 / 2
     # It has driven on while it was seen, against what its leader has it do: so it is believed to be somewhat slower.
-    assert np.mean([places[1] for places in heeding]) == pytest.approx(braking - 5.0, abs=5.0)
-    assert heeding[0][0] == alone[0] == pytest.approx(60.0 + 65.0, abs=0.5)
-    assert last_places(reported((1, 0)), "leader") == heeding[0]
+    assert np.mean([places[1] for places in responding]) == pytest.approx(braking - 5.0, abs=5.0)
+    assert responding[0][0] == alone[0] == pytest.approx(60.0 + 65.0, abs=0.5)
+    assert last_places(reported((1, 0)), "leader") == responding[0]
     lonely = [frame[frame.track_id == 1] for frame in reported()[:8]]
     assert last_places(lonely, "leader") == last_places(lonely, "none")
 
