@@ -176,7 +176,7 @@ class ParticleFilter:
         judged.is_moved[:] = ~judged.is_unexplained & (n_near < _widening.FEW * after.shape[1])
         few = np.flatnonzero(judged.is_moved)
         per_vehicle = (slot[few], before[few], columns[few])
-        self._split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=300.0)
+        self._split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=80.0)
         return judged
 
     def _judged(self, evidence: FloatArray) -> Evidence:
