@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -62,15 +63,23 @@ def _seen_before(tracks: Tracks, group: IntArray, time_ns: IntArray) -> tuple[In
     """Rows of an instant's group within `LONGEST_UNSEEN_S` before it, in order of time; and the instant of each."""
     unseen_ns = int(LONGEST_UNSEEN_S * 1e9)
     rows, instants = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-    by_group, row_by_group = np.argsort(group, kind="stable"), np.argsort(tracks.group, kind="stable")
-    asked, groups = group[by_group], tracks.group[row_by_group]
-    for one in np.unique(group).tolist():
-        wanted = by_group[slice(*np.searchsorted(asked, [one, one + 1]))]
-        own = row_by_group[slice(*np.searchsorted(groups, [one, one + 1]))]
-        seen_ns = tracks.time_ns[own]
-        begin = np.searchsorted(seen_ns, time_ns[wanted] - unseen_ns)
-        count = np.searchsorted(seen_ns, time_ns[wanted], side="right") - begin
-        since = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        rows.append(own[np.repeat(begin, count) + since])
-        instants.append(np.repeat(wanted, count))
+    of_group = dict(rows_of_groups(tracks.group))
+    for one, wanted in rows_of_groups(group):
+        own = of_group.get(one, np.empty(0, np.int64))
+        seen_ns, asked_ns = tracks.time_ns[own], time_ns[wanted]
+        begin = np.searchsorted(seen_ns, asked_ns - unseen_ns)
+        count = np.searchsorted(seen_ns, asked_ns, side="right") - begin
+        row = np.repeat(begin, count) + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        rows.append(row if isinstance(own, slice) else own[row])
+        instants.append(np.repeat(np.arange(time_ns.size)[wanted], count))
     return np.concatenate(rows), np.concatenate(instants)
+
+
+def rows_of_groups(group: IntArray) -> Iterator[tuple[int, IntArray | slice]]:
+    """Each group, ascending, and its rows, (n,) of each row's group: most logs have one, of which nothing is copied."""
+    if group.size and (group == group[0]).all():
+        yield int(group[0]), slice(None)
+        return
+    order = np.argsort(group, kind="stable")
+    groups, first = np.unique(group[order], return_index=True)
+    yield from zip(groups.tolist(), np.split(order, first[1:]), strict=True)

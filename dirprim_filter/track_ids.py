@@ -98,9 +98,9 @@ def _numbers_of(key: AnyArray) -> IntArray:
     if key.size:
         low, high = int(key.min()), int(key.max())
         if high - low <= 4 * key.size:  # a table of all keys between costs less than sorting
-            seen = np.zeros(high - low + 1, np.bool_)
-            seen[key - low] = True
-            return np.asarray((np.cumsum(seen) - 1)[key - low], np.int64)
+            seen, at = np.zeros(high - low + 1, np.bool_), key - low if low else key
+            seen[at] = True
+            return np.asarray(at if seen.all() else (np.cumsum(seen) - 1)[at], np.int64)
     return np.asarray(np.unique(key, return_inverse=True)[1], np.int64)
 
 

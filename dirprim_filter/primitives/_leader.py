@@ -82,6 +82,24 @@ def behind(
 
 
 @njit(cache=True, nogil=True)
+def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
+    """Fills (n, 3), see `behind`: the leader, straight on, of each vehicle of each instant.
+
+    Args:
+        state: (n, 4) place, direction and speed.
+        first: (i + 1,) instant i has the vehicles from first[i] to first[i + 1].
+        seen: to be filled.
+    """
+    straight = np.zeros(len(state))
+    for i in range(first.size - 1):
+        a, b = first[i], first[i + 1]
+        here = state[a:b]
+        others = here.reshape((1, b - a, 4))
+        behind(others, -1, here[:, :2], here[:, 2], straight[a:b], seen[a:b])
+        seen[a:b, 2] += a
+
+
+@njit(cache=True, nogil=True)
 def bends(table: MotionTable, manoeuvre: IntArray, direction: FloatArray, curvature: FloatArray) -> None:
     """Fills (n,) 1/m: the arc that each particle is about to drive, by its manoeuvre."""
     for p in range(direction.size):

@@ -7,14 +7,13 @@ for pedestrians on a square, vehicles do not respond to leaders.
 from __future__ import annotations
 
 import logging
-from itertools import pairwise
 from typing import NamedTuple, Self
 from zlib import crc32
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.instants import Instants
+from dirprim_filter.instants import Instants, rows_of_groups
 from dirprim_filter.primitives import _leader
 from dirprim_filter.primitives._leader import FAR_M, SLOW, STARTS_BEHIND_M
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
@@ -65,8 +64,10 @@ class LeaderSums(NamedTuple):
         now = Instants.of(tracks, group, time_ns)
         later = Instants.of(tracks, group, time_ns + int(AHEAD_S * 1e9))
         speed, row = now.state[:, 3], later.rows_of(now.instant, now.vehicle)
+        seen = np.empty((len(now.state), 3))
+        _leader.ahead_of_each(now.state, now.first, seen)
         gained = np.where(row >= 0, np.append(later.state[:, 3], 0.0)[row] - speed, np.nan)
-        seen, stands = _seen(now), speed < STANDING_BELOW
+        stands = speed < STANDING_BELOW
         follows = (seen[:, 0] < FAR_M) & ~stands & np.isfinite(gained)
         feature = np.empty((int(follows.sum()), N_FEATURES))
         _leader.descriptions(speed[follows], seen[follows], feature)
@@ -148,8 +149,8 @@ def _grid(tracks: Tracks) -> tuple[IntArray, IntArray]:
     """Groups and times of instants `EVERY_S` apart, from each group's first row on; of a long log fewer."""
     every_ns = int(EVERY_S * 1e9)
     groups, times = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-    for group in np.unique(tracks.group):
-        own = tracks.time_ns[tracks.group == group]
+    for group, rows in rows_of_groups(tracks.group):
+        own = tracks.time_ns[rows]
         number = (own - own[0]) // every_ns  # ascending
         seen = number[np.append(True, number[1:] != number[:-1])]  # a log may pause for days
         times.append(own[0] + seen * every_ns)
@@ -157,13 +158,3 @@ def _grid(tracks: Tracks) -> tuple[IntArray, IntArray]:
     group_of, time_ns = np.concatenate(groups), np.concatenate(times)
     stride = max(-(-time_ns.size // MOST_INSTANTS), 1)
     return group_of[::stride], time_ns[::stride]
-
-
-def _seen(now: Instants) -> FloatArray:
-    """(n, 3) gap and speed of each vehicle's leader, straight on, and its row; see `_leader.behind`."""
-    seen = np.empty((len(now.state), 3))
-    for a, b in pairwise(now.first.tolist()):
-        here = now.state[a:b]
-        _leader.behind(here[None], -1, here[:, :2], here[:, 2], np.zeros(b - a), seen[a:b])
-        seen[a:b, 2] += a
-    return seen

@@ -16,7 +16,7 @@ from dirprim_filter.recording.container.source import copy_in_parts, drop_copy
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.lattice import unpacked
+from dirprim_filter.store.lattice import square_of
 from dirprim_filter.store.log_files import LogFile
 from dirprim_filter.store.manifest import Entry, new_file
 from dirprim_filter.store.steps import HERE
@@ -114,7 +114,7 @@ def summarise_log(log: LogFile, *, config: StoreConfig, folder: Path) -> Receipt
     entry = Entry(
         url=log.url, size=log.size, mark=log.mark, rows=rows, n_rows=len(read.tracks),
         n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
-        n_squares=len(np.unique(unpacked(summary.steps.key[:, HERE])[0], axis=0)), config=config.digest,
+        n_squares=np.unique(square_of(summary.steps.key[:, HERE])).size, config=config.digest,
         status="damaged" if read.losses.damage or read.losses.lost else "whole",
     )  # fmt: skip
     return Receipt(log, entry, read.frame, "")

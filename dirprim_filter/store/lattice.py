@@ -11,13 +11,13 @@ from dirprim_filter.arrays import FloatArray, IntArray
 
 NONE = -1
 """In the place of a state: there is none."""
-N_SQUARES = 1 << 24
-"""In each axis."""
-N_BINS = 1 << 7
-"""At most, of direction and of speed."""
+SQUARE_BITS, BIN_BITS = 24, 7
+N_SQUARES, N_BINS = 1 << SQUARE_BITS, 1 << BIN_BITS
+"""In each axis; and at most, of direction and of speed. Powers of two: division would take most of the time."""
 STANDING_BELOW = 0.3
 """m/s: bin 0 of speed is for vehicles that stand."""
-PARTS = 32
+PART_BITS = 5
+PARTS = 1 << PART_BITS
 """A bin's width in the units of the moments: sums of whole numbers are the same in any order."""
 
 
@@ -71,19 +71,20 @@ class Lattice:
                 f"position: expected coordinates within {half * self.square_m:g} m of the origin, got "
                 f"{np.abs(position).max():g}"
             )
-        turn, of_turn = _binned(np.mod(direction, 2.0 * np.pi) * (self.n_directions / (2.0 * np.pi)))
+        turned = np.where(direction < 0.0, direction + 2.0 * np.pi, direction)
+        turn, of_turn = _binned(turned * (self.n_directions / (2.0 * np.pi)))
         pace, of_pace = _binned((speed - STANDING_BELOW) / self.speed_mps)
         stands = speed < STANDING_BELOW
         of_pace = np.where(stands, np.floor(speed * (PARTS / STANDING_BELOW)).astype(np.int64), of_pace)
         pace = np.where(stands, 0, np.minimum(pace + 1, N_BINS - 1))
-        state = packed(np.column_stack([east, north]), np.mod(turn, self.n_directions), pace)
+        state = packed(east, north, np.where(turn < self.n_directions, turn, 0), pace)
         return state, Parts(of_east, of_north, of_turn, of_pace)
 
     def motion(self, state: IntArray, parts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions, directions and speeds of states, (n, 4) `PARTS` from the lower edges. -> (n, 2), (n,), (n,)."""
-        square, turn, pace = unpacked(state)
+        east, north, turn, pace = unpacked(state)
         share = parts / PARTS
-        position = (square + share[:, :2]) * self.square_m
+        position = (np.column_stack([east, north]) + share[:, :2]) * self.square_m
         direction = (turn + share[:, 2]) * (2.0 * np.pi / self.n_directions)
         speed = np.where(
             pace == 0, share[:, 3] * STANDING_BELOW, STANDING_BELOW + (pace - 1 + share[:, 3]) * self.speed_mps
@@ -91,23 +92,27 @@ class Lattice:
         return position, direction, speed
 
 
-def packed(square: IntArray, turn: IntArray, pace: IntArray) -> IntArray:
-    """States of squares (n, 2), bins of direction (n,) and bins of speed (n,)."""
-    east, north = square.T + N_SQUARES // 2
-    return np.asarray(((east * N_SQUARES + north) * N_BINS + turn) * N_BINS + pace)
+def packed(east: IntArray, north: IntArray, turn: IntArray, pace: IntArray) -> IntArray:
+    """States of squares, bins of direction and bins of speed. (n,) each."""
+    square = (east + N_SQUARES // 2) * N_SQUARES + (north + N_SQUARES // 2)
+    return np.asarray((square * N_BINS + turn) * N_BINS + pace)
 
 
-def unpacked(state: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Squares (n, 2), bins of direction (n,) and bins of speed (n,) of states."""
-    square = state // (N_BINS * N_BINS)
+def unpacked(state: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Squares east and north, bins of direction and bins of speed of states. (n,) each."""
+    square = square_of(state)
     return (
-        np.column_stack([square // N_SQUARES, square % N_SQUARES]) - N_SQUARES // 2,
-        state // N_BINS % N_BINS,
-        state % N_BINS,
-    )
+        (square >> SQUARE_BITS) - N_SQUARES // 2, (square & (N_SQUARES - 1)) - N_SQUARES // 2,
+        (state >> BIN_BITS) & (N_BINS - 1), state & (N_BINS - 1),
+    )  # fmt: skip
+
+
+def square_of(state: IntArray) -> IntArray:
+    """(n,) a number for the square of each state."""
+    return np.asarray(state >> 2 * BIN_BITS)
 
 
 def _binned(value: FloatArray) -> tuple[IntArray, IntArray]:
     """The bin of each value in units of bins, and where in it."""
     part = np.floor(value * PARTS).astype(np.int64)
-    return part // PARTS, part % PARTS
+    return part >> PART_BITS, part & (PARTS - 1)

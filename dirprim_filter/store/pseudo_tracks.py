@@ -98,7 +98,7 @@ def _placed(steps: Tally, kind: IntArray, number: IntArray) -> FloatArray:
 def _chained(key: IntArray, speed: FloatArray) -> IntArray:
     """(n,) the step that follows each, `NONE` where the vehicle goes out of sight. (n, 4), (n,)."""
     rng = np.random.default_rng(0)  # of the order of those that stand alone
-    stands = unpacked(key[:, HERE])[2] == 0
+    stands = unpacked(key[:, HERE])[3] == 0
     arrives, leaves = np.flatnonzero(key[:, AFTER] != NONE), np.flatnonzero(key[:, BEFORE] != NONE)
     among = [np.where(stands, rng.random(stands.size), speed) for _ in range(2)]
     arrives = arrives[np.lexsort((among[0][arrives], *key[arrives][:, [AFTER, HERE, WHEN]].T))]

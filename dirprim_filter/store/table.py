@@ -160,9 +160,7 @@ def _check(version: object, n_rows: int) -> None:
 def _counts(about: Any, of: dict[str, dict[str, IntArray]]) -> Counts:
     step, passed, leader = (of[which] for which in KINDS)
     when = packed_when(step["hour"], step["fold"], step["ticks"], Lattice(**about["lattice"]))
-    place = packed(
-        np.column_stack([passed["east"], passed["north"]]), passed["direction"], np.zeros_like(passed["east"])
-    )
+    place = packed(passed["east"], passed["north"], passed["direction"], np.zeros_like(passed["east"]))
     return Counts(
         Tally.of(when[:, None], step["count"][:, None]),
         Tally.of(place[:, None], passed["count"][:, None]),
@@ -172,7 +170,7 @@ def _counts(about: Any, of: dict[str, dict[str, IntArray]]) -> Counts:
 
 def _steps(lattice: Lattice, step: dict[str, IntArray]) -> Tally:
     when = packed_when(step["hour"], step["fold"], step["ticks"], lattice)
-    state = packed(np.column_stack([step["east"], step["north"]]), step["direction"], step["speed"])
+    state = packed(step["east"], step["north"], step["direction"], step["speed"])
     begins = step["begins"] != 0
     if not begins[:1].all():
         raise ValueError("a first step that another came before")
@@ -190,22 +188,17 @@ def _of_steps(summary: Summary) -> dict[str, IntArray]:
     again[first] = False
     value[again] = 0
     value[:, 0] = 1
-    keys = (key[:, BEFORE] == NONE, *unpacked_when(key[:, WHEN], summary.lattice), *_bins(key[:, HERE]))
+    keys = (key[:, BEFORE] == NONE, *unpacked_when(key[:, WHEN], summary.lattice), *unpacked(key[:, HERE]))
     return dict(zip(COLUMNS, [*keys, *value.T], strict=True))
 
 
 def _of_passed(passed: Tally) -> dict[str, IntArray]:
-    east, north, way, _ = _bins(passed.key[:, 0])
+    east, north, way, _ = unpacked(passed.key[:, 0])
     return {"east": east, "north": north, "direction": way, "count": passed.value[:, 0]}
 
 
 def _of_leader(leader: Tally) -> dict[str, IntArray]:
     return {"east": leader.key[:, 0], "count": leader.value[:, 0], "sum_east": leader.value[:, 1]}
-
-
-def _bins(state: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    square, turn, pace = unpacked(state)
-    return square[:, 0], square[:, 1], turn, pace
 
 
 def _pyarrow() -> tuple[Any, Any]:

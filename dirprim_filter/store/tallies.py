@@ -8,7 +8,8 @@ from typing import Self
 
 import numpy as np
 
-from dirprim_filter.arrays import ArrayValue, IntArray
+from dirprim_filter.arrays import AnyArray, ArrayValue, IntArray
+from dirprim_filter.store._counting import summed
 
 BLOCK_KEYS = 1 << 16
 """So many of a tally at a time are added to others."""
@@ -28,12 +29,12 @@ class Tally(ArrayValue):
     value: IntArray
 
     @classmethod
-    def of(cls, key: IntArray, value: IntArray) -> Self:
+    def of(cls, key: IntArray, value: AnyArray) -> Self:
         """The sums of rows, in whatever order; keys that nothing is left of are left out.
 
         Args:
             key: (n, k) of each row.
-            value: (n, v) of each row.
+            value: (n, v) of each row, whole numbers of any width.
 
         Raises:
             ValueError: more is taken away from a key than it has.
@@ -43,7 +44,7 @@ class Tally(ArrayValue):
         code = code[order]
         first = np.flatnonzero(np.append(True, code[1:] != code[:-1])[: code.size])
         key = key[order[first]]
-        total = _summed(value, order, first)
+        total = summed(order, first, np.ascontiguousarray(value))
         kept = total[:, 0] != 0
         if (total[:, 0] < 0).any() or total[~kept].any():
             raise ValueError("other: expected a part of what it is taken from, got counts that are not in there")
@@ -86,17 +87,6 @@ class Tally(ArrayValue):
         return self.of(np.concatenate([self.key, other.key]), np.concatenate([self.value, -other.value]))
 
 
-def _summed(value: IntArray, order: IntArray, first: IntArray) -> IntArray:
-    """(m, v) sums of the rows in order, from each of `first` (m,) to the next; most are of one row."""
-    size = np.diff(np.append(first, order.size))
-    total = value[order[first]].astype(np.int64)
-    several = size > 1
-    if several.any():
-        begin = np.cumsum(size[several]) - size[several]
-        total[several] = np.add.reduceat(value[order[np.repeat(several, size)]], begin, axis=0, dtype=np.int64)
-    return total
-
-
 def ranked(values: IntArray) -> tuple[IntArray, IntArray]:
     """The different values, ascending, and (n,) the place of each among them."""
     order = np.argsort(values)
@@ -111,7 +101,8 @@ def _codes(key: IntArray) -> IntArray:
     """(n,) a number for each key, in the order of the keys: one column sorts many times as fast as several."""
     code, n = np.zeros(len(key), np.int64), 1
     for column in key.T if len(key) else ():
-        low, m = int(column.min()), int(column.max()) - int(column.min()) + 1
+        low = int(column.min())
+        m = int(column.max()) - low + 1
         if n * m > MOST_CODES and m > len(key):
             different, column = ranked(column)  # noqa: PLW2901
             low, m = 0, different.size
