@@ -19,7 +19,7 @@ from numba import njit
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions._elementary import log, sin
-from tessellation._compiling import COMPILED
+from tessellation._compiling import COMPILED, INLINED
 
 UIntArray = npt.NDArray[np.uint64]
 
@@ -67,7 +67,7 @@ _END, _BELL = _layers()
 _LAYER_BITS = np.uint64(_LAYERS - 1)
 
 
-@njit(inline="always", **COMPILED)
+@njit(**COMPILED | INLINED)
 def bits(state: UIntArray) -> np.uint64:
     """64 random bits."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]

@@ -50,7 +50,7 @@ def predict(
         h = dt_s[i] / n_looks
         for look in range(n_looks):
             n_near, itself = vehicles_near(cloud.position[v], others[0], own[i], since_s[i] + look * h, there[0])
-            look_ahead(table, response, cloud, v, there[:, :n_near], itself, curvature, seen, led)
+            look_ahead(table, response, cloud, v, there, n_near, itself, curvature, seen, led)
             for p in range(n):
                 if cloud.manoeuvre[v, p] >= table.begin[-1]:
                     led[p, 0], led[p, 1], led[p, 2] = 0.0, 1.0, 0.0
@@ -102,7 +102,7 @@ def predict_paths(
                         world[p, v, 0], world[p, v, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
                         world[p, v, 2], world[p, v, 3] = cloud.direction[v, p], cloud.speed[v, p]
                 for v in range(n_vehicles):
-                    look_ahead(table, response, cloud, v, world, v, curvature, seen, led[v])
+                    look_ahead(table, response, cloud, v, world, n_vehicles, v, curvature, seen, led[v])
             for v in range(n_vehicles):
                 step(table, cloud, v, led[v], dt_s[t] / n_looks)
         for v in range(n_vehicles):
@@ -112,16 +112,16 @@ def predict_paths(
 
 @njit(cache=True, nogil=True)
 def look_ahead(
-    table: MotionTable, response: LeaderTable, cloud: Cloud, v: int, others: FloatArray, own: int,
-    curvature: FloatArray, seen: FloatArray, led: FloatArray,
+    table: MotionTable, response: LeaderTable, cloud: Cloud, v: int, others: FloatArray, n_others: int,
+    own: int, curvature: FloatArray, seen: FloatArray, led: FloatArray,
 ) -> None:  # fmt: skip
     """How the particles of a vehicle respond to their leaders: fills `led`, see `_motion.move`."""
     _leader.bends(table, cloud.manoeuvre[v], cloud.direction[v], curvature)
-    _leader.behind(others, own, cloud.position[v], cloud.direction[v], curvature, seen)
+    _leader.behind(others, n_others, own, cloud.position[v], cloud.direction[v], curvature, seen)
     _leader.respond(response, cloud.speed[v], cloud.push[v], seen, led)
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always", cache=True, nogil=True)  # by itself it would compile all of `move` once more
 def step(table: MotionTable, cloud: Cloud, v: int, led: FloatArray, dt_s: float) -> None:
     """Move the particles of one vehicle."""
     state = cloud.state[v].copy()  # of its own memory, or threads would count references to one array in turns
@@ -129,4 +129,5 @@ def step(table: MotionTable, cloud: Cloud, v: int, led: FloatArray, dt_s: float)
         table, cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.cell[v], cloud.manoeuvre[v],
         cloud.push[v], led, dt_s, state,
     )  # fmt: skip
-    cloud.state[v] = state
+    for word in range(state.size):  # a slice would compile numba's strings for its error
+        cloud.state[v, word] = state[word]

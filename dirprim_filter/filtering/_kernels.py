@@ -13,7 +13,7 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._blocks import ROWS
-from dirprim_filter.distributions._elementary import squared_sine
+from dirprim_filter.distributions._elementary import EXACT, squared_sine
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _map_kernels, _motion
 from dirprim_filter.primitives._manoeuvres import MotionTable
@@ -36,7 +36,7 @@ class Cloud(NamedTuple):
     state: UIntArray  # (V, 4) of the random numbers
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, **EXACT)
 def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> None:
     """Look up the cell of every particle, and draw a manoeuvre that fits its direction and speed."""
     for v in vehicle:
@@ -47,21 +47,13 @@ def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> No
 
 
 @njit(cache=True, nogil=True)
-def initialise(
-    table: MotionTable, primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray,
-    noise: float,
-) -> None:  # fmt: skip
-    """Initialise a belief from one measurement: positions around it, direction and speed from the primitive there."""
-    scatter(primitives, cloud, vehicle, key, measured, noise, table.place_free_share)
-    initialise_motion(table, cloud, vehicle)
-
-
-@njit(cache=True, nogil=True)
 def scatter(
     primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float,
     place_free_share: float,
 ) -> None:  # fmt: skip
-    """All of `initialise` but cells and manoeuvres.
+    """Initialise a belief from one measurement: positions around it, direction and speed from the primitive there.
+
+    `initialise_motion` then looks up the cells and draws manoeuvres.
 
     A share of the particles has a place-free speed: else the belief about a vehicle that creeps where others drove fast
     is wrong from the start, and again whenever it is begun anew.
@@ -86,7 +78,7 @@ def scatter(
 @njit(cache=True)
 def draw_place_free_speed(primitives: MapTable, state: UIntArray) -> float:
     """A draw from the speeds of all places together."""
-    j = _map_kernels.mode_of(primitives, -1, random.uniform(state))
+    j = _map_kernels.mode_of(primitives, np.int64(-1), random.uniform(state))  # a literal would compile it twice
     shape, rate = primitives.mode[j, _map_kernels.SHAPE], primitives.mode[j, _map_kernels.RATE]
     return float(random.draw_gamma(shape, state) / rate)
 
@@ -119,7 +111,10 @@ def effective_sample_size(weight: FloatArray) -> float:
 def systematic(weight: FloatArray, u: float, survivors: IntArray) -> None:
     """Systematic resampling (Kitagawa 1996): particle p survives floor or ceil of n w_p times. Fills how often."""
     n = weight.size
-    share, cumulative, before = n / weight.sum(), 0.0, 0
+    total, cumulative, before = 0.0, 0.0, 0
+    for p in range(n):
+        total += weight[p]
+    share = n / total
     for p in range(n - 1):
         cumulative += weight[p]
         so_far = min(max(math.ceil(cumulative * share - u), before), n)
@@ -154,7 +149,8 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
     soon descend from one that is wrong, and the belief is sure of it.
     """
     n = cloud.position.shape[1]
-    survivors = np.empty(n, np.int64)
+    survivors, column = np.empty(n, np.int64), np.empty(n)
+    turns, runs = bool(np.bool_(True)), bool(np.bool_(False))  # literals would compile it once more, as do views
     for v in vehicle:
         weight = cloud.weight[v]
         effective = effective_sample_size(weight)
@@ -165,10 +161,14 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
         systematic(weight, random.uniform(state), survivors)
         position, direction, speed, push = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.push[v]
         cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
-        wider = bandwidth * spread_of(direction, survivors, True)
-        faster = bandwidth * spread_of(speed, survivors, False)
-        east = bandwidth * spread_of(position[:, 0], survivors, False)
-        north = bandwidth * spread_of(position[:, 1], survivors, False)
+        wider = bandwidth * spread_of(direction, survivors, turns)
+        faster = bandwidth * spread_of(speed, survivors, runs)
+        for p in range(n):
+            column[p] = position[p, 0]
+        east = bandwidth * spread_of(column, survivors, runs)
+        for p in range(n):
+            column[p] = position[p, 1]
+        north = bandwidth * spread_of(column, survivors, runs)
         free = 0
         for a in range(n):
             for _ in range(survivors[a] - 1):
@@ -180,7 +180,8 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
                 speed[free] = max(speed[a] + faster * random.draw_normal(state), 0.0)
                 cell[free], manoeuvre[free], push[free] = cell[a], manoeuvre[a], push[a]
                 free += 1
-        cloud.state[v] = state
+        for word in range(state.size):
+            cloud.state[v, word] = state[word]
         weight[:] = 1.0 / n
 
 

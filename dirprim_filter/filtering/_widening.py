@@ -159,17 +159,24 @@ def draw(
 ) -> None:  # fmt: skip
     """Draw each particle from its kernel, given the measurement, or leave it, as likely as that is an outlier."""
     n, off, gain, root = fit.size, np.empty_like(state), np.empty((N_STATES, 2)), np.zeros((N_STATES, N_STATES))
-    wider, kept = h * h * spread, math.sqrt(1.0 - h * h)
+    wider, kept = np.empty((N_STATES, N_STATES)), math.sqrt(1.0 - h * h)
+    for a in range(N_STATES):  # whole arrays in one expression would take seconds to compile
+        for b in range(N_STATES):
+            wider[a, b] = h * h * spread[a, b]
     xx, xy, yy = wider[0, 0] + r[0, 0], wider[0, 1] + r[0, 1], wider[1, 1] + r[1, 1]
     for a in range(N_STATES):
         gain[a, 0] = (wider[a, 0] * yy - wider[a, 1] * xy) / (xx * yy - xy * xy)
         gain[a, 1] = (wider[a, 1] * xx - wider[a, 0] * xy) / (xx * yy - xy * xy)
-    wider -= gain[:, :1] * wider[0] + gain[:, 1:] * wider[1]
+    for b in range(N_STATES):
+        x, y = wider[0, b], wider[1, b]
+        for a in range(N_STATES):
+            wider[a, b] -= gain[a, 0] * x + gain[a, 1] * y
     factorise(wider, root)
     random_state, normal, even = cloud.state[v].copy(), np.empty(2 * N_STATES * ((n + 1) // 2)), np.empty(n)
     random.fill_normals(normal, random_state)
     random.fill_even(even, random_state)
-    cloud.state[v] = random_state
+    for word in range(random_state.size):
+        cloud.state[v, word] = random_state[word]
     east, north = (1.0 - kept) * mean[0], (1.0 - kept) * mean[1]
     for a in range(N_STATES):
         for p in range(n):

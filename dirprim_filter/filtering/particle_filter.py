@@ -108,7 +108,9 @@ class ParticleFilter:
         for s in np.unique(spread):
             rows = np.flatnonzero(spread == s)
             first = (slot[rows], np.asarray(key)[rows], measured.position[rows])
-            self._split(_kernels.initialise, (self._table, self._primitives, cloud), first, (float(s),), each_ns=150.0)
+            how = (float(s), self._table.place_free_share)
+            self._split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
+            self._split(_kernels.initialise_motion, (self._table, cloud), (slot[rows],), (), each_ns=100.0)
         more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if more.size:
             columns = self._columns(measured[more])

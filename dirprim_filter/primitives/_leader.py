@@ -51,12 +51,14 @@ ALONE = LeaderTable(np.zeros(N_FEATURES), 0.0, 0.0, np.zeros(N_PACES))
 
 @njit(cache=True, nogil=True)
 def behind(
-    others: FloatArray, own: int, position: FloatArray, direction: FloatArray, curvature: FloatArray, seen: FloatArray
-) -> None:
+    others: FloatArray, n_others: int, own: int, position: FloatArray, direction: FloatArray, curvature: FloatArray,
+    seen: FloatArray,
+) -> None:  # fmt: skip
     """Fills (n, 3): metres to each particle's leader, from centre to centre, `NO_LEADER` if none, its speed, and which.
 
     Args:
         others: (n, m, 4) place, direction and speed of all vehicles in the world of each particle; or (1, m, 4).
+        n_others: how many of the m there are: a shorter view would be compiled once more.
         own: the index of the particles' own vehicle, -1 for none.
         position: (n, 2) metres.
         direction: (n,) radians.
@@ -68,7 +70,7 @@ def behind(
         w = 0 if one_world else p
         c, s, bend = math.cos(direction[p]), math.sin(direction[p]), curvature[p]
         nearest, speed, leader = FAR_M, 0.0, -1
-        for j in range(others.shape[1]):
+        for j in range(n_others):
             dx, dy = others[w, j, 0] - position[p, 0], others[w, j, 1] - position[p, 1]
             ahead = c * dx + s * dy
             if j == own or ahead < NEAR_M or ahead >= nearest:
@@ -90,12 +92,14 @@ def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
         first: (i + 1,) instant i has the vehicles from first[i] to first[i + 1].
         seen: to be filled.
     """
-    straight = np.zeros(len(state))
+    n, none = len(state), int(np.int64(-1))  # no literal, nor parts of rows: `behind` would be compiled once more
+    straight, position, direction = np.zeros(n), np.empty((n, 2)), np.empty(n)
+    for j in range(n):
+        position[j, 0], position[j, 1], direction[j] = state[j, 0], state[j, 1], state[j, 2]
     for i in range(first.size - 1):
         a, b = first[i], first[i + 1]
-        here = state[a:b]
-        others = here.reshape((1, b - a, 4))
-        behind(others, -1, here[:, :2], here[:, 2], straight[a:b], seen[a:b])
+        others = state[a:b].reshape((1, b - a, 4))
+        behind(others, b - a, none, position[a:b], direction[a:b], straight[a:b], seen[a:b])
         seen[a:b, 2] += a
 
 

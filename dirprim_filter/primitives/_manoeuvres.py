@@ -117,8 +117,8 @@ def weigh_candidates(
 def total_of(weight: SingleArray) -> float:
     """The sum of (m, LANES) weights."""
     total = 0.0
-    for eight in weight:
-        total += sum_of(eight)
+    for b in range(len(weight)):  # rows of an iteration are of another layout: `sum_of` would be compiled twice
+        total += sum_of(weight[b])
     return total
 
 

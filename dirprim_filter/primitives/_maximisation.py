@@ -201,9 +201,11 @@ def bend(sums: FloatArray, scale: float, bounds: Bounds, table: FloatArray) -> N
         k = math.expm1(table[m, LOG_CONCENTRATION])
         if k > density.NEGLIGIBLE_CONCENTRATION:
             information = k * _between(_RESULTANT, table[m, LOG_CONCENTRATION] / _MAX_LOG) * scale
-            table[m, MEAN] -= _slope(sums[m], 10, k * scale, information, bounds.bend_scale, table[m], BEND_EAST)
+            at, slope = np.int64(10), np.int64(BEND_EAST)  # literals would compile `_slope` twice
+            table[m, MEAN] -= _slope(sums[m], at, k * scale, information, bounds.bend_scale, table[m], slope)
         a = math.exp(table[m, LOG_SHAPE]) * scale
-        table[m, LOG_MEAN_SPEED] -= _slope(sums[m], 13, a, a, bounds.gain_scale, table[m], GAIN_EAST)
+        at, slope = np.int64(13), np.int64(GAIN_EAST)
+        table[m, LOG_MEAN_SPEED] -= _slope(sums[m], at, a, a, bounds.gain_scale, table[m], slope)
 
 
 @njit(**EXACT)

@@ -137,7 +137,8 @@ def move(
 def _due(redraws: float, jumps: float, state: UIntArray) -> Due:
     """By the probabilities of each in a step."""
     redraws, jumps = random.gap_scale(redraws), random.gap_scale(jumps)
-    left = np.array([random.draw_gap(redraws, state), random.draw_gap(jumps, state)])
+    left = np.empty(2, np.int64)
+    left[0], left[1] = random.draw_gap(redraws, state), random.draw_gap(jumps, state)
     return Due(redraws, jumps, left, np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64))
 
 
@@ -256,7 +257,7 @@ def _list_due(due: Due, n: int, state: UIntArray) -> int:
     return n_due
 
 
-@njit(nogil=True, **EXACT)
+@njit(inline="always", nogil=True, **EXACT)  # by itself it would compile all of `take_up` once more
 def initialise_motion(
     table: MotionTable, position: FloatArray, direction: FloatArray, speed: FloatArray, cell: IntArray,
     manoeuvre: IntArray, push: FloatArray, state: UIntArray,
@@ -266,8 +267,8 @@ def initialise_motion(
     for p in range(speed.size):
         push[p] = random.draw_normal(state)
         cell[p] = locate(table.locator, position[p, 0], position[p, 1])
-        manoeuvre[p] = take_up(
-            table, -1, cell[p], position[p, 0], position[p, 1], direction[p], speed[p], BY_TIME,
+        manoeuvre[p] = take_up(  # as integers: literals would compile it once more
+            table, np.int64(-1), cell[p], position[p, 0], position[p, 1], direction[p], speed[p], np.int64(BY_TIME),
             table.place_free_share, weight, state,
         )  # fmt: skip
 
@@ -281,7 +282,8 @@ def rollout(table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntAr
     alone = np.empty((0, 3))
     for i in range(len(start)):
         random.seed_state(key[i], state)
-        position[:, 0], position[:, 1], direction[:], speed[:] = start[i, 0], start[i, 1], start[i, 2], start[i, 3]
+        for p in range(n):
+            position[p, 0], position[p, 1], direction[p], speed[p] = start[i, 0], start[i, 1], start[i, 2], start[i, 3]
         initialise_motion(table, position, direction, speed, cell, manoeuvre, push, state)
         for t in range(dt_s.size):
             move(table, position, direction, speed, cell, manoeuvre, push, alone, dt_s[t], state)

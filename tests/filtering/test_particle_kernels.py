@@ -165,7 +165,9 @@ def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
     belief = ParticleBelief(n_particles=20_000, mode_of=ring_map.motion.mode)
     place = np.array([20.0, 0.0])
     key = np.array([7], np.uint64)
-    _kernels.initialise(table, ring_map.compiled(), belief.cloud, np.array([0]), key, place[None], 0.01)
+    first = np.array([0])
+    _kernels.scatter(ring_map.compiled(), belief.cloud, first, key, place[None], 0.01, table.place_free_share)
+    _kernels.initialise_motion(table, belief.cloud, first)
     x, y = (belief.cloud.position[0] - place).T
     assert stats.kstest(x, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
     assert stats.kstest(y, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM
