@@ -55,11 +55,11 @@ class Regression(NamedTuple):
     def __sub__(self, other: Regression) -> Regression:
         return Regression(*(a - b for a, b in zip(self, other, strict=True)))
 
-    def solved(self, prior: FloatArray, toward: FloatArray | float = 0.0) -> FloatArray:
-        """(z, p) coefficients with a ridge of `prior` visits, (p,) or (z, p), `toward` (z, p)."""
+    def solved(self, prior: FloatArray) -> FloatArray:
+        """(z, p) coefficients with a ridge of `prior` visits, (p,) or (z, p)."""
         ridge = np.broadcast_to(prior, self.xy.shape)
         leaning = self.xx + ridge[..., None] * np.eye(ridge.shape[1])
-        return np.asarray(np.linalg.solve(leaning, (self.xy + ridge * toward)[..., None])[..., 0])
+        return np.asarray(np.linalg.solve(leaning, self.xy[..., None])[..., 0])
 
     def mean_square(self, beta: FloatArray) -> FloatArray:
         """(z,) of the residuals."""

@@ -7,6 +7,7 @@ import pytest
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.filtering.rollouts import forecast_states
+from dirprim_filter.primitives import motion_learning
 from dirprim_filter.primitives.motion_choice import _energy, learn_motion
 from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, label_visits
 from dirprim_filter.primitives.rows import TrackRows
@@ -153,3 +154,41 @@ def test_who_creeps_goes_on_and_who_stands_stays():
     creeps, stands = paths[:, :, 0, 0].mean(axis=1) - 10.0
     assert 0.4 < creeps < 0.8  # 0.6 m by the speed it has
     assert abs(stands) < 0.1
+
+
+def braking_traffic(rng, *, n_vehicles, length_m=60.0, end=6.0):
+    """Vehicles of 8 to 16 m/s that brake evenly, so that each drives 6 m/s at the end of a street."""
+    time_s = 0.1 * np.arange(100)
+    begin = rng.uniform(8.0, 16.0, (n_vehicles, 1))
+    braking = (begin**2 - end**2) / (2 * length_m)
+    braked_s = np.minimum(time_s, (begin - end) / braking)
+    x = begin * braked_s - 0.5 * braking * braked_s**2 + end * (time_s - braked_s)
+    y = np.broadcast_to(rng.normal(0.0, 0.3, (n_vehicles, 1)), x.shape)
+    return Tracks(
+        track_id=np.repeat(np.arange(n_vehicles), time_s.size),
+        time_ns=np.tile((time_s * 1e9).round().astype(np.int64), n_vehicles),
+        position=np.stack([x, y], axis=-1).reshape(-1, 2),
+        direction=np.zeros(x.size),
+        speed=(begin - braking * braked_s).ravel(),
+    )
+
+
+def test_who_is_faster_brakes_harder_for_the_same_place(monkeypatch):
+    traffic, others = (braking_traffic(np.random.default_rng(seed), n_vehicles=40) for seed in (0, 1))
+    learned = learn_primitives(traffic, tessellation="grid", cell_size=12.0, rng=np.random.default_rng(0))
+    visits = Visits.of(TrackRows.thinned(traffic, interval_s=0.1), learned.tessellation)
+    now, later = others[others.time_ns == 0], others[others.time_ns == 4_000_000_000]
+    assert (now.track_id == later.track_id).all()
+
+    def error_by_speed():
+        """Metres that a forecast of 4 s is too far, for each m/s that the vehicle is faster now."""
+        motion = fit_motion(learned, visits, LearningKnobs(), rng=np.random.default_rng(0))
+        paths = forecast_states(
+            replace(learned, motion=motion), position=now.position, direction=now.direction, speed=now.speed,
+            time_s=[4.0], n_samples=64, rng=np.random.default_rng(2),
+        )  # fmt: skip
+        return np.polyfit(now.speed, paths[:, :, 0, 0].mean(axis=1) - later.position[:, 0], 1)[0]
+
+    assert abs(error_by_speed()) < 0.05  # at constant speed it would be 2 s
+    monkeypatch.setattr(motion_learning, "ACCELERATION_RIDGE", np.array([0.3, 3.0, 3.0, 6.0]))
+    assert error_by_speed() > 0.1

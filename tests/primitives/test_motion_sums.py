@@ -95,8 +95,8 @@ def test_regressions_are_numpys_least_squares_of_the_same_rows():
     y = (x * rng.normal(size=(k + 1, p))[label]).sum(axis=1) + rng.normal(0, 0.3, n)
     y[rng.random(n) < 0.1] = np.nan
     sums = Regression.of(x, y, weight, label, k)
-    prior, toward = np.array([0.3, 3.0, 1e-12]), rng.normal(size=(k, p))
-    found, leaning = sums.solved(np.full(p, 1e-12)), sums.solved(prior, toward)
+    prior = np.array([0.3, 3.0, 1e-12])
+    found, leaning = sums.solved(np.full(p, 1e-12)), sums.solved(prior)
     for z in range(k):
         rows = (label == z) & np.isfinite(y)
         root = np.sqrt(weight[rows])
@@ -105,9 +105,9 @@ def test_regressions_are_numpys_least_squares_of_the_same_rows():
         residual = y[rows] - x[rows] @ beta
         expected = weight[rows] @ residual**2 / weight[rows].sum()
         assert sums.mean_square(found)[z] == pytest.approx(expected, rel=1e-9)
-        # A ridge is as many rows more that say `toward`.
+        # A ridge is as many rows more that say 0.
         augmented = np.vstack([root[:, None] * x[rows], np.diag(np.sqrt(prior))])
-        also = np.concatenate([root * y[rows], np.sqrt(prior) * toward[z]])
+        also = np.concatenate([root * y[rows], np.zeros(p)])
         np.testing.assert_allclose(leaning[z], np.linalg.lstsq(augmented, also)[0], rtol=1e-9)
         assert not np.allclose(leaning[z], beta, rtol=1e-3)
 
