@@ -18,7 +18,7 @@ from dirprim_filter.primitives import _sorting
 from dirprim_filter.primitives.visits import LONGEST_GAP_S
 from dirprim_filter.store import _counting
 from dirprim_filter.store.lattice import NONE, Lattice, packed, unpacked
-from dirprim_filter.store.tallies import Tally, ranked
+from dirprim_filter.store.tallies import Tally, ranked, summed_by
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
 
@@ -112,11 +112,12 @@ def tally_in_order(when: IntArray, here: IntArray, begins: BoolArray, value: Any
 
     (n,), (n,), (n,), (n, v).
     """
-    state, rank = ranked(here)
-    before, after = np.where(begins, NONE, np.roll(rank, 1)), np.where(np.roll(begins, -1), NONE, np.roll(rank, -1))
-    by_rank = Tally.of(np.array((when, before, rank, after)).T, value)
-    state = np.append(state, NONE)  # which is -1, the place of the last
-    return Tally(key=np.column_stack([by_rank.key[:, 0], state[by_rank.key[:, 1:]]]), value=by_rank.value)
+    rank, ends = ranked(here), np.roll(begins, -1)
+    before, after = np.where(begins, NONE, np.roll(rank, 1)), np.where(ends, NONE, np.roll(rank, -1))
+    row, total = summed_by((when, before, rank, after), value)
+    next_row = np.where(row + 1 < here.size, row + 1, 0)
+    key = (when[row], np.where(begins[row], NONE, here[row - 1]), here[row], np.where(ends[row], NONE, here[next_row]))
+    return Tally(key=np.column_stack(key), value=total)
 
 
 def _passed(place: IntArray, vehicle: IntArray) -> Tally:

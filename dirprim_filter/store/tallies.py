@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
@@ -9,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, IntArray
-from dirprim_filter.store._counting import summed
+from dirprim_filter.store._counting import as_they_come, summed
 
 BLOCK_KEYS = 1 << 16
 """So many of a tally at a time are added to others."""
@@ -39,12 +40,8 @@ class Tally(ArrayValue):
         Raises:
             ValueError: more is taken away from a key than it has.
         """
-        code = _codes(key)
-        order = np.argsort(code)
-        code = code[order]
-        first = np.flatnonzero(np.append(True, code[1:] != code[:-1])[: code.size])
-        key = key[order[first]]
-        total = summed(order, first, np.ascontiguousarray(value))
+        row, total = summed_by(key.T, value)
+        key = key[row]
         kept = total[:, 0] != 0
         if (total[:, 0] < 0).any() or total[~kept].any():
             raise ValueError("other: expected a part of what it is taken from, got counts that are not in there")
@@ -87,27 +84,35 @@ class Tally(ArrayValue):
         return self.of(np.concatenate([self.key, other.key]), np.concatenate([self.value, -other.value]))
 
 
-def ranked(values: IntArray) -> tuple[IntArray, IntArray]:
-    """The different values, ascending, and (n,) the place of each among them."""
-    order = np.argsort(values)
-    ascending = values[order]
-    is_new = np.append(True, ascending[1:] != ascending[:-1])[: values.size]
-    rank = np.empty(values.size, np.int64)
-    rank[order] = np.cumsum(is_new) - 1
-    return ascending[is_new], rank
+def summed_by(columns: Sequence[IntArray] | IntArray, value: AnyArray) -> tuple[IntArray, IntArray]:
+    """(m,) a row of each key, the keys ascending, and (m, v) the sums of its rows. k columns (n,), (n, v)."""
+    code = _codes(columns)
+    order = np.argsort(code)
+    code = code[order]
+    first = np.flatnonzero(np.append(True, code[1:] != code[:-1])[: code.size])
+    return order[first], summed(order, first, np.ascontiguousarray(value))
 
 
-def _codes(key: IntArray) -> IntArray:
+def ranked(values: IntArray) -> IntArray:
+    """(n,) the place of each value among the different ones, ascending."""
+    number = np.empty(values.size, np.int64)
+    different = as_they_come(np.ascontiguousarray(values), number)
+    rank = np.empty(different.size, np.int64)
+    rank[np.argsort(different)] = np.arange(different.size)
+    return np.asarray(rank[number])
+
+
+def _codes(columns: Sequence[IntArray] | IntArray) -> IntArray:
     """(n,) a number for each key, in the order of the keys: one column sorts many times as fast as several."""
-    code, n = np.zeros(len(key), np.int64), 1
-    for column in key.T if len(key) else ():
+    code, n = np.zeros(len(columns[0]), np.int64), 1
+    for column in columns if code.size else ():
         low = int(column.min())
         m = int(column.max()) - low + 1
-        if n * m > MOST_CODES and m > len(key):
-            different, column = ranked(column)  # noqa: PLW2901
-            low, m = 0, different.size
+        if n * m > MOST_CODES and m > code.size:
+            column = ranked(column)  # noqa: PLW2901
+            low, m = 0, int(column.max()) + 1
         if n * m > MOST_CODES:
-            different, code = ranked(code)
-            n = different.size
+            code = ranked(code)
+            n = int(code.max()) + 1
         code, n = code * m + (column - low), n * m
     return code
