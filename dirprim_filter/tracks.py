@@ -105,6 +105,14 @@ class Tracks(ArrayValue):
         """(n,) the number of each row's vehicle, 0 to n_tracks - 1, in order of group and id."""
         return vehicle_numbers(self.track_id, self.group)
 
+    @property
+    def first_rows(self) -> IntArray:
+        """(n_tracks,) the first row of each vehicle."""
+        vehicle = self.vehicle
+        row = np.empty(int(vehicle.max(initial=-1)) + 1, np.int64)
+        row[vehicle[::-1]] = np.arange(vehicle.size)[::-1]
+        return row
+
     def worlds(self) -> Iterator[Tracks]:
         """The rows of each group, in order of the groups."""
         groups = np.unique(self.group)

@@ -79,7 +79,9 @@ class LeaderSums(NamedTuple):
         pace = np.where(near, np.digitize(seen[:, 1], [STANDING_BELOW, SLOW]), N_PACES)
         starts = waits & (speed + gained >= STANDING_BELOW)
         return cls(
-            Regression.of(feature, gained[follows] / AHEAD_S, 1.0 / count[pair], _folds(tracks)[driver], N_FOLDS),
+            Regression.of(
+                feature, gained[follows] / AHEAD_S, 1.0 / count[pair], folds_of(tracks, N_FOLDS)[driver], N_FOLDS
+            ),
             np.bincount(pace[waits], minlength=N_PACES + 1).astype(np.float64),
             np.bincount(pace[starts], minlength=N_PACES + 1).astype(np.float64),
         )
@@ -110,13 +112,11 @@ class LeaderSums(NamedTuple):
         )
 
 
-def _folds(tracks: Tracks) -> IntArray:
+def folds_of(tracks: Tracks, n_folds: int) -> IntArray:
     """(n_tracks,) the fold of each vehicle: by its name, so that it is the same whichever others there are."""
-    vehicle = tracks.vehicle
-    row = np.empty(int(vehicle.max(initial=-1)) + 1, np.int64)
-    row[vehicle] = np.arange(vehicle.size)
+    row = tracks.first_rows
     names = world_names(tracks.track_id[row], tracks.group[row])
-    return np.array([crc32(name.encode()) % N_FOLDS for name in names.tolist()], np.int64)
+    return np.array([crc32(name.encode()) % n_folds for name in names.tolist()], np.int64)
 
 
 def _held_out_error(acceleration: Regression) -> float:

@@ -142,11 +142,11 @@ def _read_in_parts(log: LogFile, config: StoreConfig) -> TrackResult | None:
 
 def hash_of_rows(tracks: Tracks) -> str:
     """SHA-256 of what a log says, however it is written: ids, groups, times, positions, directions and speeds."""
-    order = np.lexsort((tracks.vehicle, tracks.time_ns))
-    _, first = np.unique(tracks.vehicle, return_index=True)
+    vehicle, first = tracks.vehicle, tracks.first_rows
+    order = np.lexsort((vehicle, tracks.time_ns))
     names = list(zip(tracks.group[first].tolist(), as_texts(tracks.track_id[first]).tolist(), strict=True))
     digest = hashlib.sha256(repr(names).encode())
-    for column in (tracks.vehicle, tracks.time_ns, tracks.position, tracks.direction, tracks.speed):
+    for column in (vehicle, tracks.time_ns, tracks.position, tracks.direction, tracks.speed):
         digest.update(np.ascontiguousarray(column[order], column.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()
 

@@ -8,18 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple, Self
-from zlib import crc32
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives import _sorting
+from dirprim_filter.primitives.leader_learning import folds_of
 from dirprim_filter.primitives.visits import LONGEST_GAP_S
 from dirprim_filter.store import _counting
 from dirprim_filter.store.lattice import NONE, Lattice, packed, unpacked
 from dirprim_filter.store.tallies import Tally, ranked, summed_by
-from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
 
 HOUR_NS = 3600 * 10**9
@@ -92,7 +91,7 @@ def tally_steps(tracks: Tracks, lattice: Lattice) -> tuple[Tally, Tally]:
     Returns:
         `Summary.steps` and `Summary.passed`.
     """
-    fold = _folds(tracks, lattice.n_folds)
+    fold = folds_of(tracks, lattice.n_folds)
     blocks, passed = [], [Tally.none(1, 1)]
     for seen in Instants.blocks(tracks):
         here, parts = lattice.states(seen.position, seen.direction, seen.speed)
@@ -133,12 +132,3 @@ def passed_place(state: IntArray, lattice: Lattice) -> IntArray:
     east, north, turn, pace = unpacked(state)
     way = np.where(pace == 0, PASSED_WAYS, turn * PASSED_WAYS // lattice.n_directions)
     return packed(east // PASSED_SQUARES, north // PASSED_SQUARES, way, np.zeros_like(way))
-
-
-def _folds(tracks: Tracks, n_folds: int) -> IntArray:
-    """(n_tracks,) the fold of each vehicle, by its name: the same whichever others there are."""
-    vehicle = tracks.vehicle
-    row = np.empty(int(vehicle.max(initial=-1)) + 1, np.int64)
-    row[vehicle] = np.arange(vehicle.size)
-    names = world_names(tracks.track_id[row], tracks.group[row])
-    return np.array([crc32(name.encode()) % n_folds for name in names.tolist()], np.int64)
