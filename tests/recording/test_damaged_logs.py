@@ -142,6 +142,17 @@ def test_messages_of_an_undefined_channel_are_counted(tmp_path):
     assert got == [m for m in SENT if m[0] != "/topic1"]
 
 
+def test_what_no_checksum_vouches_for_renames_no_topic(tmp_path):
+    """A flip in a summary whose footer is cut off: the chunk that is read last, whose checksum holds, says the name."""
+    data = bytearray(log_bytes(SENT[::-1], chunk_size=1000))
+    data[data.rindex(b"/topic1")] = ord("-")
+    assert read(tmp_path, data)[1] == ["summary"]
+    for cut in (60, 30):  # in the summary offsets, in the footer
+        got, kinds, _ = read(tmp_path, data[:-cut])
+        assert "truncated" in kinds
+        assert got == SENT
+
+
 def test_flipped_bits_of_bare_messages_are_noticed(tmp_path):
     data = bytearray(log_bytes(SENT, use_chunking=False, enable_data_crcs=True))
     at = data.index(b"199" * 9)

@@ -24,6 +24,8 @@ from dirprim_filter.recording.container.records import (
 class Definitions:
     """What is known of schemas and channels; what a chunk says itself goes before what the summary repeats.
 
+    Of a summary that is not whole no checksum says that its names are right: chunks are asked first, all of them.
+
     Chunks are read in order of time, definitions stand in order of the file: one that is missing is looked
     for in all chunks, once.
 
@@ -35,8 +37,9 @@ class Definitions:
     def __init__(self, file: LogFile) -> None:
         self._file = file.bytes_of
         self._outline = outline = file.outline
-        self.schemas: dict[int, Schema] = {**outline.schemas, **outline.summary.schemas}
-        self.channels: dict[int, Channel] = {**outline.summary.channels, **outline.channels}
+        self._summary = summary = outline.summary
+        self.schemas: dict[int, Schema] = {**outline.schemas, **(summary.schemas if summary.is_whole else {})}
+        self.channels: dict[int, Channel] = {**(summary.channels if summary.is_whole else {}), **outline.channels}
         self._has_all = False
 
     def take(self, contents: bytes, at: int) -> bool:
@@ -68,8 +71,7 @@ class Definitions:
 
     def all_channels(self) -> list[Channel]:
         """Every channel; read from the summary alone where that is whole and repeats them."""
-        summary = self._outline.summary
-        if not summary.channels or not summary.is_whole or self._outline.damage:
+        if not self._summary.channels or not self._summary.is_whole or self._outline.damage:
             self._look_everywhere()
         return list(dict.fromkeys(self.channels.values()))
 
@@ -83,6 +85,8 @@ class Definitions:
                 for at in definition_records(contents):
                     with suppress(MalformedRecordError):  # reported when its chunk's messages are read
                         self.take(contents, at)
+        self.schemas = {**self._summary.schemas, **self.schemas}
+        self.channels = {**self._summary.channels, **self.channels}
 
 
 def definition_records(contents: bytes) -> Iterator[int]:

@@ -290,6 +290,7 @@ class _Walk:
         self.check_chunk_indexes()
         if any(damage.kind in ("summary", "truncated", "magic") for damage in self.outline.damage):
             self.outline.summary.chunks.clear()
+            self.outline.summary.is_whole = False
 
     def check_channels(self) -> None:
         """No checksum protects what stands outside of chunks; what the summary's vouches for goes before."""

@@ -46,7 +46,7 @@ class Summary:
         statistics: None where there is no such record.
         attachments: their names.
         metadata: their records' names.
-        is_whole: the schemas of all its channels are known.
+        is_whole: it is not damaged, and the schemas of all its channels are known.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
