@@ -109,12 +109,12 @@ class ParticleFilter:
             rows = np.flatnonzero(spread == s)
             first = (slot[rows], np.asarray(key)[rows], measured.position[rows])
             how = (float(s), self._table.place_free_share)
-            self._split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
-            self._split(_kernels.initialise_motion, (self._table, cloud), (slot[rows],), (), each_ns=100.0)
+            self.split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
+            self.split(_kernels.initialise_motion, (self._table, cloud), (slot[rows],), (), each_ns=100.0)
         more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if more.size:
             columns = self._columns(measured[more])
-            self._split(
+            self.split(
                 _measuring.weigh_at_birth, (cloud,), (slot[more], columns, spread[more]), (self._noise,), each_ns=60.0
             )
 
@@ -137,7 +137,7 @@ class ParticleFilter:
             cloud.direction[s], cloud.speed[s] = np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T)
             cloud.weight[s] = 1.0 / self.config.n_particles
             cloud.state[s] = rng.integers(2**64, size=4, dtype=np.uint64)
-        self._split(_kernels.initialise_motion, (self._table, cloud), (slot,), (), each_ns=100.0)
+        self.split(_kernels.initialise_motion, (self._table, cloud), (slot,), (), each_ns=100.0)
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""
@@ -148,7 +148,7 @@ class ParticleFilter:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
         self.belief.step += 1
         around = self._surroundings
-        self._split(
+        self.split(
             _interaction.predict, (self._table, self._response, self.belief.cloud, around.state),
             (slot, around.own[slot], around.since_s[slot], dt_s), (), each_ns=60.0,
         )  # fmt: skip
@@ -158,7 +158,7 @@ class ParticleFilter:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         result = np.empty(slot.size)
         columns = self._columns(measured)
-        self._split(
+        self.split(
             _measuring.log_likelihood, (self.belief.cloud,), (slot, columns, result), (self._noise,), each_ns=20.0
         )
         return result
@@ -172,13 +172,13 @@ class ParticleFilter:
         self._follow_the_hour(measured)
         cloud, columns, evidence = self.belief.cloud, self._columns(measured), np.empty((slot.size, 2))
         before = cloud.weight[slot]
-        self._split(_measuring.weigh, (cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
+        self.split(_measuring.weigh, (cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
         judged, after = self._judged(evidence), cloud.weight[slot]
         n_near = 1.0 / np.einsum("vp,vp->v", after, after)
         judged.is_moved[:] = ~judged.is_unexplained & (n_near < _widening.FEW * after.shape[1])
         few = np.flatnonzero(judged.is_moved)
         per_vehicle = (slot[few], before[few], columns[few])
-        self._split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=80.0)
+        self.split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=80.0)
         return judged
 
     def _judged(self, evidence: FloatArray) -> Evidence:
@@ -199,19 +199,19 @@ class ParticleFilter:
         """
         self.belief.step += 1
         result = np.empty(slot.size)
-        self._split(weigh_by_cue, (self._table, self.belief.cloud), (slot, result), cue_columns(cue), each_ns=60.0)
+        self.split(weigh_by_cue, (self._table, self.belief.cloud), (slot, result), cue_columns(cue), each_ns=60.0)
         return result
 
     def resample(self, slot: IntArray) -> None:
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.belief.step += 1
         below = self.config.resample_below * self.config.n_particles
-        self._split(_kernels.resample, (self.belief.cloud,), (slot,), (below,), each_ns=12.0)
+        self.split(_kernels.resample, (self.belief.cloud,), (slot,), (below,), each_ns=12.0)
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""
         result = np.empty((slot.size, 10))
-        self._split(_kernels.moments, (self.belief.cloud,), (slot, result), (), each_ns=8.0)
+        self.split(_kernels.moments, (self.belief.cloud,), (slot, result), (), each_ns=8.0)
         return result
 
     def probability_outside(self, slot: IntArray) -> FloatArray:
@@ -243,7 +243,7 @@ class ParticleFilter:
             ]
         )  # fmt: skip
 
-    def _split(
+    def split(
         self,
         kernel: Callable[..., None],
         first: tuple[Any, ...],

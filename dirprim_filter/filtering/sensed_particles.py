@@ -57,15 +57,15 @@ class SensedParticles(ParticleFilter):
         cloud, columns = self.belief.cloud, _columns(measured)
         first = (slot, np.asarray(key), measured.position)
         how = (self._spread, self._table.place_free_share)
-        self._split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
+        self.split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
         known = np.flatnonzero(~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if known.size:
             drawn = np.full((known.size, 8), 0.0)  # as they were drawn: the position is already used
             drawn[:, [_measuring.XX, _measuring.YY]] = self._spread**-2
             drawn[:, :2], drawn[:, 6:] = columns[known, :2], columns[known, 2:]
             spread = np.full(known.size, self._spread)
-            self._split(_measuring.weigh_at_birth, (cloud,), (slot[known], drawn, spread), (self._noise,), each_ns=60.0)
-        self._split(
+            self.split(_measuring.weigh_at_birth, (cloud,), (slot[known], drawn, spread), (self._noise,), each_ns=60.0)
+        self.split(
             _sensing.begin, (self._table, cloud, self._carried), (slot, columns), (self._axes, self._spread),
             each_ns=60.0,
         )  # fmt: skip
@@ -90,7 +90,7 @@ class SensedParticles(ParticleFilter):
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
         result = np.empty(slot.size)
-        self._split(
+        self.split(
             _sensing.log_likelihood, (self.belief.cloud, self._carried), (slot, _columns(measured), result),
             (self._axes, self._noise), each_ns=20.0,
         )  # fmt: skip
@@ -101,7 +101,7 @@ class SensedParticles(ParticleFilter):
         self.belief.step += 1
         self._follow_the_hour(measured)
         evidence = np.empty((slot.size, 2))
-        self._split(
+        self.split(
             _sensing.weigh, (self.belief.cloud, self._carried), (slot, _columns(measured), evidence),
             (self._axes, self._noise), each_ns=10.0,
         )  # fmt: skip
@@ -111,9 +111,7 @@ class SensedParticles(ParticleFilter):
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.belief.step += 1
         below = self.config.resample_below * self.config.n_particles
-        self._split(
-            _resampling.resample, (self.belief.cloud, self._carried), (slot,), (self._axes, below), each_ns=15.0
-        )
+        self.split(_resampling.resample, (self.belief.cloud, self._carried), (slot,), (self._axes, below), each_ns=15.0)
 
 
 def knobs_of(sensor: Sensor) -> dict[str, float]:

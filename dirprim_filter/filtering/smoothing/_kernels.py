@@ -119,12 +119,13 @@ def link(
 
 @njit(cache=True, nogil=True)
 def link_each(
-    weight: FloatArray, then: FloatArray, now: FloatArray, mean: FloatArray, later: FloatArray, gain: FloatArray,
-    spread: FloatArray,
+    weight: FloatArray, then: FloatArray, now: FloatArray, at: IntArray, row: IntArray, vehicle: IntArray,
+    mean: FloatArray, later: FloatArray, gain: FloatArray, spread: FloatArray,
 ) -> None:  # fmt: skip
-    """`link` of several vehicles: of each argument one for each, in its first axis."""
-    for i in range(weight.shape[0]):
-        link(weight[i], then[i], now[i], mean[i], later[i], gain[i], spread[i])
+    """`link` from particles `then[row]` to those of a vehicle `now`, by its weights, into results number `at`."""
+    for i in range(at.size):
+        k, v = at[i], vehicle[i]
+        link(weight[v], then[row[i]], now[v], mean[k], later[k], gain[k], spread[k])
 
 
 @njit(cache=True, nogil=True)

@@ -46,12 +46,12 @@ class RecordedParticles(RecordedFilter):
     def __init__(self, inner: ParticleFilter) -> None:
         super().__init__(inner, LINK)
         self._of = inner
-        self._past: dict[int, list[tuple[int, FloatArray]]] = {}
+        self._past: dict[int, list[tuple[int, FloatArray, int]]] = {}  # times, particles of vehicles, and which
 
     def _columns(self, slot: IntArray) -> FloatArray:
         cloud = self._of.belief.cloud
         out = np.empty((slot.size, N_COLUMNS, cloud.speed.shape[1]))
-        _kernels.columns_of(cloud, self._of.manoeuvres, slot, out)
+        self._of.split(_kernels.columns_of, (cloud, self._of.manoeuvres), (slot, out), (), each_ns=12.0)
         return out
 
     def _belief(self, slot: int) -> Belief:
@@ -60,7 +60,7 @@ class RecordedParticles(RecordedFilter):
 
     def _beliefs(self, slot: IntArray, columns: FloatArray, weight: FloatArray) -> Iterator[Belief]:
         mean, covariance = np.empty((slot.size, N_COLUMNS)), np.empty((slot.size, N_STATES, N_STATES))
-        _kernels.moments_each(weight, columns, mean, covariance)
+        self._of.split(_kernels.moments_each, (), (weight, columns, mean, covariance), (), each_ns=10.0)
         for s, m, p in zip(slot.tolist(), mean, covariance, strict=True):
             yield Belief(self._time_ns[s], m[:N_STATES], p, m[N_STATES:])
 
@@ -68,8 +68,12 @@ class RecordedParticles(RecordedFilter):
         self._past[slot] = []
 
     def _predict(self, slot: IntArray, dt_s: FloatArray, known: AnyArray) -> None:
-        for s, columns in zip(slot[known].tolist(), self._columns(slot[known]), strict=True):
-            self._past[s].append((self._time_ns[s], columns))
+        slots = slot[known]
+        is_waiting = np.array([bool(self._past[s]) for s in slots.tolist()], np.bool_)
+        for of in (slots[~is_waiting], slots[is_waiting]):  # an array is kept while any vehicle of it is not measured
+            columns = self._columns(of)
+            for row, s in enumerate(of.tolist()):
+                self._past[s].append((self._time_ns[s], columns, row))
         self._inner.predict(slot, dt_s)
 
     def _weigh(self, slot: IntArray, measured: Detections) -> Evidence:
@@ -98,9 +102,12 @@ class RecordedParticles(RecordedFilter):
             return [links] * slot.size
         mean, later = np.empty((len(steps), N_COLUMNS)), np.empty((len(steps), N_STATES))
         gain, spread = np.empty((2, len(steps), N_STATES, N_STATES))
-        then = np.stack([columns for _, columns in steps])
-        _kernels.link_each(weight[vehicle], then, now[vehicle], mean, later, gain, spread)
-        links["time_ns"] = [time_ns for time_ns, _ in steps]
+        row, kept = np.array([row for *_, row in steps]), np.array([id(columns) for _, columns, _ in steps])
+        for i in np.unique(kept, return_index=True)[1].tolist():
+            at = np.flatnonzero(kept == kept[i])
+            which, results = (at, row[at], vehicle[at]), (mean, later, gain, spread)
+            self._of.split(_kernels.link_each, (weight, steps[i][1], now), which, results, each_ns=40.0)
+        links["time_ns"] = [time_ns for time_ns, *_ in steps]
         links["mean"], links["step"] = mean[:, :N_STATES], later - mean[:, :N_STATES]
         links["gain"], links["spread"], links["course"] = gain, spread[:, *lower(N_STATES)], mean[:, N_STATES:]
         end = np.cumsum(n_steps)
