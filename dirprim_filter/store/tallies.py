@@ -114,5 +114,7 @@ def _codes(columns: Sequence[IntArray] | IntArray) -> IntArray:
         if n * m > MOST_CODES:
             code = ranked(code)
             n = int(code.max()) + 1
-        code, n = code * m + (column - low), n * m
+        code *= m
+        code += column - low
+        n *= m
     return code
