@@ -102,10 +102,9 @@ class KalmanBank:
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move beliefs on. (v,), (v,) seconds."""
         for s, dt in zip(slot, dt_s, strict=True):
-            model = self._models[0]
-            model.lend(self.mean[s, 0], self.covariance[s, 0], float(dt))
-            model.predict()
-            self.mean[s, 0], self.covariance[s, 0] = model.x, _symmetric(model.P)
+            self._lend(s, float(dt))
+            self._models[0].predict()
+            self._take_back(s)
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measured positions under the beliefs, outliers aside. (v,), v rows -> (v,)."""
@@ -140,8 +139,7 @@ class KalmanBank:
         return np.column_stack(
             [
                 mean[:, :2], covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1],
-                direction, np.ones(slot.size), np.hypot(mean[:, 2], mean[:, 3]), speed_std,
-                np.ones(slot.size),
+                direction, np.ones(slot.size), np.hypot(mean[:, 2], mean[:, 3]), speed_std, np.ones(slot.size),
             ]
         )  # fmt: skip
 
@@ -161,11 +159,18 @@ class KalmanBank:
         return Particles.none()
 
     def _update(self, s: int, z: FloatArray, of_state: FloatArray, noise: FloatArray) -> None:
-        model = self._models[0]
-        model.lend(self.mean[s, 0], self.covariance[s, 0], 0.0)
-        model.measure(of_state, noise)
-        model.update(z)
-        self.mean[s, 0], self.covariance[s, 0] = model.x, _symmetric(model.P)
+        self._lend(s, 0.0)
+        self._models[0].measure(of_state, noise)
+        self._models[0].update(z)
+        self._take_back(s)
+
+    def _lend(self, s: int, dt_s: float) -> None:
+        for i, model in enumerate(self._models):
+            model.lend(self.mean[s, i], self.covariance[s, i], dt_s)
+
+    def _take_back(self, s: int) -> None:
+        for i, model in enumerate(self._models):
+            self.mean[s, i], self.covariance[s, i] = model.x, _symmetric(model.P)
 
     def _velocity(self, direction: float, speed: float) -> tuple[FloatArray, FloatArray]:
         """A measured course and speed as a velocity (2,) and its covariance (2, 2)."""
@@ -225,21 +230,13 @@ class InteractingModels(KalmanBank):
     """
 
     def __init__(
-        self,
-        *,
-        straight: float,
-        acceleration_density: float,
-        turn_density: float,
-        switching_rate: float = 0.5,
+        self, *, straight: float, acceleration_density: float, turn_density: float, switching_rate: float = 0.5,
         config: FilterConfig | None = None,
-    ) -> None:
-        models: list[ConstantVelocity | ConstantTurn] = [
-            ConstantVelocity(straight),
-            ConstantTurn(acceleration_density, turn_density),
-        ]
-        super().__init__(models, config or FilterConfig())
+    ) -> None:  # fmt: skip
+        turning = ConstantTurn(acceleration_density, turn_density)
+        super().__init__([ConstantVelocity(straight), turning], config or FilterConfig())
         self._rate = switching_rate
-        self._imm = IMMEstimator(models, [0.5, 0.5], np.full((2, 2), 0.5))
+        self._imm = IMMEstimator(self._models, [0.5, 0.5], np.full((2, 2), 0.5))
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Mix the models, then move each."""
@@ -262,13 +259,8 @@ class InteractingModels(KalmanBank):
         self.probability[s] = self._imm.mu
 
     def _lend(self, s: int, dt_s: float) -> None:
-        for i, model in enumerate(self._models):
-            model.lend(self.mean[s, i], self.covariance[s, i], dt_s)
+        super()._lend(s, dt_s)
         self._imm.mu = np.maximum(self.probability[s], 1e-12)
-
-    def _take_back(self, s: int) -> None:
-        for i, model in enumerate(self._models):
-            self.mean[s, i], self.covariance[s, i] = model.x, _symmetric(model.P)
 
 
 class ConstantVelocity(KalmanFilter):  # type: ignore[misc]  # filterpy has no types

@@ -29,6 +29,9 @@ from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
 
+KINDS = (True, False)
+"""Of tracks: labelled, and not."""
+
 
 class Tracker:
     """Tracks the vehicles of a log, also while they are occluded.
@@ -55,15 +58,10 @@ class Tracker:
     """
 
     def __init__(
-        self,
-        model: PrimitiveMap | BayesFilter,
-        *,
-        config: FilterConfig | None = None,
-        tracking: TrackingConfig | None = None,
-        sensor: Sensor | None = None,
-        with_innovations: bool = False,
+        self, model: PrimitiveMap | BayesFilter, *, config: FilterConfig | None = None,
+        tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
         rng: np.random.Generator,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.config = config or FilterConfig()
         self.tracking = tracking or TrackingConfig()
         self.recoveries = 0
@@ -74,10 +72,9 @@ class Tracker:
         self._associator = Associator(self._filter, self.config, self.tracking)
         traffic = self._filter.traffic
         self._undetected = {
-            is_labelled: Undetected(traffic, self.tracking, self.config, learns_level=not is_labelled)
-            for is_labelled in (True, False)
+            labelled: Undetected(traffic, self.tracking, self.config, learns_level=not labelled) for labelled in KINDS
         }
-        self._revisits = {True: RevisitTime(), False: RevisitTime()}
+        self._revisits = {labelled: RevisitTime() for labelled in KINDS}
         self._seed = int(rng.integers(2**63))
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._time_ns = NO_TIME
@@ -110,7 +107,7 @@ class Tracker:
         self._roster.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9), config=self.tracking)
         is_labelled = detections.track_id != NO_ID
         frame.first = self._first_detections(is_labelled, passed_ns)
-        frame.kinds = tuple(np.unique(is_labelled).tolist()) or (True, False)
+        frame.kinds = tuple(np.unique(is_labelled).tolist()) or KINDS
         found = self._associate(np.flatnonzero(~is_labelled)) if False in frame.kinds else Hits(NO_ROWS, NO_ROWS)
         frame.hits = Hits.concatenate([self._match(np.flatnonzero(is_labelled)), found])
         rest = np.setdiff1d(np.arange(len(detections)), frame.hits.row)
@@ -141,8 +138,7 @@ class Tracker:
             roster.existence[hit], roster.log_evidence[hit], frame.first[row[~unexplained]], config
         )
         roster.existence[missed] = existence.after_miss(roster.existence[missed], config)
-        for counted in (slot, missed):
-            roster.counted_ns[counted] = self._time_ns
+        roster.counted_ns[slot] = roster.counted_ns[missed] = self._time_ns
         roster.confirm(above=config.confirm_above)
         is_lost = is_weightless | (roster.n_unexplained[slot] >= config.lost_after)
         if is_lost.any():
@@ -331,13 +327,11 @@ class Tracker:
 
     def _innovation(self, slot: IntArray, measured: Detections) -> FloatArray:
         """(slots, 2) how far measurements are from the means of the beliefs, and that squared in their covariance."""
-        columns = np.full((self._roster.time_ns.size, 2), np.nan)
-        if slot.size:
-            m = self._filter.moments(slot)
-            away = measured.position - m[:, :2]
-            covariance = m[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + measured_covariance(measured, self.config)
-            squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
-            columns[slot] = np.column_stack([np.hypot(*away.T), squared])
+        columns, m = np.full((self._roster.time_ns.size, 2), np.nan), self._filter.moments(slot)
+        away = measured.position - m[:, :2]
+        covariance = m[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + measured_covariance(measured, self.config)
+        squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
+        columns[slot] = np.column_stack([np.hypot(*away.T), squared])
         return columns
 
 
