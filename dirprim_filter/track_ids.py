@@ -119,7 +119,7 @@ def check_not_repeated(track_id: AnyArray, time_ns: IntArray, group: IntArray) -
 
 def repeated_rows(track_id: AnyArray, time_ns: IntArray) -> BoolArray:
     """(n,) where a row repeats the vehicle and the time of an earlier row."""
-    _, vehicle = numbered(track_id)
+    vehicle = _numbers_of(track_id)
     n = len(time_ns)
     cuts = np.array([0, n])
     if not (time_ns[1:] < time_ns[:-1]).any():  # then in pieces, so that no more is needed than a piece
