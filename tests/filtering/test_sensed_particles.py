@@ -100,13 +100,15 @@ def test_with_white_round_errors_it_is_the_plain_filter(learned, monkeypatch):
 def test_a_bias_moves_no_estimate(learned):
     """Detections that lie ahead by what the sensor's model says are followed as those that do not.
 
-    Particles whose directions differ must not differ in where the bias puts them for good: they would run ahead.
+    Particles whose directions differ must not differ in where the bias puts them for good: they would run ahead. The
+    median of the last two seconds lies at 0.01 m, with a standard deviation of 0.02 among seeds; where each particle
+    has the bias in its own axes at 0.18 m, with 0.04, however many particles there are.
     """
     axes = {
         name: AxisError(spread_m=0.3, correlated_share=0.99, correlation_s=time_s)
         for name, time_s in (("along", 2.5), ("across", 20.0))
     }
-    truth = circling(12, 40)
+    truth = circling(24, 40)
     seen = sense(truth, Sensor(**axes), rng=np.random.default_rng(0))
     course = np.column_stack([np.cos(truth.direction), np.sin(truth.direction)])
     where = {(v, t): u for v, t, u in zip(truth.track_id, truth.time_ns.tolist(), course, strict=True)}
@@ -115,12 +117,12 @@ def test_a_bias_moves_no_estimate(learned):
     biased = Sensor(along=replace(axes["along"], bias_m=2.0), across=axes["across"])
     at, direction, of = estimates_of(learned, seen, Sensor(**axes), 200)
     other, _, of_other = estimates_of(learned, ahead, biased, 200)
-    both = [(of.index(row), i) for i, row in enumerate(of_other) if row in of]
+    row_of = {row: i for i, row in enumerate(of)}
+    both = np.array([(row_of[row], i, row[1]) for i, row in enumerate(of_other) if row in row_of])
     assert len(both) > 0.98 * len(of)  # a belief that is lost begins anew and misses a frame
-    here, there = np.array(both).T
-    at, direction, other = at[here], direction[here], other[there]
-    off = (other - at) @ np.array([1.0, 1j]) * np.exp(-1j * direction)
-    assert abs(off.real.mean()) < 0.1  # 0.13 where each particle has the bias in its own axes
+    here, there, _ = both[both[:, 2] >= seen.time_ns.max() - 2_000_000_000].T
+    off = (other[there] - at[here]) @ np.array([1.0, 1j]) * np.exp(-1j * direction[here])
+    assert abs(np.median(off.real)) < 0.09
 
 
 @pytest.mark.parametrize("n_left", [3, 15])
