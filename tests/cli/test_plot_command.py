@@ -89,7 +89,8 @@ def test_a_format_is_refused_before_the_work(files, tmp_path, capsys):
 
 
 def test_tables_are_drawn_beside_their_text(files, tmp_path, capsys):
-    assert run(["evaluate", "cues", str(files / "log.mcap"), "--folds", "2", "--plot", str(tmp_path / "t.pdf")]) == DONE
+    options = ["--folds", "2", "--tessellation", "grid", "--plot", str(tmp_path / "t.pdf")]
+    assert run(["evaluate", "cues", str(files / "log.mcap"), *options]) == DONE
     assert "steps from cell to cell" in capsys.readouterr().out
     assert (tmp_path / "t.pdf").read_bytes().startswith(b"%PDF")
     assert [path.name for path in tmp_path.iterdir()] == ["t.pdf"]
