@@ -216,6 +216,19 @@ TABLES: dict[str, Table] = {
             "dirprim_filter/filtering/rollouts.py", "dirprim_filter/filtering/_interaction.py"),
         minutes=30,
     ),
+    "forecast_cells": Table(
+        command="python tests/benchmarks/forecast_cells.py {logs} --json",
+        runs=LOGGED[:3],
+        entries=methods,
+        of="cells",
+        columns=(
+            *(Column(head=f"{s} s", read=energy(s, to_last=True), digits=3, best="low") for s in (1, 3, 5, 8)),
+            Column(head="energy at 5 s, m", read=energy(5, to_last=False)),
+        ),
+        code=("dirprim_filter/evaluation/forecasting.py", "dirprim_filter/evaluation/forecast_cases.py",
+            "dirprim_filter/evaluation/forecast_methods.py", *PRIMITIVES, "dirprim_filter/filtering/rollouts.py"),
+        minutes=30,
+    ),
     "tracking": Table(
         command=f"dirprim evaluate tracking {{logs}} --learn 0.9 --seeds 1 --smooth {TRACKERS} --json",
         runs=LOGGED[:3],
