@@ -96,7 +96,7 @@ def convert(
     with step_progress(f"writing {output.name}", "instants") as progress:
         write_tracks(table.tracks, output, labels=table.labels, metadata=said, force=force, progress=progress)
     if table.unused:
-        typer.echo(f"{source}: columns not used: {', '.join(table.unused)}; --columns NAME=COLUMN uses one", err=True)
+        typer.echo(f"{source}: columns not used: {', '.join(table.unused)}", err=True)
     for note, count in table.losses.notes.items():
         typer.echo(f"{source}: {counted(count, 'row')}: {note}", err=True)
     tracks, rows = counted(table.tracks.n_tracks, "track"), counted(len(table.tracks), "row")

@@ -41,7 +41,8 @@ def forecast(
     ] = None,
     speed: Annotated[float | None, typer.Option(help="m/s; with --at.")] = None,
     time: Annotated[
-        str | None, typer.Option(help="When, ns or RFC 3339, by a map of `learn --by`; with --at. Default: all day.")
+        str | None,
+        typer.Option(help="When, as --end of `track`, by a map of `learn --by`; with --at. Default: all day."),
     ] = None,
     log: Annotated[
         Path | None, typer.Option("--log", help="Track this log and forecast its vehicles; -o is then an MCAP.")

@@ -46,16 +46,16 @@ def info(
 
     Example: dirprim info recordings/roundabout_track.mcap
     """
+    from dirprim_filter.faults import Faults
     from dirprim_filter.recording.summary import summarise_by_index
 
     reading = Reading(topics=topics, fields=fields, start=start, end=end, strict=strict)
     by_index = not (check or strict or fields or start or end)
     worst = losses.DONE
     for path in logs:
-        summary = summarise_by_index(path, topics=topics) if by_index else None
+        summary, faults = summarise_by_index(path, topics=topics) if by_index else None, Faults()
         if summary is None:
-            summary = _whole(path, reading)
-        faults = _faults(path, summary, reading)
+            summary, faults = _whole(path, reading)
         typer.echo(
             json.dumps(summary.as_json() | {"faults": asdict(faults)}) if as_json else _text(path, summary, faults)
         )
@@ -63,26 +63,23 @@ def info(
     return worst
 
 
-def _whole(path: Path, reading: Reading) -> LogSummary:
-    from dirprim_filter.recording.inspection import inspect
-
-    return inspect(path, reading.options())
-
-
-def _faults(path: Path, summary: LogSummary, reading: Reading) -> Faults:
-    """Of the tracks that `dirprim learn` would read; none of a log whose chunks were not read."""
+def _whole(path: Path, reading: Reading) -> tuple[LogSummary, Faults]:
+    """What a log holds, and the faults of the tracks that `dirprim learn` would read."""
     from dirprim_filter.faults import Faults, find_faults
-
-    if not (summary.is_checked and any(topic.tracks for topic in summary.topics)):
-        return Faults()
+    from dirprim_filter.recording.container.log import Log
     from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.recording.inspection import inspect
     from dirprim_filter.recording.reader import read_tracks
 
-    try:
-        return find_faults(read_tracks(path, reading.options(), strict=False))
-    except RecordingError as error:  # `learn` would say so too: detections alone, or frames that no transform joins
-        logger.info("%s: not looked for faults of tracks: %s", path, error)
-        return Faults()
+    with Log(path) as log:
+        summary = inspect(log, reading.options())
+        if not any(topic.tracks for topic in summary.topics):
+            return summary, Faults()
+        try:
+            return summary, find_faults(read_tracks(log, reading.options(), strict=False))
+        except RecordingError as error:  # `learn` would say so too: detections alone, or frames that no transform joins
+            logger.info("%s: not looked for faults of tracks: %s", path, error)
+            return summary, Faults()
 
 
 def _text(path: Path, summary: LogSummary, faults: Faults) -> str:

@@ -58,7 +58,7 @@ HalfLife = Annotated[
 ]
 Now = Annotated[
     str | None,
-    typer.Option("--now", help="With --half-life: when age is counted from, ns or RFC 3339. Default: the last log's."),
+    typer.Option("--now", help="With --half-life: when age is counted from, as --end. Default: the last log's."),
 ]
 By = Annotated[
     Slots | None,

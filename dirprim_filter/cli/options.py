@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from datetime import UTC, datetime
+from decimal import Decimal, InvalidOperation
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -59,7 +61,7 @@ def named_file(path: Path | None) -> Path | None:
 
 
 def time_ns(text: str | None) -> int | None:
-    """A time on the command line: nanoseconds, or RFC 3339; None stays None.
+    """A time on the command line: nanoseconds, seconds with an s behind, or RFC 3339; None stays None.
 
     Raises:
         ValueError: neither.
@@ -68,10 +70,15 @@ def time_ns(text: str | None) -> int | None:
         return None
     if text.lstrip("-").isdigit():
         return int(text)
+    with suppress(InvalidOperation, OverflowError, ValueError):
+        if text.endswith("s"):
+            return int(Decimal(text[:-1]) * 1_000_000_000)  # exact, unlike a float, also since 1970
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise ValueError(f"{text!r}: expected nanoseconds or a time such as 2026-01-31T12:00:00Z") from None
+        raise ValueError(
+            f"{text!r}: expected nanoseconds, seconds such as 12.5s, or a time such as 2026-01-31T12:00:00Z"
+        ) from None
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
@@ -142,8 +149,8 @@ Topics = Annotated[
     str | None,
     typer.Option("--topics", help="Topic name or regular expression. Default: the best available."),
 ]
-Start = Annotated[str | None, typer.Option("--start", help="Start time, ns or RFC 3339.")]
-End = Annotated[str | None, typer.Option("--end", help="End time, exclusive, ns or RFC 3339.")]
+Start = Annotated[str | None, typer.Option("--start", help="Start time: ns, seconds such as 12.5s, or RFC 3339.")]
+End = Annotated[str | None, typer.Option("--end", help="End time, exclusive: ns, seconds such as 12.5s, or RFC 3339.")]
 Fields = Annotated[
     str | None,
     typer.Option("--fields", help="Fields of the objects in an unknown schema: id=.objects[].id,x=.objects[].x,..."),

@@ -6,13 +6,12 @@ import logging
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from os import PathLike
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.recording.container.log import Scan, scan
+from dirprim_filter.recording.container.log import LogSource, Scan, opened
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.records import Channel
 from dirprim_filter.recording.decoding.field_columns import signed
@@ -39,11 +38,11 @@ class _Tally:
     track_ids: set[str] | None = None
 
 
-def inspect(path: str | PathLike[str], options: ReadOptions = EVERYTHING) -> LogSummary:
+def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
     """Read a log once and summarise its contents.
 
     Args:
-        path: the log.
+        source: the log.
         options: its topics, left out all; the log times that are wanted, `mapping` and `strict`.
 
     Raises:
@@ -52,7 +51,8 @@ def inspect(path: str | PathLike[str], options: ReadOptions = EVERYTHING) -> Log
         OSError: it cannot be opened.
     """
     topics = None if options.topics is None else matching(options.topics, of="topics")
-    with scan(path, topics=topics, start_ns=options.start_ns, end_ns=options.end_ns) as log:
+    with opened(source) as one:
+        log = Scan(one, topics, start_ns=options.start_ns, end_ns=options.end_ns)
         reading = _Inspection(log, Decoders(options.mapping))
         for _, columns in log.parts():
             if len(columns):
@@ -61,9 +61,9 @@ def inspect(path: str | PathLike[str], options: ReadOptions = EVERYTHING) -> Log
         attachments = tuple(attachment.name for attachment, _ in log.attachments())
         metadata = tuple(name for name, _ in log.metadata)
     if options.strict and damage:
-        raise DamagedRecordingError(path, damage)
+        raise DamagedRecordingError(one.path, damage)
     if reading.undecodable:
-        logger.warning("%s: %d messages are not what their schema says", path, reading.undecodable)
+        logger.warning("%s: %d messages are not what their schema says", one.path, reading.undecodable)
     summaries = tuple(
         TopicSummary(
             name=name, schema=schema, encoding=encoding, messages=tally.messages,

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from os import PathLike
-from pathlib import Path
 from typing import Unpack
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
@@ -14,7 +13,7 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import Log, Scan
+from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
 from dirprim_filter.recording.errors import DecodeError, NoTracksError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import REPEATED, Losses
@@ -42,7 +41,7 @@ NS_PER_S = 1_000_000_000
 
 
 def read_tracks(
-    source: PathOrText | Sequence[PathOrText], options: ReadOptions = EVERYTHING, **changes: Unpack[Reading]
+    source: LogSource | Sequence[PathOrText], options: ReadOptions = EVERYTHING, **changes: Unpack[Reading]
 ) -> Tracks:
     """The tracks of a log, or of several; what could not be read is logged, and returned by `read_track_logs`.
 
@@ -52,7 +51,7 @@ def read_tracks(
     the log's name in front.
 
     Args:
-        source: a log, or several.
+        source: a log, which may be open, or several.
         options: what is read, and how.
         changes: fields of `ReadOptions` by name, in place of those of `options`.
 
@@ -68,21 +67,22 @@ def read_tracks(
 
 
 def read_track_logs(
-    source: PathOrText | Sequence[PathOrText],
+    source: LogSource | Sequence[PathOrText],
     options: ReadOptions = EVERYTHING,
     *,
     progress: Callable[[int, int], None] | None = None,
     **changes: Unpack[Reading],
 ) -> TrackResult:
     """As `read_tracks`, with what was lost; `progress` gets how many of how many seconds are read."""
-    paths = [Path(source)] if isinstance(source, str | PathLike) else [Path(path) for path in source]
-    if not paths:
+    sources: Sequence[LogSource] = [source] if isinstance(source, str | PathLike | Log) else list(source)
+    if not sources:
         raise ValueError("source: expected at least one log, got none")
     losses = Losses()
     parts: list[VehicleRows] = []
+    names: list[str] = []
     options = replace(options, **changes)
-    for path in paths:
-        with Log(path) as log:
+    for one in sources:
+        with opened(one) as log:
             scan = _wanted(log, choose_topics(log, options), options)
             observations = Observations(scan, options)
             rows = observations if progress is None else _reporting(observations, scan.end_ns, progress)
@@ -90,10 +90,11 @@ def read_track_logs(
             repeated = repeated_rows(read.vehicle, read.time_ns)
             observations.losses.drop(REPEATED, repeated)
             parts.append(read[~repeated])
-            observations.losses.log(path)
+            names.append(log.path.stem)
+            observations.losses.log(log.path)
         losses += observations.losses
         options = replace(options, origin=observations.origin)  # one plane for all logs
-    tracks = rows_of_logs(parts, [path.stem for path in paths]).to_tracks(losses)
+    tracks = rows_of_logs(parts, names).to_tracks(losses)
     return TrackResult(tracks=tracks, losses=losses, frame=observations.frame)
 
 

@@ -7,6 +7,7 @@ from mcap.writer import Writer
 
 from dirprim_filter import save_map, write_tracks
 from dirprim_filter.cli.main import run
+from dirprim_filter.cli.options import time_ns
 
 
 def private_json(path):
@@ -110,3 +111,21 @@ def test_standard_output_is_no_place_for_what_is_renamed_when_whole(tmp_path, ri
         assert run([command, "log.mcap", "-o", "-"]) == 2
         assert "expected the name of a file, got -" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (None, None), ("5", 5), ("-5", -5), ("5.5s", 5_500_000_000),
+        ("1700000000.000000001s", 1_700_000_000_000_000_001), ("1970-01-01T00:00:01Z", 10**9), ("1970-01-01T01:00:01+01:00", 10**9),
+    ],
+)  # fmt: skip
+def test_times_are_nanoseconds_seconds_or_dates(text, expected):
+    assert time_ns(text) == expected
+
+
+@pytest.mark.parametrize("text", ["soon", "s", "nans", "infs", "5 h", ""])
+def test_what_is_no_time_is_one_line(text):
+    with pytest.raises(ValueError, match=r"expected nanoseconds, seconds such as 12\.5s, or a time") as error:
+        time_ns(text)
+    assert "\n" not in str(error.value)

@@ -16,12 +16,13 @@ from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
 
+from dirprim_filter.cli.info import info
 from dirprim_filter.recording.container import log as log_module
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.container.outline import read_outline
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError, MissingTransformError
 from dirprim_filter.recording.losses import TRANSFORMS, UNDECODABLE, UNPLACED
-from dirprim_filter.recording.reader import read_track_logs, read_tracks, stream_detections
+from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks, stream_detections
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.transforms.transform_tree import TransformTree
 
@@ -176,6 +177,13 @@ def test_a_log_is_outlined_once_however_often_it_is_read(tmp_path, monkeypatch):
     assert len(outlined) == 1
     assert sum(1 for _ in stream_detections(path)) == N
     assert len(outlined) == 2
+    with Log(path) as log:
+        assert inspect(log).messages > N
+        assert len(read_tracks(log)) == N
+        assert len(read_tracks(log)) == N  # it is still open
+    assert len(outlined) == 3
+    assert info([path]) == 0
+    assert len(outlined) == 4
 
 
 def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):

@@ -10,7 +10,7 @@ Source: the MCAP specification, version 0 (https://mcap.dev/spec).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from itertools import chain
 from os import PathLike
@@ -99,6 +99,15 @@ class Log(AbstractContextManager["Log"]):
     def chunks(self) -> list[Chunk]:
         """Of all files, in their order."""
         return [chunk for file in self.files for chunk in file.outline.chunks]
+
+
+LogSource = str | PathLike[str] | Log
+"""A log by its name, or one that is open."""
+
+
+def opened(source: LogSource) -> AbstractContextManager[Log]:
+    """A log that stays open if it was, and else is closed at the end."""
+    return nullcontext(source) if isinstance(source, Log) else Log(source)
 
 
 class Scan(AbstractContextManager["Scan"]):
