@@ -117,7 +117,8 @@ def test_standard_output_is_no_place_for_what_is_renamed_when_whole(tmp_path, ri
     ("text", "expected"),
     [
         (None, None), ("5", 5), ("-5", -5), ("5.5s", 5_500_000_000),
-        ("1700000000.000000001s", 1_700_000_000_000_000_001), ("1970-01-01T00:00:01Z", 10**9), ("1970-01-01T01:00:01+01:00", 10**9),
+        ("1700000000.000000001s", 1_700_000_000_000_000_001),
+        ("1970-01-01T00:00:01Z", 10**9), ("1970-01-01T01:00:01+01:00", 10**9),
     ],
 )  # fmt: skip
 def test_times_are_nanoseconds_seconds_or_dates(text, expected):
