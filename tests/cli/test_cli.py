@@ -433,7 +433,7 @@ def test_lankershim_from_table_to_estimates(real_data, tmp_path):
     some = np.isin(truth.track_id, np.unique(truth.track_id)[::20])
     noisy = csv_of(truth[some], tmp_path / "noisy.csv", noise_m=0.5, rng=np.random.default_rng(1))
     assert dirprim("convert", noisy, "-o", tmp_path / "noisy.mcap") == DONE
-    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap", *GRID) == DONE
+    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap", "--group", 2, *GRID) == DONE
     assert (
         dirprim(
             "track", tmp_path / "noisy.mcap", "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap", *NEVER_ERRS
