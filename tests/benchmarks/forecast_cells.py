@@ -1,8 +1,7 @@
 """Do forecasts care how the cells are laid out? `python tests/benchmarks/forecast_cells.py LOG...`.
 
-Defends one search of cells, by the density of what is seen in them, and no second one by motion: manoeuvres tell more
-vehicles apart than cells do. Joint cells, even ones and a grid forecast the same held-out vehicles, beside one cell for
-all places; energy scores, to be read over constant velocity's.
+Shows what a choice of cells by motion, beside that by the density of what is seen, could gain. Joint cells, even ones
+and a grid forecast the same held-out vehicles, beside one cell for all places; energy scores over constant velocity's.
 """
 
 from __future__ import annotations
