@@ -77,7 +77,9 @@ def _seen_before(tracks: Tracks, group: IntArray, time_ns: IntArray) -> tuple[In
 
 def rows_of_groups(group: IntArray) -> Iterator[tuple[int, IntArray | slice]]:
     """Each group, ascending, and its rows, (n,) of each row's group: most logs have one, of which nothing is copied."""
-    if group.size and (group == group[0]).all():
+    if group.size == 0:
+        return
+    if (group == group[0]).all():
         yield int(group[0]), slice(None)
         return
     order = np.argsort(group, kind="stable")

@@ -144,7 +144,8 @@ def test_a_frame_without_vehicles_is_not_forecast(ring_map):
 
 def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):
     """One state, of which the filter has found whether it brakes: samples keep that, and look anew without it."""
-    motion = ring_map.motion
+    motion = replace(ring_map.motion, push=np.full_like(ring_map.motion.push, 0.1))  # drivers of rings do not brake
+    ring_map = replace(ring_map, motion=motion)
     state, n = (np.array([20.0, 0.0]), np.pi / 2, 8.0), 400
     cell = int(ring_map.tessellation.cell_of(state[0][None])[0])
     here = np.flatnonzero((motion.cell == cell) & (motion.start_rate == 0))
