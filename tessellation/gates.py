@@ -19,6 +19,8 @@ N_NEAREST = 8
 """Cells that may have a share in a datum."""
 LEAST_SHARE = 0.02
 """A lesser share is none."""
+WORTH_THREADS = 16_384
+"""So many neighbours are looked up sooner by all threads; fewer, sooner than these have started."""
 BLOCK = 65_536
 """So many data at a time, lest what they need in between outgrow them."""
 
@@ -26,7 +28,8 @@ BLOCK = 65_536
 def nearest_generators(position: FloatArray, generators: FloatArray, *, k: int) -> tuple[FloatArray, IntArray]:
     """Distances and numbers of the k nearest generators, nearest first; fewer if there are fewer. (n, 2) -> (n, k)."""
     k = min(k, len(generators))
-    distance, cell = cKDTree(generators).query(position, k=k, workers=-1)
+    workers = -1 if len(position) * k >= WORTH_THREADS else 1
+    distance, cell = cKDTree(generators).query(position, k=k, workers=workers)
     return np.asarray(distance, np.float64).reshape(-1, k), np.asarray(cell, dtype=np.int64).reshape(-1, k)
 
 

@@ -7,11 +7,14 @@ import numpy as np
 from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._kernels import Locator
 from tessellation._seeding import means, seeds
+from tessellation.gates import nearest_generators
 from tessellation.locate import cells_of, voronoi_locator
 
 MAX_STEPS = 100
 LEAST_GAIN = 1e-4
 """Of the squared distances; a step that lowers them by less is the last."""
+FEW = 8192
+"""So many positions are looked up in a tree sooner than a raster of the cells is drawn, which is new at every step."""
 
 
 def lloyd_generators(
@@ -52,13 +55,20 @@ def lloyd_generators(
     generators = generators[np.lexsort(generators.T)]
     before = np.inf
     for _ in range(MAX_STEPS):
-        cell = cells_of(voronoi_locator(generators, region), position)
+        cell = _nearest(generators, region, position)
         moved, spread = means(position, weight, cell, generators)
         if spread >= before * (1.0 - LEAST_GAIN):
             break
         generators, before = moved, spread
-    cell = cells_of(voronoi_locator(generators, region), position)
+    cell = _nearest(generators, region, position)
     return generators[np.bincount(cell, minlength=len(generators)) > 0]
+
+
+def _nearest(generators: FloatArray, region: Locator, position: FloatArray) -> IntArray:
+    """The nearest generator of each position, (n, 2) -> (n,)."""
+    if len(position) <= FEW:
+        return nearest_generators(position, generators, k=1)[1][:, 0]
+    return cells_of(voronoi_locator(generators, region), position)
 
 
 def _distinct(position: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -9,11 +9,11 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.borrowing import Borrowed
-from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel
+from dirprim_filter.primitives.cell_model import PrimitiveCells, fitted
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import Recipe
-from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.rows import CellRows, TrackRows
 from tessellation import Tessellation
 from tessellation.gates import members_of, residents
 from tessellation.protocols import Members
@@ -32,9 +32,15 @@ class Layout(NamedTuple):
         return residents(self.cells.cell_of(position), self.cells.centers)
 
 
-def fit_cells(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree) -> PrimitiveCells:
+def gather(rows: TrackRows, layout: Layout, recipe: Recipe) -> CellRows:
+    """The rows that each cell learns from."""
+    members = layout.members(rows.position)
+    return CellRows.of(rows, members, rows.position, standing_speed=recipe.config.standing_speed)
+
+
+def fit_cells(rows: TrackRows, layout: Layout, recipe: Recipe) -> PrimitiveCells:
     """Fit each cell's modes to the rows that it learns from."""
-    return PrimitiveModel.of(rows, recipe, free).fit(rows.position, rows, layout.members(rows.position))
+    return fitted(gather(rows, layout, recipe), recipe)
 
 
 def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> FloatArray:
@@ -43,41 +49,41 @@ def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> Fl
 
 
 def assemble(
-    cells: Tessellation, fitted: PrimitiveCells, free: PlaceFree, strength: float, borrowed: Borrowed | None = None
+    cells: Tessellation, fits: PrimitiveCells, free: PlaceFree, strength: float, borrowed: Borrowed | None = None
 ) -> PrimitiveMap:
     """A map before its motion is learned: of each cell its own modes, heaviest first, then those that it leans on.
 
     Args:
         cells: (n,) of the map.
-        fitted: what each holds.
+        fits: what each holds.
         free: the place-free primitive.
         strength: pseudo-vehicles with which it enters each cell.
         borrowed: modes of other layouts, if any.
     """
-    n = len(fitted.center)
+    n = len(fits.center)
     lent = Borrowed.none(n) if borrowed is None else borrowed
-    used = max(int((fitted.weight > 0).sum(axis=1).max(initial=0)), 1)
-    order = np.argsort(-fitted.weight, axis=1, kind="stable")[:, :used]
+    used = max(int((fits.weight > 0).sum(axis=1).max(initial=0)), 1)
+    order = np.argsort(-fits.weight, axis=1, kind="stable")[:, :used]
     free_column = dict(zip(free._fields, free, strict=True))
 
     def column(name: str, filler: float) -> FloatArray:
         """The cells' modes in motion, the one for standing, borrowed and place-free modes; last the place-free row."""
-        own, other = np.take_along_axis(getattr(fitted, name), order, axis=1), getattr(lent.modes, name)
+        own, other = np.take_along_axis(getattr(fits, name), order, axis=1), getattr(lent.modes, name)
         of_free = np.asarray(free_column.get(name, np.zeros_like(free.weight)))
         placed = np.hstack([own, np.full((n, 1), of_free[-1]), other])
         return np.hstack([np.vstack([placed, np.full(placed.shape[1], filler)]), np.tile(of_free, (n + 1, 1))])
 
     n_lent = lent.modes.weight.shape[1]
-    lent_share = lent.share * (lent.standing + lent.modes.weight.sum(axis=1))
-    share = place_free_share(fitted.n_vehicles, strength)[:, None]
+    lent_share = np.minimum(lent.share * (lent.standing + lent.modes.weight.sum(axis=1)), 1.0)
+    share = place_free_share(fits.n_vehicles, strength)[:, None]
     weight = column("weight", 0.0)
-    weight[:n, :used] *= ((1 - lent_share) * (1 - fitted.standing))[:, None]
-    weight[:n, used] = (1 - lent_share) * fitted.standing + lent.share * lent.standing
+    weight[:n, :used] *= ((1 - lent_share) * (1 - fits.standing))[:, None]
+    weight[:n, used] = (1 - lent_share) * fits.standing + lent.share * lent.standing
     weight[:n, used + 1 : used + 1 + n_lent] *= lent.share
     weight[:n, : used + 1 + n_lent] *= 1 - share
     weight[:n, used + 1 + n_lent :] *= share
     weight /= weight.sum(axis=1, keepdims=True)
-    n_rows = np.round(fitted.n_rows).astype(np.int64)
+    n_rows = np.round(fits.n_rows).astype(np.int64)
     return PrimitiveMap(
         tessellation=cells,
         direction=VonMisesMixture(

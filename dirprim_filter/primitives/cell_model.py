@@ -64,19 +64,10 @@ class PrimitiveModel(NamedTuple):
 
     def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
-        return self._fitted(position, data, members, None)
+        return fitted(self._gathered(position, data, members), self.recipe)
 
-    def _fitted(self, position: FloatArray, data: TrackRows, members: Members, near: Modes | None) -> PrimitiveCells:
-        cells = CellRows.of(data, members, position, standing_speed=self.recipe.config.standing_speed)
-        modes = fit_all(cells, self.recipe.bounds, at_once=self.recipe.modes == "bic", near=near)
-        n_rows = cells.n_moving + cells.n_standing
-        return PrimitiveCells(
-            *modes,
-            standing=cells.n_standing / np.maximum(n_rows, 1e-9),
-            n_vehicles=np.where(n_rows > 0, np.maximum(cells.n_vehicles, np.minimum(n_rows, 1.0)), 0.0),
-            n_rows=n_rows,
-            center=members.center,
-        )
+    def _gathered(self, position: FloatArray, data: TrackRows, members: Members) -> CellRows:
+        return CellRows.of(data, members, position, standing_speed=self.recipe.config.standing_speed)
 
     def refit(self, position: FloatArray, data: TrackRows, members: Members, cells: PrimitiveCells) -> PrimitiveCells:
         """Every cell's modes, from those before its members changed a little; see `tessellation.RefittingModel`."""
@@ -86,7 +77,7 @@ class PrimitiveModel(NamedTuple):
             mean=before.mean + before.bend_east * east + before.bend_north * north,
             rate=before.rate * np.exp(-before.gain_east * east - before.gain_north * north),
         )
-        return self._fitted(position, data, members, near)
+        return fitted(self._gathered(position, data, members), self.recipe, near)
 
     def log_density(
         self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
@@ -105,6 +96,19 @@ class PrimitiveModel(NamedTuple):
             position, data.direction, data.speed, row, cell, out,
         )  # fmt: skip
         return out
+
+
+def fitted(cells: CellRows, recipe: Recipe, near: Modes | None = None) -> PrimitiveCells:
+    """Every cell's modes, from those of nearly the same rows where there are any."""
+    modes = fit_all(cells, recipe.bounds, at_once=recipe.modes == "bic", near=near)
+    n_rows = cells.n_moving + cells.n_standing
+    return PrimitiveCells(
+        *modes,
+        standing=cells.n_standing / np.maximum(n_rows, 1e-9),
+        n_vehicles=np.where(n_rows > 0, np.maximum(cells.n_vehicles, np.minimum(n_rows, 1.0)), 0.0),
+        n_rows=n_rows,
+        center=cells.center,
+    )
 
 
 def usual_of(cells: PrimitiveCells, recipe: Recipe) -> Usual:

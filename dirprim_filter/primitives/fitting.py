@@ -52,8 +52,10 @@ FINISHING_ITERATIONS = 10
 TOLERANCE = 1e-7
 """Of the objective per vehicle."""
 ROUGH_TOLERANCE = 1e-3
-CELLS_PER_SHARE = 16
-"""Threads take so many cells at a time: few enough to level out what cells cost."""
+SHARE = 8192
+"""Threads take cells of so many rows at a time: few enough to level out what cells cost, and a thread is worth it."""
+ROWS_OF_A_CELL = 32
+"""A cell costs as many rows do, beside its own."""
 
 
 def fit_motion(
@@ -172,13 +174,22 @@ def fit_all(
     n_cells = in_cells.n_vehicles.size
     table = empty_table(n_cells, bounds.max_modes) if near is None or not at_once else near.table()
 
-    def fit_share(first: int) -> None:
-        fit(columns, start, in_cells.n_vehicles, bounds, first, min(first + CELLS_PER_SHARE, n_cells), table)
+    cost = start + ROWS_OF_A_CELL * np.arange(n_cells + 1)
+    bound = np.unique(np.append(np.searchsorted(cost, np.arange(0, cost[-1], SHARE)), n_cells))
 
-    with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
-        list(pool.map(fit_share, range(0, n_cells, CELLS_PER_SHARE)))
-        if bounds.curved:
-            list(pool.map(lambda c: _finish(in_cells, c, bounds, table[c]), np.flatnonzero(merged)))
+    def fit_share(i: int) -> None:
+        fit(columns, start, in_cells.n_vehicles, bounds, bound[i], bound[i + 1], table)
+
+    def finish(i: int) -> None:
+        _finish(in_cells, i, bounds, table[i])
+
+    for work, items in ((fit_share, np.arange(bound.size - 1)), (finish, np.flatnonzero(merged & bounds.curved))):
+        if items.size > 1:
+            with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
+                list(pool.map(work, items.tolist()))
+        else:
+            for item in items.tolist():
+                work(item)
     return Modes.of(table, bounds)
 
 

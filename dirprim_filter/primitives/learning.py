@@ -15,11 +15,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells, place_free_share
+from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells
 from dirprim_filter.primitives.borrowing import N_LAYOUTS, SHARES, borrow
 from dirprim_filter.primitives.cell_model import PrimitiveModel, usual_of
+from dirprim_filter.primitives.held_out import PLACE_FREE_STRENGTHS, HeldOut
 from dirprim_filter.primitives.leader_learning import learn_leader
 from dirprim_filter.primitives.motion_choice import learn_motion
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
@@ -32,8 +33,6 @@ from tessellation.gates import residents
 
 logger = logging.getLogger(__name__)
 
-PLACE_FREE_STRENGTHS = np.geomspace(0.01, 10.0, 13)
-"""Pseudo-vehicles with which the place-free primitive may enter a cell."""
 MANY_GROUPS = 200
 """From so many groups or vehicles on one third is held out once; of fewer, each third in turn."""
 WEAK = 0.002
@@ -196,7 +195,7 @@ def _joint_is_worth_it(rows: TrackRows, recipe: Recipe, free: PlaceFree, *, rng:
     for layouts in (joint, _lay_out_evenly(seen, None, recipe.config, rng=rng)):
         candidates = [[layout, *_other_layouts(seen, layout, recipe, rng=rng)] for layout in layouts]
         found, chosen, _ = _choose(seen, candidates, recipe, free, rng=rng)
-        scores.append(float(_held_out_scores(rows, unseen, found, chosen, free).max()))
+        scores.append(float(HeldOut(rows, unseen, free).scores(found, chosen).max()))
     logger.info("unseen vehicles: joint cells %.3f, even ones %.3f", *scores)
     return scores[0] >= scores[1]
 
@@ -239,7 +238,7 @@ def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:
 def _with_usual(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree) -> Recipe:
     """The recipe whose modes lean on what is usual in these cells."""
     alone = recipe._replace(prior_strength=WEAK, usual=Usual(0.0, free.speed_spread), thorough=False)
-    return recipe._replace(usual=usual_of(fit_cells(rows, layout, alone, free), alone))
+    return recipe._replace(usual=usual_of(fit_cells(rows, layout, alone), alone))
 
 
 # What held-out vehicles like best ------------------------------------------------------------------------------------
@@ -269,14 +268,13 @@ def _choose(
     if groups.size < 2:  # none to hold out
         return candidates[-1], recipes[-1], Leaning()
     thirds = np.array_split(rng.permutation(groups), min(3, groups.size))
-    folds = [np.isin(rows.group, third) for third in thirds][: 1 if groups.size >= MANY_GROUPS else None]
+    folds = [HeldOut(rows, np.isin(rows.group, third), free) for third in thirds]
+    folds = folds[: 1 if groups.size >= MANY_GROUPS else None]
 
     @cache
     def scores(i: int, n_layouts: int, prior_strength: float, cost: float) -> FloatArray:
         trial = recipes[i]._replace(prior_strength=prior_strength, parameter_cost=cost, thorough=False)
-        layouts = candidates[i][:n_layouts]
-        of_folds = [_held_out_scores(rows, held_out, layouts, trial, free) for held_out in folds]
-        return np.asarray(np.mean(of_folds, axis=0))
+        return np.asarray(np.mean([fold.scores(candidates[i][:n_layouts], trial) for fold in folds], axis=0))
 
     # Each decides little about the others, so one after the other rather than all together.
     config, every = recipe.config, len(candidates[0])
@@ -311,30 +309,6 @@ def _other_layouts(rows: TrackRows, layout: Layout, recipe: Recipe, *, rng: np.r
 def _learned(rows: TrackRows, layouts: list[Layout], recipe: Recipe, free: PlaceFree, lean: Leaning) -> PrimitiveMap:
     """The primitives of the first layout's cells."""
     own, *others = layouts if lean.borrowed > 0 else layouts[:1]
-    lenders = [(other.cells, fit_cells(rows, other, recipe, free)) for other in others]
+    lenders = [(other.cells, fit_cells(rows, other, recipe)) for other in others]
     borrowed = borrow(rows, own.cells, lenders, lean.borrowed) if lenders else None
-    return assemble(own.cells, fit_cells(rows, own, recipe, free), free, lean.place_free, borrowed)
-
-
-def _held_out_scores(
-    rows: TrackRows, held_out: BoolArray, layouts: list[Layout], recipe: Recipe, free: PlaceFree
-) -> FloatArray:
-    """Mean log density of the held-out rows by the first layout, for each of `SHARES` that it borrows from the others.
-
-    -> (n_shares, n_strengths), the latter those of `PLACE_FREE_STRENGTHS`; (1, n_strengths) without others.
-    """
-    seen, kept = rows[~held_out], rows[held_out]
-    own, *others = layouts
-    fitted = fit_cells(seen, own, recipe, free)
-    maps = [assemble(own.cells, fitted, free, strength=1e-12)]
-    if others:
-        lenders = [(other.cells, fit_cells(seen, other, recipe, free)) for other in others]
-        borrowed = borrow(seen, own.cells, lenders, 0.0)
-        maps += [assemble(own.cells, fitted, free, 1e-12, borrowed._replace(share=share)) for share in SHARES[1:]]
-    placed = [each.log_density(kept.position, kept.direction, kept.speed) for each in maps]
-    place_free = maps[0].without_places().log_density(kept.position, kept.direction, kept.speed)
-    n_vehicles = np.append(fitted.n_vehicles, 0.0)[own.cells.cell_of(kept.position)]
-    share = place_free_share(n_vehicles[:, None], PLACE_FREE_STRENGTHS)
-    with np.errstate(divide="ignore"):
-        in_place, anywhere = np.log1p(-share), np.log(share) + place_free[:, None]
-        return np.array([np.logaddexp(in_place + each[:, None], anywhere).mean(axis=0) for each in placed])
+    return assemble(own.cells, fit_cells(rows, own, recipe), free, lean.place_free, borrowed)

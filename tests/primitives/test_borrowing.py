@@ -39,7 +39,7 @@ def parts(ring):
     free = fit_place_free(rows, config)
     recipe = Recipe("bic", True, 0.1, Usual(0.0, free.speed_spread), config)
     layouts = [Layout(GridTessellation.covering(rows.position, cell_size=size), 0.0) for size in (9.0, 7.0)]
-    return rows, layouts, [fit_cells(rows, layout, recipe, free) for layout in layouts], free
+    return rows, layouts, [fit_cells(rows, layout, recipe) for layout in layouts], free
 
 
 def test_a_cell_mixes_its_own_modes_with_those_of_overlapping_cells(parts):
