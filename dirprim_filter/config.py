@@ -83,6 +83,8 @@ class FilterConfig:
         push: m/s^2, the same of their acceleration.
         place_free_agility: by how much more a place-free particle turns, accelerates and starts than the map's vehicles
             do: who does what none did is found by these. Forecasts go by the map alone.
+        innovation_outlier_rate: 1/s, how often a vehicle leaves its motion model for a moment and is a metre or two off
+            it: a belief that is sure of what its vehicle did not do, such as to stop, is not lost.
         reach_m: metres; so far beside a cell a vehicle still moves as vehicles do in it: about a lane's width.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         drift: m^2/s, diffusion of the position beside what direction and speed predict, in each axis: 0.07 m in
@@ -105,6 +107,7 @@ class FilterConfig:
     direction_spread: float = 0.03
     push: float = 0.5
     place_free_agility: float = 3.0
+    innovation_outlier_rate: float = 0.03
     reach_m: float = 3.5
     step_s: float = 0.1
     drift: float = 0.005
@@ -142,7 +145,8 @@ class TrackingConfig:
         report_above: probability of existence below which a confirmed track is not reported, until it rises again.
         forget_below: a track ends below this share of the existence that a first detection gives.
         lost_after: consecutive measurements that a belief does not explain, after which it is reinitialised at the
-            last: a single one may be an outlier.
+            last: a single one may be an outlier. Of a labelled track, one after more
+            than a second without any.
     """
 
     detection_probability: float = 0.9

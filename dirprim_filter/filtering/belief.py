@@ -19,6 +19,7 @@ class ParticleBelief:
     Attributes:
         cloud: arrays of (slots, particles, ...).
         mode_of: (z,) the mode of each manoeuvre.
+        unweighed_s: (slots,) by how much each belief has moved on since it was last weighed.
         step: how often it was changed; whoever changes it counts.
     """
 
@@ -27,6 +28,7 @@ class ParticleBelief:
             raise ValueError(f"n_particles: expected at least 1, got {n_particles}")
         self.cloud = _empty_cloud(FIRST_CAPACITY, n_particles)
         self.mode_of = mode_of
+        self.unweighed_s = np.zeros(FIRST_CAPACITY)
         self.step = 0
 
     @property
@@ -43,12 +45,14 @@ class ParticleBelief:
         for new, column in zip(larger, self.cloud, strict=True):
             new[:old] = column
         self.cloud = larger
+        self.unweighed_s = np.append(self.unweighed_s, np.zeros(n_slots - old))
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the particles of `target` those of `source`, random numbers to come included."""
         self.step += 1
         for column in self.cloud:
             column[target] = column[source]
+        self.unweighed_s[target] = self.unweighed_s[source]
 
 
 class BelievedParticles:

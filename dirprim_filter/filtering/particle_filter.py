@@ -18,7 +18,7 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _interaction, _kernels, _measuring, _widening
+from dirprim_filter.filtering import _innovation_outliers, _interaction, _kernels, _measuring, _widening
 from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import cue_columns
@@ -35,6 +35,9 @@ PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
 PARTS_PER_THREAD = 4
 """Vehicles differ in work: a thread that is done early takes another part."""
+
+MOST_OUTLIERS = 0.1
+"""Share of the particles that left the motion model since the frame before, at most."""
 
 
 class ParticleFilter:
@@ -105,6 +108,7 @@ class ParticleFilter:
         spread = np.full(slot.size, self.config.noise_m)
         spread[of_their_own] = np.sqrt(np.linalg.eigvalsh(measured.covariance[of_their_own])[:, -1])
         cloud = self.belief.cloud
+        self.belief.unweighed_s[slot] = 0.0
         for s in np.unique(spread):
             rows = np.flatnonzero(spread == s)
             first = (slot[rows], np.asarray(key)[rows], measured.position[rows])
@@ -153,6 +157,7 @@ class ParticleFilter:
             (slot, around.own[slot], around.since_s[slot], dt_s), (), each_ns=60.0,
         )  # fmt: skip
         around.since_s[slot] += dt_s
+        self.belief.unweighed_s[slot] += dt_s
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
@@ -166,7 +171,8 @@ class ParticleFilter:
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Weigh the particles by measurements; a belief none of whose particles is near is left as it was.
 
-        Where few are near, particles are moved to the measurement, see `_widening`.
+        Where few are near, particles are moved to the measurement, see `_widening`; where it is improbable, some are,
+        see `_innovation_outliers`.
         """
         self.belief.step += 1
         self._follow_the_hour(measured)
@@ -179,6 +185,12 @@ class ParticleFilter:
         few = np.flatnonzero(judged.is_moved)
         per_vehicle = (slot[few], before[few], columns[few])
         self.split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=80.0)
+        share = np.minimum(self.config.innovation_outlier_rate * self.belief.unweighed_s[slot], MOST_OUTLIERS)
+        self.belief.unweighed_s[slot] = 0.0
+        rare = np.exp(evidence[:, 1]) * _innovation_outliers.LEAST_SHARE < share * _innovation_outliers.DENSEST
+        off = np.flatnonzero(rare & ~judged.is_moved & ~judged.is_unexplained)
+        astray = (slot[off], before[off], columns[off], share[off])
+        self.split(_innovation_outliers.weigh, (cloud,), astray, (self._noise,), each_ns=25.0)
         return judged
 
     def _judged(self, evidence: FloatArray) -> Evidence:

@@ -29,6 +29,9 @@ from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
 
+AWAY_S = 1.0
+"""Where a belief does not reach a labelled vehicle that is back after longer than this, the belief is wrong: after
+seconds unseen that is likelier than that the first measurement is an outlier."""
 KINDS = (True, False)
 """Of tracks: labelled, and not."""
 
@@ -128,6 +131,7 @@ class Tracker:
             frame.innovation = self._innovation(slot, measured)
         evidence = self._filter.weigh(slot, measured)
         missed = np.concatenate([NO_ROWS, *[self._missed(is_labelled) for is_labelled in frame.kinds]])
+        is_back = roster.is_labelled[slot] & (_seconds(self._time_ns - roster.measured_ns[slot]) > AWAY_S)
         roster.measured_ns[slot] = self._time_ns
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
@@ -140,7 +144,7 @@ class Tracker:
         roster.existence[missed] = existence.after_miss(roster.existence[missed], config)
         roster.counted_ns[slot] = roster.counted_ns[missed] = self._time_ns
         roster.confirm(above=config.confirm_above)
-        is_lost = is_weightless | (roster.n_unexplained[slot] >= config.lost_after)
+        is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, config.lost_after))
         if is_lost.any():
             self._recover(slot[is_lost], row[is_lost])
         frame.moments = self._filter.moments(frame.held)

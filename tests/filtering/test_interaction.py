@@ -144,7 +144,10 @@ def test_who_is_out_of_sight_of_a_sensor_with_lasting_errors_too(monkeypatch):
     sensor = Sensor(along=lasting, across=lasting)
     behind, without = (last_places(reported(), interaction, sensor)[1] for interaction in ("leader", "none"))
     assert behind < without - 2.0 * 3.0**2 / 2 + 3.0
-    monkeypatch.setattr("dirprim_filter.filtering._widening.FEW", 0.0)  # a sensor's model has no kernels
+    monkeypatch.setattr("dirprim_filter.filtering._widening.FEW", 0.0)
+    monkeypatch.setattr(
+        "dirprim_filter.filtering.particle_filter.MOST_OUTLIERS", 0.0
+    )  # a sensor's model has no kernels
     white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m))
     assert white == pytest.approx(last_places(reported(), "leader"), abs=1e-6)
 

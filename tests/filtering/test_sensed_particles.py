@@ -89,6 +89,7 @@ def estimates_of(learned, seen, sensor, n_particles):
 def test_with_white_round_errors_it_is_the_plain_filter(learned, monkeypatch):
     """To the last belief of a log, not only in one step: both draw, weigh and resample alike, but for kernels."""
     monkeypatch.setattr("dirprim_filter.filtering._widening.FEW", 0.0)
+    monkeypatch.setattr("dirprim_filter.filtering.particle_filter.MOST_OUTLIERS", 0.0)
     seen = sense(circling(3, 20), Sensor.white(0.5), rng=np.random.default_rng(1))
     plain, *_ = estimates_of(learned, seen, None, 60)
     sensed, *_ = estimates_of(learned, seen, Sensor.white(0.5), 60)

@@ -11,7 +11,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
 from dirprim_filter.filtering import ConstantTurnUKF, ConstantVelocityKalman, Worlds
 from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
-from dirprim_filter.filtering.smoothing import Smoother, _kernels
+from dirprim_filter.filtering.smoothing import Smoother, _kernels, chain
 from dirprim_filter.filtering.smoothing.recorded import EXACT_LINK, LINK, recorded
 from dirprim_filter.primitives.motion import PUSH_RATE
 from moving import ring_road
@@ -95,6 +95,7 @@ RADIUS, BIN_M, DT_S, HIDDEN = 20.0, 0.3, 0.5, np.arange(7, 14)
 RING = FilterConfig(
     noise_m=NOISE_M, outlier_probability=1e-13, n_particles=4000, place_free_share=1e-9, redraw_rate=1e-9,
     place_free_agility=1.0, direction_spread=0.01, push=0.5, drift=BIN_M**2 / (6 * DT_S), interaction="none",
+    innovation_outlier_rate=1e-9,
 )  # fmt: skip
 OFF, WIDER = 0.3, 1.2
 """Standard deviations of a mean, and a factor of a deviation, by which particles may differ from a histogram.
@@ -242,11 +243,19 @@ def test_a_belief_that_was_lost_in_a_gap_is_smoothed_up_to_where_its_vehicle_was
         seen = Detections.concatenate([at(0.1 * i, i) for i in range(20)] + [at(5.0 + 0.1 * i, end) for i in range(5)])
         times = [i * 100_000_000 for i in range(55)]
         told = smoothed(seen, model=one_cell_map(concentration=1e3, shape=100.0), times=times)[1]
-        return float(told.position[told.time_ns == 3_500_000_000][0, 0])
+        row = np.flatnonzero(told.time_ns == 3_500_000_000)[0]
+        spreads.append(float(np.sqrt(told.covariance[row, 0, 0])))
+        return float(told.position[row, 0])
 
+    spreads = []
     assert halfway(75.0) > 44.0
     assert halfway(200.0) < 36.0  # that is another
-    monkeypatch.setattr("dirprim_filter.filtering.smoothing.chain.SAME_VEHICLE", 0.0)
+    monkeypatch.setattr(chain, "USUAL", 1e9)
+    assert halfway(75.0) > 44.0
+    assert spreads[0] > 1.5 * spreads[-1]  # who was that wrong was too sure
+    monkeypatch.setattr(chain, "SAME_VEHICLE", 0.0)
+    assert halfway(75.0) > 44.0  # it may have come there
+    monkeypatch.setattr(chain, "HARDEST", 0.0)
     assert halfway(75.0) < 36.0
 
 

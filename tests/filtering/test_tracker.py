@@ -300,6 +300,19 @@ def test_a_lone_outlier_moves_no_belief_and_is_no_recovery(ring_map):
     assert hasty.recoveries == 2  # there and back
 
 
+def test_who_is_back_where_no_belief_reaches_is_begun_anew_at_once(monkeypatch):
+    """After three seconds out of sight 100 m farther than expected: a lone outlier in sight begins nothing anew."""
+    frames = [*(one("a", 0.1 * i, i, 0.0) for i in range(20)), one("a", 5.0, 150.0, 0.0)]
+    road = one_cell_map(concentration=1e3, shape=100.0)
+    found, tracker = track(road, frames)
+    assert tracker.recoveries == 1
+    assert abs(found.position[-1, 0] - 150.0) < 2.0
+    monkeypatch.setattr("dirprim_filter.filtering.tracker.AWAY_S", 1e9)
+    found, tracker = track(road, frames)
+    assert tracker.recoveries == 0  # it may be an outlier
+    assert abs(found.position[-1, 0] - 150.0) > 50.0
+
+
 @pytest.mark.parametrize("filter_of", ["particles", "kalman"])
 def test_out_of_sight_a_labelled_vehicle_is_reported_until_it_is_likelier_gone(ring_map, filter_of):
     frames = [one("a", 0.1 * i, *on_the_ring(0.1 * i)) for i in range(15)]
@@ -379,8 +392,9 @@ def test_vehicles_that_leave_the_map_are_followed(ring_map):
     followed, recoveries = share_followed(ring_map)
     assert followed > 27 / 40
     assert recoveries <= 80  # while they leave the ring, against everyone's habit
-    followed, _ = share_followed(ring_map, tracking=replace(TRUSTING, lost_after=10**9))
-    assert followed < 0.5  # who never begins anew loses them
+    never = replace(TRUSTING, lost_after=10**9)
+    followed, _ = share_followed(ring_map, tracking=never, innovation_outlier_rate=1e-12)
+    assert followed < 0.5  # who neither begins anew nor expects outliers loses them
 
 
 def test_an_id_reused_elsewhere_is_a_new_belief_after_two_measurements(ring_map):

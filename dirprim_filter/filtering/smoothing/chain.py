@@ -6,6 +6,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.filtering.smoothing import _kernels
@@ -17,6 +18,17 @@ MOVES = 4
 """Of a state: place and velocity, which estimates tell."""
 SAME_VEHICLE = 36.0
 """Squared Mahalanobis distance up to which one belief may be the continuation of another."""
+HARDEST = 8.0
+"""m/s^2: no vehicle turns or brakes harder on average."""
+SLACK_M = 5.0
+"""Metres, beyond that."""
+USUAL = 9.21
+"""Squared Mahalanobis distance that one place in a hundred exceeds."""
+
+
+def may_be_off(dt_s: npt.ArrayLike) -> FloatArray:
+    """Metres, how far from where it would be at an even velocity a vehicle may be after so many seconds."""
+    return np.asarray(SLACK_M + 0.5 * HARDEST * np.square(dt_s))
 
 
 def link_type(n_states: int, *, gain: str) -> np.dtype[np.void]:
@@ -54,11 +66,17 @@ class Belief(NamedTuple):
     covariance: FloatArray
     course: FloatArray
 
-    def may_be(self, other: Belief) -> bool:
-        """Whether the places of two beliefs of one time are near enough for one vehicle."""
+    def squared_distance(self, other: Belief) -> float:
+        """Squared Mahalanobis distance of the places of two beliefs of one time."""
         off = other.mean[:2] - self.mean[:2]
         spread = self.covariance[:2, :2] + other.covariance[:2, :2] + 1e-12 * np.eye(2)
-        return bool(off @ np.linalg.solve(spread, off) <= SAME_VEHICLE)
+        return float(off @ np.linalg.solve(spread, off))
+
+    def may_come_to(self, later: Belief) -> bool:
+        """Whether a vehicle that turns and brakes as hard as any comes from here to a later place."""
+        dt_s = (later.time_ns - self.time_ns) * 1e-9
+        off = later.mean[:2] - self.mean[:2] - dt_s * self.mean[2:MOVES]
+        return bool(np.hypot(*off) <= may_be_off(dt_s))
 
 
 class Smoothed(NamedTuple):
@@ -157,6 +175,25 @@ class Chain:
         course = np.concatenate([links["course"], self.last.course[None]]).astype(np.float64)
         measured_ns = np.maximum.accumulate(np.where(is_measured, time_ns, np.iinfo(np.int64).min))
         return Smoothed(time_ns, mean[:, :MOVES], covariance[:, :MOVES, :MOVES], course, measured_ns)
+
+    def may_be_at(self, place: Belief) -> bool:
+        """Whether the vehicle of the last belief may be where another belief of that time has it.
+
+        A vehicle that the filter lost from sight may also be as far as the hardest braking or turning takes it.
+        """
+        if self.last.squared_distance(place) <= SAME_VEHICLE:
+            return True
+        return bool(self._rests) and self._rests[-1][1].may_come_to(place)
+
+    def correct(self, last: Belief) -> None:
+        """Put another belief in place of the last, which was perhaps too sure.
+
+        Were all covariances since the last long pause larger by a factor, gains would be the same, and spreads larger
+        by it: by as much as makes the distance of the two beliefs a usual one.
+        """
+        since = self._rests[-1][0] if self._rests else max(self._n - 1, 0)
+        self._links["spread"][since : self._n] *= max(self.last.squared_distance(last) / USUAL, 1.0)
+        self.last = last
 
     def take_up(self, former: Chain, between: AnyArray) -> None:
         """Be the continuation of another chain, by links (m,) from its end to the beginning of this one."""

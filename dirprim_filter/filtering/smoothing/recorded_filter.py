@@ -64,8 +64,8 @@ class RecordedFilter(ABC):
             self._time_ns[s] = time_ns
             self._start(s)
             belief, former = self._belief(s), self.chain.get(s)
-            if former is not None and former.last.time_ns == time_ns and former.last.may_be(belief):
-                former.last = belief
+            if former is not None and former.last.time_ns == time_ns and former.may_be_at(belief):
+                former.correct(belief)
                 continue
             if former is not None:
                 former.until_ns = time_ns

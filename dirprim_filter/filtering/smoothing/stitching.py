@@ -20,16 +20,12 @@ from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Pairs, best_assignment
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
-from dirprim_filter.filtering.smoothing.chain import Belief, Chain
+from dirprim_filter.filtering.smoothing.chain import Belief, Chain, may_be_off
 from dirprim_filter.filtering.smoothing.recorded_filter import Bridge, RecordedFilter
 
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
 confirmed for a moment."""
-HARDEST = 8.0
-"""m/s^2: who would have had to turn or brake harder on average is not looked at."""
-SLACK_M = 5.0
-"""Metres, beyond that."""
 AT_ONCE = 64
 """Pairs, whose particles are held at the same time."""
 
@@ -118,7 +114,7 @@ def _candidates(chains: Sequence[Chain], starts: Sequence[Belief], *, before_ns:
         np.array([of.mean[:4] for of in beliefs]).reshape(-1, 4) for beliefs in ([c.last for c in chains], starts)
     )
     off = np.hypot(*(firsts[other, :2] - ends[one, :2] - dt_s[:, None] * ends[one, 2:]).T)
-    near = off <= SLACK_M + 0.5 * HARDEST * dt_s**2
+    near = off <= may_be_off(dt_s)
     return Pairs(one[near], other[near])
 
 
