@@ -6,6 +6,9 @@ import numpy as np
 
 from tessellation._arrays import BoolArray, FloatArray, IntArray
 
+FEW = 1 << 16
+"""Numbers below are sorted by counting, which is stable and several times as fast."""
+
 
 def border_distance(generators: FloatArray, distance: FloatArray, cell: IntArray) -> tuple[FloatArray, FloatArray]:
     """How far beyond its border with the first cell each of the others is, and half the distance of the generators.
@@ -33,7 +36,7 @@ def sort_by_cell(
     row: IntArray, cell: IntArray, share: FloatArray, n_cells: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Rows, cells and shares (n,), in order of the rows, as the rows and shares of each cell, from start to start."""
-    order = np.argsort(cell, kind="stable")
+    order = _sorted_by(cell, n_cells)
     return _starts(np.bincount(cell, minlength=n_cells)), row[order], share[order]
 
 
@@ -81,6 +84,11 @@ def unite(start: IntArray, row: IntArray, weight: FloatArray, pair: IntArray) ->
     return _starts(np.bincount(united[new], minlength=len(pair))), row[member[new]], share
 
 
+def _sorted_by(cell: IntArray, n_cells: int) -> IntArray:
+    """The order of cells numbered from 0 to `n_cells`, those of one cell as they came."""
+    return np.argsort(cell.astype(np.uint16) if n_cells <= FEW else cell, kind="stable")
+
+
 def _dealt(start: IntArray, kept: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
     """What each of k parts of each cell keeps, as cells k c, k c + 1, ...: their starts, the members, the parts.
 
@@ -90,7 +98,7 @@ def _dealt(start: IntArray, kept: BoolArray) -> tuple[IntArray, IntArray, IntArr
     cell = np.repeat(np.arange(start.size - 1), np.diff(start))
     part, member = np.nonzero(kept)
     into = cell[member] * n_parts + part
-    order = np.argsort(into, kind="stable")
+    order = _sorted_by(into, (start.size - 1) * n_parts)
     return _starts(np.bincount(into, minlength=(start.size - 1) * n_parts)), member[order], part[order]
 
 

@@ -88,8 +88,8 @@ def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds:
     Rows of one vehicle repeat each other, so the objective and BIC count vehicles; BIC takes the objective for the
     likelihood: a mode that the prior thinks little of has to gain that as well.
     """
-    quantile = np.zeros(ON_CIRCLE + 1)
-    mean_speed = quantiles(columns, at, n, quantile)
+    filled = np.empty((3, ON_CIRCLE))
+    used, total, mean_speed = sort_around(columns, at, n, filled)
     trial = np.zeros((bounds.max_modes, N_CURVED))
     best, chosen = -np.inf, 0
     cost = bounds.parameter_cost * 0.5 * math.log(max(n_vehicles, 2.0))
@@ -97,7 +97,7 @@ def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds:
     for k in range(1, bounds.max_modes + 1):
         if k > max(n_vehicles, 1.0) or mean_speed == 0.0:
             break
-        start_evenly(quantile, mean_speed, bounds, trial[:k])
+        start_evenly(filled, used, total, mean_speed, bounds, trial[:k])
         highest = -np.inf
         for stage in range(1 + bounds.curved):  # flat, and curved from there on
             penalty = ((N_FLAT + (N_CURVED - N_FLAT) * stage) * k - 1) * cost
@@ -119,11 +119,13 @@ def fit_at_once(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds:
 
 
 @njit(**EXACT)
-def quantiles(columns: FloatArray, at: int, n: int, angle: FloatArray) -> float:
-    """Fill `angle` (ON_CIRCLE + 1,) with even quantiles of direction, counted from the middle of the widest gap.
+def sort_around(columns: FloatArray, at: int, n: int, filled: FloatArray) -> tuple[int, float, float]:
+    """Fill `filled` (3, ON_CIRCLE) with the bins of directions in use, counted from the middle of the widest gap.
+
+    Of each its number, which may be past the last bin, the weight before it, and its own.
 
     Returns:
-        The mean speed; 0 where no row has any weight.
+        How many there are, the weight of all, and the mean speed; none where no row has any weight.
     """
     weight = np.zeros(ON_CIRCLE)
     total, speed = 0.0, 0.0
@@ -133,40 +135,45 @@ def quantiles(columns: FloatArray, at: int, n: int, angle: FloatArray) -> float:
         total += columns[WEIGHT, i]
         speed += columns[WEIGHT, i] * columns[SPEED, i]
     if total == 0.0:
-        return 0.0
-    cut, widest, gap = 0, 0, 0
+        return 0, 0.0, 0.0
+    last = -1
+    cut, widest = 0, 0
     after = 0.0  # of gaps of one width the one before the fullest bin, for that is the same however the data are turned
-    for f in range(2 * ON_CIRCLE):
+    for f in range(2 * ON_CIRCLE):  # once around, and on to where it began
         here = weight[f % ON_CIRCLE]
-        if here == 0.0:
-            gap += 1
-        else:
-            if widest < gap < ON_CIRCLE or (widest == gap > 0 and here > after):
+        if here > 0.0:
+            gap = f - last - 1
+            if widest < gap or (widest == gap > 0 and here > after):
                 cut, widest, after = f - 1 - gap // 2, gap, here
-            gap = 0
-    below, q = 0.0, 0
+            last = f
+            if f >= ON_CIRCLE:
+                break
+    used, below = 0, 0.0
     for f in range(cut, cut + ON_CIRCLE):
         here = weight[f % ON_CIRCLE]
-        while q <= ON_CIRCLE and below + here >= (q / ON_CIRCLE) * total * (1.0 - 1e-12):
-            inside = min(max((q / ON_CIRCLE * total - below) / here, 0.0), 1.0) if here > 0.0 else 0.5
-            angle[q] = ((f + inside) / ON_CIRCLE - 0.5) * density.TWO_PI
-            q += 1
-        below += here
-    while q <= ON_CIRCLE:
-        angle[q] = angle[q - 1]
-        q += 1
-    return speed / total
+        if here > 0.0:
+            filled[0, used], filled[1, used], filled[2, used] = f, below, here
+            below += here
+            used += 1
+    return used, total, speed / total
 
 
 @njit(**EXACT)
-def start_evenly(quantile: FloatArray, mean_speed: float, bounds: Bounds, table: FloatArray) -> None:
-    """Modes at even quantiles of the circle."""
+def start_evenly(
+    filled: FloatArray, used: int, total: float, mean_speed: float, bounds: Bounds, table: FloatArray
+) -> None:
+    """Modes at even quantiles of the circle, which `sort_around` has found."""
     k = table.shape[0]
+    i = 0
     for m in range(k):
+        below = int((m + 0.5) * ON_CIRCLE / k) / ON_CIRCLE * total
+        while i < used - 1 and filled[1, i] + filled[2, i] < below * (1.0 - 1e-12):
+            i += 1
+        inside = min(max((below - filled[1, i]) / filled[2, i], 0.0), 1.0)
         for q in range(N_FLAT, N_CURVED):
             table[m, q] = 0.0
         table[m, LOG_WEIGHT] = -math.log(k)
-        table[m, MEAN] = density.wrap(quantile[int((m + 0.5) * ON_CIRCLE / k)])
+        table[m, MEAN] = density.wrap(((filled[0, i] + inside) / ON_CIRCLE - 0.5) * density.TWO_PI)
         table[m, LOG_CONCENTRATION] = math.log1p(1.0 * k * k)
         table[m, LOG_SHAPE] = math.log(shape_from(bounds.speed_spread, bounds.max_shape))
         table[m, LOG_MEAN_SPEED] = math.log(mean_speed)

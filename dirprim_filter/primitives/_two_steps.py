@@ -13,7 +13,7 @@ from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions._elementary import EXACT
 from dirprim_filter.primitives._ascent import ascend
 from dirprim_filter.primitives._expectation import SUMS
-from dirprim_filter.primitives._kernels import ON_CIRCLE, quantiles, start_evenly
+from dirprim_filter.primitives._kernels import ON_CIRCLE, sort_around, start_evenly
 from dirprim_filter.primitives._maximisation import maximisation
 from dirprim_filter.primitives._modes import (
     COSINE,
@@ -50,8 +50,8 @@ def fit_cells_in_two_steps(
 @njit(**EXACT)
 def fit_in_two_steps(columns: FloatArray, at: int, n: int, n_vehicles: float, bounds: Bounds, out: FloatArray) -> None:
     """The paper's recipe: DBSCAN for the number of modes, EM on directions, then a gamma for each mode."""
-    quantile = np.zeros(ON_CIRCLE + 1)
-    mean_speed = quantiles(columns, at, n, quantile)
+    filled = np.empty((3, ON_CIRCLE))
+    used, total, mean_speed = sort_around(columns, at, n, filled)
     if mean_speed == 0.0:
         return
     theta, index, label = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -61,7 +61,7 @@ def fit_in_two_steps(columns: FloatArray, at: int, n: int, n_vehicles: float, bo
     k = density.dbscan_sorted(theta, index, bounds.dbscan_eps, min_samples, label)
     k = min(max(k, 1), bounds.max_modes)
     table = out[:k]
-    start_evenly(quantile, mean_speed, bounds, table)
+    start_evenly(filled, used, total, mean_speed, bounds, table)
     sums = np.zeros((k, SUMS))
     for i in range(n):
         if 0 <= label[i] < k:

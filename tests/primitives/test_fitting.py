@@ -13,7 +13,7 @@ from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.distributions.modes import dbscan
 from dirprim_filter.primitives._ascent import ascend
-from dirprim_filter.primitives._kernels import ON_CIRCLE, quantiles, start_evenly
+from dirprim_filter.primitives._kernels import ON_CIRCLE, sort_around, start_evenly
 from dirprim_filter.primitives._modes import EAST, N_COLUMNS, N_CURVED, WEIGHT, Modes
 from dirprim_filter.primitives.fitting import bounds_of, columns_of, fit_all, fit_motion
 from dirprim_filter.primitives.rows import CellRows
@@ -71,9 +71,8 @@ def climbed(rows, bounds, k, *, curved, most, table=None):
     columns, start = columns_of(rows, bounds, np.array([False]))
     n = int(start[1])
     if table is None:
-        quantile, table = np.zeros(ON_CIRCLE + 1), np.zeros((k, N_CURVED))
-        mean_speed = quantiles(columns, 0, n, quantile)
-        start_evenly(quantile, mean_speed, bounds, table)
+        filled, table = np.empty((3, ON_CIRCLE)), np.zeros((k, N_CURVED))
+        start_evenly(filled, *sort_around(columns, 0, n, filled), bounds, table)
     bounds = bounds._replace(max_iterations=most)
     reached = ascend(columns, 0, n, float(rows.n_vehicles[0]), curved, -np.inf, 0.0, bounds, table)
     return table, reached
