@@ -63,7 +63,8 @@ def weigh(
             both = fit + far
             weight[p] = before[i, p] * both if both < np.inf else 0.0  # it has run off to where there are no numbers
             if random.uniform(state) * both < far:
-                displace(cloud, v, p, east, north, astray, state)
+                one, two = random.draw_normal(state), random.draw_normal(state)
+                displace(cloud, v, p, east + astray.lxx * one, north + astray.lyx * one + astray.lyy * two, state)
         for word in range(state.size):
             cloud.state[v, word] = state[word]
         weigh_motion(cloud, v, z[DIRECTION], z[SPEED], noise)
@@ -84,19 +85,14 @@ def outlier_of(z: FloatArray) -> Astray:
 
 
 @njit(cache=True)
-def displace(
-    cloud: Cloud, v: int, p: int, east: float, north: float, astray: Astray, state: UIntArray
-) -> None:  # fmt: skip
-    """Move a particle by what is expected of an outlier, and by chance. Who stands keeps standing."""
-    one, two = random.draw_normal(state), random.draw_normal(state)
-    three, four = random.draw_normal(state), random.draw_normal(state)
-    east, north = east + astray.lxx * one, north + astray.lyx * one + astray.lyy * two
+def displace(cloud: Cloud, v: int, p: int, east: float, north: float, state: UIntArray) -> None:
+    """Move a particle, and draw its velocity given by how far. Who stands keeps standing."""
     cloud.position[v, p, 0] += east
     cloud.position[v, p, 1] += north
     theta, pace = cloud.direction[v, p], cloud.speed[v, p]
     if pace >= STANDING_BELOW:
         c, s, alone = cos(theta), sin(theta), math.sqrt(1.0 - TOGETHER * TOGETHER)
-        ahead = SPEED_OFF * (TOGETHER * (east * c + north * s) / PLACE_M + alone * three)
-        aside = SPEED_OFF * (TOGETHER * (north * c - east * s) / PLACE_M + alone * four)
+        ahead = SPEED_OFF * (TOGETHER * (east * c + north * s) / PLACE_M + alone * random.draw_normal(state))
+        aside = SPEED_OFF * (TOGETHER * (north * c - east * s) / PLACE_M + alone * random.draw_normal(state))
         cloud.direction[v, p] = density.wrap(theta + aside / (pace + SPEED_OFF))
         cloud.speed[v, p] = max(pace + ahead, 0.0)

@@ -17,10 +17,13 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import exp, squared_sine
 from dirprim_filter.filtering import _kernels
+from dirprim_filter.filtering._innovation_outliers import DENSEST, LEAST_SHARE, PLACE_M, displace
 from dirprim_filter.filtering._kernels import Cloud, mean_of
 from dirprim_filter.filtering._measuring import Noise, direction_fit, speed_fit, weigh_by
+from dirprim_filter.filtering._widening import weigh_motion
 from dirprim_filter.primitives._manoeuvres import MotionTable
 
 X, Y, DIRECTION, SPEED = range(4)
@@ -97,8 +100,7 @@ def left_by(
     place, direction, mean = cloud.position[v], cloud.direction[v], carried.mean[v]
     x, y, since = measured[X], measured[Y], carried.since_s[v]
     kept, other = math.exp(-since * axes.forgets[0]), math.exp(-since * axes.forgets[1])
-    s = expected(carried.variance[v, 0], kept, axes.correlated[0]) + axes.white[0]
-    s_across = expected(carried.variance[v, 1], other, axes.correlated[1]) + axes.white[1]
+    s, s_across = error_variance(carried, v, axes, 0), error_variance(carried, v, axes, 1)
     bias, bias_across = axes.bias[0], axes.bias[1]
     precision, precision_across = 1.0 / s, 1.0 / s_across
     for p in range(direction.size):
@@ -148,27 +150,67 @@ def expected(variance: float, kept: float, correlated: float) -> float:
     return kept * kept * variance + (1.0 - kept * kept) * correlated
 
 
+@njit(cache=True, inline="always")
+def error_variance(carried: Carried, v: int, axes: Axes, a: int) -> float:
+    """Of the difference that a particle's path and carried error leave of a measurement, along an axis."""
+    kept = math.exp(-carried.since_s[v] * axes.forgets[a])
+    return float(expected(carried.variance[v, a], kept, axes.correlated[a]) + axes.white[a])
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def weigh(
-    cloud: Cloud, carried: Carried, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, axes: Axes,
-    noise: Noise,
+    cloud: Cloud, carried: Carried, vehicle: IntArray, measured: FloatArray, share: FloatArray, evidence: FloatArray,
+    axes: Axes, noise: Noise,
 ) -> None:  # fmt: skip
     """Weigh each vehicle's particles by its measurement (V, 4), and learn of the error that each carries.
 
-    Fills (V, 2) as `_measuring.weigh`. A measurement that the belief as a whole calls an outlier tells nothing of the
-    carried error.
+    A `share` (V,) are innovation outliers a priori. Fills (V, 2) as `_measuring.weigh`. A measurement that the belief
+    as a whole calls an outlier tells nothing of the carried error.
     """
     n = cloud.position.shape[1]
-    fit, off = np.empty(n), np.empty((4, n))
+    fit, off, before = np.empty(n), np.empty((4, n)), np.empty(n)
     for i in range(vehicle.size):
         v = vehicle[i]
+        for p in range(n):
+            before[p] = cloud.weight[v, p]
         scale = noise.kept * left_by(cloud, carried, v, measured[i], axes, off, fit)
         weigh_by(
             cloud.weight[v], cloud.direction[v], cloud.speed[v], fit, scale, measured[i, DIRECTION],
             measured[i, SPEED], noise, evidence[i],
         )  # fmt: skip
-        learn(carried, v, axes, off, evidence[i, 1] >= math.log(2.0 * noise.outlier))
+        is_explained = evidence[i, 1] >= math.log(2.0 * noise.outlier)
+        if is_explained and math.exp(evidence[i, 1]) * LEAST_SHARE < share[i] * DENSEST:
+            weigh_outliers(cloud, carried, v, before, measured[i], share[i], axes, noise, off, fit)
+        learn(carried, v, axes, off, is_explained)
         update_course(cloud, carried, v, axes, off)
+
+
+@njit(cache=True, error_model="numpy")
+def weigh_outliers(
+    cloud: Cloud, carried: Carried, v: int, before: FloatArray, measured: FloatArray, share: float, axes: Axes,
+    noise: Noise, off: FloatArray, fit: FloatArray,
+) -> None:  # fmt: skip
+    """Weigh a vehicle's particles, of weights `before`, as `_innovation_outliers.weigh` does; `off` is what is left."""
+    scale, k = noise.kept * left_by(cloud, carried, v, measured, axes, off, fit), PLACE_M * PLACE_M
+    s, s_across = error_variance(carried, v, axes, 0), error_variance(carried, v, axes, 1)
+    gain, gain_across = k / (k + s), k / (k + s_across)
+    far_scale = share * noise.kept / (2.0 * math.pi * math.sqrt((k + s) * (k + s_across)))
+    weight, state = cloud.weight[v], cloud.state[v].copy()
+    for p in range(weight.size):
+        ordinary = (1.0 - share) * (scale * exp(-0.5 * fit[p]) + noise.outlier)
+        far = far_scale * exp(-0.5 * (gain * off[0, p] * off[0, p] + gain_across * off[1, p] * off[1, p]) / k)
+        both = ordinary + far
+        weight[p] = before[p] * both if both < np.inf else 0.0
+        if random.uniform(state) * both < far:
+            ahead = gain * off[0, p] + math.sqrt(gain * s) * random.draw_normal(state)
+            aside = gain_across * off[1, p] + math.sqrt(gain_across * s_across) * random.draw_normal(state)
+            off[0, p] -= ahead
+            off[1, p] -= aside
+            east = ahead * off[COSINE, p] - aside * off[SINE, p]
+            displace(cloud, v, p, east, ahead * off[SINE, p] + aside * off[COSINE, p], state)
+    for word in range(state.size):
+        cloud.state[v, word] = state[word]
+    weigh_motion(cloud, v, measured[DIRECTION], measured[SPEED], noise)
 
 
 @njit(cache=True, nogil=True)

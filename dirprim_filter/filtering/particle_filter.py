@@ -185,13 +185,18 @@ class ParticleFilter:
         few = np.flatnonzero(judged.is_moved)
         per_vehicle = (slot[few], before[few], columns[few])
         self.split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=80.0)
-        share = np.minimum(self.config.innovation_outlier_rate * self.belief.unweighed_s[slot], MOST_OUTLIERS)
-        self.belief.unweighed_s[slot] = 0.0
+        share = self._outlier_share(slot)
         rare = np.exp(evidence[:, 1]) * _innovation_outliers.LEAST_SHARE < share * _innovation_outliers.DENSEST
         off = np.flatnonzero(rare & ~judged.is_moved & ~judged.is_unexplained)
         astray = (slot[off], before[off], columns[off], share[off])
         self.split(_innovation_outliers.weigh, (cloud,), astray, (self._noise,), each_ns=25.0)
         return judged
+
+    def _outlier_share(self, slot: IntArray) -> FloatArray:
+        """(v,) how probably each vehicle has left the motion model since it was last weighed, which is now."""
+        share = np.minimum(self.config.innovation_outlier_rate * self.belief.unweighed_s[slot], MOST_OUTLIERS)
+        self.belief.unweighed_s[slot] = 0.0
+        return np.asarray(share)
 
     def _judged(self, evidence: FloatArray) -> Evidence:
         """(v, 2) log densities of a measurement and of its position alone -> the evidence."""

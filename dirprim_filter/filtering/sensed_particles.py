@@ -55,6 +55,7 @@ class SensedParticles(ParticleFilter):
         self.belief.step += 1
         self._follow_the_hour(measured)
         cloud, columns = self.belief.cloud, _columns(measured)
+        self.belief.unweighed_s[slot] = 0.0
         first = (slot, np.asarray(key), measured.position)
         how = (self._spread, self._table.place_free_share)
         self.split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
@@ -102,8 +103,8 @@ class SensedParticles(ParticleFilter):
         self._follow_the_hour(measured)
         evidence = np.empty((slot.size, 2))
         self.split(
-            _sensing.weigh, (self.belief.cloud, self._carried), (slot, _columns(measured), evidence),
-            (self._axes, self._noise), each_ns=10.0,
+            _sensing.weigh, (self.belief.cloud, self._carried),
+            (slot, _columns(measured), self._outlier_share(slot), evidence), (self._axes, self._noise), each_ns=10.0,
         )  # fmt: skip
         return self._judged(evidence)
 

@@ -6,6 +6,8 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker, _innovation_outliers
+from dirprim_filter.filtering.sensed_particles import SensedParticles
+from dirprim_filter.sensor import AxisError, Sensor
 from situations import TRUSTING, one_cell_map
 
 N, RATE, DT_S = 40_000, 0.5, 0.1
@@ -13,10 +15,11 @@ MEASURED = np.array([[0.36, 0.1], [0.1, 0.2]])
 """A covariance that is neither round nor along an axis."""
 
 
-def weighed(place, *, pace, rate=RATE, n=N):
+def weighed(place, *, pace, rate=RATE, sensor=None, n=N):
     """Particles that are all at the origin and go east, given a measurement; -> weights, places and velocities."""
     config = FilterConfig(n_particles=n, innovation_outlier_rate=rate, outlier_probability=1e-9)
-    bayes = ParticleFilter(one_cell_map(concentration=5.0, shape=10.0), config)
+    road = one_cell_map(concentration=5.0, shape=10.0)
+    bayes = ParticleFilter(road, config) if sensor is None else SensedParticles(road, config, sensor)
     cloud, slot = bayes.belief.cloud, np.array([0])
     bayes.place(slot, np.zeros(1, np.uint64), np.zeros((1, 4)), np.zeros((1, 4, 4)))
     cloud.speed[0], cloud.direction[0], bayes.belief.unweighed_s[0] = pace, 0.0, DT_S
@@ -33,20 +36,25 @@ def normal(off, covariance):
     )
 
 
+SENSOR = Sensor(along=AxisError(spread_m=0.6), across=AxisError(spread_m=0.4))
+
+
+@pytest.mark.parametrize("sensor", [None, SENSOR])
 @pytest.mark.parametrize("place", [(1.2, -0.4), (2.2, 0.5)])
-def test_particles_follow_the_posterior_of_the_mixture(place):
+def test_particles_follow_the_posterior_of_the_mixture(place, sensor):
     """Its share, mean and covariance in closed form; each is estimated to five standard errors, of which one in a
     million is exceeded.
     """
     z, prior = np.array(place), _innovation_outliers.PLACE_M**2 * np.eye(2)
+    noise = MEASURED if sensor is None else np.diag([0.36, 0.16])
     share = RATE * DT_S
-    ordinary, outlying = (1.0 - share) * normal(z, MEASURED), share * normal(z, MEASURED + prior)
+    ordinary, outlying = (1.0 - share) * normal(z, noise), share * normal(z, noise + prior)
     expected = outlying / (ordinary + outlying)
-    weight, moved, _ = weighed(place, pace=10.0)
+    weight, moved, _ = weighed(place, pace=10.0, sensor=sensor)
     is_moved = (moved != 0.0).any(axis=1)
     np.testing.assert_allclose(weight, 1.0 / N, rtol=1e-6)
     assert is_moved.mean() == pytest.approx(expected, abs=5.0 * np.sqrt(expected * (1.0 - expected) / N))
-    gain, n = prior @ np.linalg.inv(prior + MEASURED), is_moved.sum()
+    gain, n = prior @ np.linalg.inv(prior + noise), is_moved.sum()
     exact, spread = gain @ z, prior - gain @ prior
     assert n > 100
     error = 5.0 * np.sqrt(np.diag(spread) / n)
