@@ -181,7 +181,7 @@ class _Store:
         if not entries:
             raise ValueError(f"{folder}: expected logs to learn from, the store is empty; see `dirprim store add`")
         now_ns = time_ns(now)
-        self._sums = StoredSums.of(store)
+        self._store, self._sums = store, StoredSums.of(store)
         self._by: Literal["hour", "week"] | None = None if by is None else by.value
         self._zone = "UTC" if zone is None else zone
         self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
@@ -196,8 +196,14 @@ class _Store:
         self.counts = f"{counted(len(entries), 'log')}, {counted(n_rows, 'row')}"
 
     def learn(self, **options: Any) -> PrimitiveMap:
-        from dirprim_filter.store.learning import learn_from_summary
+        from dirprim_filter.store.updating import learn_from_store
 
-        return learn_from_summary(
-            self._sums, min_vehicles=self._least, fading=self._fading, by=self._by, zone=self._zone, **options
+        return learn_from_store(
+            self._store,
+            self._sums,
+            min_vehicles=self._least,
+            fading=self._fading,
+            by=self._by,
+            zone=self._zone,
+            **options,
         )

@@ -27,6 +27,7 @@ from dirprim_filter.cli import (
     simulate,
     store,
     track,
+    update,
     view,
 )
 from dirprim_filter.cli.outputs import checked
@@ -78,7 +79,7 @@ def _every_command(
 
 
 for command in (
-    info.info, convert.convert, simulate.simulate, learn.learn, calibrate.calibrate, track.track,
+    info.info, convert.convert, simulate.simulate, learn.learn, update.update, calibrate.calibrate, track.track,
     forecast.forecast, plot.plot, view.view, recover.recover, replay.replay, score.score, export.export, demo.demo,
 ):  # fmt: skip
     app.command()(checked(command))

@@ -26,6 +26,7 @@ from dirprim_filter.primitives.motion_choice import learn_motion
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import CellsRule, ModesRule, Recipe, Usual
+from dirprim_filter.primitives.refit import Refit
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly
@@ -115,7 +116,11 @@ def learn_primitives(
         learned,
         motion=replace(learn_motion(learned, rows, rng=rng), leader=learn_leader(tracks)),
         n_rows=np.append(np.diff(n_rows), len(rows)),
-    )
+        refit=Refit(
+            recipe=recipe, softness=layout.softness, place_free=lean.place_free, borrowed=lean.borrowed,
+            lenders=tuple(other.cells.centers for other in others) if lean.borrowed > 0 else (),
+        ),
+    )  # fmt: skip
 
 
 def _check_options(

@@ -66,6 +66,7 @@ class Motion:
         count: (t,) how often.
         course_rate: 1/s, rate at which a vehicle's deviation from the course of its manoeuvre decays.
         strength: weight of a place-free manoeuvre against those of a cell, in visits.
+        spread: by how much `course_spread` and `push` are wider than those of the visits.
         leader: the response to leaders; None where it was not learned.
 
     Raises:
@@ -97,6 +98,7 @@ class Motion:
     count: FloatArray
     course_rate: float = 2.0
     strength: float = 1.0
+    spread: float = 1.0
     leader: LeaderResponse | None = None
 
     def __post_init__(self) -> None:
@@ -120,7 +122,7 @@ class Motion:
         for name in AMOUNTS:
             if (getattr(self, name) < 0).any():
                 raise ValueError(f"{name}: expected no negative numbers, got {getattr(self, name).min()}")
-        for name in ("course_rate", "strength"):
+        for name in ("course_rate", "strength", "spread"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)}")
 

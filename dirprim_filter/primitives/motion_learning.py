@@ -5,6 +5,7 @@ How much the place-free manoeuvres count, and how far vehicles stray: see `motio
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -134,7 +135,7 @@ def likeliest_modes(primitives: PrimitiveMap, visits: Visits, modes: range) -> I
 
 def motion_of(
     sums: MotionSums, labels: Labels, primitives: PrimitiveMap, place_free: tuple[dict[str, FloatArray], csr_array],
-    knobs: LearningKnobs,
+    knobs: LearningKnobs, *, usual: FloatArray | None = None,
 ) -> Motion:  # fmt: skip
     """Motion from sums over visits.
 
@@ -144,29 +145,28 @@ def motion_of(
         primitives: what the sums deviate from.
         place_free: columns of the place-free manoeuvres, and how often one followed the other.
         knobs: chosen ones.
+        usual: as of `usual_squares`, what spreads lean on; left out, what is usual of these manoeuvres.
     """
     cell, mode, spread = labels.cell, labels.mode, knobs.spread
     n = sums.visits
-    wide = VARIANCE_OF_PLACE * primitives.tessellation.area[cell][:, None]  # m^2
-    field, curve = np.insert(np.repeat(wide, 2, axis=1), 0, 1.0, axis=1), wide ** np.arange(3.0)
-    course, pace = sums.course.solved(COURSE_RIDGE * field), sums.log_pace.solved(PACE_RIDGE * field)
-    path, stretch = sums.path.solved(PATH_RIDGE * curve), sums.stretch.solved(STRETCH_RIDGE)[:, 0]
-    ridge = ACCELERATION_RIDGE * np.insert(field, 3, 1.0, axis=1)
-    acceleration = sums.acceleration.solved(ridge)
-    pushed = sums.pushed.mean_square(sums.pushed.solved(ridge)) / PUSHED_SHARE
+    field = _fields(sums, labels, primitives)
+    course, pace, path = field.course, field.log_pace, field.path
+    stretch, acceleration = sums.stretch.solved(STRETCH_RIDGE)[:, 0], field.acceleration
     acceleration[:, 3] = np.clip(acceleration[:, 3], -MOST_REVERSION, 0.0)
     mean_speed = primitives.speed.mean[cell, mode]
     acceleration[:, 0] -= acceleration[:, 3] * mean_speed
     direction = primitives.direction.mean_direction[cell, mode]
     stands = mode == primitives.n_own_modes - 1
+    squares = _mean_squares(sums, field)
+    usual = _usual(squares, n, ~stands) if usual is None else usual
+    of_course, of_pace, of_path, of_push = (_spread(s, n, u) for s, u in zip(squares, usual, strict=True))
     placed = {
         "cell": cell, "mode": mode, "visits": n, "seconds": sums.seconds,
         "course": direction + course[:, 0], "bend": primitives.bend[cell, mode] + course[:, 1:],
-        "course_spread": np.where(stands, ANY_COURSE, spread * _spread(sums.course.mean_square(course), n, ~stands)),
+        "course_spread": np.where(stands, ANY_COURSE, spread * of_course),
         "log_pace": np.log(mean_speed + CREEP) + pace[:, 0], "gain": _of_pace(primitives, cell, mode) + pace[:, 1:],
-        "log_pace_spread": _spread(sums.log_pace.mean_square(pace), n, ~stands),
-        "path": path, "path_spread": _spread(sums.path.mean_square(path), n, ~stands), "path_direction": direction,
-        "acceleration": acceleration, "push": spread * _spread(pushed, n, ~stands), "stretch": stretch,
+        "log_pace_spread": of_pace, "path": path, "path_spread": of_path, "path_direction": direction,
+        "acceleration": acceleration, "push": spread * of_push, "stretch": stretch,
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),
         "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(n.size),
     }  # fmt: skip
@@ -177,17 +177,54 @@ def motion_of(
     return Motion(
         **joined(placed, free), first=transition.indptr.astype(np.int64),
         following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
-        strength=knobs.strength,
+        strength=knobs.strength, spread=spread,
     )  # fmt: skip
 
 
-def _spread(mean_square: FloatArray, n: FloatArray, moves: BoolArray) -> FloatArray:
-    """(z,) standard deviations that lean on the usual one, by `SPREAD_VISITS`; who was seen once says little.
+class _Fields(NamedTuple):
+    """Coefficients of the regressions of z manoeuvres."""
 
-    What is usual follows from the manoeuvres in motion, by n visits' degrees of freedom, as the median.
-    """
-    freedom = np.maximum(n - 1.5, 0.0)
+    course: FloatArray  # (z, 3)
+    log_pace: FloatArray  # (z, 3)
+    path: FloatArray  # (z, 3)
+    acceleration: FloatArray  # (z, 4)
+    pushed: FloatArray  # (z, 4)
+
+
+def _fields(sums: MotionSums, labels: Labels, primitives: PrimitiveMap) -> _Fields:
+    wide = VARIANCE_OF_PLACE * primitives.tessellation.area[labels.cell][:, None]  # m^2
+    field, curve = np.insert(np.repeat(wide, 2, axis=1), 0, 1.0, axis=1), wide ** np.arange(3.0)
+    ridge = ACCELERATION_RIDGE * np.insert(field, 3, 1.0, axis=1)
+    return _Fields(
+        sums.course.solved(COURSE_RIDGE * field), sums.log_pace.solved(PACE_RIDGE * field),
+        sums.path.solved(PATH_RIDGE * curve), sums.acceleration.solved(ridge), sums.pushed.solved(ridge),
+    )  # fmt: skip
+
+
+def _mean_squares(sums: MotionSums, field: _Fields) -> FloatArray:
+    """(4, z) of what visits are off in course, log pace and path, and in acceleration."""
+    pushed = sums.pushed.mean_square(field.pushed) / PUSHED_SHARE
+    of_fields = (sums.course.mean_square(field.course), sums.log_pace.mean_square(field.log_pace))
+    return np.stack([*of_fields, sums.path.mean_square(field.path), pushed])
+
+
+def usual_squares(parts: Sequence[tuple[MotionSums, Labels, PrimitiveMap]]) -> FloatArray:
+    """(4,) the usual mean squares of the manoeuvres of several parts of a map: see `motion_of`."""
+    squares = [_mean_squares(sums, _fields(sums, labels, part)) for sums, labels, part in parts]
+    moves = [labels.mode != part.n_own_modes - 1 for _, labels, part in parts]
+    visits = [sums.visits for sums, _, _ in parts]
+    return _usual(np.concatenate(squares, axis=1), np.concatenate(visits), np.concatenate(moves))
+
+
+def _usual(squares: FloatArray, n: FloatArray, moves: BoolArray) -> FloatArray:
+    """(k,) of mean squares (k, z), the median over manoeuvres in motion, by n visits' degrees of freedom."""
     often = moves & (n >= FEWEST_VISITS)
-    usual = float(np.median(n[often] * mean_square[often] / freedom[often])) if often.any() else 1.0
+    freedom = np.maximum(n[often] - 1.5, 0.0)
+    return np.array([np.median(n[often] * square[often] / freedom) if often.any() else 1.0 for square in squares])
+
+
+def _spread(mean_square: FloatArray, n: FloatArray, usual: float) -> FloatArray:
+    """(z,) standard deviations that lean on the usual one, by `SPREAD_VISITS`; who was seen once says little."""
+    freedom = np.maximum(n - 1.5, 0.0)
     variance = (n * mean_square + SPREAD_VISITS * usual) / (freedom + SPREAD_VISITS)
     return np.asarray(np.sqrt(np.maximum(variance, 1e-8)))

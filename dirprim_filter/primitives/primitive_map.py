@@ -18,6 +18,7 @@ from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
 from dirprim_filter.primitives.motion import Motion
+from dirprim_filter.primitives.refit import Refit
 from dirprim_filter.primitives.schedule import Schedule
 from tessellation import GridTessellation, Tessellation
 from tessellation.locate import locator_of
@@ -75,6 +76,7 @@ class PrimitiveMap:
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
         motion: how vehicles go on from place to place; left out: each on the mode of its cell, and settling on it.
         schedule: how the map turns with the hour, see `at_time`; all the rest is of all day.
+        refit: how it was fitted; None where that is not known.
 
     Raises:
         ValueError: the parameters are not those of n_cells + 1 primitives.
@@ -90,6 +92,7 @@ class PrimitiveMap:
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
     schedule: Schedule | None = None
+    refit: Refit | None = None
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:

@@ -23,6 +23,7 @@ from dirprim_filter.store.steps import HERE
 from dirprim_filter.store.store import RECORDINGS, Store
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import write_summary
+from dirprim_filter.store.tiles import tiles_of
 from dirprim_filter.store.workers import InProcess, Workers
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
@@ -114,7 +115,8 @@ def summarise_log(log: LogFile, *, config: StoreConfig, folder: Path) -> Receipt
     entry = Entry(
         url=log.url, size=log.size, mark=log.mark, rows=rows, n_rows=len(read.tracks),
         n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
-        n_squares=np.unique(square_of(summary.steps.key[:, HERE])).size, config=config.digest,
+        n_squares=np.unique(square_of(summary.steps.key[:, HERE])).size,
+        tiles=tiles_of(summary.steps.key[:, HERE]).tolist(), config=config.digest,
         status="damaged" if read.losses.damage or read.losses.lost else "whole",
     )  # fmt: skip
     return Receipt(log, entry, read.frame, "")

@@ -10,7 +10,7 @@ from typing import Any, Self
 from dirprim_filter.recording.reader import FieldMapping, Origin, ReadOptions, TimeSource
 from dirprim_filter.store.lattice import Lattice
 
-FORMAT = 2
+FORMAT = 3
 """Of stores."""
 
 

@@ -140,7 +140,7 @@ def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: F
         tracks, kind = pseudo_tracks(steps, summary.lattice)
         way = tracks.track_id + n_ways
         when = np.searchsorted(whens.key[:, 0], steps.key[kind, WHEN])
-        shown = ((way * GOLDEN) % 1.0 < share[when]) & _is_passed(summary, tracks, min_vehicles)
+        shown = ((way * GOLDEN) % 1.0 < share[when]) & is_passed(tracks, summary.passed, summary.lattice, min_vehicles)
         parts.append(_shown(replace(tracks, track_id=way), shown, end_ns))
         hours.append(hour[when[shown]])
         n_ways, end_ns = n_ways + tracks.n_tracks, end_ns + len(tracks) * APART_NS
@@ -170,10 +170,10 @@ def _blocks(whens: Tally) -> list[tuple[int, int]]:
     return list(zip(when[begins].tolist(), when[np.append(begins[1:], when.size) - 1].tolist(), strict=True))
 
 
-def _is_passed(summary: Sums, tracks: Tracks, min_vehicles: int) -> BoolArray:
-    """(n,) where so many vehicles passed the place the way the row does."""
-    state, _ = summary.lattice.states(tracks.position, tracks.direction, tracks.speed)
-    place = passed_place(state, summary.lattice)
-    known = summary.passed.key[:, 0]
+def is_passed(tracks: Tracks, passed: Tally, lattice: Lattice, min_vehicles: int) -> BoolArray:
+    """(n,) where so many vehicles passed the place the way the row does; `passed` as of `Summary`."""
+    state, _ = lattice.states(tracks.position, tracks.direction, tracks.speed)
+    place = passed_place(state, lattice)
+    known = passed.key[:, 0]
     at = np.minimum(np.searchsorted(known, place), max(known.size - 1, 0))
-    return np.asarray((known[at] == place) & (summary.passed.value[at, 0] >= min_vehicles))
+    return np.asarray((known[at] == place) & (passed.value[at, 0] >= min_vehicles))

@@ -35,6 +35,7 @@ class Entry:
         start_ns: time of the first.
         end_ns: time of the last.
         n_squares: squares of the lattice that vehicles were in.
+        tiles: east and north of the tiles, see `tiles`, that they were in, in order.
         config: `StoreConfig.digest`.
         status: whether all of the log could be read.
     """
@@ -48,12 +49,15 @@ class Entry:
     start_ns: int
     end_ns: int
     n_squares: int
+    tiles: list[list[int]]
     config: str
     status: Literal["whole", "damaged"]
 
     def __post_init__(self) -> None:
         if not (isinstance(self.url, str) and isinstance(self.rows, str) and HASH.fullmatch(self.rows)):
             raise ValueError(f"rows: expected the hash of a recording, got {self.rows!r}")
+        if not all(len(tile) == 2 and all(isinstance(number, int) for number in tile) for tile in self.tiles):
+            raise ValueError("tiles: expected pairs of whole numbers")
 
     @staticmethod
     def name_of(url: str) -> str:

@@ -10,6 +10,7 @@ and every file takes its name when it is whole: so whatever is killed, nothing h
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from dataclasses import dataclass, fields
@@ -75,6 +76,15 @@ class Store:
     def entries(self) -> list[Entry]:
         """The logs that were added, in order of their URLs."""
         return sorted((Entry.read(path) for path in (self.path / MANIFEST).glob("*.json")), key=lambda entry: entry.url)
+
+    def rows(self) -> list[str]:
+        """The recordings that count, by the hashes of their rows, in order."""
+        return sorted({entry.rows for entry in self.entries()})
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the names of the recordings, and of how they were counted: what is learned depends on no more."""
+        return hashlib.sha256(repr((self.config.digest, self.frame, self.rows())).encode()).hexdigest()
 
     def recording(self, rows: str) -> Path:
         """The file of a recording, by the hash of its rows."""

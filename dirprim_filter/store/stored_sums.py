@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,14 +47,13 @@ class StoredSums:
             RecordingError: a recording is damaged.
             OSError: one cannot be read.
         """
-        rows = sorted({entry.rows for entry in store.entries()})
+        rows = store.rows()
         counts = Counts.none()
         recordings: list[tuple[Path, list[int]]] = []
         for parts in _by_size(_counts(store, rows, recordings), _n_passed):
             counts = Counts.total([counts, *parts])
-        digest = hashlib.sha256(repr((store.config.digest, store.frame, rows)).encode()).hexdigest()
         return cls(
-            lattice=store.config.lattice, digest=digest, recordings=recordings, whens=counts.whens,
+            lattice=store.config.lattice, digest=store.digest, recordings=recordings, whens=counts.whens,
             passed=counts.passed, leader=counts.leader,
         )  # fmt: skip
 

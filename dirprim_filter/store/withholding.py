@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.distributions import VonMisesMixture
+from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.motion_learning import likeliest_modes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -27,20 +27,45 @@ def withheld(learned: PrimitiveMap, visits: Visits, mode: IntArray, min_vehicles
         mode: (v,) of each visit.
         min_vehicles: so many at least.
     """
-    enough = _vehicles_of_modes(learned, visits, mode) >= min_vehicles
+    enough = vehicles_of_modes(learned, visits, mode) >= min_vehicles
+    kept = kept_manoeuvres(learned.motion, enough, min_vehicles)
+    return replace(without_modes(learned, enough), motion=_often_driven(learned.motion, kept, min_vehicles))
+
+
+def without_modes(learned: PrimitiveMap, enough: BoolArray) -> PrimitiveMap:
+    """The map with those own and borrowed modes alone that `enough` vehicles drive, (n_cells, own and borrowed modes).
+
+    Of the others nothing stays, neither directions nor speeds.
+    """
     weight = learned.direction.weight.copy()
     weight[:-1, : enough.shape[1]] *= enough
     weight /= weight.sum(axis=1, keepdims=True)
-    direction = VonMisesMixture(
-        weight=weight, mean_direction=learned.direction.mean_direction, concentration=learned.direction.concentration
-    )
+    gone = weight == 0.0
+    gone[-1] = gone[:, learned.n_own_modes - 1] = False  # who stands does so everywhere alike
+
+    def of_kept(column: FloatArray, filler: float) -> FloatArray:
+        return np.where(gone if column.ndim == gone.ndim else gone[..., None], filler, column)
+
     return replace(
-        learned, direction=direction,
-        motion=_often_driven(learned.motion, enough[:, : learned.n_own_modes], min_vehicles),
+        learned,
+        direction=VonMisesMixture(
+            weight=weight, mean_direction=of_kept(learned.direction.mean_direction, 0.0),
+            concentration=of_kept(learned.direction.concentration, 0.0),
+        ),
+        speed=Gamma(shape=of_kept(learned.speed.shape, 1.0), rate=of_kept(learned.speed.rate, 1.0)),
+        bend=of_kept(learned.bend, 0.0), gain=of_kept(learned.gain, 0.0),
     )  # fmt: skip
 
 
-def _vehicles_of_modes(learned: PrimitiveMap, visits: Visits, mode: IntArray) -> FloatArray:
+def kept_manoeuvres(motion: Motion, enough: BoolArray, least: int) -> BoolArray:
+    """(z,) those of no place, and of modes that `enough` vehicles drive those with so many visits."""
+    kept = motion.cell < 0
+    placed = ~kept
+    kept[placed] = enough[motion.cell[placed], motion.mode[placed]] & (motion.visits[placed] >= least)
+    return kept
+
+
+def vehicles_of_modes(learned: PrimitiveMap, visits: Visits, mode: IntArray) -> FloatArray:
     """(n_cells, own and borrowed modes) how many vehicles visited each."""
     n_own, n_modes = learned.n_own_modes, learned.n_own_modes + learned.n_borrowed_modes
     n_cells, inside = learned.tessellation.n_cells, np.flatnonzero(visits.cell >= 0)
@@ -57,11 +82,9 @@ def _vehicles_of_modes(learned: PrimitiveMap, visits: Visits, mode: IntArray) ->
     return number.reshape(n_cells, n_modes).astype(float)
 
 
-def _often_driven(motion: Motion, enough: BoolArray, least: int) -> Motion:
-    """The manoeuvres, of modes that are left, and the transitions between them that happened at least so often."""
+def _often_driven(motion: Motion, kept: BoolArray, least: int) -> Motion:
+    """Some of the manoeuvres, and the transitions between them that happened at least so often."""
     placed = motion.cell >= 0
-    kept = ~placed
-    kept[placed] = enough[motion.cell[placed], motion.mode[placed]] & (motion.visits[placed] >= least)
     z = kept.size
     often = motion.count >= np.where(np.repeat(placed, np.diff(motion.first)), least, 0.0)
     start = np.repeat(np.arange(z), np.diff(motion.first))[often]

@@ -9,6 +9,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py workers 16
     python tests/benchmarks/fleet.py killing
     python tests/benchmarks/fleet.py known 10000
+    python tests/benchmarks/fleet.py update 16
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from dirprim_filter.store.store import Store
 from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import write_summary
+from dirprim_filter.store.updating import learn_from_store, update_map
 from dirprim_filter.store.workers import LocalWorkers
 from dirprim_filter.tracks import Tracks
 from tessellation import VoronoiTessellation
@@ -84,6 +86,36 @@ def scored(learned, test: Tracks, seed: int) -> np.ndarray:
     off = np.linalg.norm(path - cases.later[:, None], axis=-1).mean(axis=1)
     apart = sum(np.linalg.norm(path - np.roll(path, i, axis=1), axis=-1).mean(axis=1) for i in range(1, N_SAMPLES))
     return np.append(density, np.nanmean(off - 0.5 * apart / (N_SAMPLES - 1), axis=0))
+
+
+def update(n_places: int) -> None:
+    """A log of one of many places is added to a store, and the map fitted anew there: processor time."""
+    tracks = read_tracks(ROOT / "recordings" / "roundabout_learn.mcap")
+    new = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store.create(Path(folder) / "store", StoreConfig())
+        for i in range(n_places):
+            place = np.array([500.0 * (i % 8), 500.0 * (i // 8)])
+            write_tracks(replace(tracks, position=tracks.position + place), Path(folder) / f"{i}.mcap")
+        add_logs(store, find_logs([f"{folder}/*.mcap"]))
+        sums, begun = StoredSums.of(store), time.process_time()
+        cells = VoronoiTessellation.lloyd(
+            visible_tracks(sums).tracks.position, n_cells=150 * n_places, rng=np.random.default_rng(0), reach=3.0
+        )
+        learned = learn_from_store(store, sums, tessellation=cells, rng=np.random.default_rng(0))
+        learning_s, begun = time.process_time() - begun, time.process_time()
+        write_tracks(new, path := Path(folder) / "new.mcap")
+        add_logs(store, find_logs([str(path)]))
+        adding_s, begun = time.process_time() - begun, time.process_time()
+        done = update_map(learned, store)
+        updating_s = time.process_time() - begun
+    rows = thinned(new, interval_s=0.2)
+    before, after = (m.log_density(rows.position, rows.direction, rows.speed).mean() for m in (learned, done[0]))
+    print(
+        f"{n_places} places, {learned.tessellation.n_cells} cells: learned in {learning_s:.1f} s; a log of {len(new)} "
+        f"rows added in {adding_s:.2f} s, {done.n_cells} cells fitted anew in {updating_s:.2f} s; its log density "
+        f"{before:.3f}, then {after:.3f}"
+    )
 
 
 def repeated(tracks: Tracks, n_rows: int, first: int = 0) -> Tracks:
@@ -160,8 +192,8 @@ def write_entry(store: Store, tracks: Tracks, name: str) -> None:
     """Put tracks into a store, as if they had come from a log."""
     entry = Entry(
         url=name, size=0, mark="0", rows=hash_of_rows(tracks), n_rows=len(tracks), n_vehicles=tracks.n_tracks,
-        start_ns=int(tracks.time_ns[0]), end_ns=int(tracks.time_ns[-1]), n_squares=0, config=store.config.digest,
-        status="whole",
+        start_ns=int(tracks.time_ns[0]), end_ns=int(tracks.time_ns[-1]), n_squares=0, tiles=[],
+        config=store.config.digest, status="whole",
     )  # fmt: skip
     with new_file(store.recording(entry.rows)) as file:
         write_summary(Summary.of(tracks), file)
@@ -253,7 +285,9 @@ def known(n_logs: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known"])
+    parser.add_argument(
+        "what", choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known", "update"]
+    )
     parser.add_argument("of", nargs="?")
     parser.add_argument("--cells", type=int, default=120)
     parser.add_argument("--seeds", type=int, default=1)
@@ -266,6 +300,8 @@ if __name__ == "__main__":
         columns(int(given.of or 10_000_000))
     elif given.what == "workers":
         workers(int(given.of or 16))
+    elif given.what == "update":
+        update(int(given.of or 16))
     elif given.what == "known":
         known(int(given.of or 10_000))
     else:

@@ -32,7 +32,18 @@ def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
     assert run(["learn", "other", "-o", "same.mcap", "--min-vehicles", "3", *grid]) == 0
     assert (logs / "map.mcap").read_bytes() == (logs / "same.mcap").read_bytes()
     assert load_map("map.mcap").motion.n_placed > 0
+    before = (logs / "map.mcap").read_bytes()
+    assert run(["update", "map.mcap", "fleet", "-o", "copy.mcap"]) == 0
+    assert run(["update", "map.mcap", "fleet"]) == 0
+    assert "0 of " in capsys.readouterr().out
+    assert before == (logs / "map.mcap").read_bytes() == (logs / "copy.mcap").read_bytes()
+    assert run(["update", "map.mcap", "fleet", "-o", "copy.mcap"]) == 1
+    assert "copy.mcap" in capsys.readouterr().err
     assert run(["store", "forget", "fleet", "0.mcap"]) == 0
+    assert run(["update", "copy.mcap", "fleet"]) == 0
+    assert (logs / "copy.mcap").read_bytes() != before
+    assert run(["update", "copy.mcap", "other"]) == 0
+    assert (logs / "copy.mcap").read_bytes() == before
     capsys.readouterr()
     assert run(["store", "info", "fleet"]) == 0
     assert "1 log of 1 recording, 240 rows, 6 vehicles" in capsys.readouterr().out
@@ -52,11 +63,14 @@ def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
         (["store", "add", "fleet", "absent.mcap"], "absent.mcap: No such file"),
         (["store", "forget", "fleet", "1.mcap"], "is not in the store"),
         (["store", "info", "absent"], "expected a store, found none"),
+        (["update", "of_log.mcap", "fleet"], "expected one learned from a store"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_what_cannot_be_done_is_said_in_one_line(logs, capsys, arguments, said):
     assert run(["store", "add", "fleet", "0.mcap"]) == 0
+    if arguments[0] == "update":
+        assert run(["learn", "0.mcap", "-o", "of_log.mcap", "--tessellation", "grid", "--cell-size", "10"]) == 0
     capsys.readouterr()
     assert run(arguments) == 1
     told = capsys.readouterr().err

@@ -141,7 +141,7 @@ class Leader(_message.Message):
     def __init__(self, gain: _Optional[_Iterable[float]] = ..., push: _Optional[float] = ..., trust: _Optional[float] = ..., start_rate: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Motion(_message.Message):
-    __slots__ = ("cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "curvature", "first", "following", "count", "course_rate", "strength", "leader")
+    __slots__ = ("cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "curvature", "first", "following", "count", "course_rate", "strength", "leader", "spread")
     CELL_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
     VISITS_FIELD_NUMBER: _ClassVar[int]
@@ -174,6 +174,7 @@ class Motion(_message.Message):
     COURSE_RATE_FIELD_NUMBER: _ClassVar[int]
     STRENGTH_FIELD_NUMBER: _ClassVar[int]
     LEADER_FIELD_NUMBER: _ClassVar[int]
+    SPREAD_FIELD_NUMBER: _ClassVar[int]
     cell: _containers.RepeatedScalarFieldContainer[int]
     mode: _containers.RepeatedScalarFieldContainer[int]
     visits: _containers.RepeatedScalarFieldContainer[float]
@@ -206,7 +207,8 @@ class Motion(_message.Message):
     course_rate: float
     strength: float
     leader: Leader
-    def __init__(self, cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., curvature: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ..., leader: _Optional[_Union[Leader, _Mapping]] = ...) -> None: ...
+    spread: float
+    def __init__(self, cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., curvature: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ..., leader: _Optional[_Union[Leader, _Mapping]] = ..., spread: _Optional[float] = ...) -> None: ...
 
 class Schedule(_message.Message):
     __slots__ = ("by", "zone", "flow", "pace")
@@ -220,8 +222,62 @@ class Schedule(_message.Message):
     pace: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, by: _Optional[str] = ..., zone: _Optional[str] = ..., flow: _Optional[_Iterable[float]] = ..., pace: _Optional[_Iterable[float]] = ...) -> None: ...
 
+class Generators(_message.Message):
+    __slots__ = ("x", "y")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    x: _containers.RepeatedScalarFieldContainer[float]
+    y: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class Counted(_message.Message):
+    __slots__ = ("by", "min_vehicles", "share", "usual_square", "east", "north", "digest")
+    BY_FIELD_NUMBER: _ClassVar[int]
+    MIN_VEHICLES_FIELD_NUMBER: _ClassVar[int]
+    SHARE_FIELD_NUMBER: _ClassVar[int]
+    USUAL_SQUARE_FIELD_NUMBER: _ClassVar[int]
+    EAST_FIELD_NUMBER: _ClassVar[int]
+    NORTH_FIELD_NUMBER: _ClassVar[int]
+    DIGEST_FIELD_NUMBER: _ClassVar[int]
+    by: str
+    min_vehicles: int
+    share: float
+    usual_square: _containers.RepeatedScalarFieldContainer[float]
+    east: _containers.RepeatedScalarFieldContainer[int]
+    north: _containers.RepeatedScalarFieldContainer[int]
+    digest: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, by: _Optional[str] = ..., min_vehicles: _Optional[int] = ..., share: _Optional[float] = ..., usual_square: _Optional[_Iterable[float]] = ..., east: _Optional[_Iterable[int]] = ..., north: _Optional[_Iterable[int]] = ..., digest: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class Refit(_message.Message):
+    __slots__ = ("modes", "curved", "prior_strength", "parameter_cost", "usual_resultant", "usual_speed_spread", "config", "softness", "place_free", "borrowed", "lenders", "counted")
+    MODES_FIELD_NUMBER: _ClassVar[int]
+    CURVED_FIELD_NUMBER: _ClassVar[int]
+    PRIOR_STRENGTH_FIELD_NUMBER: _ClassVar[int]
+    PARAMETER_COST_FIELD_NUMBER: _ClassVar[int]
+    USUAL_RESULTANT_FIELD_NUMBER: _ClassVar[int]
+    USUAL_SPEED_SPREAD_FIELD_NUMBER: _ClassVar[int]
+    CONFIG_FIELD_NUMBER: _ClassVar[int]
+    SOFTNESS_FIELD_NUMBER: _ClassVar[int]
+    PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
+    BORROWED_FIELD_NUMBER: _ClassVar[int]
+    LENDERS_FIELD_NUMBER: _ClassVar[int]
+    COUNTED_FIELD_NUMBER: _ClassVar[int]
+    modes: str
+    curved: bool
+    prior_strength: float
+    parameter_cost: float
+    usual_resultant: float
+    usual_speed_spread: float
+    config: str
+    softness: float
+    place_free: float
+    borrowed: float
+    lenders: _containers.RepeatedCompositeFieldContainer[Generators]
+    counted: Counted
+    def __init__(self, modes: _Optional[str] = ..., curved: bool = ..., prior_strength: _Optional[float] = ..., parameter_cost: _Optional[float] = ..., usual_resultant: _Optional[float] = ..., usual_speed_spread: _Optional[float] = ..., config: _Optional[str] = ..., softness: _Optional[float] = ..., place_free: _Optional[float] = ..., borrowed: _Optional[float] = ..., lenders: _Optional[_Iterable[_Union[Generators, _Mapping]]] = ..., counted: _Optional[_Union[Counted, _Mapping]] = ...) -> None: ...
+
 class PrimitiveMap(_message.Message):
-    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "n_borrowed_modes", "grid", "voronoi", "cells", "place_free", "version", "motion", "schedule")
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "n_borrowed_modes", "grid", "voronoi", "cells", "place_free", "version", "motion", "schedule", "refit")
     TILE_FIELD_NUMBER: _ClassVar[int]
     N_TILES_FIELD_NUMBER: _ClassVar[int]
     N_MODES_FIELD_NUMBER: _ClassVar[int]
@@ -234,6 +290,7 @@ class PrimitiveMap(_message.Message):
     VERSION_FIELD_NUMBER: _ClassVar[int]
     MOTION_FIELD_NUMBER: _ClassVar[int]
     SCHEDULE_FIELD_NUMBER: _ClassVar[int]
+    REFIT_FIELD_NUMBER: _ClassVar[int]
     tile: int
     n_tiles: int
     n_modes: int
@@ -246,4 +303,5 @@ class PrimitiveMap(_message.Message):
     version: int
     motion: Motion
     schedule: Schedule
-    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., n_borrowed_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., schedule: _Optional[_Union[Schedule, _Mapping]] = ...) -> None: ...
+    refit: Refit
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., n_borrowed_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., schedule: _Optional[_Union[Schedule, _Mapping]] = ..., refit: _Optional[_Union[Refit, _Mapping]] = ...) -> None: ...

@@ -18,6 +18,7 @@ from dirprim_filter.primitives.schedule import N_SLOTS, By, Schedule
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of, parse
 from dirprim_filter.recording.schemas.motion_columns import COLUMNS, decode_motion, encode_motion
+from dirprim_filter.recording.schemas.refit_message import decode_refit, encode_refit
 from tessellation import GridTessellation, VoronoiTessellation
 
 VERSION = 2
@@ -69,6 +70,7 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
             place_free=place_free,
             motion=encode_motion(primitive_map.motion, tile, n_tiles),
             schedule=_encode_schedule(primitive_map.schedule, cells),
+            refit=encode_refit(primitive_map.refit) if tile == 0 else None,
         )
 
 
@@ -164,6 +166,7 @@ def _shared_part(tile: dirprim_pb2.PrimitiveMap) -> bytes:
     shared.CopyFrom(tile)
     shared.ClearField("tile")
     shared.ClearField("cells")
+    shared.ClearField("refit")
     for column in COLUMNS:
         shared.motion.ClearField(column)
     for column in ("flow", "pace"):
@@ -203,6 +206,7 @@ def _joined(tiles: list[dirprim_pb2.PrimitiveMap]) -> PrimitiveMap:
         gain=np.stack([column["gain_east"], column["gain_north"]], axis=-1),
         motion=decode_motion([tile.motion for tile in tiles]),
         schedule=_schedule_of(tiles, n_cells),
+        refit=decode_refit(first.refit) if first.HasField("refit") else None,
     )
 
 

@@ -23,7 +23,7 @@ FIELDS = {
     "acceleration": ("acceleration", "acceleration_east", "acceleration_north", "acceleration_speed"),
 }
 """The message's fields of the attributes that have several columns; of others it is the one of that name."""
-KNOBS = ("course_rate", "strength", "leader")
+KNOBS = ("course_rate", "strength", "spread", "leader")
 COLUMNS = tuple(field.name for field in dirprim_pb2.Motion.DESCRIPTOR.fields if field.name not in KNOBS)
 """What tiles have parts of; all else they repeat."""
 
@@ -39,6 +39,7 @@ def encode_motion(motion: Motion, tile: int, n_tiles: int) -> dirprim_pb2.Motion
         **{name: column[_part(column.size, tile, n_tiles)].tolist() for name, column in columns.items()},
         course_rate=motion.course_rate,
         strength=motion.strength,
+        spread=motion.spread,
         leader=None if motion.leader is None else _encode_leader(motion.leader),
     )
 
@@ -68,6 +69,7 @@ def decode_motion(parts: list[dirprim_pb2.Motion]) -> Motion:
         **floats,
         course_rate=parts[0].course_rate,
         strength=parts[0].strength,
+        spread=parts[0].spread or 1.0,  # maps of before it was kept
         leader=_decode_leader(parts[0].leader) if parts[0].HasField("leader") else None,
     )
 

@@ -1,0 +1,81 @@
+"""What it takes to fit some cells of a map anew: what was chosen when it was learned, and from what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dirprim_filter.arrays import ArrayValue, FloatArray, IntArray
+from dirprim_filter.primitives.recipe import Recipe
+
+N_SPREADS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Counted(ArrayValue):
+    """What a map was learned from: the recordings of a store, by tiles, so that its size is that of the map.
+
+    Attributes:
+        by: how the store counts, and in which frame.
+        min_vehicles: of what fewer did the map says nothing.
+        share: of the ways of vehicles, those that were learned from.
+        usual_square: (4,) of a manoeuvre's deviations, see `motion_learning.usual_squares`.
+        tile: (t, 2) east and north, in order: those that recordings have steps in.
+        digest: (t,) of the recordings of each.
+
+    Raises:
+        ValueError: columns of different lengths, or a number out of range.
+    """
+
+    by: str
+    min_vehicles: int
+    share: float
+    usual_square: FloatArray
+    tile: IntArray
+    digest: IntArray
+
+    def __post_init__(self) -> None:
+        if self.tile.shape != (self.digest.size, 2):
+            raise ValueError(f"tile, digest: expected (t, 2) and (t,), got {self.tile.shape} and {self.digest.shape}")
+        if self.min_vehicles < 1 or not 0.0 < self.share <= 1.0:
+            raise ValueError(
+                "min_vehicles, share: expected at least 1, and more than 0 to 1, got "
+                f"{self.min_vehicles} and {self.share}"
+            )
+        square = self.usual_square
+        if square.shape != (N_SPREADS,) or not (np.isfinite(square).all() and (square >= 0).all()):
+            raise ValueError(f"usual_square: expected {N_SPREADS} numbers, none negative, got {square}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Refit:
+    """How a map's cells were fitted.
+
+    Attributes:
+        recipe: of the modes.
+        softness: how much cells learn from beside them, see `tessellation.gates`.
+        place_free: vehicles with which the place-free primitive enters a cell.
+        borrowed: share of a cell's weight that it borrows.
+        lenders: generators (k, 2) of the cells that it borrows from.
+        counted: what the map was learned from; None where that is no store, or fades, or turns with the hour.
+
+    Raises:
+        ValueError: a number that is out of range.
+    """
+
+    recipe: Recipe
+    softness: float
+    place_free: float
+    borrowed: float
+    lenders: tuple[FloatArray, ...] = ()
+    counted: Counted | None = None
+
+    def __post_init__(self) -> None:
+        numbers = (self.softness, self.place_free, self.borrowed, *self.recipe.usual)
+        if not (np.isfinite(numbers).all() and min(numbers) >= 0.0 and self.borrowed < 1.0):
+            raise ValueError(
+                f"softness, place_free, borrowed, usual: expected numbers that are not negative, got {numbers}"
+            )
+        if not (self.recipe.prior_strength > 0.0 and self.recipe.parameter_cost > 0.0 and self.place_free > 0.0):
+            raise ValueError("prior_strength, parameter_cost, place_free: expected positive numbers")

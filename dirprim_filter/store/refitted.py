@@ -1,0 +1,182 @@
+"""A map whose cells are in part those that were, and in part fitted anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.store.tile_fit import STEP_NS, Passages, TileFit
+from dirprim_filter.store.tiles import Tile
+
+FILLERS = {
+    "weight": 0.0, "mean_direction": 0.0, "concentration": 0.0, "shape": 1.0, "rate": 1.0, "bend": 0.0, "gain": 0.0,
+}  # fmt: skip
+"""Of modes that a cell does not have."""
+ADJACENT_NS = STEP_NS + STEP_NS // 2
+"""From the last instant of a visit to the first of the next. A half more, as ways may be filled in from other rows."""
+
+
+def refitted(
+    learned: PrimitiveMap, fits: dict[Tile, TileFit], stale: set[Tile], *, usual: FloatArray, min_vehicles: int
+) -> PrimitiveMap:
+    """The map with the cells of stale tiles fitted anew, and the transitions from and to them counted anew.
+
+    Args:
+        learned: the map as it was.
+        fits: of the stale tiles, and of those whose cells vehicles go to from there or come from.
+        stale: tiles.
+        usual: see `motion_of`.
+        min_vehicles: what fewer did is left out.
+    """
+    finished = {tile: fit.finished(learned, usual, min_vehicles) for tile, fit in fits.items()}
+    new = [(fits[tile].cells, finished[tile][0]) for tile in sorted(stale)]
+    rows = _Rows.of(learned, new)
+    numbers = _Manoeuvres.of(learned, new, rows.n_own)
+    parts = []
+    for tile, fit in fits.items():
+        passages = finished[tile][1]
+        of_fit = numbers.of_cells(fit.cells)
+        known = passages.manoeuvre >= 0
+        number = np.full(passages.manoeuvre.size, -1)
+        number[known] = of_fit[passages.manoeuvre[known]]
+        parts.append(passages._replace(manoeuvre=number))
+    transition = _transitions(learned, numbers, parts, min_vehicles)
+    motion = replace(
+        learned.motion, **numbers.column, first=transition.indptr.astype(np.int64),
+        following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
+    )  # fmt: skip
+    return rows.of_map(learned, motion)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Columns of primitives, of no more modes than a cell has."""
+
+    column: dict[str, FloatArray]  # (n_cells + 1, modes, ...)
+    n_rows: IntArray
+    n_own: int
+    n_borrowed: int
+
+    @classmethod
+    def of(cls, learned: PrimitiveMap, new: list[tuple[IntArray, PrimitiveMap]]) -> _Rows:
+        kept = np.ones(learned.tessellation.n_cells, np.bool_)
+        for cells, _ in new:
+            kept[cells] = False
+        sources = [(np.flatnonzero(kept), learned, np.flatnonzero(kept))]
+        sources += [(cells, part, np.arange(cells.size)) for cells, part in new]
+        used = [_used(part, own) for _, part, own in sources]
+        n_own, n_borrowed = max(1, *(u[0] for u in used)) + 1, max(u[1] for u in used)
+        k = learned.n_place_free_modes
+        column = {
+            name: np.full((kept.size + 1, n_own + n_borrowed + k, *values.shape[2:]), FILLERS[name])
+            for name, values in _columns(learned).items()
+        }
+        n_rows = np.zeros(kept.size + 1, np.int64)
+        for cells, part, own in [*sources, (np.array([-1]), learned, np.array([-1]))]:
+            moves, stands = part.n_own_modes - 1, n_own - 1
+            m, b = min(moves, stands), min(part.n_borrowed_modes, n_borrowed)
+            for name, values in _columns(part).items():
+                into, of = column[name], values[own]
+                into[cells, :m], into[cells, stands] = of[:, :m], of[:, moves]
+                into[cells, n_own : n_own + b] = of[:, moves + 1 : moves + 1 + b]
+                into[cells, n_own + n_borrowed :] = of[:, of.shape[1] - k :]
+            n_rows[cells] = part.n_rows[own]
+        n_rows[-1] = n_rows[:-1].sum()
+        return cls(column, n_rows, n_own, n_borrowed)
+
+    def of_map(self, learned: PrimitiveMap, motion: Motion) -> PrimitiveMap:
+        """The map with these columns."""
+        c = self.column
+        return replace(
+            learned, n_rows=self.n_rows, n_borrowed_modes=self.n_borrowed, motion=motion,
+            direction=VonMisesMixture(
+                weight=c["weight"], mean_direction=c["mean_direction"], concentration=c["concentration"]
+            ),
+            speed=Gamma(shape=c["shape"], rate=c["rate"]), bend=c["bend"], gain=c["gain"],
+        )  # fmt: skip
+
+
+def _columns(part: PrimitiveMap) -> dict[str, FloatArray]:
+    direction, speed = part.direction, part.speed
+    values = (
+        direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate, part.bend,
+        part.gain,
+    )  # fmt: skip
+    return dict(zip(FILLERS, values, strict=True))
+
+
+def _used(part: PrimitiveMap, rows: IntArray) -> tuple[int, int]:
+    """How many columns of modes in motion, and of borrowed ones, rows need."""
+    moves, weight = part.n_own_modes - 1, part.direction.weight[rows]
+    own, borrowed = weight[:, :moves], weight[:, moves + 1 : moves + 1 + part.n_borrowed_modes]
+    return tuple(int(np.flatnonzero(w.any(axis=0)).max(initial=-1)) + 1 for w in (own, borrowed))  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, slots=True)
+class _Manoeuvres:
+    """Columns of manoeuvres in order of their cells, and which of them are those that were."""
+
+    column: dict[str, Any]
+    former: IntArray  # (all that were,) their numbers now; -1 of those that are no more
+    renewed: BoolArray  # (z,) whether fitted anew
+
+    @classmethod
+    def of(cls, learned: PrimitiveMap, new: list[tuple[IntArray, PrimitiveMap]], n_own: int) -> _Manoeuvres:
+        gone = np.zeros(learned.tessellation.n_cells + 1, np.bool_)
+        for cells, _ in new:
+            gone[cells] = True
+        kept = np.flatnonzero(~gone[learned.motion.cell])  # of no place is of cell -1, the last, which stays
+        sources = [(learned, kept, learned.motion.cell[kept])]
+        sources += [(part, np.arange(part.motion.n_placed), cells[part.motion.cell[: part.motion.n_placed]])
+                    for cells, part in new]  # fmt: skip
+        cell = np.concatenate([of for _, _, of in sources])
+        order = np.argsort(np.where(cell < 0, gone.size, cell), kind="stable")
+        column = {
+            name: np.concatenate([getattr(part.motion, name)[own] for part, own, _ in sources])[order]
+            for name in FLOATS
+        }
+        mode = np.concatenate([
+            np.where((part.motion.mode[own] == part.n_own_modes - 1) & (of >= 0), n_own - 1, part.motion.mode[own])
+            for part, own, of in sources
+        ])  # fmt: skip
+        column |= {"cell": cell[order], "mode": mode[order]}
+        now = np.empty(order.size, np.int64)
+        now[order] = np.arange(order.size)
+        former = np.full(len(learned.motion), -1)
+        former[kept] = now[: kept.size]
+        return cls(column, former, order >= kept.size)
+
+    def of_cells(self, cells: IntArray) -> IntArray:
+        """Those of some cells, ascending."""
+        return np.flatnonzero(np.isin(self.column["cell"], cells))
+
+
+def _transitions(
+    learned: PrimitiveMap, numbers: _Manoeuvres, parts: list[Passages], min_vehicles: int
+) -> csr_array:  # fmt: skip
+    """(z, z) how often one manoeuvre followed the other."""
+    z, motion = numbers.renewed.size, learned.motion
+    source = np.repeat(np.arange(len(motion)), np.diff(motion.first))
+    before, after = numbers.former[source], numbers.former[motion.following]
+    kept = (before >= 0) & (after >= 0)
+    way, begin, end, number = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.lexsort((begin, way))
+    way, begin, end, number = way[order], begin[order], end[order], number[order]
+    follows = (way[1:] == way[:-1]) & (begin[1:] - end[:-1] <= ADJACENT_NS) & (number[1:] >= 0) & (number[:-1] >= 0)
+    one, other = number[:-1][follows], number[1:][follows]
+    renewed = numbers.renewed[one] | numbers.renewed[other]
+    one, other = one[renewed], other[renewed]
+    counted = csr_array((np.ones(one.size), (one, other)), shape=(z, z))
+    counted.sum_duplicates()
+    counted.data[counted.data < min_vehicles] = 0.0
+    total = csr_array(counted + csr_array((motion.count[kept], (before[kept], after[kept])), shape=(z, z)))
+    total.eliminate_zeros()
+    total.sort_indices()
+    return total

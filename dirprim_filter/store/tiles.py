@@ -1,0 +1,63 @@
+"""Tiles of a store's lattice: of each it is known which recordings have steps in it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.store.lattice import Lattice, square_of, unpacked
+from dirprim_filter.store.manifest import Entry
+
+TILE_SQUARES = 128
+"""Side of a tile, a multiple of `steps.PASSED_SQUARES`: vehicles are counted within one."""
+Tile = tuple[int, int]
+"""East and north, counted from the origin of the lattice."""
+
+
+def tiles_of(state: IntArray) -> IntArray:
+    """(t, 2) the tiles that states are in, in order. (n,)."""
+    _, row = np.unique(square_of(state), return_index=True)
+    east, north, _, _ = unpacked(state[row])
+    return np.unique(np.column_stack([east, north]) // TILE_SQUARES, axis=0)
+
+
+def tiles_at(position: FloatArray, lattice: Lattice) -> IntArray:
+    """(n, 2) the tile of each position. (n, 2) metres."""
+    return np.floor(position / (TILE_SQUARES * lattice.square_m)).astype(np.int64)
+
+
+def around(tiles: Iterable[Tile], rings: int) -> set[Tile]:
+    """Tiles, and those up to so many rings around them."""
+    beside = range(-rings, rings + 1)
+    return {(east + i, north + j) for east, north in tiles for i in beside for j in beside}
+
+
+class Digests(NamedTuple):
+    """Which recordings have steps in which tile, as a number of 64 bits for each tile."""
+
+    tile: IntArray  # (t, 2) in order
+    digest: IntArray  # (t,)
+
+    @classmethod
+    def of(cls, entries: Iterable[Entry]) -> Self:
+        """Of what a store holds."""
+        recordings: defaultdict[Tile, set[str]] = defaultdict(set)
+        for entry in entries:
+            for east, north in entry.tiles:
+                recordings[east, north].add(entry.rows)
+        tiles = sorted(recordings)
+        number = [hashlib.sha256(" ".join(sorted(recordings[tile])).encode()).digest()[:8] for tile in tiles]
+        return cls(
+            np.array(tiles, np.int64).reshape(-1, 2),
+            np.array([int.from_bytes(each, "little", signed=True) for each in number], np.int64),
+        )
+
+    def changed(self, other: Digests) -> set[Tile]:
+        """The tiles whose recordings are not the same."""
+        ours, theirs = (dict(zip(map(tuple, d.tile.tolist()), d.digest.tolist(), strict=True)) for d in (self, other))
+        return {(tile[0], tile[1]) for tile in ours.keys() | theirs.keys() if ours.get(tile) != theirs.get(tile)}

@@ -1,0 +1,219 @@
+"""A map brought up to date with its store: where, with what, and that the order of things does not show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dirprim_filter import Tracks, learn_primitives, load_map, save_map, write_tracks
+from dirprim_filter.primitives.learning import Leaning, _learned
+from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, modes_of
+from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.visits import Visits
+from dirprim_filter.store import Fading, Store, learn_from_store, update_map
+from dirprim_filter.store.adding import add_logs
+from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.lattice import Lattice
+from dirprim_filter.store.learning import visible_tracks
+from dirprim_filter.store.log_files import find_logs
+from dirprim_filter.store.recorded_ways import WayRows
+from dirprim_filter.store.stored_sums import StoredSums
+from dirprim_filter.store.tile_fit import Layouts
+from dirprim_filter.store.tiles import Digests, around, tiles_at
+from dirprim_filter.store.withholding import withheld
+
+FAR_M = 1000.0
+"""Between two streets: more than any tile reaches."""
+
+MIDDLE_M = 50.0
+"""Of a tile, about."""
+
+
+def street(seed, *, north, n_vehicles=6):
+    """Vehicles that drive 300 m to the east, across the borders of tiles, in one of two lanes and some of them back."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 30.01, 0.2)
+    back = rng.random(n_vehicles) < 0.4
+    speed = rng.uniform(8.0, 10.0, n_vehicles)
+    way = speed[:, None] * t
+    east = np.where(back[:, None], 240.0 - way, way - 60.0)
+    side = np.where(back, 4.0, 0.0) + rng.normal(0.0, 0.3, n_vehicles)
+    return Tracks(
+        track_id=1000 * seed + np.repeat(np.arange(n_vehicles), t.size),
+        time_ns=np.tile((t * 1e9).astype(np.int64), n_vehicles),
+        position=np.column_stack([east.ravel(), np.repeat(MIDDLE_M + north + side, t.size)]),
+        direction=np.repeat(np.where(back, np.pi, 0.0), t.size),
+        speed=np.repeat(speed, t.size),
+    )
+
+
+LOGS = {
+    "both": [street(1, north=0.0, n_vehicles=9), street(2, north=FAR_M, n_vehicles=9)],
+    "near": [street(3, north=0.0)],
+    "near again": [street(4, north=0.0)],
+    "far": [street(5, north=FAR_M)],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("streets")
+    for name, parts in LOGS.items():
+        write_tracks(Tracks.concatenate(parts), folder / f"{name}.mcap")
+    return folder
+
+
+def add(store, folder, *names):
+    added = add_logs(store, find_logs([str(folder / f"{name}.mcap") for name in names]))
+    assert not [receipt.error for receipt in added.receipts if receipt.error]
+
+
+def motion_of_whole(primitives, visits):
+    return fit_motion(primitives, visits, LearningKnobs(), rng=np.random.default_rng(0))
+
+
+def store_of(path, folder, *names):
+    store = Store.create(path, StoreConfig())
+    add(store, folder, *names)
+    return store
+
+
+def learned_from(store, *, min_vehicles=2):
+    return learn_from_store(
+        store, StoredSums.of(store), min_vehicles=min_vehicles, tessellation="voronoi", n_cells=120,
+        rng=np.random.default_rng(0),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def learned(folder, tmp_path_factory):
+    """Of the log of both streets."""
+    return learned_from(store_of(tmp_path_factory.mktemp("of") / "both", folder, "both"))
+
+
+@pytest.fixture
+def store(folder, tmp_path):
+    return store_of(tmp_path / "store", folder, "both")
+
+
+def bytes_of(primitive_map, path):
+    save_map(primitive_map, path, force=True)
+    return path.read_bytes()
+
+
+def test_where_nothing_changed_the_map_is_the_same(store, learned, tmp_path):
+    done = update_map(learned, store)
+    assert done.primitive_map is learned
+    assert done.n_tiles == done.n_cells == 0
+    save_map(learned, saved := tmp_path / "map.mcap")
+    again = load_map(saved)
+    assert update_map(again, store).n_tiles == 0
+    assert bytes_of(again, tmp_path / "again.mcap") == saved.read_bytes()
+
+
+def test_the_order_of_recordings_does_not_show_nor_that_some_were_forgotten(store, learned, folder, tmp_path):
+    found = {}
+    for order in (("near", "far", "near again"), ("near again", "near", "far")):
+        other, m = store_of(tmp_path / " ".join(order), folder, "both"), learned
+        for name in order:
+            add(other, folder, name)
+            m = update_map(m, other).primitive_map
+        found[order] = bytes_of(m, tmp_path / "map.mcap")
+    add(store, folder, "near", "near again", "far")
+    at_once = update_map(learned, store).primitive_map
+    assert set(found.values()) == {bytes_of(at_once, tmp_path / "map.mcap")}
+    for name in ("near", "far", "near again"):
+        store.forget(str(folder / f"{name}.mcap"))
+    back = update_map(at_once, store).primitive_map
+    assert bytes_of(back, tmp_path / "map.mcap") == bytes_of(learned, tmp_path / "map.mcap")
+
+
+def test_what_is_fitted_anew_is_what_all_of_it_would_be(store, learned, folder, tmp_path):
+    """Control: what is out of reach stays bit by bit, and what is not does not."""
+    add(store, folder, "near")
+    done = update_map(learned, store)
+    assert done.uncovered < 0.01
+    unknown = replace(learned.refit.counted, tile=np.empty((0, 2), np.int64), digest=np.empty(0, np.int64))
+    every = update_map(replace(learned, refit=replace(learned.refit, counted=unknown)), store)
+    assert every.n_cells == learned.tessellation.n_cells > done.n_cells > 0
+    assert bytes_of(every.primitive_map, tmp_path / "a.mcap") == bytes_of(done.primitive_map, tmp_path / "b.mcap")
+    far = learned.tessellation.centers[:, 1] > FAR_M / 2
+    before, after = learned, done.primitive_map
+    n = min(before.n_own_modes, after.n_own_modes) - 1
+    for column in ("weight", "mean_direction", "concentration"):
+        one, other = (getattr(m.direction, column)[:-1, :n] for m in (before, after))
+        assert np.array_equal(one[far], other[far])
+        assert not np.array_equal(one[~far], other[~far])
+    assert np.array_equal(before.n_rows[:-1][far], after.n_rows[:-1][far])
+    assert (after.n_rows[:-1][~far] >= before.n_rows[:-1][~far]).all()
+
+
+def test_it_agrees_with_what_is_learned_as_a_whole(store, learned, folder):
+    """By the same choices in the same cells, whose vehicles the store sums up and nothing divides into tiles."""
+    unseen = street(9, north=0.0, n_vehicles=20)
+    add(store, folder, "near", "near again", "far")
+    updated = update_map(learned, store).primitive_map
+    refit, layouts = updated.refit, Layouts.of(updated, updated.refit)
+    rows = TrackRows.thinned(visible_tracks(StoredSums.of(store), min_vehicles=2).tracks, interval_s=0.0)
+    lean = Leaning(refit.place_free, refit.borrowed)
+    whole = _learned(rows, [layouts.own, *layouts.lenders], refit.recipe, layouts.free, lean)
+    visits = Visits.of(rows, whole.tessellation)
+    whole = withheld(whole, visits, modes_of(whole, visits), 2)
+    old, new, other = (
+        m.log_density(unseen.position, unseen.direction, unseen.speed).mean() for m in (learned, updated, whole)
+    )
+    assert new > old + 0.1  # it learned
+    assert abs(new - other) < 0.01
+    of_tile = tiles_at(updated.tessellation.centers, Lattice())[:, 0]
+    across = []
+    for m in (updated, replace(whole, motion=motion_of_whole(whole, visits))):
+        n, source = m.motion.n_placed, np.repeat(m.motion.cell, np.diff(m.motion.first))
+        placed = (source >= 0) & (m.motion.following < n)
+        source, following = source[placed], m.motion.cell[m.motion.following[placed]]
+        across.append(m.motion.count[placed][of_tile[source] != of_tile[following]].sum())
+    assert across[1] >= 60  # of 36 vehicles
+    assert 0.9 * across[1] <= across[0] <= across[1]  # but for what one vehicle alone did
+
+
+def test_of_few_vehicles_nothing_is_said(store, folder, tmp_path):
+    """Three vehicles more than nine: what three do alone is kept from a map of four, in an updated one as well."""
+    m = learned_from(store, min_vehicles=4)
+    odd = street(8, north=0.0, n_vehicles=3)
+    odd = replace(odd, position=odd.position + np.array([0.0, 2.0]), direction=np.full(len(odd), np.pi / 2))
+    write_tracks(odd, tmp_path / "odd.mcap")
+    add(store, tmp_path, "odd")
+    assert update_map(m, store).n_cells > 0
+    updated = update_map(m, store).primitive_map
+    own = updated.direction.weight[:-1, : updated.n_own_modes + updated.n_borrowed_modes] > 0
+    assert (np.abs(np.cos(updated.direction.mean_direction[:-1, : own.shape[1]][own])) > 0.5).all()
+    assert updated.motion.visits[: updated.motion.n_placed].min() >= 4
+
+
+def test_of_too_many_steps_whole_ways_are_taken_by_their_share(store):
+    tiles = {tuple(tile) for entry in store.entries() for tile in entry.tiles}
+    every, some = (WayRows.of(store, tiles, min_vehicles=1, share=share) for share in (1.0, 0.5))
+    assert np.unique(every.way).size == 18
+    assert abs(np.unique(some.way).size - 9) <= 2
+    kept = np.isin(every.way, some.way)
+    assert all(np.array_equal(one[kept], other) for one, other in zip(every, some, strict=True))
+
+
+def test_tiles_are_those_of_recordings():
+    assert around({(0, 0)}, 1) == {(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)}
+    none = Digests.of([])
+    assert none.changed(none) == set()
+
+
+def test_what_cannot_be_updated_is_refused(store, learned, folder, tmp_path):
+    of_logs = learn_primitives(street(1, north=0.0), tessellation="grid", cell_size=10.0, rng=np.random.default_rng(0))
+    fades = learn_from_store(
+        store, StoredSums.of(store), min_vehicles=2, fading=Fading(half_life_s=1e6, now_ns=0), tessellation="grid",
+        cell_size=10.0, rng=np.random.default_rng(0),
+    )  # fmt: skip
+    for m in (of_logs, fades):
+        with pytest.raises(ValueError, match="expected one learned from a store"):
+            update_map(m, store)
+    other = Store.create(tmp_path / "other", StoreConfig(lattice=Lattice(square_m=2.0)))
+    add(other, folder, "both")
+    with pytest.raises(ValueError, match="expected a store that counts as configuration"):
+        update_map(learned, other)
