@@ -130,8 +130,22 @@ def means(position: FloatArray, weight: FloatArray, cell: IntArray, generators: 
 
     A cell of no position keeps its generator.
     """
-    offset = position - generators[cell]
-    n_cells = len(generators)
-    mass = np.bincount(cell, weight, minlength=n_cells)
-    moved = np.stack([np.bincount(cell, weight * along, minlength=n_cells) for along in offset.T], axis=1)
-    return generators + moved / np.where(mass > 0.0, mass, 1.0)[:, None], float(weight @ (offset**2).sum(axis=1))
+    total = np.zeros((3, len(generators)))
+    spread = _sum_offsets(position, weight, cell, generators, total)
+    return generators + (total[:2] / np.where(total[2] > 0.0, total[2], 1.0)).T, spread
+
+
+@njit(nogil=True, error_model="numpy", **COMPILED)
+def _sum_offsets(
+    position: FloatArray, weight: FloatArray, cell: IntArray, generators: FloatArray, total: FloatArray
+) -> float:
+    """Add weight times offset, and weight, to `total` (3, n_cells). -> the weighted squared offsets."""
+    spread = 0.0
+    for i in range(weight.size):
+        c = cell[i]
+        east, north = position[i, 0] - generators[c, 0], position[i, 1] - generators[c, 1]
+        total[0, c] += weight[i] * east
+        total[1, c] += weight[i] * north
+        total[2, c] += weight[i]
+        spread += weight[i] * (east * east + north * north)
+    return spread

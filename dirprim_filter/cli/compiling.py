@@ -61,10 +61,10 @@ def compiling_notice(command: str) -> Iterator[None]:
         yield
 
 
-def has_kernels() -> bool:
-    """Whether this installation has compiled before: numba's index files lie in its cache."""
+def has_kernels(kernel: str = "") -> bool:
+    """Whether this installation has compiled before, or this `module.function`: numba's index files lie in its cache."""
     folder = os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1]
-    return any(Path(folder).rglob("*.nbi"))
+    return any(Path(folder).rglob(f"{kernel}*.nbi"))
 
 
 def notice(left_s: float) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dirprim_filter.cli.compiling import has_kernels
 from dirprim_filter.cli.options import WRITTEN, Force, Seed
 
 if TYPE_CHECKING:
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.tracks import Tracks
+
+
+KERNEL = "_interaction.predict"
+"""Where this is compiled, so are the others that tracking needs."""
 
 
 class Scene(StrEnum):
@@ -62,7 +67,8 @@ def demo(
     folder.mkdir(parents=True, exist_ok=True)
 
     # The first run compiles kernels: some of them on the second core, while the first reads and learns.
-    compiling = subprocess.Popen([sys.executable, "-m", "dirprim_filter.cli.warm_up"])
+    warm_up = [sys.executable, "-m", "dirprim_filter.cli.warm_up"]
+    compiling = None if has_kernels(KERNEL) else subprocess.Popen(warm_up)
 
     import numpy as np
 
@@ -76,7 +82,8 @@ def demo(
         learned = learn_primitives(tracks, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed))
     save_map(learned, outputs["map.mcap"], metadata=provenance("demo", inputs=[learning], seed=seed), force=force)
     write_layout(learned, outputs["layout.json"], force=force)
-    compiling.wait()
+    if compiling is not None:
+        compiling.wait()
     typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
     scores = _track_three_ways(learned, tracks, truth, tracking, outputs, seed=seed, force=force)
     _print_result(learned, scores, outputs, folder)

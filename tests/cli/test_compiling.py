@@ -1,11 +1,12 @@
 """The line about compiling: once, on a terminal, only where something is compiled for long."""
 
 import sys
+from importlib import import_module
 
 import pytest
 from numba import njit
 
-from dirprim_filter.cli import compiling
+from dirprim_filter.cli import compiling, demo
 from dirprim_filter.cli.compiling import compiling_notice, notice
 from dirprim_filter.cli.main import app
 
@@ -56,3 +57,16 @@ def test_the_long_commands_say_it(command):
     assert command in compiling.SECONDS
     (registered,) = [own for own in app.registered_commands if (own.callback or print).__name__ == command]
     assert registered.callback.__wrapped__.__name__ == command
+
+
+def test_kernels_are_looked_for_by_name(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert not compiling.has_kernels()
+    (tmp_path / "filtering_1a2b").mkdir()
+    (tmp_path / "filtering_1a2b" / "_interaction.look_ahead-113.py311.nbi").touch()
+    assert compiling.has_kernels()
+    assert not compiling.has_kernels(demo.KERNEL)
+    (tmp_path / "filtering_1a2b" / f"{demo.KERNEL}-21.py311.nbi").touch()
+    assert compiling.has_kernels(demo.KERNEL)
+    module, function = demo.KERNEL.split(".")
+    assert hasattr(import_module(f"dirprim_filter.filtering.{module}"), function)
