@@ -62,7 +62,7 @@ def compiling_notice(command: str) -> Iterator[None]:
 
 
 def has_kernels(kernel: str = "") -> bool:
-    """Whether this installation has compiled before, or this `module.function`: numba's index files lie in its cache."""
+    """Whether this installation has compiled any kernel, or this `module.function`: numba's cache has its index."""
     folder = os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1]
     return any(Path(folder).rglob(f"{kernel}*.nbi"))
 

@@ -67,8 +67,9 @@ def demo(
     folder.mkdir(parents=True, exist_ok=True)
 
     # The first run compiles kernels: some of them on the second core, while the first reads and learns.
-    warm_up = [sys.executable, "-m", "dirprim_filter.cli.warm_up"]
-    compiling = None if has_kernels(KERNEL) else subprocess.Popen(warm_up)
+    compiling = None
+    if not has_kernels(KERNEL):
+        compiling = subprocess.Popen([sys.executable, "-m", "dirprim_filter.cli.warm_up"])
 
     import numpy as np
 
