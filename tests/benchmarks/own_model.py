@@ -25,7 +25,7 @@ def config(n_particles):
     """A filter that looks for nobody but who drives by the map."""
     return FilterConfig(
         n_particles=n_particles, noise_m=NOISE_M, outlier_probability=1e-13, redraw_rate=1e-9, place_free_share=1e-9,
-        place_free_agility=1.0,
+        place_free_agility=1.0, innovation_outlier_rate=1e-12,
     )  # fmt: skip
 
 
