@@ -17,7 +17,7 @@ TENTATIVE = "\0"
 """Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
 _COLUMNS = (
     "time_ns", "existence_ns", "measured_ns", "counted_ns", "is_labelled", "is_confirmed", "existence",
-    "outside", "ends", "n_unexplained", "log_evidence",
+    "outside", "in_sight", "ends", "n_unexplained", "log_evidence",
 )  # fmt: skip
 
 
@@ -33,6 +33,7 @@ class Roster:
         is_confirmed: (slots,) whether it was ever confirmed.
         existence: (slots, 3) see `existence`.
         outside: (slots,) probability that it is outside of the map's cells.
+        in_sight: (slots,) probability that it is where its sensor sees.
         ends: (slots,) 1/s, rate at which journeys end where it was when its existence was last moved on.
         n_unexplained: (slots,) consecutive measurements that its belief did not explain.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
@@ -52,6 +53,7 @@ class Roster:
         self.is_confirmed: BoolArray = np.empty(0, np.bool_)
         self.existence: FloatArray = np.empty((0, 3))
         self.outside: FloatArray = np.empty(0)
+        self.in_sight: FloatArray = np.empty(0)
         self.ends: FloatArray = np.empty(0)
         self.n_unexplained: IntArray = np.empty(0, np.int64)
         self.log_evidence: FloatArray = np.empty(0)
@@ -76,6 +78,7 @@ class Roster:
         self.is_confirmed[slot] = False
         self.existence[slot] = exists
         self.outside[slot] = 0.0
+        self.in_sight[slot] = 1.0
         self.ends[slot] = 0.0
         self.n_unexplained[slot] = 0
         self.log_evidence[slot] = 0.0
@@ -84,7 +87,7 @@ class Roster:
     @property
     def probability(self) -> FloatArray:
         """(slots,) that there is such a vehicle."""
-        return existence.probability(self.existence, self.outside)
+        return existence.probability(self.existence, self.outside, self.in_sight)
 
     def rename(self, old: str, new: str) -> None:
         """Call a track by another name."""

@@ -53,6 +53,7 @@ class Tracker:
         tracking: parameters of association and existence; left out, the defaults.
         sensor: errors of the measurements, for a particle filter on the map; left out, the isotropic noise of `config`.
             Beliefs are of the time when a detection was true, its latency ago; estimates are of the frame's own time.
+            Out of its sight a vehicle is not missed, and none is expected to be found; for any filter.
         with_innovations: report innovations, to find the frame where a filter went wrong; costs some 5 % of the time.
         rng: one number drawn from it seeds every vehicle, together with its id.
 
@@ -71,11 +72,13 @@ class Tracker:
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
+        self._sight = None if sensor is None else sensor.sight
         self._roster = Roster(self._filter)
         self._associator = Associator(self._filter, self.config, self.tracking)
         traffic = self._filter.traffic
         self._undetected = {
-            labelled: Undetected(traffic, self.tracking, self.config, learns_level=not labelled) for labelled in KINDS
+            labelled: Undetected(traffic, self.tracking, self.config, sight=self._sight, learns_level=not labelled)
+            for labelled in KINDS
         }
         self._revisits = {labelled: RevisitTime() for labelled in KINDS}
         self._seed = int(rng.integers(2**63))
@@ -141,7 +144,7 @@ class Tracker:
         roster.existence[hit] = existence.after_hit(
             roster.existence[hit], roster.log_evidence[hit], frame.first[row[~unexplained]], config
         )
-        roster.existence[missed] = existence.after_miss(roster.existence[missed], config)
+        roster.existence[missed] = existence.after_miss(roster.existence[missed], config, roster.in_sight[missed])
         roster.counted_ns[slot] = roster.counted_ns[missed] = self._time_ns
         roster.confirm(above=config.confirm_above)
         is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, config.lost_after))
@@ -292,6 +295,9 @@ class Tracker:
         roster.existence[slot] = existence.later(roster.existence[slot], dt_s, self.tracking, ends=passed)
         roster.ends[slot] = ends
         roster.outside[slot] = self._filter.probability_outside(held)
+        if self._sight is not None:
+            m = self._filter.moments(held)
+            roster.in_sight[slot] = self._sight.probability(m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2))
         roster.existence_ns[slot] = self._time_ns
 
     def _missed(self, is_labelled: bool) -> IntArray:

@@ -13,6 +13,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.filtering.traffic import Traffic
+from dirprim_filter.sight import Sight
 
 N_FIXED_POINT = 30
 """Steps of expectation maximisation towards the traffic's level, which rises to it; a few do where few are doubtful."""
@@ -30,18 +31,22 @@ class Undetected:
         traffic: of a map; None without one.
         config: detection probability and densities.
         noise: standard deviation of detections, and after how long a pause all tracks have ended.
+        sight: where the sensor sees: frames thin there alone, so that vehicles come into sight at its edge; everywhere
+            where left out. A cell is in sight if its centre is.
         learns_level: else it stays what is expected at first: then no vehicle has a part in what is believed of others.
     """
 
     def __init__(
-        self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig, *, learns_level: bool = True
-    ) -> None:
+        self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig, *, sight: Sight | None = None,
+        learns_level: bool = True,
+    ) -> None:  # fmt: skip
         self._traffic, self._config, self._noise = traffic, config, noise
         self._learns_level = learns_level and traffic is not None
         area = 0.0 if traffic is None else float(traffic.area.sum())
         self._n_found = 1.0
         self._n_expected = 1.0 / (config.vehicle_density * area) if area > 0 else 1.0
         self._share, self._anywhere = self._at_first()
+        self._seen = config.detection_probability * _in_sight(traffic, sight)
 
     @property
     def level(self) -> float:
@@ -65,16 +70,16 @@ class Undetected:
         Returns:
             (n,) the density of first detections that was expected at each, by what is known of the level now.
         """
-        seen, per_level = self._config.detection_probability, self._per_level(position)
+        per_level = self._per_level(position)
         if self._learns_level:
             found = self._n_found
-            self._n_expected += seen * float(self._share.sum())
+            self._n_expected += float((self._seen * self._share).sum())
             for _ in range(N_FIXED_POINT):
                 any_cause = self._density(per_level) + self._config.clutter_density
                 self._n_found = found + float((self.level * per_level / any_cause).sum())
         expected = self._density(per_level)
-        self._share = (1.0 - seen) * self._share
-        self._anywhere *= 1.0 - seen
+        self._share = (1.0 - self._seen) * self._share
+        self._anywhere *= 1.0 - self._config.detection_probability
         return expected
 
     def _at_first(self) -> tuple[FloatArray, float]:
@@ -86,8 +91,7 @@ class Undetected:
         """(n, 2) -> (n,) first detections per square metre where the level is 1."""
         if self._traffic is None:
             return np.zeros(len(position))
-        density = self._traffic.density(self._share, position, spread_m=self._noise.noise_m)
-        return self._config.detection_probability * density
+        return self._traffic.density(self._seen * self._share, position, spread_m=self._noise.noise_m)
 
     def _density(self, per_level: FloatArray) -> FloatArray:
         """(n,) -> (n,) with those that come into sight anywhere."""
@@ -95,3 +99,10 @@ class Undetected:
             found = self._config.detection_probability * self._anywhere
             return np.full(per_level.size, self._config.birth_density + found)
         return np.asarray(self._config.birth_density + self.level * per_level)
+
+
+def _in_sight(traffic: Traffic | None, sight: Sight | None) -> FloatArray:
+    """(z,) 1 for the manoeuvres of cells whose centre is in sight, 0 for the others."""
+    if traffic is None or sight is None:
+        return np.ones(0 if traffic is None else traffic.present.size)
+    return sight.sees(traffic.tessellation.centers)[traffic.cell].astype(np.float64)

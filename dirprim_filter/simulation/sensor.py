@@ -19,6 +19,8 @@ from dirprim_filter.tracks import Tracks
 
 OUTLIER_EXTENT_M = 100.0
 """Side of the square about a vehicle in which an outlier lies anywhere."""
+FALSE = "false-"
+"""Prefix of the ids of false detections."""
 
 
 def detect(
@@ -58,8 +60,9 @@ def detect(
 def sense(tracks: Tracks, sensor: Sensor, *, rng: np.random.Generator) -> Detections:
     """What a sensor of such a model reports of vehicles whose true motion is known, in order of time.
 
-    Detections are named as by `detect`. A vehicle is not reported until its first row is a latency old. What the
-    model leaves open does not happen: no misses, no false detections, no outliers.
+    Detections are named as by `detect`. A vehicle is not reported until its first row is a latency old, nor out of
+    sight; false ones are in sight. What the model leaves open does not happen: no misses, no false detections, no
+    outliers.
 
     Args:
         tracks: the truth; each of its instants is a frame.
@@ -78,11 +81,13 @@ def sense(tracks: Tracks, sensor: Sensor, *, rng: np.random.Generator) -> Detect
     position[strayed] = tracks.position[strayed] + rng.uniform(-half, half, (int(strayed.sum()), 2))
     seen = np.flatnonzero(known & (rng.random(len(tracks)) >= missed))
     area = float(np.prod(np.ptp(tracks.position, axis=0)))
-    return _with_false(tracks, seen, position[seen], (sensor.clutter_density or 0.0) * area, rng)
+    found = _with_false(tracks, seen, position[seen], (sensor.clutter_density or 0.0) * area, rng)
+    is_false = np.char.startswith(found.track_id, FALSE)
+    return found if sensor.sight is None else found[~is_false | sensor.sight.sees(found.position)]
 
 
 def _late(track: Tracks, sensor: Sensor, rng: np.random.Generator) -> tuple[FloatArray, BoolArray]:
-    """Of one vehicle (n,) rows: (n, 2) reported positions, and (n,) whether it was there when they were true."""
+    """Of one vehicle (n,) rows: (n, 2) reported positions, and (n,) whether it was there and in sight then."""
     time_s = (track.time_ns - track.time_ns[0]) * 1e-9
     at = time_s - sensor.latency_s
     columns = np.column_stack([track.position, np.cos(track.direction), np.sin(track.direction)])
@@ -91,7 +96,8 @@ def _late(track: Tracks, sensor: Sensor, rng: np.random.Generator) -> tuple[Floa
     cosine, sine = cosine / length, sine / length
     along, across = _errors(sensor.along, time_s, rng), _errors(sensor.across, time_s, rng)
     reported = np.column_stack([x + along * cosine - across * sine, y + along * sine + across * cosine])
-    return reported, at >= 0.0
+    in_sight = sensor.sight is None or sensor.sight.sees(np.column_stack([x, y]))
+    return reported, (at >= 0.0) & in_sight
 
 
 def _errors(axis: AxisError, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -114,7 +120,7 @@ def _with_false(
     false_time_ns = np.repeat(frames, rng.poisson(false_per_frame, frames.size))
     n_false = false_time_ns.size
     false_position = rng.uniform(tracks.position.min(axis=0), tracks.position.max(axis=0), (n_false, 2))
-    false_id = np.char.add("false-", np.arange(n_false).astype(np.str_))
+    false_id = np.char.add(FALSE, np.arange(n_false).astype(np.str_))
     time_ns = np.concatenate([tracks.time_ns[seen], false_time_ns])
     order = np.argsort(time_ns, kind="stable")
     return Detections(

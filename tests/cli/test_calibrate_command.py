@@ -1,6 +1,7 @@
 """`dirprim calibrate`, the sensor file, and JSON detections: measured, written, read again, and refused in one line."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.evaluation.calibration import self_calibration
 from dirprim_filter.recording.sensor_file import load_sensor, save_sensor
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
+from dirprim_filter.sight import Sight
 from dirprim_filter.simulation.sensor import sense
 from evaluation.test_calibration import BIASED, TRUTH
 
@@ -43,8 +45,9 @@ def test_a_log_is_calibrated_and_drawn(log, tmp_path, capsys):
 
 def test_a_sensor_file_reads_as_it_was_written(tmp_path):
     path = tmp_path / "sensor.toml"
-    save_sensor(BIASED, path)
-    assert load_sensor(path) == BIASED
+    seeing = replace(BIASED, sight=Sight((((0.0, 0.0), (30.5, 0.0), (0.0, -20.25)),)))
+    save_sensor(seeing, path)
+    assert load_sensor(path) == seeing
 
 
 @pytest.mark.parametrize(
@@ -57,6 +60,7 @@ def test_a_sensor_file_reads_as_it_was_written(tmp_path):
         ("[along]\nspread_m = nan\n[across]\nspread_m = 1", "spread_m: expected a positive number"),
         ("[along]\nspread_m = 1", "across: expected a table with spread_m"),
         ('[along]\nspread_m = "1"\n[across]\nspread_m = 1', "along: spread_m: expected a number"),
+        ("sight = 3\n[along]\nspread_m = 1\n[across]\nspread_m = 1", "sight: expected a list of polygons"),
         ("[along", "sensor.toml"),
     ],
 )
