@@ -14,7 +14,7 @@ from numba import njit
 
 from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation._compiling import COMPILED
-from tessellation._kernels import Locator
+from tessellation._kernels import HEADER, Locator
 from tessellation._raster import DEEPEST, LARGEST_SIDE
 
 SHORTEST_EDGE = 1e-9
@@ -83,40 +83,50 @@ def owned_squares(locator: Locator, refinement: int, owned: IntArray) -> None:
 
     Args:
         locator: of a Voronoi tessellation.
-        refinement: its pixels along the side of a square.
+        refinement: its pixels along the side of a square; of a locator in blocks, those within blocks.
         owned: (n_cells, 4) inside out, to be grown: first column and row, last column and row.
     """
     entry = locator.entry
     n_y, n_x = locator.pixel.shape
     room = owned.shape[0] + 8
     corner, spare, label = np.empty((room, 2)), np.empty((room, 3)), np.empty(room, np.int64)
-    room = DEEPEST * LARGEST_SIDE * LARGEST_SIDE
-    waiting, place = np.empty(room, np.int64), np.empty((room, 3))
+    room = (DEEPEST + 1) * LARGEST_SIDE * LARGEST_SIDE  # one more of blocks
+    waiting, place = np.empty(room, np.int64), np.empty((room, 5))
     for row in range(n_y):
         for column in range(n_x):
             if locator.pixel[row, column] == -1:
                 continue
             square_x, square_y = column // refinement, row // refinement
+            within_block = locator.block > 0
             waiting[0] = locator.pixel[row, column]
             place[0, 0] = locator.origin_x + column / locator.pixels_per_metre
             place[0, 1] = locator.origin_y + row / locator.pixels_per_metre
             place[0, 2] = 1.0 / locator.pixels_per_metre
+            place[0, 3], place[0, 4] = square_x, square_y
             n_waiting = 1
             while n_waiting > 0:
                 n_waiting -= 1
                 value = waiting[n_waiting]
                 x, y, width = place[n_waiting, 0], place[n_waiting, 1], place[n_waiting, 2]
+                square_x, square_y = int(place[n_waiting, 3]), int(place[n_waiting, 4])
                 at = (-2 - value) >> 3
                 n = ((-2 - value) & 7) + 1 if value < 0 else 0
                 if n == 1:
                     side = int(entry[at + 3])
                     if side > 0:
                         for i in range(side * side):
-                            waiting[n_waiting] = int(entry[at + 4 + i])
+                            if entry[at + HEADER + i] == -1.0:
+                                continue
+                            if within_block:
+                                square_x = (column * side + i % side) // refinement
+                                square_y = (row * side + i // side) // refinement
+                            waiting[n_waiting] = int(entry[at + HEADER + i])
+                            place[n_waiting, 3], place[n_waiting, 4] = square_x, square_y
                             place[n_waiting, 0] = x + i % side * (width / side)
                             place[n_waiting, 1] = y + i // side * (width / side)
                             place[n_waiting, 2] = width / side
                             n_waiting += 1
+                        within_block = False
                         continue
                     n = int(entry[at])
                     at += 4

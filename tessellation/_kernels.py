@@ -13,6 +13,8 @@ PixelArray = npt.NDArray[np.int32]
 
 LONGEST_LIST = 8
 """Candidates in a pixel; one with more is divided further. Three bits of a pixel's value hold their number."""
+HEADER = 6
+"""Numbers before the values of smaller pixels."""
 BATCH = 256
 """Points located together, so that the memory they need is fetched at the same time."""
 
@@ -22,8 +24,9 @@ class Locator(NamedTuple):
 
     A pixel's value is its cell; -1 where there is none; and -2 - (8 i + n - 1) where the nearest of n generators
     decides: entry[i:] holds (x, y, cell) of each, cells ascending. With n = 1 entry[i:] holds instead
-    (x, y, pixels per metre, m) of m x m smaller pixels, and then their values; or, if m = 0, (k, 0, 0, 0) and k
-    generators. Smaller pixels know where they lie, so the value of a pixel may be given to its neighbours.
+    (x, y, pixels per metre, m, column, row) of m x m smaller pixels, counted from (x, y) on, of which theirs is the
+    first column and row, and then their values; or, if m = 0, (k, 0, 0, 0) and k generators. Smaller pixels know where
+    they lie, so the value of a pixel may be given to its neighbours.
     """
 
     origin_x: float
@@ -31,6 +34,7 @@ class Locator(NamedTuple):
     pixels_per_metre: float
     pixel: PixelArray  # (n_y, n_x)
     entry: FloatArray  # (n,)
+    block: int = 0  # smaller pixels along the side of each pixel, where all have such or no cell; see `blocks`
 
 
 @njit(inline="always", **COMPILED)
@@ -57,11 +61,11 @@ def nearest(entry: FloatArray, value: int, x: float, y: float) -> int:
             n = int(entry[at])
             at += 4
             break
-        column = min(max((x - entry[at]) * entry[at + 2], 0.0), side - 1.0)
-        row = min(max((y - entry[at + 1]) * entry[at + 2], 0.0), side - 1.0)
-        value = int(entry[at + 4 + int(row) * side + int(column)])
+        column = min(max((x - entry[at]) * entry[at + 2] - entry[at + 4], 0.0), side - 1.0)
+        row = min(max((y - entry[at + 1]) * entry[at + 2] - entry[at + 5], 0.0), side - 1.0)
+        value = int(entry[at + HEADER + int(row) * side + int(column)])
         at = (-2 - value) >> 3
-        n = ((-2 - value) & 7) + 1 if value < 0 else 0
+        n = ((-2 - value) & 7) + 1 if value < -1 else 0
     if n > 0:
         value = nearest_listed(entry, at, n, x, y)
     return value

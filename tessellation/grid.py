@@ -8,10 +8,12 @@ import numpy as np
 
 from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._kernels import Locator
+from tessellation.blocks import BLOCK_SQUARES
 from tessellation.locate import cells_of, grid_locator
 
-MAX_SQUARES = 50_000_000
-"""The largest raster we allocate: 200 MB of cell numbers."""
+MAX_BLOCKS = 1 << 25
+"""A raster takes 4 bytes for each, 134 MB, beside what is covered: 280 km each way at 3 m."""
+MAX_SQUARES = MAX_BLOCKS * BLOCK_SQUARES**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,21 +45,15 @@ class GridTessellation:
             raise ValueError(f"cell_size: expected a positive length in metres, got {self.cell_size}")
         if self.n_x < 1 or self.n_y < 1:
             raise ValueError(f"n_x, n_y: expected at least one column and one row, got {self.n_x} x {self.n_y}")
+        _check_extent(self.cell_size, np.array([self.n_x, self.n_y], np.float64))
         n_squares = self.n_x * self.n_y
-        if n_squares > MAX_SQUARES:
-            raise ValueError(
-                f"cell_size: {self.cell_size} m makes {self.n_x} x {self.n_y} squares, more than {MAX_SQUARES}; "
-                "choose larger cells or remove far outliers"
-            )
         if square.ndim != 1 or (square.size and (np.diff(square) <= 0).any()):
             raise ValueError("square: expected shape (n_cells,) with ascending numbers")
         if square.size and not (square[0] >= 0 and square[-1] < n_squares):
             raise ValueError(f"square: expected numbers from 0 to {n_squares - 1}, got {square[0]} to {square[-1]}")
-        cell = np.full(n_squares, -1, np.int32)
-        cell[square] = np.arange(square.size)
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "square", square)
-        object.__setattr__(self, "locator", grid_locator(origin, self.cell_size, cell.reshape(self.n_y, self.n_x)))
+        object.__setattr__(self, "locator", grid_locator(origin, self.cell_size, self.n_x, self.n_y, square))
 
     @classmethod
     def covering(cls, position: FloatArray, *, cell_size: float) -> GridTessellation:
@@ -80,11 +76,7 @@ class GridTessellation:
         origin = np.where(origin > south_west, origin - cell_size, origin)  # the product may round above
         raster = (position - origin) * (1.0 / cell_size)  # as `locate` computes it, to the last bit
         extent = np.floor(raster.max(axis=0)) + 1
-        if extent[0] * extent[1] > MAX_SQUARES:
-            raise ValueError(
-                f"cell_size: {cell_size} m makes {extent[0]:.0f} x {extent[1]:.0f} squares, more than {MAX_SQUARES}; "
-                "choose larger cells or remove far outliers"
-            )
+        _check_extent(cell_size, extent)
         n_x, n_y = int(extent[0]), int(extent[1])
         column, row = raster.astype(np.int64).T
         return cls(origin=origin, cell_size=cell_size, n_x=n_x, n_y=n_y, square=np.unique(row * n_x + column))
@@ -128,8 +120,9 @@ class GridTessellation:
             raise IndexError(f"cell: expected 0 to {self.n_cells - 1}, got {cell}")
         row, column = divmod(int(self.square[cell]), self.n_x)
         beside = [(row - 1, column), (row, column - 1), (row, column + 1), (row + 1, column)]
-        found = [self.locator.pixel[r, c] for r, c in beside if 0 <= r < self.n_y and 0 <= c < self.n_x]
-        return np.array([n for n in found if n >= 0], dtype=np.int64)
+        wanted = np.array([r * self.n_x + c for r, c in beside if 0 <= r < self.n_y and 0 <= c < self.n_x], np.int64)
+        at = np.minimum(np.searchsorted(self.square, wanted), self.n_cells - 1)
+        return np.asarray(at[self.square[at] == wanted])
 
     def polygons(self) -> list[FloatArray]:
         """One (4, 2) square for each cell, counter-clockwise from its south-west corner."""
@@ -140,3 +133,11 @@ class GridTessellation:
         row, column = np.divmod(self.square, self.n_x)
         corner: FloatArray = self.origin + self.cell_size * np.column_stack([column, row])
         return corner
+
+
+def _check_extent(cell_size: float, extent: FloatArray) -> None:
+    if np.ceil(extent / BLOCK_SQUARES).prod() > MAX_BLOCKS:
+        raise ValueError(
+            f"cell_size: {cell_size} m makes {extent[0]:.0f} x {extent[1]:.0f} squares, more than {MAX_SQUARES} in "
+            f"blocks of {BLOCK_SQUARES} x {BLOCK_SQUARES}; choose larger cells or remove far outliers"
+        )

@@ -14,9 +14,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from tessellation._arrays import AnyArray, FloatArray, IntArray
-from tessellation._kernels import Locator, PixelArray, locate_all
+from tessellation._arrays import FloatArray, IntArray
+from tessellation._kernels import HEADER, Locator, PixelArray, locate_all
 from tessellation._raster import DEEPEST, LARGEST_SIDE, Frame, fill
+from tessellation.blocks import DENSE_SQUARES, LARGEST_ENTRY, Blocks
 from tessellation.protocols import Tessellation
 
 PIXELS_PER_CELL = 2
@@ -24,8 +25,6 @@ PIXELS_PER_CELL = 2
 FINE_RASTER_PIXELS = 1 << 17
 """A raster of so few pixels stays in the processor's cache, so it may have more of them for a cell."""
 MAX_REFINEMENT = 64
-LARGEST_ENTRY = 1 << 28
-"""Numbers in the lists of candidates: what 31 bits of a pixel can name beside the length of a list."""
 PIXELS_ACROSS = 48
 """Of the raster of cells that have no locator of their own, across a cell of mean area."""
 MAX_PIXELS = 20_000_000
@@ -68,9 +67,13 @@ def _raster_of(cells: Tessellation) -> Locator:
     return Locator(float(low[0]), float(low[1]), 1.0 / side, pixel.astype(np.int32), np.zeros(4))
 
 
-def grid_locator(origin: FloatArray, cell_size: float, cell: AnyArray) -> Locator:
-    """The locator of square cells, one to a pixel. `cell`: (n_y, n_x), -1 where there is none."""
-    return Locator(float(origin[0]), float(origin[1]), 1.0 / cell_size, cell.astype(np.int32), np.zeros(4))
+def grid_locator(origin: FloatArray, cell_size: float, n_x: int, n_y: int, square: IntArray) -> Locator:
+    """The locator of square cells, see `GridTessellation`, one to a pixel."""
+    if n_x * n_y > DENSE_SQUARES:
+        return Blocks.of_squares(origin, cell_size, n_x, n_y, square).locator()
+    pixel = np.full(n_x * n_y, -1, np.int32)
+    pixel[square] = np.arange(square.size)
+    return Locator(float(origin[0]), float(origin[1]), 1.0 / cell_size, pixel.reshape(n_y, n_x), np.zeros(4))
 
 
 def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
@@ -84,6 +87,9 @@ def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
     Raises:
         ValueError: generators so crowded that the lists of candidates do not fit.
     """
+    blocks = Blocks.of(region)
+    if blocks is not None and len(generators) and blocks.place.size:
+        return _voronoi_in_blocks(generators, blocks)
     covers = region.pixel >= 0
     if len(generators) == 0 or not covers.any():
         return Locator(*region[:3], np.full(covers.shape, -1, np.int32), np.zeros(4))
@@ -113,6 +119,28 @@ def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
     return Locator(frame.x, frame.y, per_metre, pixel, entry[:top].copy())
 
 
+def _voronoi_in_blocks(generators: FloatArray, region: Blocks) -> Locator:
+    """Likewise, block by block: each is a raster of its own, of the generators that may be nearest in it."""
+    covers, side = region.value >= 0, region.value.shape[1]
+    refinement, n_covered = 1, int(covers.sum())
+    while refinement < LARGEST_SIDE // side and n_covered * refinement**2 < PIXELS_PER_CELL * len(generators):
+        refinement *= 2
+    per_metre, fine = region.pixels_per_metre * refinement, side * refinement
+    extent = max(region.shape) * side / region.pixels_per_metre
+    rounding = 4.0 * float(np.spacing(max(abs(region.origin_x), abs(region.origin_y)) + extent))
+    entry, top = np.zeros(max(1024, 12 * len(generators))), 4
+    value = np.empty((len(covers), fine, fine), np.int32)
+    for i, candidate in enumerate(region.candidates(generators)):
+        row, column = divmod(int(region.place[i]), region.shape[1])
+        x, y = (low + n * fine / per_metre for low, n in ((region.origin_x, column), (region.origin_y, row)))
+        covered = np.zeros((side + 1, side + 1), np.int32)
+        covered[1:, 1:] = covers[i].cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
+        frame = Frame(x, y, per_metre, fine, fine, rounding)
+        inner, entry, top = _filled(frame, generators, candidate, covered, refinement, entry=entry, top=top, depth=1)
+        value[i] = inner.reshape(fine, fine)
+    return region._replace(pixels_per_metre=per_metre, value=value, listed=entry[:top]).locator()
+
+
 def _filled(
     frame: Frame,
     generators: FloatArray,
@@ -138,15 +166,15 @@ def _filled(
         x, y = frame.x + column / frame.pixels_per_metre, frame.y + row / frame.pixels_per_metre
         smaller = Frame(x, y, frame.pixels_per_metre * side, side, side, frame.rounding)
         here = top
-        top += 4 + side * side
+        top += HEADER + side * side
         if top > entry.size:
             entry = np.concatenate([entry, np.zeros(max(top - entry.size, entry.size))])
         whole = np.array([[0, 0], [0, 1]], np.int32)
         inner, entry, top = _filled(
             smaller, generators, waiting[start:end], whole, side, entry=entry, top=top, depth=depth + 1
         )
-        entry[here : here + 4] = x, y, smaller.pixels_per_metre, side
-        entry[here + 4 : here + 4 + side * side] = inner
+        entry[here : here + HEADER] = x, y, smaller.pixels_per_metre, side, 0.0, 0.0
+        entry[here + HEADER : here + HEADER + side * side] = inner
         value[place] = -2 - 8 * here
     return value, entry, top
 

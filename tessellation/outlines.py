@@ -35,11 +35,12 @@ def outlines(generators: FloatArray, region: Locator, locator: Locator) -> Outli
         locator: of the generators in the region.
     """
     n_cells = len(generators)
-    refinement = locator.pixel.shape[1] // region.pixel.shape[1]
+    refinement = locator.block // region.block if region.block else locator.pixel.shape[1] // region.pixel.shape[1]
+    squares_per_metre = region.pixels_per_metre * max(region.block, 1)
     owned = np.repeat(np.array([[1 << 40, 1 << 40, -1, -1]]), n_cells, axis=0)
     owned_squares(locator, refinement, owned)
     owns = np.flatnonzero(owned[:, 0] <= owned[:, 2])
-    corner = (owned + np.array([0, 0, 1, 1])) / region.pixels_per_metre
+    corner = (owned + np.array([0, 0, 1, 1])) / squares_per_metre
     box = (np.array([region.origin_x, region.origin_y]) - generators)[:, [0, 1, 0, 1]] + corner
     tree = cKDTree(generators)
     parts: list[tuple[IntArray, IntArray, FloatArray, IntArray]] = []  # cells, numbers of vertices, vertices, labels

@@ -11,6 +11,7 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, Candidates, MotionTable
 from dirprim_filter.primitives.motion import PUSH_RATE
 from tessellation._kernels import Locator
+from tessellation.blocks import Blocks
 from tessellation.locate import locator_of
 
 if TYPE_CHECKING:
@@ -121,7 +122,10 @@ def reaching(locator: Locator, reach_m: float) -> Locator:
     as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`. Where several generators share the
     nearest pixel, the vehicle is in the cell of the nearest.
     """
-    finer = int(np.clip(np.ceil(1.0 / (locator.pixels_per_metre * FINE_PIXEL_M)), 1, MAX_REFINEMENT))
+    blocks = Blocks.of(locator)
+    if blocks is not None and blocks.place.size:
+        return blocks.reaching(reach_m, _finer(blocks.pixels_per_metre)).locator()
+    finer = _finer(locator.pixels_per_metre)
     while finer > 1 and locator.pixel.size * finer**2 > MAX_PIXELS:
         finer -= 1
     per_metre = locator.pixels_per_metre * finer
@@ -134,3 +138,8 @@ def reaching(locator: Locator, reach_m: float) -> Locator:
     reached = np.where(distance <= reach_m * per_metre, pixel[tuple(nearest)], np.int32(-1))
     origin_x, origin_y = locator.origin_x - margin / per_metre, locator.origin_y - margin / per_metre
     return Locator(origin_x, origin_y, per_metre, np.ascontiguousarray(reached), locator.entry)
+
+
+def _finer(pixels_per_metre: float) -> int:
+    """Into how many smaller ones a side of a pixel is to be divided."""
+    return int(np.clip(np.ceil(1.0 / (pixels_per_metre * FINE_PIXEL_M)), 1, MAX_REFINEMENT))
