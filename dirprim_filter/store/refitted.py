@@ -39,7 +39,7 @@ def refitted(
     new = [(fits[tile].cells, finished[tile][0]) for tile in sorted(stale)]
     rows = _Rows.of(learned, new)
     numbers = _Manoeuvres.of(learned, new, rows.n_own)
-    parts = []
+    parts = [Passages(*np.empty((len(Passages._fields), 0), np.int64))]
     for tile, fit in fits.items():
         passages = finished[tile][1]
         of_fit = numbers.of_cells(fit.cells)

@@ -198,6 +198,21 @@ def test_of_too_many_steps_whole_ways_are_taken_by_their_share(store):
     assert all(np.array_equal(one[kept], other) for one, other in zip(every, some, strict=True))
 
 
+def test_where_no_cell_is_nothing_is_fitted_and_of_no_recording_nothing_is_known(store, learned, tmp_path):
+    write_tracks(street(7, north=5 * FAR_M), tmp_path / "elsewhere.mcap")
+    add(store, tmp_path, "elsewhere")
+    done = update_map(learned, store)
+    assert done.n_cells == 0
+    assert done.n_tiles > 0
+    assert done.uncovered == 1.0
+    for entry in store.entries():
+        store.forget(entry.url)
+    empty = update_map(done.primitive_map, store).primitive_map
+    assert empty.motion.n_placed == empty.n_rows.sum() == 0
+    place_free = empty.direction.weight[:, : -empty.n_place_free_modes]
+    assert not place_free.any()
+
+
 def test_tiles_are_those_of_recordings():
     assert around({(0, 0)}, 1) == {(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)}
     none = Digests.of([])
