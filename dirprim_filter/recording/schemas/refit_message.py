@@ -20,6 +20,8 @@ from dirprim_filter.recording.schemas.dirprim import floats_of, ints_of
 
 SIGNED = 1 << 63
 """Digests travel as unsigned numbers."""
+MOST_MODES = 256
+"""Of a cell: a file that says more is not believed, for memory is taken by it."""
 
 
 def encode_refit(refit: Refit | None) -> dirprim_pb2.Refit | None:
@@ -71,9 +73,12 @@ def _config_of(text: str) -> LearningConfig:
         knobs: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in json.loads(text).items()
         }
-        return LearningConfig(**knobs)
+        config = LearningConfig(**knobs)
     except (ValueError, TypeError, AttributeError) as error:
         raise DecodeError(f"Refit.config: expected the knobs of learning, got {error}") from error
+    if config.max_modes not in range(1, MOST_MODES + 1):
+        raise DecodeError(f"Refit.config: expected max_modes from 1 to {MOST_MODES}, got {config.max_modes}")
+    return config
 
 
 def _decode_counted(message: dirprim_pb2.Counted) -> Counted:
