@@ -242,7 +242,7 @@ def test_no_rows_are_refused(ring):
         ({"n_cells": 0}, "n_cells: expected at least 1, got 0"),
         ({"cell_size": 0.0}, "cell_size: expected a positive length"),
         ({"cell_size": np.nan}, "cell_size: expected a positive length"),
-        ({"cell_size": 1e-3}, "cell_size: .* choose larger cells"),
+        ({"cell_size": 1e-5}, "cell_size: .* choose larger cells"),
     ],
 )
 def test_unknown_or_contradictory_options_are_refused_by_name(ring, options, message):
