@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from dirprim_filter.arrays import BoolArray, FloatArray
 
@@ -76,7 +76,7 @@ class Sight:
         return np.asarray(self.sees(np.stack([x, y], axis=-1)).mean(axis=1))
 
 
-_QUANTILES = norm.ppf((np.arange(N_QUANTILES) + 0.5) / N_QUANTILES)
+_QUANTILES = ndtri((np.arange(N_QUANTILES) + 0.5) / N_QUANTILES)
 _STANDARD = np.repeat(_QUANTILES, N_QUANTILES), np.tile(_QUANTILES, N_QUANTILES)
 
 

@@ -1,9 +1,28 @@
 """Where is it now? The particle filter on the map, and the Kalman filters it is compared with."""
 
-from dirprim_filter.filtering.kalman import ConstantTurnUKF as ConstantTurnUKF
-from dirprim_filter.filtering.kalman import ConstantVelocityKalman as ConstantVelocityKalman
-from dirprim_filter.filtering.kalman import InteractingModels as InteractingModels
-from dirprim_filter.filtering.particle_filter import ParticleFilter as ParticleFilter
-from dirprim_filter.filtering.protocols import BayesFilter as BayesFilter
-from dirprim_filter.filtering.tracker import Tracker as Tracker
-from dirprim_filter.filtering.worlds import Worlds as Worlds
+from typing import TYPE_CHECKING
+
+from tessellation._late import late as _late
+
+if TYPE_CHECKING:
+    from dirprim_filter.filtering.kalman import ConstantTurnUKF as ConstantTurnUKF
+    from dirprim_filter.filtering.kalman import ConstantVelocityKalman as ConstantVelocityKalman
+    from dirprim_filter.filtering.kalman import InteractingModels as InteractingModels
+    from dirprim_filter.filtering.particle_filter import ParticleFilter as ParticleFilter
+    from dirprim_filter.filtering.protocols import BayesFilter as BayesFilter
+    from dirprim_filter.filtering.tracker import Tracker as Tracker
+    from dirprim_filter.filtering.worlds import Worlds as Worlds
+
+_HOME = {
+    "BayesFilter": "protocols",
+    "ConstantTurnUKF": "kalman",
+    "ConstantVelocityKalman": "kalman",
+    "InteractingModels": "kalman",
+    "ParticleFilter": "particle_filter",
+    "Tracker": "tracker",
+    "Worlds": "worlds",
+}
+"""The module of each name, imported when it is first used: filterpy, of the Kalman filters, takes a second."""
+
+__all__ = list(_HOME)
+__getattr__ = _late(__name__, _HOME)

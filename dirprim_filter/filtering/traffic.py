@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives import PrimitiveMap
@@ -91,6 +91,6 @@ def _rate_beyond_chance(ended: FloatArray, seconds: FloatArray, place: IntArray)
     interval of a Poisson rate (Garwood 1936).
     """
     n, s = np.bincount(place, ended), np.bincount(place, seconds)
-    least = np.where(n > 0, chi2.ppf(0.025, 2.0 * np.maximum(n, 1e-9)) / 2.0, 0.0)
+    least = np.where(n > 0, gammaincinv(np.maximum(n, 1e-9), 0.025), 0.0)
     rate = np.divide(least, s, out=np.zeros(n.size), where=s > 0)
     return np.asarray(np.maximum(rate - n.sum() / s.sum(), 0.0)[place])

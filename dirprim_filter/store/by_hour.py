@@ -12,8 +12,7 @@ import logging
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.special import logsumexp
-from scipy.stats import t as student_t
+from scipy.special import logsumexp, stdtrit
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -159,7 +158,7 @@ class _Judged(NamedTuple):
         of_day = np.bincount(day, gained) / n
         if n.size < 2:
             return False
-        return bool(of_day.mean() > student_t.ppf(1.0 - LUCK, n.size - 1) * of_day.std(ddof=1) / np.sqrt(n.size))
+        return bool(of_day.mean() > stdtrit(n.size - 1, 1.0 - LUCK) * of_day.std(ddof=1) / np.sqrt(n.size))
 
     def _log_density(self, flow_strength: float, pace_strength: float, least: int) -> FloatArray:
         """(n,)."""

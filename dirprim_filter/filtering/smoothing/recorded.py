@@ -11,19 +11,21 @@ Computation in Population Genetics, 2002, for the regression among the samples t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering.kalman import ConstantVelocityKalman
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence
 from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing._kernels import N_COLUMNS, N_STATES
 from dirprim_filter.filtering.smoothing.chain import MOVES, Belief, link_type, lower
 from dirprim_filter.filtering.smoothing.recorded_filter import Bridge, RecordedFilter
+
+if TYPE_CHECKING:
+    from dirprim_filter.filtering.kalman import ConstantVelocityKalman
 
 LEAST_EFFECTIVE = 0.4
 """Share of the particles that links across a gap are learned from at least."""
@@ -215,6 +217,8 @@ def recorded(bayes_filter: BayesFilter) -> RecordedFilter:
     """
     if isinstance(bayes_filter, ParticleFilter):
         return RecordedParticles(bayes_filter)
+    from dirprim_filter.filtering.kalman import ConstantVelocityKalman  # only here: filterpy takes a second
+
     if isinstance(bayes_filter, ConstantVelocityKalman):
         return RecordedKalman(bayes_filter)
     kind = type(bayes_filter).__name__
