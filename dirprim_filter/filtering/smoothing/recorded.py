@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dirprim_filter import filtering
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering.particle_filter import ParticleFilter
@@ -217,9 +218,9 @@ def recorded(bayes_filter: BayesFilter) -> RecordedFilter:
     """
     if isinstance(bayes_filter, ParticleFilter):
         return RecordedParticles(bayes_filter)
-    from dirprim_filter.filtering.kalman import ConstantVelocityKalman  # only here: filterpy takes a second
-
-    if isinstance(bayes_filter, ConstantVelocityKalman):
+    if isinstance(
+        bayes_filter, filtering.ConstantVelocityKalman
+    ):  # which is imported only now: filterpy takes a second
         return RecordedKalman(bayes_filter)
     kind = type(bayes_filter).__name__
     raise ValueError(f"filter: expected a particle filter or constant velocity, which can be smoothed, got {kind}")
