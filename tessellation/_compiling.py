@@ -4,7 +4,8 @@ from typing import Any
 
 COMPILED: dict[str, Any] = {"cache": True, "no_cfunc_wrapper": True, "fastmath": False}
 """Options of numba's `njit`. The wrapper for C callbacks would take a tenth of the time that compiling takes.
-A kernel without `fastmath` of its own gets that of whichever kernel is the first to call it; fused sums break ties."""
+No kernel has `fastmath`: by it a loop inlined into its caller would round otherwise than the same loop called, and the
+run that compiles otherwise than those that load what it compiled. See `dirprim_filter.distributions._arithmetic`."""
 
 UNCOUNTED: dict[str, Any] = {"_nrt": False}
 """For kernels that allocate nothing and run for every particle: numba counts no references in them. Each name for an

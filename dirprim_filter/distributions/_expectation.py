@@ -9,6 +9,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
+from dirprim_filter.distributions._arithmetic import fma, weighted_sums
 from dirprim_filter.distributions._elementary import exp, squared_sine
 from tessellation._compiling import COMPILED
 
@@ -110,41 +111,30 @@ def expectation(angles: Angles, mixture: Mixture, sums: FloatArray) -> float:
             log_likelihood += weight[i] * (top[i] + math.log(norm[i]))
             norm[i] = weight[i] / norm[i]
         for m in range(k):
-            r, c, s = _responsibilities(log_p[m], norm, cosine, sine)
-            sums[m, 0] += r
+            p = log_p[m, :size]
+            for i in range(size):
+                p[i] *= norm[i]
+            total, c, s = weighted_sums(p, (cosine, sine))
+            sums[m, 0] += total
             sums[m, 1] += c
             sums[m, 2] += s
     return log_likelihood
 
 
-@njit(**COMPILED | {"fastmath": {"contract"}})
+@njit(**COMPILED)
 def _log_densities(
     direction: FloatArray, mean: float, width: float, constant: float, log_p: FloatArray, top: FloatArray
 ) -> None:
     for i in range(direction.size):
-        log_p[i] = constant - width * squared_sine(0.5 * (direction[i] - mean))
+        log_p[i] = fma(-width, squared_sine(0.5 * (direction[i] - mean)), constant)
         top[i] = max(top[i], log_p[i])
 
 
-@njit(**COMPILED | {"fastmath": {"contract"}})
+@njit(**COMPILED)
 def _densities(log_p: FloatArray, top: FloatArray, norm: FloatArray, size: int) -> None:
     for i in range(size):
         log_p[i] = exp(log_p[i] - top[i])
         norm[i] += log_p[i]
-
-
-@njit(**COMPILED | {"fastmath": {"contract", "reassoc"}})
-def _responsibilities(
-    p: FloatArray, share: FloatArray, cosine: FloatArray, sine: FloatArray
-) -> tuple[float, float, float]:
-    """Sums in any order; nothing else may be computed here, for reordering would undo the rounding of `exp`."""
-    responsibility, c, s = 0.0, 0.0, 0.0
-    for i in range(cosine.size):
-        r = p[i] * share[i]
-        responsibility += r
-        c += r * cosine[i]
-        s += r * sine[i]
-    return responsibility, c, s
 
 
 @njit(**COMPILED)

@@ -119,7 +119,7 @@ def from_one_to_two(drawn: np.uint64) -> float:
     return np.uint64((drawn >> _R12) | _BITS_OF_ONE).view(np.float64)
 
 
-@njit(error_model="numpy", **COMPILED | {"fastmath": {"contract"}})
+@njit(error_model="numpy", **COMPILED)
 def fill_normals(out: FloatArray, state: UIntArray) -> None:
     """Standard normal draws, (n,) of an even n: an even point of the right half circle, then which half it is."""
     half, z = out.size // 2, bits(state)

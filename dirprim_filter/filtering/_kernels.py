@@ -12,6 +12,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
+from dirprim_filter.distributions._arithmetic import dot, total_of
 from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._elementary import EXACT, squared_sine
 from dirprim_filter.distributions._random import UIntArray
@@ -83,28 +84,10 @@ def draw_place_free_speed(primitives: MapTable, state: UIntArray) -> float:
     return float(random.draw_gamma(shape, state) / rate)
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
-def total_of(column: FloatArray) -> float:
-    """The sum of a column, in whichever order is quickest: the same at every call."""
-    total = 0.0
-    for value in column:
-        total += value
-    return total
-
-
-@njit(cache=True, fastmath={"reassoc", "contract"})
-def mean_of(weight: FloatArray, column: FloatArray, total: float) -> float:
-    """The mean of a column by weights of a known total."""
-    mean = 0.0
-    for p in range(weight.size):
-        mean += weight[p] * column[p]
-    return mean / total
-
-
 @njit(cache=True)
 def effective_sample_size(weight: FloatArray) -> float:
     """1 / sum of squared weights."""
-    return 1.0 / mean_of(weight, weight, 1.0)
+    return 1.0 / dot(weight, weight)
 
 
 @njit(cache=True)
@@ -197,15 +180,17 @@ def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
             one[p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
             two[p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
         total = total_of(weight)
-        c, s, speed = mean_of(weight, one, total), mean_of(weight, two, total), mean_of(weight, pace, total)
-        x, y = mean_of(weight, place[:, 0], total), mean_of(weight, place[:, 1], total)
+        c, s, speed = dot(weight, one) / total, dot(weight, two) / total, dot(weight, pace) / total
+        for p in range(n):
+            one[p], two[p] = place[p, 0], place[p, 1]
+        x, y = dot(weight, one) / total, dot(weight, two) / total
         out[i, 0], out[i, 1], out[i, 5], out[i, 6], out[i, 7] = x, y, math.atan2(s, c), math.hypot(c, s), speed
         for p in range(n):
             dx, dy = place[p, 0] - x, place[p, 1] - y
             one[p], two[p], three[p] = dx * dx, dx * dy, dy * dy
-        out[i, 2], out[i, 3] = mean_of(weight, one, total), mean_of(weight, two, total)
-        out[i, 4] = mean_of(weight, three, total)
+        out[i, 2], out[i, 3] = dot(weight, one) / total, dot(weight, two) / total
+        out[i, 4] = dot(weight, three) / total
         for p in range(n):
             one[p] = (pace[p] - speed) ** 2
-        out[i, 8] = math.sqrt(mean_of(weight, one, total))
+        out[i, 8] = math.sqrt(dot(weight, one) / total)
         out[i, 9] = effective_sample_size(weight)

@@ -11,8 +11,9 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.distributions._arithmetic import dot
 from dirprim_filter.distributions._elementary import exp, log, squared_sine
-from dirprim_filter.filtering._kernels import Cloud, mean_of
+from dirprim_filter.filtering._kernels import Cloud
 
 X, Y, XX, XY, YY, LOG_NORMAL, DIRECTION, SPEED = range(8)
 LEAST = 1e-200
@@ -57,7 +58,7 @@ def log_motion_fit(noise: Noise, direction: float, speed: float, course: float, 
     return float(log(fit))
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
     """Weigh each vehicle's particles by its measurement; normalise.
 
@@ -78,7 +79,7 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
         weigh_by(weight, direction, speed, fit, scale, course, pace, noise, evidence[i])
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def weigh_by(
     weight: FloatArray, direction: FloatArray, speed: FloatArray, fit: FloatArray, scale: float, course: float,
     pace: float, noise: Noise, evidence: FloatArray,
@@ -91,14 +92,14 @@ def weigh_by(
     for p in range(n):
         density = scale * exp(-0.5 * fit[p]) + noise.outlier
         fit[p] = density if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
-    near = mean_of(weight, fit, 1.0)
+    near = dot(weight, fit)
     if not math.isnan(course):
         for p in range(n):
             fit[p] *= direction_fit(noise, direction[p], course)
     if not math.isnan(pace):
         for p in range(n):
             fit[p] *= speed_fit(noise, speed[p], pace)
-    total = mean_of(weight, fit, 1.0)
+    total = dot(weight, fit)
     evidence[0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
     evidence[1] = math.log(near) if near > 0.0 else -np.inf
     if total > 0.0:

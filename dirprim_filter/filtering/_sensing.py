@@ -18,10 +18,11 @@ from numba import njit
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
+from dirprim_filter.distributions._arithmetic import dot
 from dirprim_filter.distributions._elementary import exp, squared_sine
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._innovation_outliers import DENSEST, LEAST_SHARE, PLACE_M, displace
-from dirprim_filter.filtering._kernels import Cloud, mean_of
+from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering._measuring import Noise, direction_fit, speed_fit, weigh_by
 from dirprim_filter.filtering._widening import weigh_motion
 from dirprim_filter.primitives._manoeuvres import MotionTable
@@ -88,7 +89,7 @@ def correlated_share(axes: Axes, a: int) -> float:
     return axes.correlated[a] / (axes.correlated[a] + axes.white[a])
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def left_by(
     cloud: Cloud, carried: Carried, v: int, measured: FloatArray, axes: Axes, off: FloatArray, fit: FloatArray
 ) -> float:
@@ -122,7 +123,7 @@ def left_by(
 @njit(cache=True)
 def course_of(weight: FloatArray, off: FloatArray) -> tuple[float, float]:
     """The unit vector of the belief's course; off (4, P) as `left_by` fills it."""
-    c, s = mean_of(weight, off[COSINE], 1.0), mean_of(weight, off[SINE], 1.0)
+    c, s = dot(weight, off[COSINE]), dot(weight, off[SINE])
     length = max(math.hypot(c, s), 1e-9)
     return c / length, s / length
 
@@ -131,7 +132,7 @@ def course_of(weight: FloatArray, off: FloatArray) -> tuple[float, float]:
 def update_course(cloud: Cloud, carried: Carried, v: int, axes: Axes, off: FloatArray) -> None:
     """Update whether particles agree on a course; where that changes, move them so that detections fit as before."""
     weight, place, had = cloud.weight[v], cloud.position[v], carried.has_course[v]
-    resultant = math.hypot(mean_of(weight, off[COSINE], 1.0), mean_of(weight, off[SINE], 1.0))
+    resultant = math.hypot(dot(weight, off[COSINE]), dot(weight, off[SINE]))
     has = resultant >= (COURSE_UNTIL if had else COURSE_FROM)
     if has == had:
         return
@@ -244,5 +245,5 @@ def log_likelihood(
             if not math.isnan(measured[i, SPEED]):
                 density *= speed_fit(noise, cloud.speed[v, p], measured[i, SPEED])
             fit[p] = density
-        total = mean_of(cloud.weight[v], fit, 1.0)
+        total = dot(cloud.weight[v], fit)
         out[i] = math.log(total * scale) - 0.5 * nearest if total > 0.0 else -np.inf

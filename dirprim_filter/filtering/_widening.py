@@ -19,8 +19,9 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._elementary import SUMMING, cos, exp, sin
-from dirprim_filter.filtering._kernels import Cloud, mean_of, total_of
+from dirprim_filter.distributions._arithmetic import dot, total_of
+from dirprim_filter.distributions._elementary import EXACT, cos, exp, sin
+from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering._measuring import DIRECTION, SPEED, XX, XY, YY, Noise, X, Y, direction_fit, speed_fit
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
@@ -78,21 +79,20 @@ def weigh_motion(cloud: Cloud, v: int, course: float, pace: float, noise: Noise)
         weight[p] /= total
 
 
-@njit(**SUMMING)
+@njit(**EXACT)
 def states_of(cloud: Cloud, v: int, weight: FloatArray, z: FloatArray, state: FloatArray) -> None:
     """Fills (5, P) states of the particles: places from the measured one, directions from their mean."""
-    direction, c, s = cloud.direction[v], 0.0, 0.0
+    direction = cloud.direction[v]
     for p in range(weight.size):
-        c += weight[p] * cos(direction[p])
-        s += weight[p] * sin(direction[p])
-    mean = math.atan2(s, c)
+        state[0, p], state[1, p] = cos(direction[p]), sin(direction[p])
+    mean = math.atan2(dot(weight, state[1]), dot(weight, state[0]))
     for p in range(weight.size):
         state[0, p], state[1, p] = cloud.position[v, p, 0] - z[X], cloud.position[v, p, 1] - z[Y]
         state[2, p] = density.wrap(direction[p] - mean)
         state[3, p], state[4, p] = cloud.speed[v, p], cloud.push[v, p]
 
 
-@njit(**SUMMING)
+@njit(**EXACT)
 def nearest(
     before: FloatArray, state: FloatArray, z: FloatArray, least: float, fit: FloatArray, weight: FloatArray
 ) -> None:
@@ -103,12 +103,10 @@ def nearest(
         fit[p] = dx * (z[XX] * dx + 2.0 * z[XY] * dy) + z[YY] * dy * dy
         closest = min(closest, fit[p])
     for i in range(HALVINGS + 1):
-        total = squares = 0.0
         for p in range(weight.size):
             weight[p] = before[p] * exp(-0.5 * t * (fit[p] - closest))
-            total += weight[p]
-            squares += weight[p] * weight[p]
-        if total * total >= least * squares:
+        total = total_of(weight)
+        if total * total >= least * dot(weight, weight):
             low = t
         else:
             high = t
@@ -122,22 +120,22 @@ def moments(weight: FloatArray, state: FloatArray, mean: FloatArray, covariance:
     """Fills (5,) and (5, 5) from (5, P) states by weights that sum to one."""
     off, weighted = np.empty_like(state), np.empty_like(weight)
     for a in range(N_STATES):
-        mean[a] = mean_of(weight, state[a], 1.0)
+        mean[a] = dot(weight, state[a])
         for p in range(weight.size):
             off[a, p] = state[a, p] - mean[a]
             weighted[p] = weight[p] * off[a, p]
         for b in range(a + 1):
-            covariance[a, b] = covariance[b, a] = mean_of(weighted, off[b], 1.0)
+            covariance[a, b] = covariance[b, a] = dot(weighted, off[b])
         covariance[a, a] += LEAST_VARIANCE
 
 
-@njit(**SUMMING)
+@njit(**EXACT)
 def weigh_kernels(
     before: FloatArray, state: FloatArray, mean: FloatArray, spread: FloatArray, r: FloatArray, h: float, noise: Noise,
     fit: FloatArray, weight: FloatArray,
 ) -> float:  # fmt: skip
     """Fills (P,) the density of the measurement about each kernel, and weights by it; -> their effective size."""
-    kept, outlier, total, squares = math.sqrt(1.0 - h * h), noise.outlier, 0.0, 0.0
+    kept, outlier = math.sqrt(1.0 - h * h), noise.outlier
     east, north = (1.0 - kept) * mean[0], (1.0 - kept) * mean[1]
     xx, xy, yy = r[0, 0] + h * h * spread[0, 0], r[0, 1] + h * h * spread[0, 1], r[1, 1] + h * h * spread[1, 1]
     determinant = xx * yy - xy * xy
@@ -147,9 +145,8 @@ def weigh_kernels(
         dx, dy = east + kept * state[0, p], north + kept * state[1, p]
         fit[p] = scale * exp(dx * (xx * dx + xy * dy) + yy * dy * dy)
         weight[p] = before[p] * (fit[p] + outlier)
-        total += weight[p]
-        squares += weight[p] * weight[p]
-    return total * total / squares
+    total = total_of(weight)
+    return total * total / dot(weight, weight)
 
 
 @njit(cache=True)

@@ -9,7 +9,8 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.distributions._elementary import EXACT, SUMMING, cos, exp, log, sin
+from dirprim_filter.distributions._arithmetic import dot, fma, weighted_sums
+from dirprim_filter.distributions._elementary import EXACT, cos, exp, log, sin
 from dirprim_filter.primitives._maximisation import gamma_remainder, log_normaliser
 from dirprim_filter.primitives._modes import (
     BEND_EAST,
@@ -30,16 +31,18 @@ from dirprim_filter.primitives._modes import (
     SPEED,
     WEIGHT,
 )
+from tessellation._compiling import UNCOUNTED
 
 SUMS = 5  # responsibility, cosine, sine, speed, log speed
 CURVED_SUMS = 16  # and the moments that bend and gain need
+REST = 4  # rows of the room beside those of modes
 BLOCK = 256  # rows: what is kept of a block stays in the nearest cache
 
 
 @njit(**EXACT)
 def room_for(k: int) -> FloatArray:
     """What `expectation` works in, for k modes: kept from one iteration to the next."""
-    return np.empty((2 + k * (1 + N_COLUMNS), BLOCK))
+    return np.empty((REST + k * (1 + N_COLUMNS), BLOCK))
 
 
 @njit(**EXACT)
@@ -67,28 +70,28 @@ def expectation(
             shape = math.exp(table[m, LOG_SHAPE])
             factor[m, 0] += shape * (1.0 - table[m, LOG_MEAN_SPEED]) - gamma_remainder(table[m, LOG_SHAPE])
             factor[m, 3], factor[m, 4] = shape - 1.0, -shape * factor[m, 7]
-    rest, p = room[:2], room[2 : 2 + k]
+    rest, p = room[:REST], room[REST : REST + k]
     log_likelihood = 0.0
     for first in range(at, at + n, BLOCK):
         size = min(BLOCK, at + n - first)
         for m in range(k):
             rows, start = columns, first
             if curved:
-                rows, start = room[2 + k + m * N_COLUMNS : 2 + k + (m + 1) * N_COLUMNS], 0
+                rows, start = room[REST + k + m * N_COLUMNS : REST + k + (m + 1) * N_COLUMNS], 0
                 _take_back(columns, first, table[m], size, rows)
             _log_density(factor[m], rows, start, columns[LOG_SPEED][first:], size, p[m])
         log_likelihood += _normalise(p, columns[WEIGHT][first:], size, rest)
         for m in range(k):
             rows, start = columns, first
             if curved:
-                rows, start = room[2 + k + m * N_COLUMNS : 2 + k + (m + 1) * N_COLUMNS], 0
+                rows, start = room[REST + k + m * N_COLUMNS : REST + k + (m + 1) * N_COLUMNS], 0
             _sum(p[m], rows, start, size, sums[m])
             if curved:
-                _sum_slopes(p[m], rows, columns, first, size, factor[m], sums[m])
+                _sum_slopes(p[m], rows, columns, first, size, factor[m], rest, sums[m])
     return log_likelihood
 
 
-@njit(**SUMMING)
+@njit(**EXACT | UNCOUNTED)
 def _log_density(
     factor: FloatArray, rows: FloatArray, first: int, log_seen: FloatArray, n: int, out: FloatArray
 ) -> None:
@@ -96,10 +99,11 @@ def _log_density(
     f0, f1, f2, f3, f4 = factor[0], factor[1], factor[2], factor[3], factor[4]
     c, s, log_v, v = rows[COSINE][first:], rows[SINE][first:], rows[LOG_SPEED][first:], rows[SPEED][first:]
     for i in range(n):
-        out[i] = f0 + f1 * c[i] + f2 * s[i] + f3 * log_v[i] + f4 * v[i] + (log_v[i] - log_seen[i])
+        of_direction = fma(f1, c[i], fma(f2, s[i], f0))
+        out[i] = fma(f3, log_v[i], fma(f4, v[i], of_direction)) + (log_v[i] - log_seen[i])
 
 
-@njit(**SUMMING)
+@njit(**EXACT | UNCOUNTED)
 def _take_back(columns: FloatArray, first: int, mode: FloatArray, n: int, out: FloatArray) -> None:
     """Rows as they would be at the centre of the cell, if they followed the mode."""
     bend_east, bend_north, gain_east, gain_north = mode[BEND_EAST], mode[BEND_NORTH], mode[GAIN_EAST], mode[GAIN_NORTH]
@@ -107,20 +111,20 @@ def _take_back(columns: FloatArray, first: int, mode: FloatArray, n: int, out: F
     east, north = columns[EAST][first:], columns[NORTH][first:]
     cosine, sine, speed, log_speed = out[COSINE], out[SINE], out[SPEED], out[LOG_SPEED]
     for i in range(n):
-        cosine[i] = cos(bend_east * east[i] + bend_north * north[i])
+        cosine[i] = cos(fma(bend_east, east[i], bend_north * north[i]))
     for i in range(n):
-        sine[i] = sin(bend_east * east[i] + bend_north * north[i])
+        sine[i] = sin(fma(bend_east, east[i], bend_north * north[i]))
     for i in range(n):
         cos_turned, sin_turned = cosine[i], sine[i]
-        cosine[i] = c[i] * cos_turned + s[i] * sin_turned
-        sine[i] = s[i] * cos_turned - c[i] * sin_turned
+        cosine[i] = fma(c[i], cos_turned, s[i] * sin_turned)
+        sine[i] = fma(s[i], cos_turned, -c[i] * sin_turned)
     for i in range(n):
-        log_speed[i] = log_v[i] - (gain_east * east[i] + gain_north * north[i])
+        log_speed[i] = log_v[i] - fma(gain_east, east[i], gain_north * north[i])
     for i in range(n):
         speed[i] = v[i] * exp(log_speed[i] - log_v[i])
 
 
-@njit(**SUMMING)
+@njit(**EXACT | UNCOUNTED)
 def _normalise(p: FloatArray, w: FloatArray, n: int, rest: FloatArray) -> float:
     """Turn log densities (k, n) into weighted responsibilities; returns the weighted log likelihood."""
     top, norm = rest[0], rest[1]
@@ -135,27 +139,22 @@ def _normalise(p: FloatArray, w: FloatArray, n: int, rest: FloatArray) -> float:
             p[m, i] = exp(p[m, i] - top[i])
         for i in range(n):
             norm[i] += p[m, i]
-    log_likelihood = 0.0
     for i in range(n):
-        log_likelihood += w[i] * (top[i] + log(norm[i]))
+        top[i] += log(norm[i])
     for i in range(n):
         norm[i] = w[i] / norm[i]
     for m in range(p.shape[0]):
         for i in range(n):
             p[m, i] *= norm[i]
-    return log_likelihood
+    return dot(w[:n], top[:n])
 
 
-@njit(**SUMMING)
+@njit(**EXACT | UNCOUNTED)
 def _sum(r: FloatArray, rows: FloatArray, first: int, n: int, sums: FloatArray) -> None:
-    c, s, v, log_v = rows[COSINE][first:], rows[SINE][first:], rows[SPEED][first:], rows[LOG_SPEED][first:]
-    total, cosine, sine, speed, log_speed = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(n):
-        total += r[i]
-        cosine += r[i] * c[i]
-        sine += r[i] * s[i]
-        speed += r[i] * v[i]
-        log_speed += r[i] * log_v[i]
+    r, end = r[:n], first + n
+    total, cosine, sine, speed, log_speed = weighted_sums(
+        r, (rows[COSINE][first:end], rows[SINE][first:end], rows[SPEED][first:end], rows[LOG_SPEED][first:end])
+    )
     sums[0] += total
     sums[1] += cosine
     sums[2] += sine
@@ -163,34 +162,25 @@ def _sum(r: FloatArray, rows: FloatArray, first: int, n: int, sums: FloatArray) 
     sums[4] += log_speed
 
 
-@njit(**SUMMING)
+@njit(**EXACT | UNCOUNTED)
 def _sum_slopes(
-    r: FloatArray, rows: FloatArray, columns: FloatArray, first: int, n: int, factor: FloatArray, sums: FloatArray
-) -> None:
+    r: FloatArray, rows: FloatArray, columns: FloatArray, first: int, n: int, factor: FloatArray, rest: FloatArray,
+    sums: FloatArray,
+) -> None:  # fmt: skip
     """The normal equations of bend and gain: moments of the place, and their products with the two scores."""
-    c, s, v = rows[COSINE], rows[SINE], rows[SPEED]
-    east, north = columns[EAST][first:], columns[NORTH][first:]
+    c, s, v, r = rows[COSINE], rows[SINE], rows[SPEED], r[:n]
+    east, north = columns[EAST][first : first + n], columns[NORTH][first : first + n]
     cos_mean, sin_mean, per_mean_speed = factor[5], factor[6], factor[7]
-    x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
-    turned, turned_x, turned_y = 0.0, 0.0, 0.0
-    gained, gained_x, gained_y = 0.0, 0.0, 0.0
+    x, y, turn, gain = rest[0, :n], rest[1, :n], rest[2, :n], rest[3, :n]
     for i in range(n):
-        rx, ry = r[i] * east[i], r[i] * north[i]
-        turn = s[i] * cos_mean - c[i] * sin_mean  # sine of the deviation
-        gain = v[i] * per_mean_speed - 1.0
-        x += rx
-        y += ry
-        xx += rx * east[i]
-        xy += rx * north[i]
-        yy += ry * north[i]
-        turned += r[i] * turn
-        turned_x += rx * turn
-        turned_y += ry * turn
-        gained += r[i] * gain
-        gained_x += rx * gain
-        gained_y += ry * gain
-    sums[5] += x
-    sums[6] += y
+        x[i], y[i] = r[i] * east[i], r[i] * north[i]
+        turn[i] = fma(s[i], cos_mean, -c[i] * sin_mean)  # sine of the deviation
+        gain[i] = fma(v[i], per_mean_speed, -1.0)
+    total_x, xx, xy, turned_x, gained_x = weighted_sums(x, (east, north, turn, gain))
+    total_y, yy, turned_y, gained_y = weighted_sums(y, (north, turn, gain))
+    _, turned, gained = weighted_sums(r, (turn, gain))
+    sums[5] += total_x
+    sums[6] += total_y
     sums[7] += xx
     sums[8] += xy
     sums[9] += yy

@@ -13,6 +13,7 @@ from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
+from dirprim_filter.distributions._arithmetic import fma
 from dirprim_filter.distributions._elementary import EXACT, exp_single, log, nearest_integer_single, single
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives.motion import CREEP
@@ -79,16 +80,16 @@ def weigh_eight(
 ) -> None:  # fmt: skip
     """A loop of vector instructions of eight rounds: its length comes from `out`, or it would be unrolled instead."""
     for k in range(out.size):
-        off = heading - of[HEADS + k] - of[TURNS_E + k] * east - of[TURNS_N + k] * north
-        off -= _TWO_PI * nearest_integer_single(off * _PER_TWO_PI)
+        off = fma(-of[TURNS_N + k], north, fma(-of[TURNS_E + k], east, heading - of[HEADS + k]))
+        off = fma(-_TWO_PI, nearest_integer_single(off * _PER_TWO_PI), off)
         off *= slowed * of[BY_COURSE + k]
-        pace = log_pace - of[PACE + k] - of[GAIN_E + k] * east - of[GAIN_N + k] * north
+        pace = fma(-of[GAIN_N + k], north, fma(-of[GAIN_E + k], east, log_pace - of[PACE + k]))
         pace *= of[BY_PACE + k]
-        u = of[COSINE + k] * east + of[SINE + k] * north
-        across = of[COSINE + k] * north - of[SINE + k] * east
-        across -= of[PATH_0 + k] + (of[PATH_1 + k] + of[PATH_2 + k] * u) * u
+        u = fma(of[COSINE + k], east, of[SINE + k] * north)
+        across = fma(of[COSINE + k], north, -of[SINE + k] * east)
+        across -= fma(fma(of[PATH_2 + k], u, of[PATH_1 + k]), u, of[PATH_0 + k])
         across *= of[BY_PATH + k]
-        q = _ONE + (off * off + pace * pace + across * across) * _PER_DEGREES
+        q = fma(fma(off, off, fma(pace, pace, across * across)), _PER_DEGREES, _ONE)
         out[k] = often[k] / ((q * q) * (q * q))
 
 

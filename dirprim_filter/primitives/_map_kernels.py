@@ -128,7 +128,7 @@ def log_densities(table: MapTable, rows: Rows, out: FloatArray) -> bool:
     return finite
 
 
-@njit(error_model="numpy", **COMPILED | {"fastmath": {"contract"}})
+@njit(error_model="numpy", **COMPILED)
 def _take_logarithms(value: FloatArray, out: FloatArray) -> None:
     for i in range(value.size):
         out[i] = log(value[i])
@@ -137,7 +137,7 @@ def _take_logarithms(value: FloatArray, out: FloatArray) -> None:
             out[i] = math.log(value[i]) if value[i] > 0.0 else LOG_OF_ZERO
 
 
-@njit(**COMPILED | {"fastmath": {"contract"}})
+@njit(**COMPILED)
 def _gather(table: MapTable, rows: Rows, begin: int, stop: int, pairs: Pairs) -> bool:
     """Write the pairs of rows `begin` to `stop`; False where a row is not finite."""
     n, finite = 0, True
@@ -172,7 +172,7 @@ def _gather(table: MapTable, rows: Rows, begin: int, stop: int, pairs: Pairs) ->
     return finite
 
 
-@njit(**COMPILED | {"fastmath": {"contract"}})
+@njit(**COMPILED)
 def _evaluate(pairs: Pairs, n: int, of_direction: bool, of_speed: bool, curved: bool) -> None:
     """The densities of the first `n` pairs, in loops without a branch or a call."""
     log_p = pairs.log_p
@@ -192,7 +192,7 @@ def _evaluate(pairs: Pairs, n: int, of_direction: bool, of_speed: bool, curved: 
         density[p] = exp(log_p[p])
 
 
-@njit(error_model="numpy", **COMPILED | {"fastmath": {"contract"}})
+@njit(error_model="numpy", **COMPILED)
 def _sum(pairs: Pairs, out: FloatArray) -> None:
     """The logarithm of the sum over each row's pairs."""
     total, first = pairs.total, 0

@@ -77,6 +77,7 @@ def main():
         dt_s = np.full(N_VEHICLES, 0.1)
         still = bayes_filter.belief.cloud
         bayes_filter.predict(slot, dt_s)  # compiled now
+        bayes_filter.weigh(slot, detections)  # even weights are not resampled
         kept = [column.copy() for column in still]
 
         def restore(still=still, kept=kept):

@@ -54,18 +54,6 @@ def test_sine_and_cosine_err_by_less_than_1e_15_even_after_many_turns(which, exp
     np.testing.assert_allclose(applied(which, x), expected(x), rtol=0, atol=1e-15)
 
 
-def test_a_sum_in_any_order_leaves_the_functions_exact():
-    @njit(**{**_elementary.SUMMING, "cache": False})
-    def mean(x):
-        total = 0.0
-        for i in range(x.size):
-            total += _elementary.exp(x[i]) * _elementary.cos(x[i])
-        return total / x.size
-
-    x = np.linspace(-3.0, 3.0, 10_001)
-    np.testing.assert_allclose(mean(x), np.mean(np.exp(x) * np.cos(x)), rtol=1e-14)
-
-
 def test_the_exponential_is_clamped_where_doubles_end():
     np.testing.assert_array_equal(applied(0, np.array([-1e300, -np.inf])), applied(0, np.array([-650.0, -650.0])))
     assert applied(0, np.array([-650.0]))[0] < 1e-280

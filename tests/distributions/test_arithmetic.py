@@ -1,0 +1,83 @@
+"""Fused products and sums in lanes: exact oracles, and that nothing in the package rounds otherwise."""
+
+import ast
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit
+from numba.core.errors import TypingError
+
+from dirprim_filter.distributions import _arithmetic
+
+ROOT = Path(__file__).parents[2]
+
+
+@njit
+def fused(a, b, c):
+    return _arithmetic.fma(a, b, c)
+
+
+@njit
+def cubic(x):
+    return _arithmetic.polynomial(x, (0.3, -0.7, 1.1, 0.9))
+
+
+@njit
+def sums(weight, one, two):
+    return _arithmetic.weighted_sums(weight, (one, two))
+
+
+def in_lanes(terms, n_lanes):
+    """The slow way: each lane by itself, the lanes in pairs, the rows left over one by one."""
+    whole = terms.size - terms.size % n_lanes
+    lanes, rest = np.zeros(n_lanes), 0.0
+    for row in terms[:whole].reshape(-1, n_lanes):
+        lanes = lanes + row
+    while lanes.size > 1:
+        lanes = lanes[: lanes.size // 2] + lanes[lanes.size // 2 :]
+    for term in terms[whole:]:
+        rest += term
+    return lanes[0] + rest
+
+
+def test_a_fused_product_is_rounded_once():
+    rng = np.random.default_rng(0)
+    for a, b, far in rng.normal(size=(2000, 3)) * 10.0 ** rng.integers(-6, 6, size=(2000, 3)):
+        c = far - a * b * rng.integers(2)  # where nearly all cancels, rounding twice shows
+        assert fused(a, b, c) == float(Fraction(a) * Fraction(b) + Fraction(c))
+    assert fused(1.0 + 2.0**-30, 1.0 - 2.0**-30, -1.0) == -(2.0**-60)  # and 0 if the product is rounded first
+
+
+def test_a_polynomial_is_horners_scheme_of_fused_products():
+    for x in np.random.default_rng(0).normal(size=100):
+        assert cubic(x) == fused(fused(fused(0.3, x, -0.7), x, 1.1), x, 0.9)
+
+
+@pytest.mark.parametrize("n", [0, 1, 7, 8, 9, 16, 31, 32, 1000])
+def test_sums_are_those_of_lanes_to_the_last_bit(n):
+    weight, one, two = np.random.default_rng(n).normal(size=(3, n))
+    expected = [in_lanes(terms, _arithmetic.LANES) for terms in (weight, weight * one, weight * two)]
+    assert list(sums(weight, one, two)) == expected
+    few = 2 * _arithmetic.LANES
+    assert _arithmetic.total_of(weight) == in_lanes(weight, few)
+    assert _arithmetic.dot(weight, one) == in_lanes(weight * one, few)
+
+
+def test_only_contiguous_columns_are_taken():
+    rows = np.zeros((20, 2))
+    with pytest.raises(TypingError, match="expected contiguous columns"):
+        _arithmetic.dot(rows[:, 0], rows[:, 1])
+
+
+def test_no_kernel_lets_the_compiler_round_as_it_likes():
+    """By `fastmath` results depend on what is inlined, hence on whether a run compiles or loads its kernels."""
+    found = []
+    for path in [*ROOT.glob("dirprim_filter/**/*.py"), *ROOT.glob("tessellation/**/*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            options = zip(node.keys, node.values, strict=True) if isinstance(node, ast.Dict) else ()
+            given = [value for key, value in options if isinstance(key, ast.Constant) and key.value == "fastmath"]
+            given += [node.value] if isinstance(node, ast.keyword) and node.arg == "fastmath" else []
+            found += [(path.name, value.lineno) for value in given if getattr(value, "value", None) is not False]
+    assert found == []
