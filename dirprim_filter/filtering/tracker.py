@@ -21,8 +21,8 @@ from dirprim_filter.filtering.measurements import measured_covariance
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.roster import Roster
-from dirprim_filter.filtering.scans import RevisitTime
 from dirprim_filter.filtering.sensed_particles import SensedParticles
+from dirprim_filter.filtering.track_existence import TrackExistence
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
@@ -72,15 +72,15 @@ class Tracker:
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
-        self._sight = None if sensor is None else sensor.sight
+        sight = None if sensor is None else sensor.sight
         self._roster = Roster(self._filter)
+        self._existence = TrackExistence(self._roster, self._filter, self.tracking, sight)
         self._associator = Associator(self._filter, self.config, self.tracking)
         traffic = self._filter.traffic
         self._undetected = {
-            labelled: Undetected(traffic, self.tracking, self.config, sight=self._sight, learns_level=not labelled)
+            labelled: Undetected(traffic, self.tracking, self.config, sight=sight, learns_level=not labelled)
             for labelled in KINDS
         }
-        self._revisits = {labelled: RevisitTime() for labelled in KINDS}
         self._seed = int(rng.integers(2**63))
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._time_ns = NO_TIME
@@ -127,27 +127,23 @@ class Tracker:
         Then learn from hits and misses which tracks are of vehicles. A measurement that a belief does not explain is a
         miss: it came from somewhere else.
         """
-        frame, roster, config = self._frame, self._roster, self.tracking
+        frame, roster, time_ns = self._frame, self._roster, self._time_ns
         slot, row = frame.hits
         measured = frame.detections[row]
         if self._with_innovations:
             frame.innovation = self._innovation(slot, measured)
         evidence = self._filter.weigh(slot, measured)
-        missed = np.concatenate([NO_ROWS, *[self._missed(is_labelled) for is_labelled in frame.kinds]])
-        is_back = roster.is_labelled[slot] & (_seconds(self._time_ns - roster.measured_ns[slot]) > AWAY_S)
-        roster.measured_ns[slot] = self._time_ns
+        missed = [self._existence.missed(slot, time_ns, is_labelled=kind) for kind in frame.kinds]
+        is_back = roster.is_labelled[slot] & (_seconds(time_ns - roster.measured_ns[slot]) > AWAY_S)
+        roster.measured_ns[slot] = time_ns
         is_weightless = ~np.isfinite(evidence.log_density)  # no particle has a weight
         roster.log_evidence[slot] = np.where(is_weightless, 0.0, evidence.log_density)
         unexplained = evidence.is_unexplained | is_weightless
         roster.n_unexplained[slot] = np.where(unexplained, roster.n_unexplained[slot] + 1, 0)
-        hit, missed = slot[~unexplained], np.concatenate([missed, slot[unexplained]])
-        roster.existence[hit] = existence.after_hit(
-            roster.existence[hit], roster.log_evidence[hit], frame.first[row[~unexplained]], config
-        )
-        roster.existence[missed] = existence.after_miss(roster.existence[missed], config, roster.in_sight[missed])
-        roster.counted_ns[slot] = roster.counted_ns[missed] = self._time_ns
-        roster.confirm(above=config.confirm_above)
-        is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, config.lost_after))
+        not_hit = np.concatenate([*missed, slot[unexplained]])
+        self._existence.learn(slot[~unexplained], frame.first[row[~unexplained]], not_hit)
+        roster.counted_ns[slot] = roster.counted_ns[not_hit] = time_ns
+        is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, self.tracking.lost_after))
         if is_lost.any():
             self._recover(slot[is_lost], row[is_lost])
         frame.moments = self._filter.moments(frame.held)
@@ -230,7 +226,7 @@ class Tracker:
         _, slot = roster.members(is_labelled=False)
         self._advance(slot, self._time_ns - roster.time_ns[slot])
         roster.time_ns[slot] = self._time_ns
-        self._age(slot, slot)
+        self._existence.age(slot, slot, self._time_ns)
         return self._associator.hits(
             slot, roster.existence[slot], roster.is_confirmed[slot], self._frame.detections, row,
             first=self._frame.first[row],
@@ -273,7 +269,7 @@ class Tracker:
             self._filter.copy(absent[between], aside[between])
             self._advance(aside, dt_ns)
         home, held = np.concatenate([seen, absent]), np.concatenate([seen, aside])
-        self._age(home, held)
+        self._existence.age(home, held, self._time_ns)
         unlabelled = roster.members(is_labelled=False)[1] if False in frame.kinds else NO_ROWS
         frame.home, frame.held = np.concatenate([home, unlabelled]), np.concatenate([held, unlabelled])
 
@@ -285,29 +281,6 @@ class Tracker:
         self._filter.copy(slot, now)
         self._advance(now, np.full(slot.size, self._latency_ns))
         return now
-
-    def _age(self, slot: IntArray, held: IntArray) -> None:
-        """Let existence (v,) come to the frame's time, by where the beliefs in the slots `held` (v,) are then."""
-        roster = self._roster
-        dt_s = _seconds(self._time_ns - roster.existence_ns[slot])
-        ends = self._filter.rate_of_ends(held)
-        passed = 0.5 * (roster.ends[slot] + ends)  # on the way
-        roster.existence[slot] = existence.later(roster.existence[slot], dt_s, self.tracking, ends=passed)
-        roster.ends[slot] = ends
-        roster.outside[slot] = self._filter.probability_outside(held)
-        if self._sight is not None:
-            m = self._filter.moments(held)
-            roster.in_sight[slot] = self._sight.probability(m[:, :2], m[:, [2, 3, 3, 4]].reshape(-1, 2, 2))
-        roster.existence_ns[slot] = self._time_ns
-
-    def _missed(self, is_labelled: bool) -> IntArray:
-        """Slots of the tracks of a kind that the frame ought to have shown and did not."""
-        roster, hit = self._roster, self._frame.hits.slot
-        usual = self._revisits[is_labelled]
-        usual.see(self._time_ns - roster.measured_ns[hit[roster.is_labelled[hit] == is_labelled]])
-        _, slot = roster.members(is_labelled=is_labelled)
-        slot = slot[~np.isin(slot, hit)]
-        return slot[usual.is_due(self._time_ns - roster.counted_ns[slot]) & (roster.measured_ns[slot] < self._time_ns)]
 
     def _advance_in_whole_steps(self, slot: IntArray) -> None:
         """Steps of `step_s` from each belief's own last measurement: as many as fit before the frame's time."""
