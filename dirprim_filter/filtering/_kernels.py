@@ -12,7 +12,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._arithmetic import dot, total_of
+from dirprim_filter.distributions._arithmetic import dot, total_of, weighted_sums
 from dirprim_filter.distributions._blocks import ROWS
 from dirprim_filter.distributions._elementary import EXACT, squared_sine
 from dirprim_filter.distributions._random import UIntArray
@@ -107,19 +107,40 @@ def systematic(weight: FloatArray, u: float, survivors: IntArray) -> None:
 
 
 @njit(cache=True)
-def spread_of(column: FloatArray, survivors: IntArray, is_angle: bool) -> float:
-    """Standard deviation of what survives; of angles, from that of the first survivor."""
-    first = 0
-    while survivors[first] == 0:
+def parent_of(survivors: IntArray, parent: IntArray) -> int:
+    """Whose copy each particle becomes, by how often each survives: fills (n,); -> how many are of another."""
+    free = n_copies = 0
+    for a in range(survivors.size):
+        if survivors[a] > 0:
+            parent[a] = a
+        for _ in range(survivors[a] - 1):
+            while survivors[free] > 0:
+                free += 1
+            parent[free] = a
+            free += 1
+            n_copies += 1
+    return n_copies
+
+
+@njit(cache=True)
+def spread_of(column: FloatArray, copies: FloatArray, off: FloatArray, squared: FloatArray, is_angle: bool) -> float:
+    """Standard deviation of a column (n,) of which `copies` (n,) survive; of angles, from the first survivor's.
+
+    `off` and `squared` are room for n numbers each.
+    """
+    n, first = column.size, 0
+    while copies[first] == 0.0:
         first += 1
-    origin, mean, squared = column[first], 0.0, 0.0
-    for p in range(column.size):
-        off = column[p] - origin
-        if is_angle and abs(off) > math.pi:
-            off = density.wrap(off)
-        mean += survivors[p] * off / column.size
-        squared += survivors[p] * off * off / column.size
-    return math.sqrt(max(squared - mean * mean, 0.0))
+    origin = column[first]
+    for p in range(n):
+        off[p] = column[p] - origin
+    if is_angle:
+        for p in range(n):
+            off[p] -= 2.0 * math.pi * math.floor(off[p] / (2.0 * math.pi) + 0.5)
+    for p in range(n):
+        squared[p] = off[p] * off[p]
+    _, mean, square = weighted_sums(copies, (off, squared))
+    return math.sqrt(max(square / n - (mean / n) ** 2, 0.0))
 
 
 @njit(cache=True, nogil=True)
@@ -132,7 +153,8 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
     soon descend from one that is wrong, and the belief is sure of it.
     """
     n = cloud.position.shape[1]
-    survivors, column = np.empty(n, np.int64), np.empty(n)
+    survivors, parent, normal = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(4 * n + 4)
+    copies, column, off, squared = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     turns, runs = bool(np.bool_(True)), bool(np.bool_(False))  # literals would compile it once more, as do views
     for v in vehicle:
         weight = cloud.weight[v]
@@ -144,25 +166,29 @@ def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
         systematic(weight, random.uniform(state), survivors)
         position, direction, speed, push = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.push[v]
         cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
-        wider = bandwidth * spread_of(direction, survivors, turns)
-        faster = bandwidth * spread_of(speed, survivors, runs)
+        for p in range(n):
+            copies[p] = survivors[p]
+        wider = bandwidth * spread_of(direction, copies, off, squared, turns)
+        faster = bandwidth * spread_of(speed, copies, off, squared, runs)
         for p in range(n):
             column[p] = position[p, 0]
-        east = bandwidth * spread_of(column, survivors, runs)
+        east = bandwidth * spread_of(column, copies, off, squared, runs)
         for p in range(n):
             column[p] = position[p, 1]
-        north = bandwidth * spread_of(column, survivors, runs)
-        free = 0
-        for a in range(n):
-            for _ in range(survivors[a] - 1):
-                while survivors[free] > 0:
-                    free += 1
-                position[free, 0] = position[a, 0] + east * random.draw_normal(state)
-                position[free, 1] = position[a, 1] + north * random.draw_normal(state)
-                direction[free] = density.wrap(direction[a] + wider * random.draw_normal(state))
-                speed[free] = max(speed[a] + faster * random.draw_normal(state), 0.0)
-                cell[free], manoeuvre[free], push[free] = cell[a], manoeuvre[a], push[a]
-                free += 1
+        north = bandwidth * spread_of(column, copies, off, squared, runs)
+        m = (parent_of(survivors, parent) + 1) // 2 * 2
+        random.fill_normals(normal[: 4 * m], state)
+        k = 0
+        for p in range(n):
+            a = parent[p]
+            if a == p:
+                continue
+            position[p, 0] = position[a, 0] + east * normal[k]
+            position[p, 1] = position[a, 1] + north * normal[m + k]
+            direction[p] = density.wrap(direction[a] + wider * normal[2 * m + k])
+            speed[p] = max(speed[a] + faster * normal[3 * m + k], 0.0)
+            cell[p], manoeuvre[p], push[p] = cell[a], manoeuvre[a], push[a]
+            k += 1
         for word in range(state.size):
             cloud.state[v, word] = state[word]
         weight[:] = 1.0 / n

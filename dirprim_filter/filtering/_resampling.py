@@ -15,7 +15,7 @@ from numba import njit
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.filtering import _kernels
-from dirprim_filter.filtering._kernels import KERNEL_SHARE, Cloud, effective_sample_size, systematic
+from dirprim_filter.filtering._kernels import KERNEL_SHARE, Cloud, effective_sample_size, parent_of, systematic
 from dirprim_filter.filtering._sensing import Axes, Carried, correlated_share
 
 FEW = 0.1
@@ -53,20 +53,6 @@ def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, axes: Axes, belo
             spread_anew(cloud, carried, v, parent, axes)
         else:
             tell_apart(cloud, carried, v, parent, KERNEL_SHARE * effective ** (-1.0 / 6.0))
-
-
-@njit(cache=True)
-def parent_of(survivors: IntArray, parent: IntArray) -> None:
-    """Whose copy each particle becomes, by how often each survives; fills (n,)."""
-    free = 0
-    for a in range(survivors.size):
-        if survivors[a] > 0:
-            parent[a] = a
-        for _ in range(survivors[a] - 1):
-            while survivors[free] > 0:
-                free += 1
-            parent[free] = a
-            free += 1
 
 
 @njit(cache=True)

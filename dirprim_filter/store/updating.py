@@ -31,7 +31,7 @@ from dirprim_filter.store.tiles import TILE_SQUARES, Digests, Tile, around, tile
 logger = logging.getLogger(__name__)
 
 HALO_M = 96.0
-"""Metres around a tile that are learned from, at least: what manoeuvres are told apart by lies so far ahead."""
+"""Metres around a tile that are learned from, at least: what distinguishes manoeuvres lies so far ahead."""
 
 Progress = Callable[[int, int], None]
 

@@ -77,18 +77,19 @@ def main():
         dt_s = np.full(N_VEHICLES, 0.1)
         still = bayes_filter.belief.cloud
         bayes_filter.predict(slot, dt_s)  # compiled now
-        bayes_filter.weigh(slot, detections)  # even weights are not resampled
-        kept = [column.copy() for column in still]
+        even = [column.copy() for column in still]
+        bayes_filter.weigh(slot, detections)
+        weighed = [column.copy() for column in still]  # even weights would not be resampled
 
-        def restore(still=still, kept=kept):
+        def restore(kept, still=still):
             for column, value in zip(still, kept, strict=True):
                 column[:] = value
 
         parts = {
-            "restore": restore,
-            "predict": lambda f=bayes_filter, r=restore, d=dt_s: (r(), f.predict(slot, d)),
-            "weigh": lambda f=bayes_filter, r=restore: (r(), f.weigh(slot, detections)),
-            "resample": lambda f=bayes_filter, r=restore: (r(), f.resample(slot)),
+            "restore": lambda r=restore, k=even: r(k),
+            "predict": lambda f=bayes_filter, r=restore, k=even, d=dt_s: (r(k), f.predict(slot, d)),
+            "weigh": lambda f=bayes_filter, r=restore, k=even: (r(k), f.weigh(slot, detections)),
+            "resample": lambda f=bayes_filter, r=restore, k=weighed: (r(k), f.resample(slot)),
         }
         taken = {part: least(run) for part, run in parts.items()}
         total = 0.0

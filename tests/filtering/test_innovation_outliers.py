@@ -103,6 +103,6 @@ def worst_of_who_stops(seed, **knobs):
 
 def test_a_driver_who_stops_dead_is_not_lost():
     """Over forty logs the worst error is 0.5 m, with a deviation of 0.4: the mean of twenty exceeds 0.8 m once in 4,000
-    times. Where nobody leaves the motion model it is 1.1 m."""
+    times. Where no driver leaves the motion model it is 1.1 m."""
     assert np.mean([worst_of_who_stops(seed) for seed in range(20)]) < 0.8
     assert np.mean([worst_of_who_stops(seed, innovation_outlier_rate=1e-12) for seed in range(20)]) > 0.9

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import Tracker
+from dirprim_filter.filtering import ParticleFilter, Tracker
 from dirprim_filter.filtering.traffic import Traffic
 from dirprim_filter.filtering.undetected import Undetected
 from situations import one_cell_map, with_ways
@@ -127,8 +127,8 @@ def test_who_is_missed_where_journeys_end_is_gone_sooner_than_elsewhere(ring_map
     ends = np.array([0.0, 2.0])
 
     class AtAnExit:
-        def __init__(self, inner):
-            self._inner = inner
+        def __init__(self, inner, rate):
+            self._inner, self.rate = inner, rate
 
         def __getattr__(self, name):
             return getattr(self._inner, name)
@@ -138,9 +138,8 @@ def test_who_is_missed_where_journeys_end_is_gone_sooner_than_elsewhere(ring_map
 
     left = []
     for rate in ends:
-        tracker = Tracker(ring_map, config=KNOBS, rng=np.random.default_rng(1))
-        tracker._filter = AtAnExit(tracker._filter)
-        tracker._filter.rate = rate
+        model = AtAnExit(ParticleFilter(ring_map, KNOBS), rate)
+        tracker = Tracker(model, config=KNOBS, rng=np.random.default_rng(1))
         names = []
         for i in range(30):
             place = 20.0 * np.array([[np.cos(0.04 * i), np.sin(0.04 * i)]])[: i < 20]
