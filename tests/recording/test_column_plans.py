@@ -310,6 +310,24 @@ class OfAnyVersion:
         return OfAnyVersion(value) if name == "message_type" and value is not None else value
 
 
+@pytest.mark.parametrize(
+    ("lengths", "most_walks"),
+    [([100] * 200, 10), ([1] * 500 + [20_000], 75), ([20_000] + [0] * 500, 75), ([0] * 100 + [3, 5000], 75)],
+)
+def test_columns_of_many_numbers_are_whole_in_few_walks(lengths, most_walks, monkeypatch):
+    """Five columns that fill at once, in messages alike and not: room is for at most 16 times what there is."""
+    columns = [f"packed_{kind}" for kind in ("double", "float", "int32", "uint64", "sint32")]
+    payloads = [CLASS(**{name: range(n) for name in columns}).SerializeToString() for n in lengths]
+    plan = protobuf_plan("p.M", DEFINITION, {name: Field(path=f".{name}[]", kind="number") for name in columns})
+    walks, walk = [], plan._walk
+    monkeypatch.setattr(plan, "_walk", lambda *given: walks.append(1) or walk(*given))
+    read = plan.run(payloads)
+    for name in columns:
+        np.testing.assert_array_equal(read.numbers(name), np.concatenate([np.arange(n) for n in lengths]))
+    assert len(walks) <= most_walks
+    assert plan._capacity.max() <= 16 * max(sum(lengths), len(lengths))
+
+
 def test_a_plan_asks_of_descriptors_only_what_every_version_has(monkeypatch):
     descriptor = OfAnyVersion(protobuf_plans.message_descriptor("p.M", DEFINITION))
     monkeypatch.setattr(protobuf_plans, "message_descriptor", lambda *_: descriptor)

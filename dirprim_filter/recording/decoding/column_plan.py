@@ -125,6 +125,9 @@ class OutputTables:
         )
 
 
+SLACK, MOST_TIMES = 1.25, 16
+"""Room beside what the messages read so far let expect, and at most so many times what they held: so much memory is
+taken for rows that are there, whatever sizes a file claims."""
 Walk = Callable[..., bool]
 """A kernel: of data, starts, stops, tables, status, room for its work, and its program."""
 
@@ -157,7 +160,7 @@ class ColumnPlan(Plan):
             tables = kernels.Tables(cells, base, self._width, self._capacity, count, self._defaults, self._default_base)
             if not self._walk(data, start, stop, tables, status, np.zeros(self._room, np.int64), *self._program):
                 break
-            self._capacity[count >= self._capacity] *= 2
+            self._capacity = self._wider(count, stop - start)
         written = [
             np.ascontiguousarray(cells[b : b + c * w].reshape(c, w).T)
             for b, c, w in zip(base, count, self._width.tolist(), strict=True)
@@ -176,6 +179,19 @@ class ColumnPlan(Plan):
             time_ns = nanoseconds(seconds.values.astype(np.int64), nanos.values.astype(np.int64))
             columns.columns[label] = Column(form="time", values=time_ns, missing=seconds.missing)
         return columns
+
+    def _wider(self, count: IntArray, size: IntArray) -> IntArray:
+        """Capacities for all messages, by what those took of each table that were read before one was full.
+
+        All tables at once: when each was widened by itself as it filled, the first batch was walked a hundred times.
+
+        Args:
+            count: (n_tables,) rows so far, the first of messages.
+            size: (n_messages,) bytes of each.
+        """
+        times = min(SLACK * float(size.sum()) / max(int(size[: count[0]].sum()), 1), MOST_TIMES)
+        doubled = np.where(count >= self._capacity, 2 * self._capacity, self._capacity)
+        return np.maximum(doubled, (count * times).astype(np.int64))
 
     def _column(self, tables: Sequence[AnyArray], table: int, column: int, form: Form) -> Column:
         cells = tables[table][column]
