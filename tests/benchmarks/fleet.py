@@ -224,12 +224,15 @@ def workers(n_logs: int) -> None:
         for n in (1, 2):
             store = Store.create(Path(folder) / f"store{n}", StoreConfig())
             add_logs(store, found[:1])  # the first log is always added by this process
-            began = time.perf_counter()
+            began, of_client, of_workers = time.perf_counter(), time.process_time(), children_s()
             add_logs(store, found, workers=LocalWorkers(n))
             took.append(time.perf_counter() - began)
+            of_client, of_workers = time.process_time() - of_client, children_s() - of_workers
             n_rows = sum(entry.n_rows for entry in store.entries()[1:])
             print(
-                f"processes {n}: {n_rows / took[-1] / 1e6:.3f} M rows/s, {took[-1]:.1f} s with their start", flush=True
+                f"processes {n}: {n_rows / took[-1] / 1e6:.3f} M rows/s, {took[-1]:.1f} s with their start; processor "
+                f"time of workers {of_workers:.1f} s, of the client {of_client:.1f} s",
+                flush=True,
             )
     of_worker = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     print(
@@ -238,6 +241,12 @@ def workers(n_logs: int) -> None:
     print(
         f"two are {took[0] / took[1]:.2f} times as fast as one; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     )
+
+
+def children_s() -> float:
+    """Processor time of the processes that this one started and that ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def killing() -> None:
