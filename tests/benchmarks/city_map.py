@@ -1,4 +1,4 @@
-"""What a city's map costs when it is held whole: bytes in its file and in memory, seconds to load, and to be tracked with.
+"""What a city's map costs when it is held whole: memory, and seconds until it is ready to track with.
 
 Decides: whether `track` loads a map whole or by tiles. A learned map is laid out again and again, side by side.
 
@@ -9,11 +9,11 @@ Decides: whether `track` loads a map whole or by tiles. A learned map is laid ou
 
 from __future__ import annotations
 
-import os
 import resource
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -77,9 +77,9 @@ def load(path: str) -> None:
     loaded = load_map(path)
     cells = loaded.tessellation
     print(
-        f"{cells.n_cells} cells, {os.path.getsize(path) / 1e6:.0f} MB: loaded in "
-        f"{time.process_time() - began:.1f} s; held: {now_mib():.0f} MiB, at most {most_mib():.0f}, of which the program "
-        f"{before:.0f}",
+        f"{cells.n_cells} cells, {Path(path).stat().st_size / 1e6:.0f} MB: loaded in "
+        f"{time.process_time() - began:.1f} s; held: {now_mib():.0f} MiB, at most {most_mib():.0f}, of which the "
+        f"program {before:.0f}",
         flush=True,
     )
     began = time.process_time()
@@ -87,7 +87,8 @@ def load(path: str) -> None:
     loaded.log_density(cells.centers[:100], np.zeros(100), np.ones(100))
     region = cells.region.n_cells * (cells.region.cell_size / LANE_M) * cells.region.cell_size / 1000
     print(
-        f"made ready in {time.process_time() - began:.1f} s; held {now_mib():.0f} MiB, at most {most_mib():.0f}; {region:.0f} km of lanes"
+        f"made ready in {time.process_time() - began:.1f} s; held {now_mib():.0f} MiB, at most {most_mib():.0f}; "
+        f"{region:.0f} km of lanes"
     )
 
 
@@ -98,8 +99,7 @@ def most_mib() -> float:
 
 def now_mib() -> float:
     """The memory that it has."""
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * resource.getpagesize() / 2**20
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
 
 
 if __name__ == "__main__":
