@@ -1,7 +1,6 @@
 """Which knobs of learning motion forecast best the vehicles that were held out.
 
-By the energy score (Gneiting and Raftery 2007, Eq. 22), which is proper, and for the spread by the Dawid-Sebastiani
-score, which asks that errors are as large as they are said to be.
+By the energy score (Gneiting and Raftery 2007, Eq. 22), which is proper.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -35,8 +33,6 @@ logger = logging.getLogger(__name__)
 
 STRENGTHS = (30.0, 5.0, 200.0, 1000.0)
 """Chosen by the energy score; the first unless another is better by `WORTH`."""
-SPREADS = (1.4, 2.0)
-"""Chosen by the Dawid-Sebastiani score."""
 MOST_ROWS = 300_000
 """Of vehicles drawn at random: of so many rows every manoeuvre has been seen often."""
 LAGS_S = np.array([1.0, 2.0, 3.0, 5.0])
@@ -80,16 +76,11 @@ def choose_knobs(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Ge
     if not folds:
         return LearningKnobs()
 
-    @cache
-    def forecasts(trial: LearningKnobs) -> tuple[FloatArray, FloatArray]:
-        return np.concatenate([f.forecast(trial) for f in folds]), np.concatenate([f.cases.later for f in folds])
-
+    later = np.concatenate([fold.cases.later for fold in folds])
     trials = [LearningKnobs(strength=strength) for strength in STRENGTHS]
-    scores = [_energy(*forecasts(trial)) for trial in trials]
+    scores = [_energy(np.concatenate([fold.forecast(trial) for fold in folds]), later) for trial in trials]
     best = int(np.argmin(scores))
     knobs = trials[best if scores[best] < scores[0] - WORTH else 0]
-    trials = [knobs._replace(spread=spread) for spread in SPREADS]
-    knobs = min(trials, key=lambda trial: _surprise(*forecasts(trial)))
     logger.info("motion: %s", knobs)
     return knobs
 
@@ -151,13 +142,3 @@ def _energy(path: FloatArray, later: FloatArray) -> float:
     score = off - pairs / (n * (n - 1))
     known = np.isfinite(score).sum(axis=0) >= FEWEST_STARTS // 2
     return float(np.log(np.nanmean(score[:, known], axis=0)).mean())
-
-
-def _surprise(path: FloatArray, later: FloatArray) -> float:
-    """Dawid-Sebastiani score over the lags up to two seconds: log det of the covariance, and squared error by it."""
-    path, later = path[:, :, :2], later[:, :2]
-    off = later - path.mean(axis=1)
-    away = path - path.mean(axis=1, keepdims=True)
-    covariance = np.einsum("npti,nptj->ntij", away, away) / (path.shape[1] - 1) + 1e-4 * np.eye(2)
-    squared = np.einsum("nti,nti->nt", off, np.linalg.solve(covariance, off[..., None])[..., 0])
-    return float(np.nanmean(np.log(np.linalg.det(covariance)) + np.minimum(squared, 30.0)))
