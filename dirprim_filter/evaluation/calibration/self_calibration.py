@@ -13,19 +13,27 @@ from scipy.optimize import minimize
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import NO_ID, Detections
-from dirprim_filter.evaluation.calibration.evidence import N_SHARED, Evidence
+from dirprim_filter.evaluation.calibration import reports
+from dirprim_filter.evaluation.calibration.evidence import SHARE, log_evidence
 from dirprim_filter.evaluation.calibration.pairing import frames_of
-from dirprim_filter.evaluation.calibration.reports import share
-from dirprim_filter.evaluation.calibration.windows import LONGEST_PAUSE_S, by_vehicle, windows_of, without_strays
+from dirprim_filter.evaluation.calibration.windows import (
+    LONGEST_PAUSE_S,
+    Windows,
+    by_vehicle,
+    windows_of,
+    without_strays,
+)
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.track_ids import vehicle_numbers
 
-MOST_WINDOWS = 120
+MOST_WINDOWS = 400
 FEWEST_WINDOWS = 8
 LONGEST_LASTING_S = 2.0
 """Errors that last longer cannot be told from a vehicle's own way within a window."""
 LEAST_SHARE = 0.1
 """Of the variance; a smaller share that lasts is no finding."""
+LEAST_GAIN = 4.6
+"""Nat: a hundredth of logs without errors that last gain so much by the two parameters of some (Wilks 1938)."""
 LEAST_WHITE = 0.01
 """Of the variance; detections with less of it are smooth as ways are: a filter ran over them."""
 FIRST_ERROR = (np.log(0.5), 0.0, np.log(0.5))
@@ -33,7 +41,8 @@ FIRST_ACCELERATION = (0.0, np.log(1.5))
 ERROR_RANGE = ((-4.0, 2.0), (-5.0, 5.0), (np.log(0.05), np.log(LONGEST_LASTING_S)))
 ACCELERATION_RANGE = ((-4.0, 2.0), (0.0, 1.5))
 """Of log m/s^2 and log seconds: drivers hold an acceleration for a second or longer."""
-DIFFERENCE_RANGE = (-4.0, 4.0)
+DRIVERS_DIFFER, DIFFERENCE_RANGE = 0.7, (0.05, 1.5)
+"""Standard deviation of the log of a window's acceleration: one drives straight on, another brakes and turns."""
 MOST_STEPS = 80
 
 
@@ -75,7 +84,7 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
             f"expected at least {FEWEST_WINDOWS} pieces of track of moving vehicles, got {n_windows}: state the noise, "
             "or calibrate the sensor against a truth"
         )
-    along, across, lasting = _errors(Evidence(windows), n_windows)
+    along, across, lasting = _errors(windows)
     seen, false, why = _reports(named)
     unknown = [
         "latency_s, along.bias_m, across.bias_m: detections that are all late or off look as if vehicles were there",
@@ -84,21 +93,24 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
     return SelfCalibration(
         sensor=Sensor(
             along=along, across=across, detection_probability=seen, clutter_density=false,
-            outlier_share=share(n_stray, n_judged).value if n_stray else None,
+            outlier_share=reports.share(n_stray, n_judged).value if n_stray else None,
         ),
         n_windows=n_windows, n_detections=int(windows.known.sum()), unknown=tuple(unknown),
     )  # fmt: skip
 
 
-def _errors(evidence: Evidence, n_windows: int) -> tuple[AxisError, AxisError, list[str]]:
-    """The likeliest errors along and across, and where they last too long to be seen."""
-    start = np.zeros(N_SHARED + 2 * n_windows)
-    start[:N_SHARED] = (*FIRST_ERROR, *FIRST_ERROR, *FIRST_ACCELERATION, *FIRST_ACCELERATION)
-    bounds = [*ERROR_RANGE, *ERROR_RANGE, *ACCELERATION_RANGE, *ACCELERATION_RANGE]
-    found = minimize(
-        evidence, start, jac=True, method="L-BFGS-B", bounds=bounds + [DIFFERENCE_RANGE] * (2 * n_windows),
-        options={"maxiter": MOST_STEPS, "ftol": 1e-7},
-    ).x  # fmt: skip
+def _errors(windows: Windows) -> tuple[AxisError, AxisError, list[str]]:
+    """The likeliest errors along and across, and where they last too long to be seen.
+
+    That errors of an axis last must be likelier by `LEAST_GAIN` than that they do not.
+    """
+    first = (*FIRST_ERROR, *FIRST_ERROR, *FIRST_ACCELERATION, *FIRST_ACCELERATION, DRIVERS_DIFFER)
+    found, log_p = _likeliest(windows, np.array(first))
+    for share in (SHARE, 3 + SHARE):
+        if found[share] > np.log(LEAST_SHARE / (1.0 - LEAST_SHARE)):
+            white, log_p_white = _likeliest(windows, found, white=share)
+            if log_p - log_p_white < LEAST_GAIN:
+                found, log_p = white, log_p_white
     if max(found[1], found[4]) > np.log(1.0 / LEAST_WHITE - 1.0):
         raise ValueError(
             "expected detections that scatter, got such as smooth as ways are, as a filter leaves them: their errors "
@@ -111,6 +123,28 @@ def _errors(evidence: Evidence, n_windows: int) -> tuple[AxisError, AxisError, l
         if _lasts_too_long(at)
     ]
     return along, across, lines
+
+
+def _likeliest(windows: Windows, start: FloatArray, *, white: int | None = None) -> tuple[FloatArray, float]:
+    """The parameters, and the natural log of the density; of one axis, if its share is given, errors do not last."""
+    bounds: list[tuple[float, float]] = [
+        *ERROR_RANGE,
+        *ERROR_RANGE,
+        *ACCELERATION_RANGE,
+        *ACCELERATION_RANGE,
+        DIFFERENCE_RANGE,
+    ]
+    if white is not None:
+        bounds[white] = (bounds[white][0], bounds[white][0])
+    n = len(windows.known)
+
+    def cost(parameters: FloatArray) -> float:
+        return -log_evidence(windows, parameters) / n
+
+    found = minimize(
+        cost, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": MOST_STEPS, "ftol": 1e-8, "eps": 1e-5}
+    )
+    return np.asarray(found.x, np.float64), -n * float(found.fun)
 
 
 def _axis(at: FloatArray) -> AxisError:
@@ -143,4 +177,4 @@ def _reports(named: Detections) -> tuple[float | None, float | None, list[str]]:
     is_single = np.bincount(vehicle)[vehicle] == 1
     place = named.position[~is_single]
     area = float(np.prod(np.maximum(np.ptp(place, axis=0), 1.0)))
-    return share(passed.size, int(passed.sum())).value, (int(is_single.sum()) + 0.5) / (area * len(frames)), []
+    return reports.share(passed.size, int(passed.sum())).value, (int(is_single.sum()) + 0.5) / (area * len(frames)), []

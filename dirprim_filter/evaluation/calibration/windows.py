@@ -12,10 +12,10 @@ from dirprim_filter.course import motion_of
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.track_ids import vehicle_numbers
 
-LONGEST = 40
+LONGEST = 100
 """Detections of a window."""
 FEWEST = 12
-LONGEST_S = 6.0
+LONGEST_S = 10.0
 LEAST_STEP_S = 0.09
 """Detections nearer in time are passed over: windows would be too short to tell errors that last from white ones."""
 LONGEST_PAUSE_S = 1.0
