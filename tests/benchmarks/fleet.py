@@ -250,29 +250,37 @@ def children_s() -> float:
 
 
 def killing() -> None:
-    """`dirprim store add --workers 2`, of which one worker is killed; the store is that of one process."""
-    tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
+    """`dirprim store add --workers 4`, of which one is killed after a tenth, a half and nine tenths of the logs.
+
+    The store is that of one process.
+    """
+    tracks, n_logs = read_tracks(ROOT / "recordings" / "roundabout_track.mcap"), 40
     folder = Path(tempfile.mkdtemp())
-    for i in range(24):
+    for i in range(n_logs):
         write_tracks(repeated(tracks, len(tracks), first=i), folder / f"{i}.mcap")
     command = [sys.executable, "-m", "dirprim_filter.cli", "store", "add"]
-    logs = str(folder / "*.mcap")
-    subprocess.run([*command, str(folder / "one"), logs], check=True)
-    begun = subprocess.Popen([*command, str(folder / "two"), logs, "--workers", "2"])
-    while len(list(folder.glob("two/logs/*.json"))) < 6:
-        time.sleep(0.05)
-    workers = [int(pid) for pid in os.popen(f"pgrep -P {begun.pid}").read().split()]  # noqa: S605
-    inside = [int(pid) for w in workers for pid in os.popen(f"pgrep -P {w}").read().split()]  # noqa: S605
-    victim = (inside or workers)[-1]
-    os.kill(victim, 9)
-    code = begun.wait()
-    same = all(
-        (folder / "two" / "recordings" / path.name).read_bytes() == path.read_bytes()
-        for path in (folder / "one" / "recordings").iterdir()
-    )
-    left = list((folder / "two").rglob("*.part"))
-    print(f"killed {victim}: exit {code}, same bytes: {same}, left over: {len(left)}")
+    logs, one = str(folder / "*.mcap"), folder / "one"
+    subprocess.run([*command, str(one), logs], check=True)
+    for share in (0.1, 0.5, 0.9):
+        other = folder / f"killed at {share}"
+        begun = subprocess.Popen([*command, str(other), logs, "--workers", "4"])
+        while len(list(other.glob("logs/*.json"))) < share * n_logs:
+            time.sleep(0.02)
+        done = len(list(other.glob("logs/*.json")))
+        workers = children_of(begun.pid)
+        inside = [pid for worker in workers for pid in children_of(worker)]
+        os.kill((inside or workers)[-1], 9)
+        code = begun.wait()
+        same = all((other / p.relative_to(one)).read_bytes() == p.read_bytes() for p in one.glob("recordings/*"))
+        left = len(list(other.rglob("*.part")))
+        print(f"one of 4 killed after {done} of {n_logs} logs: exit {code}, same bytes: {same}, left over: {left}")
     shutil.rmtree(folder)
+
+
+def children_of(pid: int) -> list[int]:
+    """Of a process."""
+    found = subprocess.run(["pgrep", "-P", str(pid)], stdout=subprocess.PIPE, text=True, check=False)
+    return [int(line) for line in found.stdout.split()]
 
 
 def known(n_logs: int) -> None:
