@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import scan
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.schemas.map_tiles import decode_tiles, encode_tiles
+from dirprim_filter.recording.schemas.map_tiles import encode_tiles
+from dirprim_filter.recording.schemas.tiled_map import decode_tiles
 
 logger = logging.getLogger(__name__)
 
@@ -58,20 +60,44 @@ def load_map(path: str | Path) -> PrimitiveMap:
         RecordingError: the file is no map, or a part of it is missing or broken.
         OSError: the file cannot be read.
     """
-    with scan(path) as messages:
-        tiles = [message.data for message in messages if message.schema_name == MAP_SCHEMA]
-        damage = messages.damage
-    if not tiles and not damage:
-        raise RecordingError(
-            f"{path}: expected a map, with messages of {MAP_SCHEMA}, got none; make one with `dirprim learn`"
-        )
-    try:
-        primitive_map = decode_tiles(tiles)
-    except DecodeError as error:
-        broken = f" (the file is damaged: {damage[0]})" if damage else ""
-        raise RecordingError(
-            f"{path}: cannot be read as a map: {error}{broken}; learn it again with `dirprim learn`"
-        ) from error
-    if damage:
-        logger.warning("%s: the map is whole, but the file is damaged: %s", path, damage[0])
-    return primitive_map
+    return _Tiles(path).read(decode_tiles)
+
+
+class _Tiles:
+    """The messages of a map file, which can be gone through more than once, one at a time."""
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = path
+        self._n = 0
+        self._damage: list[Damage] = []
+
+    def __iter__(self) -> Iterator[bytes]:
+        # Of its topic alone: the drawing of a city is many times as large as what it is drawn from.
+        with scan(self._path, topics=topic_names.MAP.__eq__) as messages:
+            try:
+                for message in messages:
+                    if message.schema_name == MAP_SCHEMA:
+                        self._n += 1
+                        yield message.data
+            finally:
+                self._damage = messages.damage
+
+    def read(self, decode: Callable[[Iterable[bytes]], PrimitiveMap]) -> PrimitiveMap:
+        """What is made of them; damage that does no harm is logged."""
+        broken = ""
+        try:
+            primitive_map = decode(self)
+        except DecodeError as error:
+            if not self._n and not self._damage:
+                raise RecordingError(
+                    f"{self._path}: expected a map, with messages of {MAP_SCHEMA}, got none; make one with "
+                    "`dirprim learn`"
+                ) from error
+            if self._damage:
+                broken = f" (the file is damaged: {self._damage[0]})"
+            raise RecordingError(
+                f"{self._path}: cannot be read as a map: {error}{broken}; learn it again with `dirprim learn`"
+            ) from error
+        if self._damage:
+            logger.warning("%s: the map is whole, but the file is damaged: %s", self._path, self._damage[0])
+        return primitive_map

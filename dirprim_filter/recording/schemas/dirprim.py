@@ -79,7 +79,7 @@ def floats_of(message: Message, name: str, n: int) -> FloatArray:
     Raises:
         DecodeError: there are not n of them.
     """
-    return np.array(_column(message, name, n), dtype=np.float64)
+    return np.array(column_of(message, name, n), dtype=np.float64)
 
 
 def ints_of(message: Message, name: str, n: int) -> IntArray:
@@ -88,10 +88,15 @@ def ints_of(message: Message, name: str, n: int) -> IntArray:
     Raises:
         DecodeError: there are not n of them.
     """
-    return np.array(_column(message, name, n), dtype=np.int64)
+    return np.array(column_of(message, name, n), dtype=np.int64)
 
 
-def _column(message: Message, name: str, n: int) -> Any:
+def column_of(message: Message, name: str, n: int) -> Any:
+    """The n items of a repeated field.
+
+    Raises:
+        DecodeError: there are not n of them.
+    """
     column = getattr(message, name)
     if len(column) != n:
         raise DecodeError(f"{message.DESCRIPTOR.full_name}.{name}: expected {n} numbers, got {len(column)}")

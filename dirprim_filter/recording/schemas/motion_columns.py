@@ -5,10 +5,10 @@ Source: dirprim.proto. Columns travel as packed numbers, so motion comes back bi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable, Mapping
+from typing import Any, cast
 
 import numpy as np
-from google.protobuf.message import Message
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
@@ -26,6 +26,9 @@ FIELDS = {
 KNOBS = ("course_rate", "strength", "spread", "leader")
 COLUMNS = tuple(field.name for field in dirprim_pb2.Motion.DESCRIPTOR.fields if field.name not in KNOBS)
 """What tiles have parts of; all else they repeat."""
+INTEGERS = ("cell", "mode", "first", "following")
+ALL = (*INTEGERS, *FLOATS, "count")
+"""The attributes of `Motion` that these are."""
 
 
 def encode_motion(motion: Motion, tile: int, n_tiles: int) -> dirprim_pb2.Motion:
@@ -44,33 +47,36 @@ def encode_motion(motion: Motion, tile: int, n_tiles: int) -> dirprim_pb2.Motion
     )
 
 
-def decode_motion(parts: list[dirprim_pb2.Motion]) -> Motion:
-    """The motion that the tiles' parts make, in order.
+def motion_columns(part: dirprim_pb2.Motion, names: Iterable[str] = ALL) -> dict[str, AnyArray]:
+    """Columns of a tile's part, as `Motion` names them.
 
     Raises:
         DecodeError: columns of a wrong length.
+    """
+    n = {name: len(part.following if name in ("following", "count") else part.cell) for name in ALL}
+    columns: dict[str, AnyArray] = {}
+    for name in names:
+        if name in INTEGERS:
+            columns[name] = ints_of(part, name, n[name])
+        else:
+            fields = [floats_of(part, field, n[name]) for field in FIELDS.get(name, (name,))]
+            columns[name] = np.column_stack(fields) if name in FIELDS else fields[0]
+    return columns
+
+
+def motion_of(columns: Mapping[str, AnyArray], knobs: dirprim_pb2.Motion) -> Motion:
+    """The motion of columns of all tiles, and of what each tile repeats.
+
+    Raises:
+        DecodeError: a response to leaders of another length.
         ValueError: numbers that make no motion.
     """
-
-    def joined(read: Callable[[Message, str, int], AnyArray], name: str, *, rows: str = "cell") -> AnyArray:
-        return np.concatenate([read(part, name, len(getattr(part, rows))) for part in parts])
-
-    following = joined(ints_of, "following", rows="following")
-    floats = {}
-    for name in FLOATS:
-        columns = [joined(floats_of, field) for field in FIELDS.get(name, (name,))]
-        floats[name] = np.column_stack(columns) if name in FIELDS else columns[0]
     return Motion(
-        cell=joined(ints_of, "cell"),
-        mode=joined(ints_of, "mode"),
-        first=np.append(joined(ints_of, "first"), following.size),
-        following=following,
-        count=joined(floats_of, "count", rows="following"),
-        **floats,
-        course_rate=parts[0].course_rate,
-        strength=parts[0].strength,
-        spread=parts[0].spread or 1.0,  # maps of before it was kept
-        leader=_decode_leader(parts[0].leader) if parts[0].HasField("leader") else None,
+        **cast(dict[str, Any], columns),
+        course_rate=knobs.course_rate,
+        strength=knobs.strength,
+        spread=knobs.spread or 1.0,  # maps of before it was kept
+        leader=_decode_leader(knobs.leader) if knobs.HasField("leader") else None,
     )
 
 
