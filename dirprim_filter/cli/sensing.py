@@ -90,4 +90,12 @@ def learned_text(found: SelfCalibration) -> str:
         lasts = own != "correlation_s" or found.sensor.numbers()[f"{axis}.correlated_share"]
         if value is not None and name not in silent and lasts:
             lines.append(f"{name:<24}{value:>10.3g} {UNITS[own]}".rstrip())
+    lines += sight_lines(found.sensor)
     return "\n".join([*lines, *(f"not known: {line}" for line in found.unknown)])
+
+
+def sight_lines(sensor: Sensor) -> list[str]:
+    """A line on where it sees, if that is not everywhere."""
+    if sensor.sight is None:
+        return []
+    return [f"it sees in {counted(len(sensor.sight.polygons), 'polygon')}: elsewhere vehicles pass undetected"]

@@ -164,4 +164,4 @@ def test_what_tells_nothing_of_a_sensor_is_refused(monkeypatch):
     apart = replace(seen, time_ns=seen.time_ns + each)  # each vehicle reports at times of its own
     found = self_calibrate(apart, rng=np.random.default_rng(0))
     assert found.sensor.detection_probability is None
-    assert any(line.startswith("detection_probability, clutter_density: frames") for line in found.unknown)
+    assert any(line.startswith("detection_probability, clutter_density, sight: frames") for line in found.unknown)

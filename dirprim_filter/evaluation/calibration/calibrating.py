@@ -190,10 +190,9 @@ def _calibration(
         uncertainty["latency_s"] = WIDE * float(along.coefficients_se[1])
     else:
         unknown.append("latency_s: the clocks differ, and latency cannot be separated from their difference")
-    named = scene.are_named(reported.rows)
     seen = detection_probability(reported)
     false, why = clutter(reported)
-    astray = share(int((~paired.usual).sum()), paired.usual.size) if named else None
+    astray = share(int((~paired.usual).sum()), paired.usual.size) if reported.are_named else None
     if astray is None:
         unknown.append("outlier_share: the truth's ids are not the detections', so a far detection cannot be assigned")
     if false is None:
@@ -216,7 +215,7 @@ def _calibration(
         latency_s=max(lag_s, 0.0) if is_latency else 0.0, along=axes["along"], across=axes["across"],
         detection_probability=None if seen is None else seen.value,
         clutter_density=None if false is None else false.value,
-        outlier_share=None if astray is None else astray.value, uncertainty=uncertainty,
+        outlier_share=None if astray is None else astray.value, sight=reported.sight, uncertainty=uncertainty,
     )  # fmt: skip
     return Calibration(
         sensor=sensor, errors=_errors(paired, along, across), clock_offset_s=0.0 if is_latency else lag_s,

@@ -8,8 +8,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.evaluation.calibration.blindness import Passages, Surveyed, clearly_seen, learn_sight
 from dirprim_filter.evaluation.calibration.pairing import APART_M, Scene, TruthRows
 from dirprim_filter.filtering.association import Pairs
+from dirprim_filter.track_ids import as_texts
 
 FEWEST_FRAMES = 30
 """Fewest frames in which a vehicle may be seen or missed, of all vehicles together."""
@@ -38,7 +40,10 @@ class Reported:
         scene: as given.
         rows: as given.
         pairs: as given.
-        hits: of each vehicle, whether it was detected in each frame from its first detection to its last.
+        sight: where the sensor sees, by where vehicles were detected; None for everywhere, for all that is known.
+        hits: of each vehicle, whether it was detected in each frame from its first detection to its last, while in
+            sight.
+        are_named: whether the ids of detections are those of the truth.
         stray: detections that belong to no vehicle of the truth.
     """
 
@@ -47,13 +52,22 @@ class Reported:
         is_hit = np.zeros(rows.frame.size, np.bool_)
         is_hit[pairs.one] = True
         order = np.lexsort((rows.frame, rows.vehicle))
-        starts = np.flatnonzero(np.diff(rows.vehicle[order], prepend=-1))
+        was_seen = np.bincount(rows.vehicle, weights=is_hit) > 0  # of others, a sensor may not report their kind
+        passages = Passages(rows.vehicle, rows.position, is_hit)[order[was_seen[rows.vehicle[order]]]]
+        self.sight = learn_sight(passages)
+        in_sight = clearly_seen(self.sight, passages.position)
         self.hits: list[BoolArray] = []
-        for of_vehicle in np.split(is_hit[order], starts[1:]):
-            seen = np.flatnonzero(of_vehicle)
-            if seen.size > 1:  # the first and the last are where they are because they were seen
-                self.hits.append(of_vehicle[seen[0] + 1 : seen[-1]])
-        self.stray = np.setdiff1d(np.arange(len(scene.detections)), pairs.other)
+        of_vehicles = np.split(np.arange(in_sight.size), np.flatnonzero(np.diff(passages.vehicle)) + 1)
+        for of_vehicle in of_vehicles:
+            seen = of_vehicle[passages.is_hit[of_vehicle]]
+            between = np.arange(seen[0] + 1, seen[-1])  # the ends are where they are because they were seen
+            self.hits.append(passages.is_hit[between[in_sight[between]]])
+        self.are_named = scene.are_named(rows)
+        is_stray = np.ones(len(scene.detections), np.bool_)
+        is_stray[pairs.other] = False
+        if self.are_named:  # at the ends of the truth as well
+            is_stray &= ~np.isin(as_texts(scene.detections.track_id), scene.names)
+        self.stray = np.flatnonzero(is_stray)
 
 
 def share(n: int, of: int) -> Measured:
@@ -77,17 +91,17 @@ def detection_probability(reported: Reported) -> Measured | None:
 
 
 def clutter(reported: Reported) -> tuple[Measured | None, str]:
-    """Stray detections per square metre of the truth's bounding box and frame; or why that is not known."""
+    """Stray detections per square metre of the truth's bounding box in sight, and frame; or why that is not known."""
     scene, position = reported.scene, reported.rows.position
     low, high = position.min(axis=0), position.max(axis=0)
-    area = float(np.prod(np.maximum(high - low, 1.0)))
+    surveyed = Surveyed(reported.sight, position, low, high)
     covered = np.unique(reported.rows.frame)
     where = scene.detections.position[reported.stray]
-    counted = ((where >= low) & (where <= high)).all(axis=1) & np.isin(scene.frame_of[reported.stray], covered)
+    counted = surveyed.contains(where) & np.isin(scene.frame_of[reported.stray], covered)
     stray = reported.stray[counted]
-    if _go_on(scene, scene.detections.position[stray], scene.frame_of[stray], area):
+    if _go_on(scene, scene.detections.position[stray], scene.frame_of[stray], surveyed.area):
         return None, "stray detections continue from frame to frame: the truth does not contain all vehicles"
-    exposure = area * covered.size
+    exposure = surveyed.area * covered.size
     return Measured((stray.size + 0.5) / exposure, float(np.sqrt(stray.size + 1.0)) / exposure), ""
 
 

@@ -7,29 +7,34 @@ latency, an error that outlasts the pieces of track that are looked at.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.course import motion_of
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.evaluation.calibration import reports
+from dirprim_filter.evaluation.calibration.blindness import Surveyed, between_detections, clearly_seen, learn_sight
 from dirprim_filter.evaluation.calibration.evidence import SHARE, log_evidence
 from dirprim_filter.evaluation.calibration.pairing import frames_of
 from dirprim_filter.evaluation.calibration.windows import (
     LONGEST_PAUSE_S,
     Windows,
-    by_vehicle,
     windows_of,
     without_strays,
 )
 from dirprim_filter.sensor import AxisError, Sensor
+from dirprim_filter.sight import Sight
 from dirprim_filter.track_ids import vehicle_numbers
 
 MOST_WINDOWS = 400
 FEWEST_WINDOWS = 8
 LONGEST_LASTING_S = 2.0
 """Errors that last longer cannot be told from a vehicle's own way within a window."""
+LONGEST_PAUSE = 10.5
+"""Frames: in so many in a row a vehicle is missed by chance; in more it is hidden. At least `LONGEST_PAUSE_S`."""
 LEAST_SHARE = 0.1
 """Of the variance; a smaller share that lasts is no finding."""
 LEAST_GAIN = 4.6
@@ -85,14 +90,15 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
             "or calibrate the sensor against a truth"
         )
     along, across, lasting = _errors(windows)
-    seen, false, why = _reports(named)
+    reported = _reported(named)
     unknown = [
         "latency_s, along.bias_m, across.bias_m: detections that are all late or off look as if vehicles were there",
-        *lasting, *why,
+        *lasting, *reported.why,
     ]  # fmt: skip
     return SelfCalibration(
         sensor=Sensor(
-            along=along, across=across, detection_probability=seen, clutter_density=false,
+            along=along, across=across, detection_probability=reported.detection_probability,
+            clutter_density=reported.clutter_density, sight=reported.sight,
             outlier_share=reports.share(n_stray, n_judged).value if n_stray else None,
         ),
         n_windows=n_windows, n_detections=int(windows.known.sum()), unknown=tuple(unknown),
@@ -160,21 +166,38 @@ def _lasts_too_long(at: FloatArray) -> bool:
     return bool(np.exp(at[2]) > 0.98 * LONGEST_LASTING_S and at[1] > np.log(LEAST_SHARE / (1.0 - LEAST_SHARE)))
 
 
-def _reports(named: Detections) -> tuple[float | None, float | None, list[str]]:
-    """Detection probability and clutter density, each None where it is not known, and why."""
+class _Reported(NamedTuple):
+    """How often and where vehicles are reported; None where it is not known, and why."""
+
+    detection_probability: float | None
+    clutter_density: float | None
+    sight: Sight | None
+    why: tuple[str, ...] = ()
+
+
+def _reported(named: Detections) -> _Reported:
     frames = frames_of(named)
     number = {key: i for i, key in enumerate(map(tuple, frames.tolist()))}
     frame = np.array([number[key] for key in zip(named.group.tolist(), named.time_ns.tolist(), strict=True)], np.int64)
     vehicle = vehicle_numbers(named.track_id, named.group)
-    steps = []
-    for rows in by_vehicle(vehicle, named.time_ns):
-        in_sight = np.diff(named.time_ns[rows]) <= LONGEST_PAUSE_S * 1e9
-        steps.append(np.diff(frame[rows])[in_sight])
-    passed = np.concatenate(steps)
-    if passed.size == 0 or np.median(passed) > 1:
+    order = np.lexsort((frame, vehicle))
+    steps = np.diff(frame[order])[np.diff(vehicle[order]) == 0]
+    if steps.size == 0 or np.median(steps) > 1:
         why = "frames are not of all vehicles, so none says that one was missed"
-        return None, None, [f"detection_probability, clutter_density: {why}"]
+        return _Reported(None, None, None, (f"detection_probability, clutter_density, sight: {why}",))
+    motion = motion_of(vehicle, named.time_ns, named.position)
+    velocity = motion.speed[:, None] * np.column_stack([np.cos(motion.direction), np.sin(motion.direction)])
+    frame_s: FloatArray = np.asarray(frames[:, 1] * 1e-9, np.float64)
+    passages, gap_s = between_detections(vehicle, frame, named.position, velocity, frame_s)
+    sight = learn_sight(passages)
+    by_chance = gap_s <= max(LONGEST_PAUSE_S, LONGEST_PAUSE * float(np.median(np.diff(frame_s))))
+    usual = passages[by_chance & clearly_seen(sight, passages.position)]
+    first = np.unique(vehicle).size  # they are where they are because they were seen
     is_single = np.bincount(vehicle)[vehicle] == 1
     place = named.position[~is_single]
-    area = float(np.prod(np.maximum(np.ptp(place, axis=0), 1.0)))
-    return reports.share(passed.size, int(passed.sum())).value, (int(is_single.sum()) + 0.5) / (area * len(frames)), []
+    surveyed = Surveyed(sight, place, place.min(axis=0), place.max(axis=0))
+    n_false = int((is_single & surveyed.contains(named.position)).sum())
+    return _Reported(
+        reports.share(int(usual.is_hit.sum()) - first, usual.is_hit.size - first).value,
+        (n_false + 0.5) / (surveyed.area * len(frames)), sight,
+    )  # fmt: skip

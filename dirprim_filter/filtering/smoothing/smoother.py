@@ -54,7 +54,7 @@ class RecordedTracker(Tracker):
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
         config = config or FilterConfig()
-        self._group = group
+        self._group, self._sight = group, None if sensor is None else sensor.sight
         self._recorded: RecordedFilter = recorded(bayes_filter_of(model, config, sensor))
         super().__init__(
             self._recorded, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations, rng=rng
@@ -107,8 +107,9 @@ class RecordedTracker(Tracker):
         if self._expected is None:
             self._expected = self._recorded.sibling()
         joined = stitch(
-            pieces, self._expected, before_ns=before_ns, gap_ns=gap_ns, frame_s=frame_s, config=self.tracking
-        )
+            pieces, self._expected, before_ns=before_ns, gap_ns=gap_ns, frame_s=frame_s, config=self.tracking,
+            sight=self._sight,
+        )  # fmt: skip
         gone = {id(chain) for chain in joined}
         self.keep([chain for chain in self.chains() if id(chain) not in gone])
 

@@ -22,6 +22,7 @@ from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.measurements import FASTEST
 from dirprim_filter.filtering.smoothing.chain import Belief, Chain, may_be_off
 from dirprim_filter.filtering.smoothing.recorded_filter import Bridge, RecordedFilter
+from dirprim_filter.sight import Sight
 
 SURE = 0.99
 """Probability of existence that an unlabelled track has had, of a vehicle: of all candidates of a whole log a few look
@@ -32,7 +33,7 @@ AT_ONCE = 64
 
 def stitch(
     chains: Sequence[Chain], expected: RecordedFilter, *, before_ns: int, gap_ns: int, frame_s: float,
-    config: TrackingConfig,
+    config: TrackingConfig, sight: Sight | None = None,
 ) -> list[Chain]:  # fmt: skip
     """Join chains that are pieces of one vehicle's way; the later takes up the earlier.
 
@@ -42,7 +43,8 @@ def stitch(
         before_ns: time up to which a piece may begin that continues another.
         gap_ns: the longest gap.
         frame_s: seconds between two frames.
-        config: how likely vehicles appear, go out of sight, come back and leave.
+        config: how likely vehicles appear, are occluded, come back and leave.
+        sight: where the sensor sees; a vehicle that was out of it need not have been occluded. None for everywhere.
 
     Returns:
         Those that were taken up.
@@ -54,7 +56,8 @@ def stitch(
         some = Pairs(*(column[first : first + AT_ONCE] for column in pairs))
         bridges += _bridges(chains, starts, some, expected)
     out_s = np.array([starts[j].time_ns - chains[i].last.time_ns for i, j in _each(pairs)]) * 1e-9
-    gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, frame_s, config)
+    unseen = np.array([_share_out_of_sight(bridge, sight) for bridge in bridges])
+    gain = np.array([bridge.log_density for bridge in bridges]) + _log_odds(out_s, unseen, frame_s, config)
     way = {pair: bridge.links for pair, bridge in zip(_each(pairs), bridges, strict=True)}
     best = sorted(_each(best_assignment(pairs, gain)), key=lambda pair: starts[pair[1]].time_ns)
     for i, j in best:
@@ -118,15 +121,24 @@ def _candidates(chains: Sequence[Chain], starts: Sequence[Belief], *, before_ns:
     return Pairs(one[near], other[near])
 
 
-def _log_odds(out_s: FloatArray, frame_s: float, config: TrackingConfig) -> FloatArray:
+def _share_out_of_sight(bridge: Bridge, sight: Sight | None) -> float:
+    """Of the way across a gap, as the filter expects it."""
+    if sight is None or not bridge.links.size:
+        return 0.0
+    return 1.0 - float(sight.sees(bridge.links["mean"][:, :2]).mean())
+
+
+def _log_odds(out_s: FloatArray, unseen: FloatArray, frame_s: float, config: TrackingConfig) -> FloatArray:
     """Of one vehicle that came back after so long (n,), against one that left and another that appeared.
 
     The density of the state in which it came back is not in it.
 
-    In a frame a vehicle goes out of sight at the occlusion rate and comes back at the reappearance rate, or leaves at
-    the departure rate; another appears at the birth density, at any velocity up to the fastest.
+    In a frame in sight a vehicle is occluded at the occlusion rate and comes back at the reappearance rate, or leaves
+    at the departure rate; another appears at the birth density, at any velocity up to the fastest. Wholly `unseen`,
+    where the sensor does not see, no occlusion need have begun nor lasted, and who left would not have shown it either:
+    nothing speaks against the link. Of gaps that are unseen for a share of their time (n,) the odds are in between.
     """
     back = np.log(config.reappearance_rate * frame_s) - config.reappearance_rate * out_s
     away = np.log(config.occlusion_rate) - np.log(config.departure_rate)
     other = np.log(config.birth_density) - np.log(np.pi * FASTEST**2)
-    return np.asarray(away + back - other)
+    return np.asarray((1.0 - unseen) * (away + back) - other)
