@@ -103,7 +103,7 @@ class FilterConfig:
     motion_outlier_probability: float = 0.05
     resample_below: float = 0.5
     place_free_share: float = 0.1
-    redraw_rate: float = 1.0
+    redraw_rate: float = 0.5
     direction_spread: float = 0.03
     push: float = 0.5
     place_free_agility: float = 3.0

@@ -92,13 +92,18 @@ def locate_all(locator: Locator, position: FloatArray, cell: IntArray) -> float:
     A point waits for its pixel, and then for its candidates, to come from memory; and it makes the processor guess how
     many they are. In batches the memory is asked for before it is needed, and points of as many candidates go together.
     """
+    return locate_batches(locator, position, cell, np.empty((LONGEST_LIST + 3, BATCH), np.int64))
+
+
+@njit(nogil=True, **COMPILED)
+def locate_batches(locator: Locator, position: FloatArray, cell: IntArray, room: IntArray) -> float:
+    """`locate_all` in (LONGEST_LIST + 3, BATCH) numbers of room: to allocate it takes as long as to locate a batch."""
     n_y, n_x = locator.pixel.shape
     pixel, entry = locator.pixel.ravel(), locator.entry
-    value = np.empty(BATCH, np.int64)
-    member, n_members = np.empty((LONGEST_LIST + 1, BATCH), np.int64), np.empty(LONGEST_LIST + 1, np.int64)
+    value, shared, member, n_members = room[0], room[1], room[1:], room[LONGEST_LIST + 2]
     touched = 0.0
     for start in range(0, position.shape[0], BATCH):
-        n = min(BATCH, position.shape[0] - start)
+        n, n_shared = min(BATCH, position.shape[0] - start), 0
         for i in range(n):
             column = (position[start + i, 0] - locator.origin_x) * locator.pixels_per_metre
             row = (position[start + i, 1] - locator.origin_y) * locator.pixels_per_metre
@@ -106,15 +111,17 @@ def locate_all(locator: Locator, position: FloatArray, cell: IntArray) -> float:
             value[i] = int(row) * n_x + int(column) if inside else -1
         for i in range(n):
             value[i] = pixel[max(value[i], 0)] if value[i] >= 0 else -1
-        n_members[:] = 0
         for i in range(n):
-            code = max(-2 - value[i], -1)
-            n_candidates = (code & 7) + 1 if code >= 0 else 0
+            cell[start + i] = value[i]
+            shared[n_shared] = i
+            n_shared += value[i] < -1
+        n_members[: LONGEST_LIST + 1] = 0
+        for k in range(n_shared):
+            i = shared[k]
+            at, n_candidates = (-2 - value[i]) >> 3, ((-2 - value[i]) & 7) + 1
             member[n_candidates, n_members[n_candidates]] = i
             n_members[n_candidates] += 1
-            at = max(code, 0) >> 3
-            touched += entry[at] + entry[at + max(3 * n_candidates - 1, 0)]
-            cell[start + i] = value[i]
+            touched += entry[at] + entry[at + 3 * n_candidates - 1]
         for n_candidates in range(1, LONGEST_LIST + 1):
             for k in range(n_members[n_candidates]):
                 i = member[n_candidates, k]

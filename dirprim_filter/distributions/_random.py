@@ -145,18 +145,6 @@ def fill_even(out: FloatArray, state: UIntArray) -> None:
 
 
 @njit(**COMPILED)
-def gap_scale(probability: float) -> float:
-    """What `draw_gap` needs of a probability."""
-    return 1.0 / math.log1p(-max(probability, 1e-15)) if probability < 1.0 else 0.0
-
-
-@njit(**COMPILED)
-def draw_gap(scale: float, state: UIntArray) -> int:
-    """A geometric draw: how many trials fail before the first that does not; `scale` see `gap_scale`."""
-    return int(min(log(uniform(state)) * scale, 2.0**62))
-
-
-@njit(**COMPILED)
 def draw_gamma(shape: float, state: UIntArray) -> float:
     """A draw from the gamma distribution of rate one."""
     boost = 1.0

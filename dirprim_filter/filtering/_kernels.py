@@ -19,6 +19,7 @@ from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _map_kernels, _motion
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives._map_kernels import MapTable
+from tessellation import OUTSIDE
 
 KERNEL_SHARE = 0.5
 """Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
@@ -220,3 +221,25 @@ def moments(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
             one[p] = (pace[p] - speed) ** 2
         out[i, 8] = math.sqrt(dot(weight, one) / total)
         out[i, 9] = effective_sample_size(weight)
+
+
+@njit(cache=True, nogil=True)
+def outside(cloud: Cloud, vehicle: IntArray, out: FloatArray) -> None:
+    """Fills (V,): the weight of the particles that are in no cell."""
+    is_outside = np.empty(cloud.position.shape[1])
+    for i in range(vehicle.size):
+        cell = cloud.cell[vehicle[i]]
+        for p in range(cell.size):
+            is_outside[p] = 1.0 if cell[p] == OUTSIDE else 0.0
+        out[i] = dot(cloud.weight[vehicle[i]], is_outside)
+
+
+@njit(cache=True, nogil=True)
+def mean_rate(cloud: Cloud, rate: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
+    """Fills (V,): the mean over the particles of what is (z,) of each manoeuvre."""
+    of_particle = np.empty(cloud.position.shape[1])
+    for i in range(vehicle.size):
+        manoeuvre = cloud.manoeuvre[vehicle[i]]
+        for p in range(manoeuvre.size):
+            of_particle[p] = rate[manoeuvre[p]]
+        out[i] = dot(cloud.weight[vehicle[i]], of_particle)

@@ -13,7 +13,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions._arithmetic import dot
 from dirprim_filter.distributions._elementary import exp, log, squared_sine
-from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
 
 X, Y, XX, XY, YY, LOG_NORMAL, DIRECTION, SPEED = range(8)
 LEAST = 1e-200
@@ -62,8 +62,8 @@ def log_motion_fit(noise: Noise, direction: float, speed: float, course: float, 
 def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
     """Weigh each vehicle's particles by its measurement; normalise.
 
-    Fills (V, 2): the log density of the measurement given those before it, and that of its position alone. Loops are
-    kept apart, and without branches, so that they are compiled to vector instructions.
+    Fills (V, 3): the log density of the measurement given those before it, that of its position alone, and the
+    effective sample size. Loops are kept apart, and without branches, so that they are compiled to vector instructions.
     """
     n = cloud.position.shape[1]
     fit = np.empty(n)
@@ -77,6 +77,7 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
             dx, dy = place[p, 0] - x, place[p, 1] - y
             fit[p] = dx * (xx * dx + 2.0 * xy * dy) + yy * dy * dy
         weigh_by(weight, direction, speed, fit, scale, course, pace, noise, evidence[i])
+        evidence[i, 2] = effective_sample_size(weight)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -86,7 +87,7 @@ def weigh_by(
 ) -> None:  # fmt: skip
     """Weigh (P,) particles by the squared distances `fit`, which are lost, and by a course and a pace; normalise.
 
-    `scale` is the density of no distance, 1/m2. Fills (2,) as `weigh`.
+    `scale` is the density of no distance, 1/m2. Fills the first two of evidence as `weigh`.
     """
     n = weight.size
     for p in range(n):

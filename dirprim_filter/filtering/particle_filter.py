@@ -29,7 +29,6 @@ from dirprim_filter.filtering.surroundings import Surroundings
 from dirprim_filter.filtering.traffic import Traffic
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
-from tessellation import OUTSIDE
 
 PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
@@ -176,12 +175,11 @@ class ParticleFilter:
         """
         self.belief.step += 1
         self._follow_the_hour(measured)
-        cloud, columns, evidence = self.belief.cloud, self._columns(measured), np.empty((slot.size, 2))
+        cloud, columns, evidence = self.belief.cloud, self._columns(measured), np.empty((slot.size, 3))
         before = cloud.weight[slot]
         self.split(_measuring.weigh, (cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
-        judged, after = self._judged(evidence), cloud.weight[slot]
-        n_near = 1.0 / np.einsum("vp,vp->v", after, after)
-        judged.is_moved[:] = ~judged.is_unexplained & (n_near < _widening.FEW * after.shape[1])
+        judged = self._judged(evidence)
+        judged.is_moved[:] = ~judged.is_unexplained & (evidence[:, 2] < _widening.FEW * self.config.n_particles)
         few = np.flatnonzero(judged.is_moved)
         per_vehicle = (slot[few], before[few], columns[few])
         self.split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=80.0)
@@ -199,7 +197,7 @@ class ParticleFilter:
         return np.asarray(share)
 
     def _judged(self, evidence: FloatArray) -> Evidence:
-        """(v, 2) log densities of a measurement and of its position alone -> the evidence."""
+        """(v, 2 or more) log densities of a measurement and of its position alone -> the evidence."""
         unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
         unexplained |= ~np.isfinite(evidence[:, 0])
         return Evidence(evidence[:, 0], unexplained, np.zeros(unexplained.size, np.bool_))
@@ -235,13 +233,15 @@ class ParticleFilter:
         """Weight of the particles beyond the reach of every cell; 0 by a map without cells. (v,) -> (v,)."""
         if not self._has_cells:
             return np.zeros(slot.size)
-        cloud = self.belief.cloud
-        return np.asarray((cloud.weight[slot] * (cloud.cell[slot] == OUTSIDE)).sum(axis=1))
+        result = np.empty(slot.size)
+        self.split(_kernels.outside, (self.belief.cloud,), (slot, result), (), each_ns=1.0)
+        return result
 
     def rate_of_ends(self, slot: IntArray) -> FloatArray:
         """Mean over the particles of the rate at which journeys end in their manoeuvre, 1/s. (v,) -> (v,)."""
-        cloud = self.belief.cloud
-        return np.asarray((cloud.weight[slot] * self._ends[cloud.manoeuvre[slot]]).sum(axis=1))
+        result = np.empty(slot.size)
+        self.split(_kernels.mean_rate, (self.belief.cloud, self._ends), (slot, result), (), each_ns=1.0)
+        return result
 
     def particles(self, slot: IntArray) -> BelievedParticles:
         """The beliefs' samples, one vehicle after the other."""

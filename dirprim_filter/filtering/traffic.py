@@ -77,6 +77,8 @@ class Traffic:
 
     def density(self, share: FloatArray, position: FloatArray, *, spread_m: float) -> FloatArray:
         """(z,), (n, 2) -> (n,) vehicles per square metre, averaged over a Gaussian about each position (cubature)."""
+        if len(position) == 0:
+            return np.empty(0)
         in_cell = np.bincount(self.cell, share, self.area.size)
         per_area = np.divide(in_cell, self.area, out=np.zeros(self.area.size), where=self.area > 0)
         off = spread_m * np.sqrt(2.0) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])

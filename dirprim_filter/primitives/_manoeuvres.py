@@ -34,7 +34,7 @@ DEGREES = 5.0
 DISCOUNT = 0.2
 """Subtracted from each count of transitions (Ney, Essen and Kneser 1994), for transitions that were not seen."""
 _TWO_PI, _PER_TWO_PI, _PER_DEGREES = single(2.0 * np.pi), single(0.5 / np.pi), single(1.0 / DEGREES)
-_ONE, _HALF, _LEAST = single(1.0), single(0.5), single(-50.0)
+_NOTHING, _ONE, _HALF, _LEAST = single(0.0), single(1.0), single(0.5), single(-50.0)
 
 SingleArray = npt.NDArray[np.float32]
 
@@ -96,37 +96,34 @@ def weigh_eight(
 @njit(**EXACT | INLINED)
 def weigh_candidates(
     may: Candidates, cell: int, stands: bool, x: float, y: float, direction: float, speed: float, rate: int,
-    weight: SingleArray,
+    cumulative: SingleArray,
 ) -> float:  # fmt: skip
-    """Fill how often each manoeuvre of a cell is driven, times how well course, pace and path fit it; their sum.
+    """How often each manoeuvre of a cell is driven, times how well course, pace and path fit it; -> their sum.
 
-    That is their density divided by the place-free one: Student's t of three variables with `DEGREES` of freedom, for a
-    vehicle that fits none well still follows the road.
+    Fills the cumulative sums of these weights, (m, LANES). How well is the density of the manoeuvre divided by the
+    place-free one: Student's t of three variables with `DEGREES` of freedom, for a vehicle that fits none well still
+    follows the road.
     """
     extent = may.center[cell, 2]
     east = single(min(max(x - may.center[cell, 0], -extent), extent))
     north = single(min(max(y - may.center[cell, 1], -extent), extent))
     heading, slowed, log_pace = single(direction), single(min(speed, 1.0)), single(log(speed + CREEP))
     first, last = may.begin[2 * cell + stands], may.begin[2 * cell + stands + 1]
+    total = _NOTHING
     for b in range(first, last):
-        often = may.field[b, rate : rate + LANES]
-        weigh_eight(may.field[b], often, east, north, heading, slowed, log_pace, weight[b - first])
-    return total_of(weight[: last - first])
+        eight, often = cumulative[b - first], may.field[b, rate : rate + LANES]
+        weigh_eight(may.field[b], often, east, north, heading, slowed, log_pace, eight)
+        total = add_up(eight, total)
+    return float(total)
 
 
 @njit(**EXACT | INLINED)
-def total_of(weight: SingleArray) -> float:
-    """The sum of (m, LANES) weights."""
-    total = 0.0
-    for b in range(len(weight)):  # rows of an iteration are of another layout: `sum_of` would be compiled twice
-        total += sum_of(weight[b])
+def add_up(eight: SingleArray, total: float) -> float:
+    """Replace weights by their cumulative sums, on top of a total; -> the new total."""
+    for k in range(LANES):
+        total += eight[k]
+        eight[k] = total
     return total
-
-
-@njit(**EXACT | INLINED)
-def sum_of(eight: SingleArray) -> float:
-    """In pairs: no addition waits for more than two before it."""
-    return ((eight[0] + eight[1]) + (eight[2] + eight[3])) + ((eight[4] + eight[5]) + (eight[6] + eight[7]))
 
 
 @njit(**EXACT | INLINED)
@@ -166,23 +163,14 @@ def take_up(
 
 
 @njit(**EXACT | INLINED)
-def chosen(weight: SingleArray, left: float) -> int:
-    """The first of (m, LANES) whose cumulative weight exceeds `left`, an even draw from below their sum."""
-    b = 0
-    while b < len(weight) - 1:
-        these = sum_of(weight[b])
-        if left < these:
-            break
-        left -= these
-        b += 1
-    last = 0  # of any weight, where rounding has it that the sum is not exceeded
-    for k in range(LANES):
-        left -= weight[b, k]
-        if left < 0.0:
-            return b * LANES + k
-        if weight[b, k] > 0.0:
-            last = k
-    return b * LANES + last
+def chosen(cumulative: SingleArray, left: float) -> int:
+    """The first of (m, LANES) cumulative weights that exceeds `left`, an even draw from below the last of them."""
+    k, most = 0, single(left)  # counted: where a search would stop the processor guesses wrong
+    for b in range(len(cumulative)):
+        eight = cumulative[b]
+        for lane in range(eight.size):
+            k += eight[lane] <= most
+    return min(k, cumulative.size - 1)
 
 
 @njit(**EXACT | INLINED)
@@ -212,9 +200,11 @@ def leave_places(table: MotionTable, before: int, speed: float, weight: SingleAr
                     return int(following[t])
     free, pace = table.candidates.free, single(log(speed + CREEP))
     n, rate = free.shape[1], 3 if stands else 2
+    total = _NOTHING
     for b in range(n):
         weigh_free_eight(free[0, b], free[1, b], free[rate, b], pace, weight[b])
-    k = chosen(weight[:n], random.uniform(state) * total_of(weight[:n]))
+        total = add_up(weight[b], total)
+    k = chosen(weight[:n], random.uniform(state) * total)
     return int(min(n_placed + k, len(row) - 1))
 
 

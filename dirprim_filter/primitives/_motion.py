@@ -45,7 +45,7 @@ from dirprim_filter.primitives._manoeuvres import (
 )
 from dirprim_filter.primitives.motion import JUMP_S
 from tessellation._compiling import UNCOUNTED
-from tessellation._kernels import locate, locate_all
+from tessellation._kernels import BATCH, LONGEST_LIST, locate, locate_batches
 
 STARTS_AT = 0.31
 """m/s: a vehicle that starts no longer stands."""
@@ -80,19 +80,20 @@ class Block(NamedTuple):
 # Rows of the room in which a block of particles moves.
 (GAINED, OFF, STRETCH, TURN_E, TURN_N, TURN_0, BACK, NOISE, MOVED_E, MOVED_N, BEFORE, STARTING) = range(12)
 PIECES, BLOCK = 12, 256
-# Why a particle may change its manoeuvre.
-STAYS, PASSES, JUMPS, REDRAWS = range(4)
+# Why a particle may change its manoeuvre: it passes into another cell, stops or starts; or by chance.
+REDRAWS, JUMPS, PASSES = range(3)
 
 
 class Due(NamedTuple):
     """Which particles of a block may change their manoeuvre."""
 
-    redraws: float  # see `random.gap_scale`
-    jumps: float
-    left: IntArray  # (2,) particles until the next redraw, and the next jump
+    every: FloatArray  # (2,) one of so many particles redraws, and one of so many jumps
+    after: FloatArray  # (2,) that one is drawn from so many after this one
+    left: FloatArray  # (2,) the particle drawn
     cell: IntArray  # (BLOCK,) where they are now
-    why: IntArray  # (BLOCK,)
-    which: IntArray  # (BLOCK,)
+    which: IntArray  # (3 BLOCK,) those that pass, redraw and jump, one kind after the other
+    end: IntArray  # (3,) of each kind
+    locating: IntArray  # room for `locate_batches`
 
 
 @njit(**EXACT)
@@ -116,11 +117,13 @@ def move(
     n, weight = speed.size, np.empty((table.most, LANES), np.float32)
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
     step = step_of(table, dt_s / n_steps)
-    due = _due(1.0 - math.exp(-table.redraw_rate * step.h), 1.0 - math.exp(-step.h / JUMP_S), state)
+    due = _due(table, step.h)
     normal, even, room = np.empty(2 * n), np.empty(2 * n), np.empty((PIECES, BLOCK))
     for _ in range(n_steps):
         random.fill_normals(normal, state)
         random.fill_even(even, state)  # over some steps a drift is normal whatever each step's is
+        for kind in range(due.left.size):
+            due.after[kind], due.left[kind] = 0.0, random.uniform(state) * due.every[kind]
         for first in range(0, n, BLOCK):
             last = min(first + BLOCK, n)
             block = Block(
@@ -134,12 +137,14 @@ def move(
 
 
 @njit(**EXACT)
-def _due(redraws: float, jumps: float, state: UIntArray) -> Due:
-    """By the probabilities of each in a step."""
-    redraws, jumps = random.gap_scale(redraws), random.gap_scale(jumps)
-    left = np.empty(2, np.int64)
-    left[0], left[1] = random.draw_gap(redraws, state), random.draw_gap(jumps, state)
-    return Due(redraws, jumps, left, np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64))
+def _due(table: MotionTable, h: float) -> Due:
+    """None yet. One is drawn from each so many particles (stratified sampling), so that each is as probable."""
+    every = np.empty(2)
+    every[REDRAWS] = 1.0 / max(1.0 - math.exp(-table.redraw_rate * h), 1e-15)
+    every[JUMPS] = 1.0 / (1.0 - math.exp(-h / JUMP_S))
+    locating = np.empty((LONGEST_LIST + 3, BATCH), np.int64)
+    which, end = np.empty(3 * BLOCK, np.int64), np.empty(3, np.int64)
+    return Due(every, np.empty(2), np.empty(2), np.empty(BLOCK, np.int64), which, end, locating)
 
 
 @njit(**EXACT | UNCOUNTED)
@@ -200,61 +205,56 @@ def _advance(
 
 @njit(**EXACT)
 def _place(table: MotionTable, h: float, block: Block, room: FloatArray, due: Due, state: UIntArray) -> None:
-    """Put particles where they go, start those that do, and note which enter another cell, stop or start."""
-    position, speed, cell, now, why = block.position, block.speed, block.cell, due.cell, due.why
-    for i in range(speed.size):
+    """Put particles where they go, start those that do, and list which may change their manoeuvre."""
+    position, speed, cell, now, which = block.position, block.speed, block.cell, due.cell, due.which
+    every, after, left, n, n_due = due.every, due.after, due.left, speed.size, 0
+    for i in range(n):
         position[i, 0] += room[MOVED_E, i]
         position[i, 1] += room[MOVED_N, i]
-    locate_all(table.locator, position, now)
-    for i in range(speed.size):
+    locate_batches(table.locator, position, now, due.locating)
+    for i in range(n):
         if room[STARTING, i] > 0.0 and random.uniform(state) < room[STARTING, i] * h:
             speed[i] = STARTS_AT
-    for i in range(speed.size):
+    for i in range(n):
         halts = (room[BEFORE, i] < STANDING_BELOW) != (speed[i] < STANDING_BELOW)
-        why[i] = PASSES if halts or now[i] != cell[i] else STAYS
+        which[n_due] = i
+        n_due += halts | (now[i] != cell[i])  # no branch, which the processor would guess wrong
         cell[i] = now[i]
+    due.end[PASSES] = n_due
+    for kind in range(left.size):
+        while left[kind] < n:
+            which[n_due] = int(left[kind])
+            n_due += 1
+            after[kind] += every[kind]
+            left[kind] = after[kind] + random.uniform(state) * every[kind]
+        after[kind] -= n
+        left[kind] -= n
+        due.end[kind] = n_due
 
 
 @njit(**EXACT | UNCOUNTED)
 def _change(table: MotionTable, block: Block, due: Due, weight: SingleArray, state: UIntArray) -> None:
     """Change the manoeuvres of the particles that pass into another cell or state, or are due by chance."""
     position, direction, cell, manoeuvre = block.position, block.direction, block.cell, block.manoeuvre
-    begin = table.begin
-    for k in range(_list_due(due, cell.size, state)):
+    begin, end = table.begin, due.end
+    for k in range(end[JUMPS]):  # kind by kind: the processor guesses what comes next
         p = due.which[k]
         before, now, x, y = manoeuvre[p], cell[p], position[p, 0], position[p, 1]
-        theta, v, why, after = direction[p], block.speed[p], due.why[p], -1
-        if why == PASSES:
+        passes, jumps = k < end[PASSES], k >= end[REDRAWS]
+        theta, v, after = direction[p], block.speed[p], -1
+        if passes:
             after = go_over(table, before, now, v, state)
-        elif why == JUMPS and begin[-1] <= before:
+        elif jumps and begin[-1] <= before:
             after = leave_places(table, before, v, weight, state)
-        elif why == JUMPS and now >= 0 and begin[now] <= before < begin[now + 1]:
-            after = before
+        elif jumps and now >= 0 and begin[now] <= before < begin[now + 1]:
+            continue
         if after < 0:
-            former, rate = (before, BY_VISITS) if why == PASSES else (-1, BY_TIME)
-            least = table.place_free_share if why == REDRAWS else 0.0
+            former, rate = (before, BY_VISITS) if passes else (-1, BY_TIME)
+            least = 0.0 if passes or jumps else table.place_free_share
             after = take_up(table, former, now, x, y, theta, v, rate, least, weight, state)
-        if why == PASSES:
+        if passes:
             direction[p] = keep_deviation(table, before, after, x, y, theta)
         manoeuvre[p] = after
-
-
-@njit(**EXACT | UNCOUNTED)
-def _list_due(due: Due, n: int, state: UIntArray) -> int:
-    """List the particles of a block that may change their manoeuvre; -> how many they are."""
-    left, why, which, n_due = due.left, due.why, due.which, 0
-    while left[1] < n:
-        why[left[1]] = PASSES if why[left[1]] == PASSES else JUMPS
-        left[1] += 1 + random.draw_gap(due.jumps, state)
-    while left[0] < n:
-        why[left[0]] = REDRAWS
-        left[0] += 1 + random.draw_gap(due.redraws, state)
-    left[0] -= n
-    left[1] -= n
-    for i in range(n):
-        which[n_due] = i
-        n_due += why[i] != STAYS
-    return n_due
 
 
 @njit(inline="always", nogil=True, **EXACT)  # by itself it would compile all of `take_up` once more

@@ -61,7 +61,7 @@ def weighed(cloud, vehicle, place, *, noise_m):
     config = FilterConfig(noise_m=noise_m, outlier_probability=1e-290, outlier_extent_m=1.0)
     noise = particle_filter._noise(config)
     column = np.array([[*place, noise_m**-2, 0.0, noise_m**-2, -np.log(2 * np.pi * noise_m**2), np.nan, np.nan]])
-    _measuring.weigh(cloud, vehicle, column, np.empty((1, 2)), noise)
+    _measuring.weigh(cloud, vehicle, column, np.empty((1, 3)), noise)
 
 
 def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(cloud):
