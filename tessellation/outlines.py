@@ -12,7 +12,7 @@ from tessellation._clipping import cut_boxes, owned_squares
 from tessellation._kernels import Locator
 
 FIRST_NEIGHBORS = 12
-BATCH_NUMBERS = 1 << 22
+BATCH_NUMBERS = 1 << 19
 """Numbers in the arrays of one batch of cells."""
 
 

@@ -10,6 +10,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
+from dirprim_filter.cli.ground import ground_of
 from dirprim_filter.cli.options import (
     WRITTEN,
     Config,
@@ -142,7 +143,7 @@ def _of_log(
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    learned = load_map(map_file)
+    learned = load_map(map_file, near=ground_of(log, reading, seconds=config.max_gap_s + horizon_s))
     stream = reading.detections(log, motion=False)
     worlds = Worlds(lambda _: Tracker(learned, config=config, tracking=tracking, rng=np.random.default_rng(seed)))
     said = provenance(

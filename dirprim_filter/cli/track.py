@@ -12,6 +12,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
+from dirprim_filter.cli.ground import ground_of
 from dirprim_filter.cli.options import (
     Bind,
     ColorBy,
@@ -134,11 +135,11 @@ def track(
     from dirprim_filter.replay import replay
 
     sensing = sensor_of(sensor, log, reading, noise_m=noise, with_ids=not no_ids, seed=seed)
-    learned = load_map(map_file)
     knobs, association = read_filter(
         config, n_particles=particles, noise_m=noise, detection_probability=detection_probability,
         clutter_density=clutter_density, interaction=interaction and interaction.value, sensor=sensing,
     )  # fmt: skip
+    learned = load_map(map_file, near=ground_of(log, reading, seconds=knobs.max_gap_s + forecast))
     stride = particle_stride or max(knobs.n_particles // PARTICLES_WRITTEN, 1)
     stream = reading.detections(log, motion=motion)
     watched = save is not None or spawn or connect is not None or serve

@@ -26,9 +26,9 @@ from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, 
 from dirprim_filter.filtering.motion import leader_table, tracking_table
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.surroundings import Surroundings
-from dirprim_filter.filtering.traffic import Traffic
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
+from dirprim_filter.primitives.traffic import Traffic
 
 PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
@@ -63,7 +63,9 @@ class ParticleFilter:
         self.traffic = Traffic.of(primitive_map)
         self._ends = np.zeros(len(primitive_map.motion))
         if self.traffic is not None:
-            self._ends[: self.traffic.ends.size] = self.traffic.ends
+            part = primitive_map.part
+            ends = self.traffic.ends if part is None else self.traffic.ends[part.manoeuvre]
+            self._ends[: ends.size] = ends
         self._noise = _noise(config)
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None

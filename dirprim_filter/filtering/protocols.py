@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
-from dirprim_filter.filtering.traffic import Traffic
+from dirprim_filter.primitives.traffic import Traffic
 
 
 class Evidence(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.filtering.traffic import Traffic
+from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sight import Sight
 
 N_FIXED_POINT = 30

@@ -130,14 +130,21 @@ def reaching(locator: Locator, reach_m: float) -> Locator:
         finer -= 1
     per_metre = locator.pixels_per_metre * finer
     margin = int(np.ceil(reach_m * per_metre))
-    pixel = np.pad(np.kron(locator.pixel, np.ones((finer, finer), np.int32)), margin, constant_values=-1)
-    beyond = pixel == -1
-    if beyond.all():
+    has_cells = locator.pixel != -1
+    rows, columns = (np.flatnonzero(has_cells.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
         return locator
-    distance, nearest = distance_transform_edt(beyond, return_indices=True)
-    reached = np.where(distance <= reach_m * per_metre, pixel[tuple(nearest)], np.int32(-1))
+    # Of a part of a map most of the raster is empty, and distances take eight times its room.
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    pixel = np.pad(np.kron(locator.pixel[box], np.ones((finer, finer), np.int32)), margin, constant_values=-1)
+    distance, nearest = distance_transform_edt(pixel == -1, return_indices=True)
+    reached = np.full(finer * np.array(locator.pixel.shape) + 2 * margin, -1, np.int32)
+    row, column = finer * rows[0], finer * columns[0]
+    reached[row : row + pixel.shape[0], column : column + pixel.shape[1]] = np.where(
+        distance <= reach_m * per_metre, pixel[tuple(nearest)], np.int32(-1)
+    )
     origin_x, origin_y = locator.origin_x - margin / per_metre, locator.origin_y - margin / per_metre
-    return Locator(origin_x, origin_y, per_metre, np.ascontiguousarray(reached), locator.entry)
+    return Locator(origin_x, origin_y, per_metre, reached, locator.entry)
 
 
 def _finer(pixels_per_metre: float) -> int:

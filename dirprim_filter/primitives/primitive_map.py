@@ -18,6 +18,7 @@ from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
 from dirprim_filter.primitives.motion import Motion
+from dirprim_filter.primitives.part import Part
 from dirprim_filter.primitives.refit import Refit
 from dirprim_filter.primitives.schedule import Schedule
 from tessellation import GridTessellation, Tessellation
@@ -77,6 +78,7 @@ class PrimitiveMap:
         motion: how vehicles go on from place to place; left out: each on the mode of its cell, and settling on it.
         schedule: how the map turns with the hour, see `at_time`; all the rest is of all day.
         refit: how it was fitted; None where that is not known.
+        part: where this is a part of a map, what it knows of the whole.
 
     Raises:
         ValueError: the parameters are not those of n_cells + 1 primitives.
@@ -93,6 +95,7 @@ class PrimitiveMap:
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
     schedule: Schedule | None = None
     refit: Refit | None = None
+    part: Part | None = None
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:

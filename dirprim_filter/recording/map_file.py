@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
+from dirprim_filter.primitives.part import Ground
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.damage import Damage
@@ -51,16 +53,22 @@ def save_map(
         log.write(topic_names.MAP_SCENE, map_scene(primitive_map, 0, origin), 0)
 
 
-def load_map(path: str | Path) -> PrimitiveMap:
+def load_map(path: str | Path, *, near: Callable[[], Ground] | None = None) -> PrimitiveMap:
     """Read a map that `save_map` wrote.
 
     A damaged file gives its map if every tile can be read; that is logged.
+
+    Args:
+        path: the MCAP file.
+        near: of a map of more than 20,000 cells only those with their centres on this ground are loaded; what is of no
+            place, and how many vehicles are expected where, stays that of the whole. Not asked for a smaller map. What
+            was loaded so cannot be saved or updated.
 
     Raises:
         RecordingError: the file is no map, or a part of it is missing or broken.
         OSError: the file cannot be read.
     """
-    return _Tiles(path).read(decode_tiles)
+    return _Tiles(path).read(partial(decode_tiles, near=near))
 
 
 class _Tiles:

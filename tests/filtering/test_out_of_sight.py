@@ -7,8 +7,8 @@ import pytest
 
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence
-from dirprim_filter.filtering.traffic import Traffic
 from dirprim_filter.filtering.undetected import Undetected
+from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.sight import Sight
 from dirprim_filter.simulation.sensor import sense

@@ -8,8 +8,8 @@ from scipy.sparse import csr_array
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker
-from dirprim_filter.filtering.traffic import Traffic
 from dirprim_filter.filtering.undetected import Undetected
+from dirprim_filter.primitives.traffic import Traffic
 from situations import one_cell_map, with_ways
 from tessellation import GridTessellation
 

@@ -13,7 +13,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence
 from dirprim_filter.filtering.smoothing.chain import MOVES, Belief, Chain
-from dirprim_filter.filtering.traffic import Traffic
+from dirprim_filter.primitives.traffic import Traffic
 
 STEP_S = 0.1
 """Of a way across a gap that no filter went."""

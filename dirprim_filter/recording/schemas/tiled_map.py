@@ -8,35 +8,43 @@ Source: dirprim.proto, see `map_tiles`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple, cast
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives.motion import FLOATS
+from dirprim_filter.primitives.motion import FLOATS, require_passages
+from dirprim_filter.primitives.part import Ground, Part
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.refit import Refit
 from dirprim_filter.primitives.schedule import N_SLOTS, By, Schedule
+from dirprim_filter.primitives.traffic import Passages, Traffic
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import column_of, floats_of, ints_of, parse
 from dirprim_filter.recording.schemas.map_tiles import MODE_COLUMNS, VERSION
 from dirprim_filter.recording.schemas.motion_columns import COLUMNS, motion_columns, motion_of
 from dirprim_filter.recording.schemas.refit_message import decode_refit
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
+from tessellation.located_part import LocatedPart
 
 Columns = dict[str, AnyArray]
 COUNTED = ("cell", "mode", "visits", "seconds", "first", "following", "count")
 """Columns of motion that tell how vehicles pass on."""
 
 
-def decode_tiles(messages: Iterable[bytes]) -> PrimitiveMap:
+WHOLE_CELLS = 20_000
+"""A map of no more is read whole: it takes 0.2 GB with all that is made of it."""
+
+
+def decode_tiles(messages: Iterable[bytes], *, near: Callable[[], Ground] | None = None) -> PrimitiveMap:
     """The map that the messages hold, in whatever order they come.
 
     Args:
         messages: can be gone through more than once.
+        near: asked for a map of many cells: those with their centres on this ground are all that is wanted.
 
     Raises:
         DecodeError: bytes that are no such message, another version of it, a tile that is missing, twice there or of
@@ -44,7 +52,10 @@ def decode_tiles(messages: Iterable[bytes]) -> PrimitiveMap:
     """
     outline = _outlined(messages)
     try:
-        return _map_of(outline, outline.tessellation(), messages)
+        cells = outline.tessellation()
+        if near is None or cells.n_cells <= WHOLE_CELLS:
+            return _map_of(outline, messages, cells)
+        return _part_of(outline, messages, cells, np.flatnonzero(near().covers(cells.centers)))
     except ValueError as error:
         raise DecodeError(str(error)) from error
 
@@ -188,10 +199,51 @@ def _joined(parts: list[Columns]) -> Columns:
     return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
 
 
-def _map_of(outline: _Outline, tessellation: Tessellation, messages: Iterable[bytes]) -> PrimitiveMap:
-    shared, n, z = outline.shared, outline.first_cell[-1], outline.first_manoeuvre[-1]
+def _part_of(outline: _Outline, messages: Iterable[bytes], whole: Tessellation, chosen: IntArray) -> PrimitiveMap:
+    """The map of some cells; what is of no place, and of how vehicles pass on, is that of the whole."""
+    counted, n = outline.counted, whole.n_cells
+    cell, first, following = counted["cell"], counted["first"], counted["following"]
+    require_passages(cell, first, following)
+    tessellation = LocatedPart.of(whole, chosen)
+    number = tessellation.number  # the last is of manoeuvres that have no cell
+    n_placed = int(np.count_nonzero(cell >= 0))
+    if n_placed and cell[n_placed - 1] >= n:
+        raise ValueError(f"motion: expected manoeuvres of {n} cells, got others")
+    kept = np.flatnonzero((number[cell] >= 0) | (cell < 0))
+    renumbered = np.full(cell.size, -1)
+    renumbered[kept] = np.arange(kept.size)
+    source = np.repeat(np.arange(cell.size), np.diff(first))
+    on = (renumbered[source] >= 0) & (renumbered[following] >= 0)
+    some = {name: counted[name][kept] for name in ("mode", "visits", "seconds")} | {
+        "cell": number[cell[kept]], "following": renumbered[following[on]], "count": counted["count"][on],
+        "first": np.append(0, np.cumsum(np.bincount(renumbered[source[on]], minlength=kept.size))),
+    }  # fmt: skip
+    of_all = {name: counted[name][:n_placed] for name in ("cell", "mode", "visits", "seconds")}
+    passages = Passages(**of_all, first=first[: n_placed + 1], following=following, count=counted["count"])
+    part = Part(manoeuvre=kept[kept < n_placed], traffic=Traffic.counted(passages, whole))
+    return _map_of(outline._replace(counted=some), messages, tessellation, _Chosen(chosen, kept, part))
+
+
+class _Chosen(NamedTuple):
+    """Of a map's cells and manoeuvres those that are wanted."""
+
+    cell: IntArray
+    manoeuvre: IntArray
+    part: Part | None
+
+    @classmethod
+    def all_of(cls, outline: _Outline) -> Self:
+        """All of them."""
+        return cls(np.arange(outline.first_cell[-1]), np.arange(outline.first_manoeuvre[-1]), None)
+
+
+def _map_of(
+    outline: _Outline, messages: Iterable[bytes], tessellation: Tessellation, chosen: _Chosen | None = None
+) -> PrimitiveMap:
+    chosen = chosen or _Chosen.all_of(outline)
+    shared, n, z = outline.shared, chosen.cell.size, chosen.manoeuvre.size
     m = shared.n_modes
-    rows = {name: np.empty((n + 1, m)) for name in MODE_COLUMNS[:5]} | {
+    rows: dict[str, Any] = {name: np.empty((n + 1, m)) for name in MODE_COLUMNS[:5]} | {
         "bend": np.empty((n + 1, m, 2)), "gain": np.empty((n + 1, m, 2)), "n_rows": np.empty(n + 1, np.int64),
     }  # fmt: skip
     wide = {"bend": (2,), "gain": (2,), "path": (3,), "acceleration": (4,)}
@@ -201,15 +253,16 @@ def _map_of(outline: _Outline, tessellation: Tessellation, messages: Iterable[by
         slots, own = _turning_shape(shared)
         turning = {name: np.empty((slots, n, own)) for name in ("flow", "pace")}
     for message in _parsed(messages):
-        cells = slice(*outline.first_cell[message.tile : message.tile + 2])
-        _fill_rows(rows, cells, message.cells)
-        part = motion_columns(message.motion, moving)
-        for name, column in moving.items():
-            column[slice(*outline.first_manoeuvre[message.tile : message.tile + 2])] = part[name]
+        to, at, n_cells = _taken(chosen.cell, outline.first_cell, message.tile)
+        _fill_rows(rows, to, message.cells, at, n_cells)
         for name, column in turning.items():
-            of_cells = floats_of(message.schedule, name, column[:, cells].size)
-            column[:, cells] = of_cells.reshape(-1, slots, own).swapaxes(0, 1)
-    _fill_rows(rows, slice(n, n + 1), shared.place_free)
+            of_cells = floats_of(message.schedule, name, n_cells * slots * own).reshape(n_cells, slots, own)
+            column[:, to] = of_cells[at].swapaxes(0, 1)
+        to, at, _ = _taken(chosen.manoeuvre, outline.first_manoeuvre, message.tile)
+        of_tile = motion_columns(message.motion, moving)
+        for name, column in moving.items():
+            column[to] = of_tile[name][at]
+    _fill_rows(rows, slice(n, n + 1), shared.place_free, np.zeros(1, np.int64), 1)
     schedule = Schedule(by=cast(By, shared.schedule.by), zone=shared.schedule.zone, **turning) if turning else None
     return PrimitiveMap(
         tessellation=tessellation,
@@ -224,15 +277,23 @@ def _map_of(outline: _Outline, tessellation: Tessellation, messages: Iterable[by
         gain=rows["gain"],
         motion=motion_of(outline.counted | moving, shared.motion),
         schedule=schedule,
-        refit=outline.refit,
+        refit=None if chosen.part else outline.refit,
+        part=chosen.part,
     )
 
 
-def _fill_rows(rows: Columns, where: slice, part: dirprim_pb2.Primitives) -> None:
-    n, m = rows["weight"][where].shape
+def _taken(chosen: IntArray, first: IntArray, tile: int) -> tuple[slice, IntArray, int]:
+    """Where what is chosen of a tile goes to; where it stands in it; of how many."""
+    begin, end = np.searchsorted(chosen, first[tile : tile + 2])
+    return slice(begin, end), chosen[begin:end] - first[tile], int(first[tile + 1] - first[tile])
+
+
+def _fill_rows(rows: dict[str, Any], to: slice, part: dirprim_pb2.Primitives, at: IntArray, n: int) -> None:
+    """Rows `at` of a message's n."""
+    m = rows["weight"].shape[1]
     for name in MODE_COLUMNS[:5]:
-        rows[name][where] = floats_of(part, name, n * m).reshape(n, m)
+        rows[name][to] = floats_of(part, name, n * m).reshape(n, m)[at]
     for slope in ("bend", "gain"):
         for i, axis in enumerate(("east", "north")):
-            rows[slope][where][..., i] = floats_of(part, f"{slope}_{axis}", n * m).reshape(n, m)
-    rows["n_rows"][where] = ints_of(part, "n_rows", n)
+            rows[slope][to][..., i] = floats_of(part, f"{slope}_{axis}", n * m).reshape(n, m)[at]
+    rows["n_rows"][to] = ints_of(part, "n_rows", n)[at]

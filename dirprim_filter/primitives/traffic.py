@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.special import gammaincinv
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from tessellation import Tessellation
 
 STEP_S = 0.1
 """Seconds, the longest step; visits that were shorter count as long: then no step empties a manoeuvre twice."""
+
+
+class Passages(NamedTuple):
+    """How vehicles passed from manoeuvre to manoeuvre; columns as of `Motion`."""
+
+    cell: IntArray  # (z,) those of a cell alone
+    mode: IntArray  # (z,)
+    visits: FloatArray  # (z,)
+    seconds: FloatArray  # (z,)
+    first: IntArray  # (z + 1,)
+    following: IntArray  # (t,)
+    count: FloatArray  # type: ignore[assignment]  # (t,), not the method of tuples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,29 +55,38 @@ class Traffic:
     tessellation: Tessellation
 
     @classmethod
-    def of(cls, primitive_map: PrimitiveMap) -> Self | None:
-        """Of a map with places; None where it has none, or counted no transitions."""
-        motion = primitive_map.motion
-        n = motion.n_placed
-        source = np.repeat(np.arange(n), np.diff(motion.first[: n + 1]))
-        target, count = motion.following[: source.size], motion.count[: source.size]
+    def of(cls, primitive_map: PrimitiveMap) -> Traffic | None:
+        """Of a map with places, of a part that of the whole; None where it has none, or counted no transitions."""
+        if primitive_map.part is not None:
+            return primitive_map.part.traffic
+        of, n = primitive_map.motion, primitive_map.motion.n_placed
+        passages = Passages(
+            of.cell[:n], of.mode[:n], of.visits[:n], of.seconds[:n], of.first[: n + 1], of.following, of.count
+        )
+        return cls.counted(passages, primitive_map.tessellation)
+
+    @classmethod
+    def counted(cls, of: Passages, tessellation: Tessellation) -> Self | None:
+        """Of what was counted in some cells; None where no transition was."""
+        n, visits = of.cell.size, of.visits
+        source = np.repeat(np.arange(n), np.diff(of.first))
+        target, count = of.following[: source.size], of.count[: source.size]
         placed = target < n
         source, target, count = source[placed], target[placed], count[placed]
-        visits = motion.visits[:n]
         if not count.sum() > 0:
             return None
-        seconds = np.maximum(motion.seconds[:n], STEP_S * visits)
+        seconds = np.maximum(of.seconds, STEP_S * visits)
         present = seconds / seconds.sum()
         per_second = np.divide(1.0, seconds, out=np.zeros(n), where=seconds > 0)
         arrived, gone_on = np.bincount(target, count, n), np.bincount(source, count, n)
-        _, place = np.unique(np.column_stack([motion.cell[:n], motion.mode[:n]]), axis=0, return_inverse=True)
+        _, place = np.unique(of.cell * (of.mode.max() + 1) + of.mode, return_inverse=True)
         where = (np.append(target, np.arange(n)), np.append(source, np.arange(n)))
         rate = np.append(count * per_second[source], -visits * per_second)
         return cls(
             present=present, begins=np.maximum(visits - arrived, 0.0) / seconds.sum(),
             ends=_rate_beyond_chance(np.maximum(visits - gone_on, 0.0), seconds, place),
-            flow=csr_array((rate, where), shape=(n, n)), cell=motion.cell[:n],
-            area=primitive_map.tessellation.area, tessellation=primitive_map.tessellation,
+            flow=csr_array((rate, where), shape=(n, n)), cell=of.cell,
+            area=tessellation.area, tessellation=tessellation,
         )  # fmt: skip
 
     def later(self, share: FloatArray, dt_s: float) -> FloatArray:

@@ -1,0 +1,52 @@
+"""The raster of some cells: it says of every point what that of all cells says, by the part's numbers."""
+
+import numpy as np
+import pytest
+
+from dirprim_filter.primitives.motion_table import reaching
+from tessellation import OUTSIDE, GridTessellation, VoronoiTessellation, locate
+from tessellation._kernels import locate_all
+from tessellation.locate import cells_of
+from tessellation.located_part import LocatedPart
+
+REACH_M = 3.5
+
+
+def cells_of_kind(kind, rng, monkeypatch):
+    place = rng.uniform(-40.0, 60.0, (400, 2))
+    if kind.startswith("blocks"):
+        monkeypatch.setattr(locate, "DENSE_SQUARES", 0)
+    if kind.endswith("grid"):
+        return GridTessellation.covering(place, cell_size=3.0)
+    crowded = np.concatenate([place[:150], place[:3].repeat(30, axis=0) + rng.normal(0.0, 0.05, (90, 2))])
+    return VoronoiTessellation.covering(place, generators=crowded, reach=3.0)
+
+
+@pytest.mark.parametrize("kind", ["grid", "voronoi", "blocks of a grid", "blocks of voronoi"])
+def test_a_part_answers_as_the_whole(kind, monkeypatch):
+    rng = np.random.default_rng(3)
+    whole = cells_of_kind(kind, rng, monkeypatch)
+    part = LocatedPart.of(whole, np.flatnonzero(whole.centers[:, 0] > 10.0))
+    place = rng.uniform(-60.0, 80.0, (20_000, 2))
+    expected = part.number[whole.cell_of(place)]
+    np.testing.assert_array_equal(cells_of(part.locator, place), expected)
+    np.testing.assert_array_equal(part.cell_of(place), expected)
+    assert (expected >= 0).any()
+    assert (expected != whole.cell_of(place)).any()
+    of_all = LocatedPart.of(whole, np.arange(whole.n_cells))
+    np.testing.assert_array_equal(cells_of(of_all.locator, place), whole.cell_of(place))
+    of_none = LocatedPart.of(whole, np.empty(0, np.int64))
+    assert (cells_of(of_none.locator, place) == OUTSIDE).all()
+
+
+@pytest.mark.parametrize("kind", ["grid", "voronoi", "blocks of a grid", "blocks of voronoi"])
+def test_beside_its_cells_too_but_where_others_end(kind, monkeypatch):
+    rng = np.random.default_rng(4)
+    whole = cells_of_kind(kind, rng, monkeypatch)
+    part = LocatedPart.of(whole, np.flatnonzero(whole.centers[:, 0] > 0.0))
+    place = np.column_stack([rng.uniform(25.0, 80.0, 20_000), rng.uniform(-60.0, 80.0, 20_000)])
+    ours, of_all = np.empty(20_000, np.int64), np.empty(20_000, np.int64)
+    locate_all(reaching(part.locator, REACH_M), place, ours)
+    locate_all(reaching(whole.locator, REACH_M), place, of_all)
+    np.testing.assert_array_equal(ours, part.number[of_all])
+    assert ((of_all >= 0) & (whole.cell_of(place) < 0)).any()
