@@ -144,55 +144,75 @@ def spread_of(column: FloatArray, copies: FloatArray, off: FloatArray, squared: 
     return math.sqrt(max(square / n - (mean / n) ** 2, 0.0))
 
 
+class ResampleRoom(NamedTuple):
+    """What resampling works in."""
+
+    survivors: IntArray  # (P,) how often each particle survives
+    parent: IntArray  # (P,) whose copy each has become
+    normal: FloatArray  # (4 P + 4,)
+    column: FloatArray  # (4, P)
+
+
+@njit(cache=True)
+def room_to_resample(n: int) -> ResampleRoom:
+    """For n particles of a vehicle."""
+    return ResampleRoom(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(4 * n + 4), np.empty((4, n)))
+
+
 @njit(cache=True, nogil=True)
 def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
     """Replace the particles of each vehicle by equally weighted survivors: the first of each stays where it is.
 
-    A vehicle whose effective sample size is not below `below` keeps its own. Copies are spread by the kernel of a
-    regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief is, times the effective sample size to
-    the power -1/6. Else the few particles that go with a fast driver, or that a vehicle found again after a gap leaves,
-    soon descend from one that is wrong, and the belief is sure of it.
+    A vehicle whose effective sample size is not below `below` keeps its own.
     """
-    n = cloud.position.shape[1]
-    survivors, parent, normal = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(4 * n + 4)
-    copies, column, off, squared = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    turns, runs = bool(np.bool_(True)), bool(np.bool_(False))  # literals would compile it once more, as do views
+    room = room_to_resample(cloud.position.shape[1])
     for v in vehicle:
-        weight = cloud.weight[v]
-        effective = effective_sample_size(weight)
-        if effective >= below:
+        effective = effective_sample_size(cloud.weight[v])
+        if effective < below:
+            resample_vehicle(cloud, v, effective, room)
+
+
+@njit(cache=True)
+def resample_vehicle(cloud: Cloud, v: int, effective: float, room: ResampleRoom) -> None:
+    """Resample one vehicle of so large an effective sample size; `room.parent` says then whose copy each particle is.
+
+    Copies are spread by the kernel of a regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief
+    is, times the effective sample size to the power -1/6. Else the few particles that go with a fast driver, or that a
+    vehicle found again after a gap leaves, soon descend from one that is wrong, and the belief is sure of it.
+    """
+    n, bandwidth, state = cloud.position.shape[1], KERNEL_SHARE * effective ** (-1.0 / 6.0), cloud.state[v].copy()
+    survivors, parent, normal = room.survivors, room.parent, room.normal
+    copies, column, off, squared = room.column[0], room.column[1], room.column[2], room.column[3]
+    turns, runs = bool(np.bool_(True)), bool(np.bool_(False))  # literals would compile it once more, as do views
+    systematic(cloud.weight[v], random.uniform(state), survivors)
+    position, direction, speed, push = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.push[v]
+    cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
+    for p in range(n):
+        copies[p] = survivors[p]
+    wider = bandwidth * spread_of(direction, copies, off, squared, turns)
+    faster = bandwidth * spread_of(speed, copies, off, squared, runs)
+    for p in range(n):
+        column[p] = position[p, 0]
+    east = bandwidth * spread_of(column, copies, off, squared, runs)
+    for p in range(n):
+        column[p] = position[p, 1]
+    north = bandwidth * spread_of(column, copies, off, squared, runs)
+    m = (parent_of(survivors, parent) + 1) // 2 * 2
+    random.fill_normals(normal[: 4 * m], state)
+    k = 0
+    for p in range(n):
+        a = parent[p]
+        if a == p:
             continue
-        bandwidth = KERNEL_SHARE * effective ** (-1.0 / 6.0)
-        state = cloud.state[v].copy()
-        systematic(weight, random.uniform(state), survivors)
-        position, direction, speed, push = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.push[v]
-        cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
-        for p in range(n):
-            copies[p] = survivors[p]
-        wider = bandwidth * spread_of(direction, copies, off, squared, turns)
-        faster = bandwidth * spread_of(speed, copies, off, squared, runs)
-        for p in range(n):
-            column[p] = position[p, 0]
-        east = bandwidth * spread_of(column, copies, off, squared, runs)
-        for p in range(n):
-            column[p] = position[p, 1]
-        north = bandwidth * spread_of(column, copies, off, squared, runs)
-        m = (parent_of(survivors, parent) + 1) // 2 * 2
-        random.fill_normals(normal[: 4 * m], state)
-        k = 0
-        for p in range(n):
-            a = parent[p]
-            if a == p:
-                continue
-            position[p, 0] = position[a, 0] + east * normal[k]
-            position[p, 1] = position[a, 1] + north * normal[m + k]
-            direction[p] = density.wrap(direction[a] + wider * normal[2 * m + k])
-            speed[p] = max(speed[a] + faster * normal[3 * m + k], 0.0)
-            cell[p], manoeuvre[p], push[p] = cell[a], manoeuvre[a], push[a]
-            k += 1
-        for word in range(state.size):
-            cloud.state[v, word] = state[word]
-        weight[:] = 1.0 / n
+        position[p, 0] = position[a, 0] + east * normal[k]
+        position[p, 1] = position[a, 1] + north * normal[m + k]
+        direction[p] = density.wrap(direction[a] + wider * normal[2 * m + k])
+        speed[p] = max(speed[a] + faster * normal[3 * m + k], 0.0)
+        cell[p], manoeuvre[p], push[p] = cell[a], manoeuvre[a], push[a]
+        k += 1
+    for word in range(state.size):
+        cloud.state[v, word] = state[word]
+    cloud.weight[v] = 1.0 / n
 
 
 @njit(cache=True, nogil=True)

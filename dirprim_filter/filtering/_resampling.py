@@ -14,8 +14,13 @@ from numba import njit
 
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.filtering import _kernels
-from dirprim_filter.filtering._kernels import KERNEL_SHARE, Cloud, effective_sample_size, parent_of, systematic
+from dirprim_filter.filtering._kernels import (
+    KERNEL_SHARE,
+    Cloud,
+    effective_sample_size,
+    resample_vehicle,
+    room_to_resample,
+)
 from dirprim_filter.filtering._sensing import Axes, Carried, correlated_share
 
 FEW = 0.1
@@ -30,17 +35,14 @@ def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, axes: Axes, belo
     Of the way by which a copy is put beside its survivor, its error makes up for the correlated share: as at birth.
     """
     n = cloud.position.shape[1]
-    survivors, parent, place = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 2))
-    share, share_across = correlated_share(axes, 0), correlated_share(axes, 1)
-    for i in range(vehicle.size):
-        v = vehicle[i]
+    room, place = room_to_resample(n), np.empty((n, 2))
+    parent, share, share_across = room.parent, correlated_share(axes, 0), correlated_share(axes, 1)
+    for v in vehicle:
         effective = effective_sample_size(cloud.weight[v])
         if effective >= below:
             continue
-        systematic(cloud.weight[v], random.uniform(cloud.state[v].copy()), survivors)  # the very draw it will make
-        parent_of(survivors, parent)
         place[:] = cloud.position[v]
-        _kernels.resample(cloud, vehicle[i : i + 1], below)
+        resample_vehicle(cloud, v, effective, room)
         mean, direction = carried.mean[v], cloud.direction[v]
         for p in range(n):
             a = parent[p]

@@ -27,7 +27,7 @@ from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
 from dirprim_filter.primitives.place_free_motion import learn_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.primitives.visits import STEP_S, Visits, _filled_in
+from dirprim_filter.primitives.visits import STEP_S, Visits, filled_in
 
 logger = logging.getLogger(__name__)
 
@@ -119,7 +119,7 @@ class Cases(NamedTuple):
 
 def _cases(rows: TrackRows, rng: np.random.Generator) -> Cases | None:
     """Instants of held-out vehicles; None where too few are seen for a second."""
-    _, segment, position, course, speed = _filled_in(rows)
+    _, segment, position, course, speed = filled_in(rows)
     lag = np.round(LAGS_S / STEP_S).astype(np.int64)
     n = segment.size
     there = np.minimum(np.arange(n)[:, None] + lag, max(n - 1, 0))

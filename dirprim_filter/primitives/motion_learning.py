@@ -18,7 +18,7 @@ from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.primitives import _clustering
 from dirprim_filter.primitives.motion import CREEP, Motion, joined
-from dirprim_filter.primitives.motion_sums import MotionSums, _of_pace
+from dirprim_filter.primitives.motion_sums import MotionSums, pace_field
 from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE, learn_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.visits import Visits
@@ -56,7 +56,7 @@ class LearningKnobs(NamedTuple):
     """How much the place-free manoeuvres count against those of a cell, in visits."""
     spread: float = 1.8
     """By how much vehicles stray further than those that a manoeuvre was fitted to. On five logs the 90 % region of
-    forecasts holds 84 to 92 % by 1.4, 87 to 92 % by 1.7 and 88 to 92 % by 2, but for few vehicles and noisy starts; the
+    forecasts holds 84 to 90 % by 1.4, 87 to 91 % by 1.7 and 88 to 92 % by 2, but for few vehicles and noisy starts; the
     energy score differs by 1 %. Chosen for each log it would be too small: its cells have seen who is held out."""
 
 
@@ -166,7 +166,7 @@ def motion_of(
         "cell": cell, "mode": mode, "visits": n, "seconds": sums.seconds,
         "course": direction + course[:, 0], "bend": primitives.bend[cell, mode] + course[:, 1:],
         "course_spread": np.where(stands, ANY_COURSE, spread * of_course),
-        "log_pace": np.log(mean_speed + CREEP) + pace[:, 0], "gain": _of_pace(primitives, cell, mode) + pace[:, 1:],
+        "log_pace": np.log(mean_speed + CREEP) + pace[:, 0], "gain": pace_field(primitives, cell, mode) + pace[:, 1:],
         "log_pace_spread": of_pace, "path": path, "path_spread": of_path, "path_direction": direction,
         "acceleration": acceleration, "push": spread * of_push, "stretch": stretch,
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),

@@ -108,7 +108,7 @@ class MotionSums(NamedTuple):
         place = np.column_stack([one, offset])
         of_mode = np.column_stack([mean_direction, primitives.bend[at]])
         off_course = difference(visits.course, (place * of_mode).sum(axis=1))
-        gained = np.column_stack([np.log(mean_speed + CREEP), _of_pace(primitives, *at)])
+        gained = np.column_stack([np.log(mean_speed + CREEP), pace_field(primitives, *at)])
         off_pace = np.log(visits.speed + CREEP) - (place * gained).sum(axis=1)
         cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
         along = cosine * offset[:, 0] + sine * offset[:, 1]
@@ -153,7 +153,7 @@ def _totals(label: IntArray, column: FloatArray, n: int) -> FloatArray:
     return np.asarray(np.bincount(label, column, minlength=n), np.float64)
 
 
-def _of_pace(primitives: PrimitiveMap, cell: IntArray, mode: IntArray) -> FloatArray:
+def pace_field(primitives: PrimitiveMap, cell: IntArray, mode: IntArray) -> FloatArray:
     """(z, 2) 1/m, the field of log(speed + 0.3) that a mode's gain of log speed is."""
     mean = primitives.speed.mean[cell, mode]
     return np.asarray(primitives.gain[cell, mode] * (mean / (mean + CREEP))[:, None])

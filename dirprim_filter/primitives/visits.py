@@ -59,7 +59,7 @@ class Visits:
     @classmethod
     def of(cls, rows: TrackRows, cells: Tessellation) -> Visits:
         """The visits of rows sorted by vehicle and time."""
-        vehicle, segment, position, course, speed = _filled_in(rows)
+        vehicle, segment, position, course, speed = filled_in(rows)
         cell = cells.cell_of(position)
         stands = _stands(segment, speed)
         changes = np.zeros(segment.size, np.bool_)
@@ -132,7 +132,7 @@ class Visits:
         return np.where(at >= 0, column[at], np.nan)
 
 
-def _filled_in(rows: TrackRows) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
+def filled_in(rows: TrackRows) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
     """Vehicle, segment, position, course and speed every `STEP_S` from each segment's first row on."""
     time_s = (rows.time_ns - rows.time_ns[:1].sum()) * 1e-9
     breaks = np.flatnonzero((np.diff(rows.vehicle) != 0) | (np.diff(time_s) > LONGEST_GAP_S)) + 1
