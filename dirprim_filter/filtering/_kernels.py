@@ -108,8 +108,12 @@ def systematic(weight: FloatArray, u: float, survivors: IntArray) -> None:
 
 
 @njit(cache=True)
-def parent_of(survivors: IntArray, parent: IntArray) -> int:
-    """Whose copy each particle becomes, by how often each survives: fills (n,); -> how many are of another."""
+def parent_of(survivors: IntArray, parent: IntArray, copy: IntArray) -> int:
+    """Whose copy each particle becomes, by how often each survives: fills (n,), and which ones are another's.
+
+    Returns:
+        How many these are; `copy` (n,) begins with them, in ascending order.
+    """
     free = n_copies = 0
     for a in range(survivors.size):
         if survivors[a] > 0:
@@ -117,7 +121,7 @@ def parent_of(survivors: IntArray, parent: IntArray) -> int:
         for _ in range(survivors[a] - 1):
             while survivors[free] > 0:
                 free += 1
-            parent[free] = a
+            parent[free], copy[n_copies] = a, free
             free += 1
             n_copies += 1
     return n_copies
@@ -149,6 +153,7 @@ class ResampleRoom(NamedTuple):
 
     survivors: IntArray  # (P,) how often each particle survives
     parent: IntArray  # (P,) whose copy each has become
+    copy: IntArray  # (P,) which have become another's
     normal: FloatArray  # (4 P + 4,)
     column: FloatArray  # (4, P)
 
@@ -156,7 +161,8 @@ class ResampleRoom(NamedTuple):
 @njit(cache=True)
 def room_to_resample(n: int) -> ResampleRoom:
     """For n particles of a vehicle."""
-    return ResampleRoom(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(4 * n + 4), np.empty((4, n)))
+    numbers = np.empty((3, n), np.int64)
+    return ResampleRoom(numbers[0], numbers[1], numbers[2], np.empty(4 * n + 4), np.empty((4, n)))
 
 
 @njit(cache=True, nogil=True)
@@ -197,19 +203,17 @@ def resample_vehicle(cloud: Cloud, v: int, effective: float, room: ResampleRoom)
     for p in range(n):
         column[p] = position[p, 1]
     north = bandwidth * spread_of(column, copies, off, squared, runs)
-    m = (parent_of(survivors, parent) + 1) // 2 * 2
+    n_copies = parent_of(survivors, parent, room.copy)
+    m = (n_copies + 1) // 2 * 2
     random.fill_normals(normal[: 4 * m], state)
-    k = 0
-    for p in range(n):
+    for k in range(n_copies):
+        p = room.copy[k]
         a = parent[p]
-        if a == p:
-            continue
         position[p, 0] = position[a, 0] + east * normal[k]
         position[p, 1] = position[a, 1] + north * normal[m + k]
         direction[p] = density.wrap(direction[a] + wider * normal[2 * m + k])
         speed[p] = max(speed[a] + faster * normal[3 * m + k], 0.0)
         cell[p], manoeuvre[p], push[p] = cell[a], manoeuvre[a], push[a]
-        k += 1
     for word in range(state.size):
         cloud.state[v, word] = state[word]
     cloud.weight[v] = 1.0 / n
