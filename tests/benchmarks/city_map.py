@@ -1,10 +1,11 @@
 """What a city's map costs when it is held whole: memory, and seconds until it is ready to track with.
 
-Decides: whether `track` loads a map whole or by tiles. A learned map is laid out again and again, side by side.
+Decides: from how many cells on `track` loads a part of a map. A learned map is laid out again and again, side by side.
 
     dirprim learn recordings/roundabout_learn.mcap -o one.mcap
     python tests/benchmarks/city_map.py write one.mcap city.mcap 300
-    python tests/benchmarks/city_map.py load city.mcap
+    python tests/benchmarks/city_map.py load city.mcap          # whole
+    python tests/benchmarks/city_map.py load city.mcap 300      # what lies within so many metres of one place
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from dirprim_filter import load_map, save_map
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
+from dirprim_filter.primitives.part import Ground
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.traffic import Traffic
 from tessellation import VoronoiTessellation
-
-LANE_M = 3.5
 
 
 def city(one: PrimitiveMap, n: int) -> PrimitiveMap:
@@ -71,10 +72,10 @@ def motion_of(motion: Motion, n_cells: int, n: int) -> Motion:
     )  # fmt: skip
 
 
-def load(path: str) -> None:
+def load(path: str, reach_m: float | None = None) -> None:
     """Seconds and memory, beyond what the program takes, of loading a map and of all that tracking makes of it."""
     before, began = most_mib(), time.process_time()
-    loaded = load_map(path)
+    loaded = load_map(path, near=None if reach_m is None else lambda: Ground(np.zeros((1, 2)), reach_m))
     cells = loaded.tessellation
     print(
         f"{cells.n_cells} cells, {Path(path).stat().st_size / 1e6:.0f} MB: loaded in "
@@ -84,12 +85,9 @@ def load(path: str) -> None:
     )
     began = time.process_time()
     motion_table(loaded, MotionKnobs())
+    Traffic.of(loaded)
     loaded.log_density(cells.centers[:100], np.zeros(100), np.ones(100))
-    region = cells.region.n_cells * (cells.region.cell_size / LANE_M) * cells.region.cell_size / 1000
-    print(
-        f"made ready in {time.process_time() - began:.1f} s; held {now_mib():.0f} MiB, at most {most_mib():.0f}; "
-        f"{region:.0f} km of lanes"
-    )
+    print(f"made ready in {time.process_time() - began:.1f} s; held {now_mib():.0f} MiB, at most {most_mib():.0f}")
 
 
 def most_mib() -> float:
@@ -106,4 +104,4 @@ if __name__ == "__main__":
     if sys.argv[1] == "write":
         save_map(city(load_map(sys.argv[2]), int(sys.argv[4])), sys.argv[3], force=True)
     else:
-        load(sys.argv[2])
+        load(sys.argv[2], float(sys.argv[3]) if len(sys.argv) > 3 else None)

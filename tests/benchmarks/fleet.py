@@ -7,6 +7,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py memory 1000000
     python tests/benchmarks/fleet.py columns 100000000
     python tests/benchmarks/fleet.py workers 16
+    python tests/benchmarks/fleet.py merged ../shared/data/town03/roundabout.csv
     python tests/benchmarks/fleet.py killing
     python tests/benchmarks/fleet.py known 10000
     python tests/benchmarks/fleet.py update 16
@@ -15,6 +16,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import resource
 import shutil
@@ -48,6 +50,7 @@ from tessellation import VoronoiTessellation
 
 ROOT = Path(__file__).parents[2]
 N_SAMPLES = 100
+LANE_M = 3.5
 
 
 def fidelity(log: str, cells: int, seeds: int) -> None:
@@ -159,6 +162,25 @@ def speed() -> None:
             print(f"{path.name}: {store.recording(entry.rows).stat().st_size / entry.n_rows:.2f} bytes a row")
 
 
+def merged(log: str) -> None:
+    """Bytes of the sum of more and more vehicles' statistics, of all hours as one: what merging days would leave."""
+    tracks = read_csv(log).tracks if log.endswith(".csv") else read_tracks(log)
+    order = np.random.default_rng(0).permutation(tracks.n_tracks)
+    one_hour = replace(tracks, time_ns=tracks.time_ns - tracks.time_ns.min())
+    squares = len(np.unique(np.floor(tracks.position), axis=0))
+    km = squares / LANE_M / 1000.0
+    for share in (0.0625, 0.125, 0.25, 0.5, 1.0):
+        some = one_hour[np.isin(tracks.vehicle, order[: round(share * tracks.n_tracks)])]
+        some = replace(some, time_ns=some.time_ns - some.time_ns[some.first_rows][some.vehicle])
+        with (made := io.BytesIO()):
+            write_summary(Summary.of(some), made)
+            size = len(made.getvalue())
+        print(
+            f"{some.n_tracks} vehicles, {len(some)} rows on {km:.2f} km of lanes: {size / 1e6:.3f} MB, "
+            f"{size / len(some):.2f} bytes a row, {size / 1e6 / km:.2f} MB per km", flush=True,
+        )  # fmt: skip
+
+
 def memory(n_rows: int) -> None:
     """The most memory of counting recordings of 100,000 rows each, made one by one, and of learning from all."""
     tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
@@ -252,7 +274,7 @@ def children_s() -> float:
 def killing() -> None:
     """`dirprim store add --workers 4`, of which one is killed after a tenth, a half and nine tenths of the logs.
 
-    The store is that of one process.
+    The store is that of one process. A task is run again where two processes opened its log.
     """
     tracks, n_logs = read_tracks(ROOT / "recordings" / "roundabout_track.mcap"), 40
     folder = Path(tempfile.mkdtemp())
@@ -261,9 +283,15 @@ def killing() -> None:
     command = [sys.executable, "-m", "dirprim_filter.cli", "store", "add"]
     logs, one = str(folder / "*.mcap"), folder / "one"
     subprocess.run([*command, str(one), logs], check=True)
+    (folder / "watch").mkdir()
+    (folder / "watch" / "sitecustomize.py").write_text(NOTES_OPENED)
     for share in (0.1, 0.5, 0.9):
-        other = folder / f"killed at {share}"
-        begun = subprocess.Popen([*command, str(other), logs, "--workers", "4"])
+        other, opened = folder / f"killed at {share}", folder / f"opened {share}"
+        path = os.pathsep.join([str(folder / "watch"), str(ROOT)])
+        begun = subprocess.Popen(
+            [*command, str(other), logs, "--workers", "4"],
+            env=os.environ | {"PYTHONPATH": path, "NOTE_OPENED": str(opened)},
+        )
         while len(list(other.glob("logs/*.json"))) < share * n_logs:
             time.sleep(0.02)
         done = len(list(other.glob("logs/*.json")))
@@ -273,8 +301,24 @@ def killing() -> None:
         code = begun.wait()
         same = all((other / p.relative_to(one)).read_bytes() == p.read_bytes() for p in one.glob("recordings/*"))
         left = len(list(other.rglob("*.part")))
-        print(f"one of 4 killed after {done} of {n_logs} logs: exit {code}, same bytes: {same}, left over: {left}")
+        n_again = len(set(opened.read_text().splitlines())) - n_logs
+        print(
+            f"one of 4 killed after {done} of {n_logs} logs: exit {code}, same bytes: {same}, left over: {left}; "
+            f"{n_again} tasks run again, {n_again / n_logs:.1%}", flush=True,
+        )  # fmt: skip
     shutil.rmtree(folder)
+
+
+NOTES_OPENED = """
+import os, sys
+def note(event, given):
+    if event == "open" and str(given[0]).endswith(".mcap"):
+        with_line = os.open(os.environ["NOTE_OPENED"], os.O_APPEND | os.O_CREAT | os.O_WRONLY)
+        os.write(with_line, f"{os.getpid()} {given[0]}\\n".encode())
+        os.close(with_line)
+sys.addaudithook(note)
+"""
+"""Run by every process as it starts: notes which logs it opens."""
 
 
 def children_of(pid: int) -> list[int]:
@@ -303,7 +347,7 @@ def known(n_logs: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "what", choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known", "update"]
+        "what", choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known", "update", "merged"]
     )
     parser.add_argument("of", nargs="?")
     parser.add_argument("--cells", type=int, default=120)
@@ -311,6 +355,8 @@ if __name__ == "__main__":
     given = parser.parse_args()
     if given.what == "fidelity":
         fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
+    elif given.what == "merged":
+        merged(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"))
     elif given.what == "memory":
         memory(int(given.of or 1_000_000))
     elif given.what == "columns":
