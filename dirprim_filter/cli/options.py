@@ -162,7 +162,10 @@ Config = Annotated[
 ]
 Particles = Annotated[int | None, typer.Option("--particles", min=1, help="Particles for each vehicle. Default: 1000.")]
 Noise = Annotated[
-    float | None, typer.Option("--noise", help="Standard deviation of measured positions, metres. Default: 0.5.")
+    float | None,
+    typer.Option(
+        "--noise", help="Standard deviation of measured positions, metres. Default: track learns it; else 0.5."
+    ),
 ]
 SensorFile = Annotated[
     Path | None,
@@ -172,7 +175,7 @@ SensorOrAuto = Annotated[
     str | None,
     typer.Option(
         "--sensor",
-        help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`; auto: learned from the log itself.",
+        help="How the sensor errs: a sensor.toml, as of `dirprim calibrate`; auto, the default: learned from the log.",
         callback=_existing_or_auto,
     ),
 ]

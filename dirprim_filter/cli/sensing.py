@@ -23,51 +23,75 @@ UNITS = {
 """Of a sensor's numbers."""
 LEARNED_FROM_S = 300.0
 """Seconds of a log that a sensor is learned from."""
-MOST_ROWS = 200_000
+MOST_ROWS, MOST_ROWS_UNASKED = 200_000, 10_000
+"""Detections that it is learned from, if `auto` is asked for and by default: these take some three seconds."""
 
 
 def sensor_of(
-    sensor: str | None, log: Path, reading: Reading, *, noise_m: float | None, with_ids: bool, seed: int
-) -> Sensor | None:
+    sensor: str | None, log: Path, reading: Reading, *, noise_m: float | None, config: Path | None, with_ids: bool,
+    seed: int,
+) -> Sensor | None:  # fmt: skip
     """The sensor's model, if its file was given; or what the log shows of it, which is printed.
 
+    Where nothing is stated, by the user or by the log's covariances, a log that can be read twice is asked; if it does
+    not show how the sensor errs, a line says so, and the default noise is left. None: the noise is that of the filter.
+
     Raises:
-        BadParameter: the noise was given as well, or the log cannot be read twice, or its ids are not to be used.
-        ValueError: the file is none, or the log does not show how the sensor errs.
+        BadParameter: the noise was given as well; or `auto` was asked for, and the log cannot be read twice, or its ids
+            are not to be used.
+        ValueError: the file is none; or `auto` was asked for, and the log does not show how the sensor errs.
     """
     from dirprim_filter.recording.sensor_file import load_sensor
 
+    once, nameless = not (log.is_file() or log.is_dir()), not with_ids
     if sensor is None:
-        return None
+        if noise_m is not None or config is not None:
+            return None
+        if once or nameless:
+            _say_default("standard input is read once" if once else "without ids no vehicle is named again")
+            return None
+        return _learned(log, reading, seed=seed, is_asked=False)
     if noise_m is not None:
         raise typer.BadParameter("a sensor's model contains the noise: give one of the two", param_hint="--noise")
     if sensor != AUTO:
         return load_sensor(sensor)
-    if str(log) == "-":
+    if once:
         raise typer.BadParameter(
             "auto reads the log twice, which standard input cannot: give a file", param_hint="--sensor"
         )
-    if not with_ids:
+    if nameless:
         raise typer.BadParameter("auto learns from vehicles that are named again: leave out one", param_hint="--no-ids")
-    return _learned(log, reading, seed=seed)
+    return _learned(log, reading, seed=seed, is_asked=True)
 
 
-def _learned(log: Path, reading: Reading, *, seed: int) -> Sensor:
+def _learned(log: Path, reading: Reading, *, seed: int, is_asked: bool) -> Sensor | None:
     import numpy as np
 
     from dirprim_filter.cli.progress import working
     from dirprim_filter.evaluation.calibration import self_calibrate
 
     with working(f"learning how the sensor of {log.name} errs"):
+        detections = _first_minutes(log, reading, n_most=MOST_ROWS if is_asked else MOST_ROWS_UNASKED)
+        if not is_asked and not np.isnan(detections.covariance[:, 0, 0]).all():
+            return None
         try:
-            found = self_calibrate(_first_minutes(log, reading), rng=np.random.default_rng(seed))
+            found = self_calibrate(detections, rng=np.random.default_rng(seed))
         except ValueError as error:
-            raise ValueError(f"{log}: --sensor auto: {error}") from error
+            if is_asked:
+                raise ValueError(f"{log}: --sensor auto: {error}") from error
+            _say_default(str(error))
+            return None
     typer.echo(learned_text(found))
     return found.sensor
 
 
-def _first_minutes(log: Path, reading: Reading) -> Detections:
+def _say_default(why: str) -> None:
+    from dirprim_filter.config import FilterConfig
+
+    typer.echo(f"noise: {FilterConfig().noise_m:g} m, unless the log states it: {why}")
+
+
+def _first_minutes(log: Path, reading: Reading, *, n_most: int) -> Detections:
     from dirprim_filter.detections import Detections
 
     frames: list[Detections] = []
@@ -76,7 +100,7 @@ def _first_minutes(log: Path, reading: Reading) -> Detections:
         frames.append(frame)
         n_rows += len(frame)
         passed_s = (int(frame.time_ns[0]) - int(frames[0].time_ns[0])) * 1e-9 if len(frame) else 0.0
-        if n_rows > MOST_ROWS or passed_s > LEARNED_FROM_S:
+        if n_rows > n_most or passed_s > LEARNED_FROM_S:
             break
     return Detections.concatenate(frames)
 

@@ -115,8 +115,9 @@ def track(
 ) -> int:
     """Track the vehicles of a log with a learned map; write the estimates, and stream them to rerun.
 
-    With --sensor a detection is of where the vehicle was its latency ago, and estimates are of their own time. With
-    --sensor auto the errors are learned from the first minutes of the log, as far as they show without a truth.
+    How the sensor errs is learned from the first minutes of the log, as far as it shows without a truth, and printed;
+    unless --noise, --sensor, --config or the log itself says so. With --sensor a detection is of where the vehicle was
+    its latency ago, and estimates are of their own time.
 
     Groups of a log are tracked each by itself, whatever their times: the vehicles of a group other than 0 are called
     group/id in the output. With --group only that one, under its ids.
@@ -134,7 +135,7 @@ def track(
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    sensing = sensor_of(sensor, log, reading, noise_m=noise, with_ids=not no_ids, seed=seed)
+    sensing = sensor_of(sensor, log, reading, noise_m=noise, config=config, with_ids=not no_ids, seed=seed)
     knobs, association = read_filter(
         config, n_particles=particles, noise_m=noise, detection_probability=detection_probability,
         clutter_density=clutter_density, interaction=interaction and interaction.value, sensor=sensing,

@@ -126,6 +126,35 @@ def test_a_log_tells_of_its_own_sensor_what_can_be_seen(log, where, tmp_path, ca
     assert len(read_estimates(out)) > 100
 
 
+@pytest.mark.parametrize(
+    "case",
+    [
+        (["--end", "2000000000"], "sensor, learned from "),
+        (["--end", "2000000000", "--noise", "1"], None),
+        (["--end", "2000000000", "--config", "knobs.toml"], None),
+        (["--end", "600000000"], "noise: 0.5 m, unless the log states it: expected at least 8 pieces of track"),
+        (["--end", "600000000", "--no-ids"], "noise: 0.5 m, unless the log states it: without ids"),
+    ],
+)
+def test_where_no_noise_is_stated_it_is_learned_from_the_log(case, log, where, tmp_path, capsys):
+    knobs = tmp_path / "knobs.toml"
+    knobs.write_text("[filter]\nn_particles = 20\n")
+    options, says = [str(knobs) if option == knobs.name else option for option in case[0]], case[1]
+    command = ["track", str(log), "--map", str(where), "--particles", "20", "-o", str(tmp_path / "out.mcap")]
+    assert run([*command, *options]) == DONE
+    said = capsys.readouterr().out
+    assert said.startswith(says) if says else not said.startswith(("sensor", "noise"))
+
+
+def test_noise_that_the_log_states_is_not_learned(where, tmp_path, capsys):
+    seen = sense(TRUTH, BIASED, rng=np.random.default_rng(1))
+    stated = replace(seen, covariance=np.tile(np.eye(2), (len(seen), 1, 1)))
+    write_tracks(TRUTH, tmp_path / "log.mcap", detections=stated)
+    command = ["track", str(tmp_path / "log.mcap"), "--map", str(where), "--particles", "20", "--end", "1000000000"]
+    assert run([*command, "-o", str(tmp_path / "out.mcap")]) == DONE
+    assert not capsys.readouterr().out.startswith(("sensor", "noise"))
+
+
 def test_a_log_is_tracked_by_a_sensor_file(log, where, tmp_path, capsys):
     sensor = tmp_path / "sensor.toml"
     save_sensor(BIASED, sensor)
