@@ -33,6 +33,12 @@ def where(tmp_path_factory):
     return path
 
 
+@pytest.fixture
+def rough(monkeypatch):
+    """A sensor learned in a few steps: how near it comes is not looked at."""
+    monkeypatch.setattr(self_calibration, "MOST_STEPS", 5)
+
+
 def test_a_log_is_calibrated_and_drawn(log, tmp_path, capsys):
     sensor, plot = tmp_path / "sensor.toml", tmp_path / "sensor.png"
     assert run(["calibrate", str(log), "--truth", str(log), "-o", str(sensor), "--plot", str(plot)]) == DONE
@@ -112,8 +118,8 @@ def test_what_is_no_such_json_is_one_line(text, fields, says, tmp_path, capsys):
     assert said.count("\n") == 1
 
 
-def test_a_log_tells_of_its_own_sensor_what_can_be_seen(log, where, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(self_calibration, "MOST_STEPS", 5)  # how near it comes is not looked at here
+@pytest.mark.usefixtures("rough")
+def test_a_log_tells_of_its_own_sensor_what_can_be_seen(log, where, tmp_path, capsys):
     out = tmp_path / "out.mcap"
     command = ["track", str(log), "--map", str(where), "--particles", "50", "--end", "2000000000"]
     assert run([*command, "-o", str(out), "--sensor", "auto"]) == DONE
@@ -126,6 +132,7 @@ def test_a_log_tells_of_its_own_sensor_what_can_be_seen(log, where, tmp_path, ca
     assert len(read_estimates(out)) > 100
 
 
+@pytest.mark.usefixtures("rough")
 @pytest.mark.parametrize(
     "case",
     [
