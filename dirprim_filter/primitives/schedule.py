@@ -81,7 +81,7 @@ def turned(primitives: PrimitiveMap, flow: FloatArray, pace: FloatArray) -> Prim
         pace: (n_cells, m) their mean speed over that of the map.
     """
     weight, rate = primitives.direction.weight.copy(), primitives.speed.rate.copy()
-    of_mode = np.hstack([np.tile(np.arange(primitives.n_own_modes), (len(pace), 1)), resembled(primitives)])
+    of_mode = np.hstack([np.tile(np.arange(primitives.n_own_modes), (len(pace), 1)), _resembled(primitives)])
     placed = (slice(None, -1), slice(of_mode.shape[1]))
     drawn = weight[placed] * np.take_along_axis(flow, of_mode, axis=1)
     total = drawn.sum(axis=1, keepdims=True)
@@ -98,7 +98,7 @@ def turned(primitives: PrimitiveMap, flow: FloatArray, pace: FloatArray) -> Prim
     )
 
 
-def resembled(primitives: PrimitiveMap) -> IntArray:
+def _resembled(primitives: PrimitiveMap) -> IntArray:
     """(n_cells, n_borrowed_modes) the own mode of greatest density at the means of each borrowed one."""
     n, end = primitives.n_own_modes, primitives.n_own_modes + primitives.n_borrowed_modes
     direction, speed = primitives.direction, primitives.speed

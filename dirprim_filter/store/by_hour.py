@@ -16,7 +16,7 @@ from scipy.special import logsumexp, stdtrit
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.schedule import HOUR_NS, N_SLOTS, By, Schedule, resembled, local_hours, slots_of
+from dirprim_filter.primitives.schedule import HOUR_NS, N_SLOTS, By, Schedule, _resembled, local_hours, slots_of
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.driven import Driven
 
@@ -178,7 +178,7 @@ def _judged(learned: PrimitiveMap, visits: Visits, clock: _Clock, driven: Driven
     cell, vehicle = visits.cell[of_visit[rows]], visits.vehicle[rows]
     primitive = learned.primitive_at(visits.position[rows])
     speed = np.maximum(visits.speed[rows], SLOWEST)[:, None]
-    of_mode = np.hstack([np.tile(np.arange(learned.n_own_modes), (rows.size, 1)), resembled(learned)[cell]])
+    of_mode = np.hstack([np.tile(np.arange(learned.n_own_modes), (rows.size, 1)), _resembled(learned)[cell]])
     m = of_mode.shape[1]
     each = primitive.direction.mode_log_density(visits.course[rows]) + primitive.speed.log_density(speed)
     others = [np.empty((rows.size, m)) for _ in _Counts._fields]
