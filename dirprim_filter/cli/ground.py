@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dirprim_filter.cli import losses
+
 if TYPE_CHECKING:
     from dirprim_filter.cli.reading import Reading
     from dirprim_filter.primitives.part import Ground
@@ -30,8 +32,9 @@ def ground_of(log: Path, reading: Reading, *, seconds: float) -> Callable[[], Gr
         from dirprim_filter.primitives.part import Ground
 
         squares: set[tuple[float, float]] = set()
-        for detections in reading.detections(log, motion=False):
-            squares.update(map(tuple, np.unique(detections.position // SQUARE_M, axis=0).tolist()))
+        with losses.said_later():
+            for detections in reading.detections(log, motion=False):
+                squares.update(map(tuple, np.unique(detections.position // SQUARE_M, axis=0).tolist()))
         place = SQUARE_M * (np.array(sorted(squares)).reshape(-1, 2) + 0.5)
         return Ground(place, SQUARE_M + FASTEST * seconds)
 

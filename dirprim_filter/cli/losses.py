@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import typer
@@ -20,6 +23,18 @@ DONE, INPUT_LOST = 0, 3
 def exit_code(losses: Losses) -> int:
     """3 where a part of the input could not be read or used; the library's log has said what."""
     return INPUT_LOST if losses.damage or losses.lost else DONE
+
+
+@contextmanager
+def said_later() -> Iterator[None]:
+    """Within, warnings about a log that is read are left out: it is read once more, and they are said then."""
+    logger = logging.getLogger("dirprim_filter.recording")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def report_dropped(source: Path, table: Table) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import AUTO
 
@@ -33,8 +34,8 @@ def sensor_of(
 ) -> Sensor | None:  # fmt: skip
     """The sensor's model, if its file was given; or what the log shows of it, which is printed.
 
-    Where nothing is stated, by the user or by the log's covariances, a log that can be read twice is asked; if it does
-    not show how the sensor errs, a line says so, and the default noise is left. None: the noise is that of the filter.
+    Where nothing is stated, by the user or by the log's covariances, a file or folder is asked; if it does not show how
+    the sensor errs, a line says so, and the default noise is left. None: the noise is that of the filter.
 
     Raises:
         BadParameter: the noise was given as well; or `auto` was asked for, and the log cannot be read twice, or its ids
@@ -43,23 +44,22 @@ def sensor_of(
     """
     from dirprim_filter.recording.sensor_file import load_sensor
 
-    once, nameless = not (log.is_file() or log.is_dir()), not with_ids
+    is_pipe, is_here = str(log) == "-" or log.is_fifo(), log.is_file() or log.is_dir()
     if sensor is None:
         if noise_m is not None or config is not None:
             return None
-        if once or nameless:
-            _say_default("standard input is read once" if once else "without ids no vehicle is named again")
+        if not (is_here and with_ids):
+            elsewhere = "a pipe is read once" if is_pipe else "a URL would be fetched twice, as by --sensor auto"
+            _say_default("without ids no vehicle is named again" if is_here else elsewhere)
             return None
         return _learned(log, reading, seed=seed, is_asked=False)
     if noise_m is not None:
         raise typer.BadParameter("a sensor's model contains the noise: give one of the two", param_hint="--noise")
     if sensor != AUTO:
         return load_sensor(sensor)
-    if once:
-        raise typer.BadParameter(
-            "auto reads the log twice, which standard input cannot: give a file", param_hint="--sensor"
-        )
-    if nameless:
+    if is_pipe:
+        raise typer.BadParameter("auto reads the log twice, which a pipe cannot: give a file", param_hint="--sensor")
+    if not with_ids:
         raise typer.BadParameter("auto learns from vehicles that are named again: leave out one", param_hint="--no-ids")
     return _learned(log, reading, seed=seed, is_asked=True)
 
@@ -71,7 +71,8 @@ def _learned(log: Path, reading: Reading, *, seed: int, is_asked: bool) -> Senso
     from dirprim_filter.evaluation.calibration import self_calibrate
 
     with working(f"learning how the sensor of {log.name} errs"):
-        detections = _first_minutes(log, reading, n_most=MOST_ROWS if is_asked else MOST_ROWS_UNASKED)
+        with losses.said_later():
+            detections = _first_minutes(log, reading, n_most=MOST_ROWS if is_asked else MOST_ROWS_UNASKED)
         if not is_asked and not np.isnan(detections.covariance[:, 0, 0]).all():
             return None
         try:
