@@ -17,6 +17,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.schedule import turned
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.driven import Driven
+from dirprim_filter.store.regimes import Periods, still_so
 from dirprim_filter.store.steps import HOUR_NS
 
 SLOWER = 4.0
@@ -55,22 +56,30 @@ class Fading:
         return replace(self, half_life_s=SLOWER * self.half_life_s)
 
 
-def refreshed(learned: PrimitiveMap, visits: Visits, mode: IntArray, share: FloatArray) -> PrimitiveMap:
+def refreshed(learned: PrimitiveMap, visits: Visits, mode: IntArray, hour: IntArray, fading: Fading) -> PrimitiveMap:
     """The map with weights and mean speeds by what vehicles count.
+
+    In weights a vehicle counts as probably as its cell has not changed since; in mean speeds that, halved by its age.
 
     Args:
         learned: the map.
-        visits: of the vehicles that it was learned from.
+        visits: of the vehicles that it was learned from, of whom as many are left as fade slowly.
         mode: (v,) of each visit.
-        share: (n_vehicles,) what each counts.
+        hour: (n_vehicles,) since 1970-01-01, in which each came into sight.
+        fading: by how they age.
     """
     driven = Driven.of(learned, visits, mode)
     shape = (learned.tessellation.n_cells, learned.n_own_modes)
-    at, counts = np.ravel_multi_index((driven.cell, driven.mode), shape), share[driven.vehicle]
-    columns = (np.ones(at.size), driven.ratio, counts, counts * driven.ratio)
-    seen, ratios, faded, faded_ratios = (np.bincount(at, c, int(np.prod(shape))).reshape(shape) for c in columns)
-    vehicles = np.unique(visits.vehicle)
-    expected = seen * share[vehicles].mean() if vehicles.size else seen
+    periods = Periods.of(fading.now_ns // HOUR_NS - hour, fading.half_life_s)
+    counts = still_so(
+        driven.cell, driven.mode, periods.of_vehicle[driven.vehicle], change=periods.change, n_modes=shape[1]
+    )
+    share = counts * (fading.share(hour) / fading.slowly.share(hour))[driven.vehicle]
+    at = np.ravel_multi_index((driven.cell, driven.mode), shape)
+    columns = (np.ones(at.size), driven.ratio, counts, share, share * driven.ratio)
+    seen, ratios, kept, faded, faded_ratios = (np.bincount(at, c, int(np.prod(shape))).reshape(shape) for c in columns)
+    of_cell = seen.sum(axis=1, keepdims=True)
+    expected = seen * np.divide(kept.sum(axis=1, keepdims=True), of_cell, out=np.ones(of_cell.shape), where=of_cell > 0)
     usual = np.divide(ratios, seen, out=np.ones(shape), where=seen > 0)
     pace = (faded_ratios / usual + STRENGTH) / (faded + STRENGTH)
-    return turned(learned, (faded + STRENGTH) / (expected + STRENGTH), pace)
+    return turned(learned, (kept + STRENGTH) / (expected + STRENGTH), pace)

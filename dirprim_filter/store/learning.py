@@ -105,7 +105,7 @@ def learn_from_summary(
     if min_vehicles > 1:
         learned = withheld(learned, visits, mode, min_vehicles)
     if fading is not None:
-        learned = refreshed(learned, visits, mode, fading.share(hour) / fading.slowly.share(hour))
+        learned = refreshed(learned, visits, mode, hour, fading)
     if by is None:
         return learned
     schedule = learn_schedule(learned, visits, mode, hour, by=by, zone=zone, min_vehicles=min_vehicles)

@@ -12,7 +12,7 @@ from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.schedule import HOUR_NS
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.by_hour import learn_schedule
-from dirprim_filter.store.fading import refreshed
+from dirprim_filter.store.fading import Fading, refreshed
 from dirprim_filter.tracks import Tracks
 from tessellation import GridTessellation
 
@@ -124,19 +124,24 @@ def test_of_one_day_nothing_can_be_held_out():
 
 
 def test_weights_and_mean_speeds_are_of_what_vehicles_count():
-    """Of 200 vehicles the later half drives west and slowly; a hundredth of the earlier ones is left."""
+    """Of 200 vehicles the later half drives west and slowly; the earlier ones are of another regime."""
+    days = 24 * np.arange(200) // 4
     late = np.arange(200) >= 100
-    visits, mode, _ = seen(np.zeros(200, int), late, np.where(late, 5.0, 10.0))
-    share = np.where(late, 1.0, 0.01)
-    faded = refreshed(STREET, visits, mode, share)
-    east, west = faded.direction.weight[0, :2]
-    assert east / west == pytest.approx(2.0 / 101.0)  # one vehicle's worth of leaning, and one that is left
+    now = Fading(half_life_s=10 * 24 * 3600.0, now_ns=int(days[-1]) * HOUR_NS)
+    east, west = refreshed(STREET, *seen(days, late, np.where(late, 5.0, 10.0)), now).direction.weight[0, :2]
+    assert east / west == pytest.approx(1.0 / 101.0, rel=0.1)  # one vehicle's worth of leaning is left of them
     assert east + west == pytest.approx(STREET.direction.weight[0, :2].sum())
-    same = refreshed(STREET, visits, mode, np.full(200, 0.3))
+    of_one_hour = seen(np.zeros(200, int), late, np.where(late, 5.0, 10.0))
+    same = refreshed(STREET, *of_one_hour, replace(now, now_ns=0))
     np.testing.assert_allclose(same.speed.mean, STREET.speed.mean)
     np.testing.assert_allclose(same.direction.weight, STREET.direction.weight)
-    slower = np.where(np.arange(200) % 100 >= 50, 5.0, 10.0)  # both ways, half of the vehicles
-    visits, mode, _ = seen(np.zeros(200, int), late, slower)
-    pace = refreshed(STREET, visits, mode, np.where(slower < 7.0, 1.0, 0.0)).speed.mean[0] / STREET.speed.mean[0]
+
+
+def test_mean_speeds_are_of_what_age_leaves():
+    """All ways alike; the later half of the vehicles is half as fast, the earlier one 100 half-lives ago."""
+    late = np.arange(200) >= 100
+    now = Fading(half_life_s=24 * 3600.0, now_ns=100 * 24 * HOUR_NS)
+    visits = seen(np.where(late, 100 * 24, 0), np.arange(200) % 2 == 0, np.where(late, 5.0, 10.0))
+    pace = refreshed(STREET, *visits, now).speed.mean[0] / STREET.speed.mean[0]
     np.testing.assert_allclose(pace[:2], 5.0 / 7.5, rtol=0.02)
     np.testing.assert_array_equal(pace[2:], 1.0)
