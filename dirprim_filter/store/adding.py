@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,30 +18,15 @@ from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import square_of
 from dirprim_filter.store.log_files import LogFile
 from dirprim_filter.store.manifest import Entry, new_file
+from dirprim_filter.store.receipts import Receipt
 from dirprim_filter.store.steps import HERE
-from dirprim_filter.store.store import RECORDINGS, Store
+from dirprim_filter.store.store import RECEIPTS, Store
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import write_summary
 from dirprim_filter.store.tiles import tiles_of
 from dirprim_filter.store.workers import InProcess, Workers
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
-
-
-class Receipt(NamedTuple):
-    """What came of a log.
-
-    Attributes:
-        log: it.
-        entry: for the manifest; None where the log cannot be counted.
-        frame: of its positions.
-        error: why it cannot, in one line; empty where it can.
-    """
-
-    log: LogFile
-    entry: Entry | None
-    frame: str
-    error: str
 
 
 class Added(NamedTuple):
@@ -73,7 +57,7 @@ def add_logs(
         progress: called with how many are done, and of how many.
     """
     store.tidy()
-    new = [log for log in logs if not _is_known(store, log)]
+    new = [log for log in logs if not store.holds(store.entry_of(log.url), log)]
     receipts: list[Receipt] = []
     rest = list(new)
 
@@ -83,35 +67,48 @@ def add_logs(
                 store.record(receipt.entry, receipt.frame)
             except ValueError as error:
                 receipt = receipt._replace(entry=None, error=str(error))
+        store.receipt(receipt.log.url).unlink(missing_ok=True)
         receipts.append(receipt)
         if progress is not None:
             progress(len(receipts), len(new))
 
-    summarise = partial(summarise_log, config=store.config, folder=store.path / RECORDINGS)
+    summarise = partial(summarise_log, store=store)
     while rest and store.frame is None:  # the first log in order of names says which frame is the store's
         count(summarise(rest.pop(0)))
     for receipt in (workers or InProcess()).each(summarise, rest):
         count(receipt)
+    store.tidy()  # of workers that were killed
     return Added(len(logs) - len(new), sorted(receipts, key=lambda receipt: receipt.log.url))
 
 
-def summarise_log(log: LogFile, *, config: StoreConfig, folder: Path) -> Receipt:
-    """Write the summary of a log, unless that of the same rows is there.
+def summarise_log(log: LogFile, *, store: Store) -> Receipt:
+    """Write the summary of a log, unless that of the same rows is there; a log that was finished is not opened.
 
     What is wrong with the log, the receipt says: errors do not stop others.
     """
     try:
-        read = _read(log, config)
-        rows = hash_of_rows(read.tracks)
-        summary = Summary.of(read.tracks, lattice=config.lattice, frame=read.frame)
-        path = folder / f"{rows}.parquet"
-        if not path.exists():
-            with new_file(path) as file:
-                write_summary(summary, file)
+        return _left(log, store) or _summarised(log, store)
     except (RecordingError, OSError, ValueError) as error:
         return Receipt(log, None, "", _one_line(log, error))
     finally:
         drop_copy(log.url)
+
+
+def _left(log: LogFile, store: Store) -> Receipt | None:
+    """What a worker left that was killed before the log was counted; None where it is not of this log as it is now."""
+    path = store.receipt(log.url)
+    receipt = Receipt.read(path) if path.exists() else None
+    return receipt if receipt is not None and store.holds(receipt.entry, log) else None
+
+
+def _summarised(log: LogFile, store: Store) -> Receipt:
+    config, read = store.config, _read(log, store.config)
+    rows = hash_of_rows(read.tracks)
+    summary = Summary.of(read.tracks, lattice=config.lattice, frame=read.frame)
+    path = store.recording(rows)
+    if not path.exists():
+        with new_file(path) as file:
+            write_summary(summary, file)
     entry = Entry(
         url=log.url, size=log.size, mark=log.mark, rows=rows, n_rows=len(read.tracks),
         n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
@@ -119,7 +116,9 @@ def summarise_log(log: LogFile, *, config: StoreConfig, folder: Path) -> Receipt
         tiles=tiles_of(summary.steps.key[:, HERE]).tolist(), config=config.digest,
         status="damaged" if read.losses.damage or read.losses.lost else "whole",
     )  # fmt: skip
-    return Receipt(log, entry, read.frame, "")
+    receipt = Receipt(log, entry, read.frame, "")
+    receipt.leave(store.path / RECEIPTS)
+    return receipt
 
 
 def _read(log: LogFile, config: StoreConfig) -> TrackResult:
@@ -151,15 +150,6 @@ def hash_of_rows(tracks: Tracks) -> str:
     for column in (vehicle, tracks.time_ns, tracks.position, tracks.direction, tracks.speed):
         digest.update(np.ascontiguousarray(column[order], column.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()
-
-
-def _is_known(store: Store, log: LogFile) -> bool:
-    """Whether a log was added and has not changed since, and its recording is there."""
-    entry = store.entry_of(log.url)
-    return (
-        entry is not None and log.mark != "" and (entry.size, entry.mark) == (log.size, log.mark)
-        and entry.config == store.config.digest and store.recording(entry.rows).exists()
-    )  # fmt: skip
 
 
 def _one_line(log: LogFile, error: Exception) -> str:

@@ -3,6 +3,7 @@
     STORE/store.json                  how logs are read and counted, and the frame of their positions
     STORE/logs/HASH-OF-URL.json       the manifest
     STORE/recordings/HASH-OF-ROWS.parquet
+    STORE/receipts/HASH-OF-URL.json       of logs that are finished and not yet in the manifest
 
 What counts are the recordings that the manifest names, each once. A recording is written before the manifest names it,
 and every file takes its name when it is whole: so whatever is killed, nothing half counts.
@@ -19,9 +20,11 @@ from typing import Self
 
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store.config import FORMAT, StoreConfig
+from dirprim_filter.store.log_files import LogFile
 from dirprim_filter.store.manifest import Entry, new_file, remove_parts
+from dirprim_filter.store.receipts import Receipt
 
-CONFIG_FILE, MANIFEST, RECORDINGS = "store.json", "logs", "recordings"
+CONFIG_FILE, MANIFEST, RECORDINGS, RECEIPTS = "store.json", "logs", "recordings", "receipts"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +64,7 @@ class Store:
         """
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise RecordingError(f"{path}: expected a store or an empty folder, found other files; choose another")
-        for name in (MANIFEST, RECORDINGS):
+        for name in (MANIFEST, RECORDINGS, RECEIPTS):
             (path / name).mkdir(parents=True, exist_ok=True)
         store = cls(path=path, config=config)
         store._write_config(None)
@@ -89,6 +92,18 @@ class Store:
     def recording(self, rows: str) -> Path:
         """The file of a recording, by the hash of its rows."""
         return self.path / RECORDINGS / f"{rows}.parquet"
+
+    def receipt(self, url: str) -> Path:
+        """The file of what came of a log, until it counts."""
+        return self.path / RECEIPTS / Entry.name_of(url)
+
+    def holds(self, entry: Entry | None, log: LogFile) -> bool:
+        """Whether an entry is of a log as it is now, counted as this store counts, and its recording is there."""
+        return (
+            entry is not None and log.mark != "" and entry.config == self.config.digest
+            and (entry.url, entry.size, entry.mark) == (log.url, log.size, log.mark)
+            and self.recording(entry.rows).exists()
+        )  # fmt: skip
 
     def record(self, entry: Entry, frame: str) -> None:
         """Count a log whose recording is written.
@@ -169,9 +184,13 @@ class Store:
                 raise ValueError(f"{self.path}: expected {field.name} {ours}, as its logs are counted, got {theirs}")
 
     def tidy(self) -> None:
-        """Remove what killed processes left."""
-        for name in (MANIFEST, RECORDINGS, "."):
+        """Remove what killed processes left, but for receipts of logs that do not count yet."""
+        for name in (MANIFEST, RECORDINGS, RECEIPTS, "."):
             remove_parts(self.path / name)
+        for path in (self.path / RECEIPTS).glob("*.json"):
+            receipt = Receipt.read(path)
+            if self.entry_of(receipt.log.url) == receipt.entry:
+                path.unlink(missing_ok=True)
 
     def _drop(self, rows: str) -> None:
         """Remove a recording that no log holds any more."""

@@ -2,7 +2,8 @@
 
 Futures alone, no collections: a task writes its result into the store and returns a small receipt, and the future is
 released at once, or what is held would be computed again when a worker dies. A task whose worker dies is done again by
-another; a task that kills its workers gives up after `RETRIES`.
+another, and so is one whose result went with it before it was fetched: who works must know what it has done before. A
+task that kills its workers gives up after `RETRIES`.
 """
 
 from __future__ import annotations

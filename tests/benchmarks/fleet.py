@@ -300,7 +300,7 @@ def killing() -> None:
         os.kill((inside or workers)[-1], 9)
         code = begun.wait()
         same = all((other / p.relative_to(one)).read_bytes() == p.read_bytes() for p in one.glob("recordings/*"))
-        left = len(list(other.rglob("*.part")))
+        left = len([*other.rglob("*.part"), *other.glob("receipts/*")])
         n_again = len(set(opened.read_text().splitlines())) - n_logs
         print(
             f"one of 4 killed after {done} of {n_logs} logs: exit {code}, same bytes: {same}, left over: {left}; "

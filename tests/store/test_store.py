@@ -48,6 +48,14 @@ def full(store, logs):
     return store
 
 
+@pytest.fixture
+def opened(monkeypatch):
+    """Which logs were read."""
+    opened = []
+    monkeypatch.setattr(adding, "read_track_logs", lambda url, *how: opened.append(url) or read_track_logs(url, *how))
+    return opened
+
+
 def files(store):
     return {str(path.relative_to(store.path)): path.read_bytes() for path in store.path.rglob("*") if path.is_file()}
 
@@ -295,18 +303,72 @@ class DyingScheduler:
         raise ConnectionError("the scheduler died")
 
 
-def test_after_the_scheduler_died_no_finished_log_is_opened_again(full, logs, monkeypatch):
+def test_after_the_scheduler_died_no_finished_log_is_opened_again(full, logs, opened):
     whole, found = files(full), find_logs([str(logs / "*.mcap")])
     for log in found:
         full.forget(log.url)
     with pytest.raises(ConnectionError):
         add_logs(full, found, workers=DyingScheduler())
     done = {entry.url for entry in full.entries()}
-    opened = []
-    monkeypatch.setattr(adding, "read_track_logs", lambda url, *how: opened.append(url) or read_track_logs(url, *how))
+    opened.clear()
     assert add_logs(full, found).known == len(done) > 0
     assert set(opened) == {log.url for log in found} - done
     assert files(full) == whole
+
+
+def test_a_task_that_is_done_again_opens_no_log_that_it_finished(full, logs, opened, tmp_path):
+    """Controls: another version of the log, a log without a mark, and one whose recording is gone are read again."""
+    full.forget(str(logs / "0.mcap"))
+    (log,) = find_logs([str(logs / "0.mcap")])
+    first = adding.summarise_log(log, store=full)
+    assert opened == [log.url]
+    assert adding.summarise_log(log, store=full) == first
+    assert opened == [log.url]
+    later, unmarked = replace(log, mark="later"), replace(log, mark="")
+    assert adding.summarise_log(later, store=full).entry == replace(first.entry, mark="later")
+    for _ in range(2):
+        assert adding.summarise_log(unmarked, store=full).entry.mark == ""
+    assert opened == [log.url] * 4
+    adding.summarise_log(log, store=full)
+    full.recording(first.entry.rows).unlink()
+    assert adding.summarise_log(log, store=full) == first
+    assert opened == [log.url] * 6
+    assert full.recording(first.entry.rows).exists()
+
+
+class DyingClient:
+    """Workers that do all tasks, and the client dies before it hears of them."""
+
+    def each(self, work, tasks):
+        for task in tasks:
+            work(task)
+        raise KeyboardInterrupt
+        yield
+
+
+def test_what_workers_finished_counts_after_everything_was_killed(full, logs, opened):
+    whole, found = files(full), find_logs([str(logs / "*.mcap")])
+    for log in found:
+        full.forget(log.url)
+    with pytest.raises(KeyboardInterrupt):
+        add_logs(full, found, workers=DyingClient())
+    assert not full.entries()
+    assert sorted(opened) == [log.url for log in found]
+    add_logs(full, found)
+    assert len(opened) == len(found)
+    assert files(full) == whole  # and nothing is left over
+
+
+def test_a_receipt_that_was_counted_is_tidied_away_and_a_damaged_one_named(full, logs, opened):
+    (log,) = find_logs([str(logs / "0.mcap")])
+    before = files(full)
+    adding.summarise_log(log, store=full)
+    assert len(files(full)) == len(before) + 1
+    assert add_logs(full, [log]).known == 1
+    assert files(full) == before
+    full.receipt(log.url).write_text('{"entry": {}}')
+    with pytest.raises(RecordingError, match=r"receipts/.*: expected what came of a log"):
+        add_logs(full, [log])
 
 
 def test_config_refuses_what_differs(store):
