@@ -11,7 +11,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import Fields, Topics
+from dirprim_filter.cli.options import Fields, Topics, time_ns
 from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.reading import TimeSource
 
@@ -104,14 +104,15 @@ def info(
     from dirprim_filter.store.store import Store
 
     there = Store.open(folder)
-    entries = there.entries()
+    entries, archives = there.entries(), there.archives()
     recordings = {entry.rows: entry for entry in entries}
-    size = sum(there.recording(rows).stat().st_size for rows in recordings)
+    size = sum(there.recording(rows).stat().st_size for rows in there.rows())
     n_rows = sum(entry.n_rows for entry in recordings.values())
     if as_json:
         about = {
             "config": there.config.to_json(), "frame": there.frame, "recordings": len(recordings), "rows": n_rows,
             "bytes": size, "logs": [asdict(entry) for entry in entries],
+            "archives": [asdict(archive) for archive in archives],
         }  # fmt: skip
         typer.echo(json.dumps(about))
         return
@@ -120,6 +121,11 @@ def info(
         f"{counted(n_rows, 'row')}, {counted(sum(e.n_vehicles for e in recordings.values()), 'vehicle')}, "
         f"{size} bytes ({size / max(n_rows, 1):.1f} a row), frame {there.frame!r}"
     )
+    for archive in archives:
+        typer.echo(
+            f"  {archive.month}: {counted(len(archive.recordings), 'recording')} made one, {archive.share:.3g} of the "
+            "vehicles kept"
+        )
     for entry in entries:
         typer.echo(_line(entry))
 
@@ -142,8 +148,7 @@ def forget(
     from dirprim_filter.store.store import Store
 
     there = Store.open(folder)
-    for log in logs:
-        entry = there.forget(url_of(log))
+    for entry in there.forget(*map(url_of, logs)):
         typer.echo(f"{folder}: forgot {entry.url}, {counted(entry.n_rows, 'row')}")
 
 
@@ -165,5 +170,35 @@ def merge(
     typer.echo(f"{folder}: {counted(n, 'log')} new, {len(into.entries())} in all")
 
 
-for command in (add, info, forget, merge):
+def compact(
+    folder: Folder,
+    before: Annotated[
+        str | None, typer.Option(help="A time such as 2026-08-01: months that ended by then. Default: the last log's.")
+    ] = None,
+    vehicles: Annotated[
+        int | None, typer.Option(min=1, help="Kept of a month where a vehicle is, on average. Default: 35.")
+    ] = None,
+) -> None:
+    """Make one file of each month that is over, with a share of its vehicles, drawn evenly.
+
+    What a store takes then grows with its roads and months, not with its vehicles. Single logs of these months can be
+    taken out no more.
+
+    Example: dirprim store compact fleet --before 2026-08-01
+    """
+    from dirprim_filter.cli.progress import step_progress
+    from dirprim_filter.store.compacting import VEHICLES, compacted
+    from dirprim_filter.store.store import Store
+
+    there = Store.open(folder)
+    with step_progress(f"compacting {folder}", "months") as progress:
+        made = compacted(there, before_ns=time_ns(before), n_vehicles=vehicles or VEHICLES, progress=progress)
+    for archive in made:
+        size = there.recording(archive.name).stat().st_size
+        typer.echo(f"{folder}: {archive.month}, {counted(len(archive.recordings), 'recording')} in {size} bytes")
+    if not made:
+        typer.echo(f"{folder}: nothing to make one of, for no other month is over")
+
+
+for command in (add, info, forget, merge, compact):
     store.command()(checked(command))

@@ -57,7 +57,8 @@ def add_logs(
         progress: called with how many are done, and of how many.
     """
     store.tidy()
-    new = [log for log in logs if not store.holds(store.entry_of(log.url), log)]
+    archived = store.archived()
+    new = [log for log in logs if not store.holds(store.entry_of(log.url), log, archived)]
     receipts: list[Receipt] = []
     rest = list(new)
 

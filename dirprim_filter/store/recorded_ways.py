@@ -48,10 +48,10 @@ class WayRows(NamedTuple):
             OSError: one cannot be read.
         """
         lattice, wanted = store.config.lattice, _coded(np.array(sorted(tiles), np.int64).reshape(-1, 2))
-        entries = {entry.rows: entry for entry in store.entries()}
+        recorded = store.recorded()
         parts, passed = [WayRows.none()], Tally.none(1, 1)
-        for i, rows in enumerate(sorted(entries)):
-            if not any((tile[0], tile[1]) in tiles for tile in entries[rows].tiles):
+        for i, rows in enumerate(sorted(recorded)):
+            if not any((tile[0], tile[1]) in tiles for tile in recorded[rows]):
                 continue
             summary = read_summary(store.recording(rows))
             tracks, _ = pseudo_tracks(summary.steps, lattice)
@@ -77,12 +77,17 @@ def _rows_of(tracks: Tracks, i: int, rows: str, there: BoolArray, share: float) 
     way = tracks.track_id.astype(np.int64)
     begins = np.append(True, way[1:] != way[:-1])
     time_ns = tracks.time_ns - tracks.time_ns[begins][np.cumsum(begins) - 1]
-    spread = ((way + 1) * GOLDEN + int(rows[:8], 16) / (1 << 32)) % 1.0
-    kept = (spread < share) & there
+    kept = is_of_share(way, rows, share) & there
     number = i * WAYS_EACH + np.arange(way.size)
     return WayRows(
         i * WAYS_EACH + way, time_ns, number, tracks.position, tracks.direction, tracks.speed
     ).some(kept)  # fmt: skip
+
+
+def is_of_share(way: IntArray, rows: str, share: float) -> BoolArray:
+    """(n,) whether ways of a recording are of a share of all, spread evenly. (n,)."""
+    number = ((way + 1) * GOLDEN + int(rows[:8], 16) / (1 << 32)) % 1.0
+    return np.asarray(number < share)
 
 
 def _coded(tile: IntArray) -> IntArray:

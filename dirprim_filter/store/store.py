@@ -3,10 +3,12 @@
     STORE/store.json                  how logs are read and counted, and the frame of their positions
     STORE/logs/HASH-OF-URL.json       the manifest
     STORE/recordings/HASH-OF-ROWS.parquet
-    STORE/receipts/HASH-OF-URL.json       of logs that are finished and not yet in the manifest
+    STORE/receipts/HASH-OF-URL.json   of logs that are finished and not yet in the manifest
+    STORE/archives/HASH.json          which recordings count together, as recordings/HASH.parquet
 
-What counts are the recordings that the manifest names, each once. A recording is written before the manifest names it,
-and every file takes its name when it is whole: so whatever is killed, nothing half counts.
+What counts are the archives, and of the recordings that the manifest names those that are in none, each once. A
+recording is written before the manifest or an archive names it, and every file takes its name when it is whole: so
+whatever is killed, nothing half counts.
 """
 
 from __future__ import annotations
@@ -14,17 +16,22 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Container
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
 
 from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.store.archive import Archive
 from dirprim_filter.store.config import FORMAT, StoreConfig
 from dirprim_filter.store.log_files import LogFile
 from dirprim_filter.store.manifest import Entry, new_file, remove_parts
 from dirprim_filter.store.receipts import Receipt
+from dirprim_filter.store.summary import Summary
+from dirprim_filter.store.table import write_summary
 
 CONFIG_FILE, MANIFEST, RECORDINGS, RECEIPTS = "store.json", "logs", "recordings", "receipts"
+ARCHIVES = "archives"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,9 +87,23 @@ class Store:
         """The logs that were added, in order of their URLs."""
         return sorted((Entry.read(path) for path in (self.path / MANIFEST).glob("*.json")), key=lambda entry: entry.url)
 
+    def archives(self) -> list[Archive]:
+        """Recordings that count together, in order of their names."""
+        return sorted((Archive.read(path) for path in (self.path / ARCHIVES).glob("*.json")), key=lambda a: a.name)
+
+    def archived(self) -> dict[str, str]:
+        """The recordings that do not count by themselves, and the name of the archive of each."""
+        return {rows: archive.name for archive in self.archives() for rows in archive.recordings}
+
+    def recorded(self) -> dict[str, list[list[int]]]:
+        """What counts, recordings by the hashes of their rows and archives by their names, and the tiles of each."""
+        archived = self.archived()
+        single = {entry.rows: entry.tiles for entry in self.entries() if entry.rows not in archived}
+        return single | {archive.name: archive.tiles for archive in self.archives()}
+
     def rows(self) -> list[str]:
-        """The recordings that count, by the hashes of their rows, in order."""
-        return sorted({entry.rows for entry in self.entries()})
+        """The names of what counts, see `recorded`, in order."""
+        return sorted(self.recorded())
 
     @property
     def digest(self) -> str:
@@ -97,25 +118,44 @@ class Store:
         """The file of what came of a log, until it counts."""
         return self.path / RECEIPTS / Entry.name_of(url)
 
-    def holds(self, entry: Entry | None, log: LogFile) -> bool:
-        """Whether an entry is of a log as it is now, counted as this store counts, and its recording is there."""
+    def holds(self, entry: Entry | None, log: LogFile, archived: Container[str] = ()) -> bool:
+        """Whether an entry is of a log as it is now, counted as this store counts, and its recording is there.
+
+        Args:
+            entry: None of a log that is not known.
+            log: it.
+            archived: recordings that are in archives.
+        """
         return (
             entry is not None and log.mark != "" and entry.config == self.config.digest
             and (entry.url, entry.size, entry.mark) == (log.url, log.size, log.mark)
-            and self.recording(entry.rows).exists()
+            and (entry.rows in archived or self.recording(entry.rows).exists())
         )  # fmt: skip
 
     def record(self, entry: Entry, frame: str) -> None:
         """Count a log whose recording is written.
 
         Raises:
-            ValueError: positions in another frame than those of the store.
+            ValueError: positions in another frame than those of the store, or of an archived log another version.
         """
         self.check_frame(entry.url, frame)
         replaced = self.entry_of(entry.url)
+        if replaced is not None and replaced.rows != entry.rows:
+            self._check_single(replaced)
         entry.write(self.path / MANIFEST)
+        if entry.rows in self.archived():
+            self.recording(entry.rows).unlink(missing_ok=True)
         if replaced is not None and replaced.rows != entry.rows:
             self._drop(replaced.rows)
+
+    def archive(self, archive: Archive, summary: Summary) -> None:
+        """Let recordings count together, and no longer by themselves."""
+        (self.path / ARCHIVES).mkdir(exist_ok=True)
+        with new_file(self.recording(archive.name)) as file:
+            write_summary(summary, file)
+        archive.write(self.path / ARCHIVES)
+        for rows in archive.recordings:
+            self.recording(rows).unlink(missing_ok=True)
 
     def check_frame(self, url: str, frame: str) -> None:
         """Whether positions can be counted beside those of the store; the first log's frame becomes the store's.
@@ -137,24 +177,50 @@ class Store:
         wanted = self.path / MANIFEST / Entry.name_of(url)
         return Entry.read(wanted) if wanted.exists() else None
 
-    def forget(self, url: str) -> Entry:
-        """Take a log out: the rest is what it would be had it never been added.
+    def forget(self, *urls: str) -> list[Entry]:
+        """Take logs out: the rest is what it would be had they never been added.
 
         Raises:
-            ValueError: it is not in the store.
+            ValueError: one is not in the store, or in an archive of which others stay.
         """
-        entry = self.entry_of(url)
-        if entry is None:
-            raise ValueError(f"{url}: is not in the store; `dirprim store info {self.path}` lists what is")
-        (self.path / MANIFEST / Entry.name_of(url)).unlink()
-        self._drop(entry.rows)
-        return entry
+        found = {url: self.entry_of(url) for url in urls}
+        gone = [entry for entry in found.values() if entry is not None]
+        for url, entry in found.items():
+            if entry is None:
+                raise ValueError(f"{url}: is not in the store; `dirprim store info {self.path}` lists what is")
+        left = {entry.rows for entry in self.entries() if entry.url not in found}
+        empty = [a for a in self.archives() if left.isdisjoint(a.recordings)]
+        ends = {rows for archive in empty for rows in archive.recordings}
+        for entry in gone:
+            if entry.rows not in left | ends:
+                self._check_single(entry)
+        for archive in empty:
+            (self.path / ARCHIVES / f"{archive.name}.json").unlink()
+            self.recording(archive.name).unlink(missing_ok=True)
+        for entry in gone:
+            (self.path / MANIFEST / Entry.name_of(entry.url)).unlink()
+            self._drop(entry.rows)
+        return gone
+
+    def _check_single(self, entry: Entry) -> None:
+        """Whether a log can be taken out by itself.
+
+        Raises:
+            ValueError: it is archived.
+        """
+        of = {rows: archive for archive in self.archives() for rows in archive.recordings}.get(entry.rows)
+        if of is not None:
+            raise ValueError(
+                f"{entry.url}: `store compact` made one of {len(of.recordings)} recordings of {of.month}; none can be "
+                "taken out or replaced alone: forget all logs of that month together"
+            )
 
     def merge(self, other: Store) -> int:
         """Add all recordings of another store; -> how many logs are new.
 
         Raises:
-            ValueError: it was read or counted otherwise, is in another frame, or holds another version of a log.
+            ValueError: it was read or counted otherwise, is in another frame, holds another version of a log, or in an
+                archive what is here by itself or in another.
         """
         self.check_config(other.config)
         theirs = other.entries()
@@ -164,11 +230,22 @@ class Store:
         for entry in theirs:
             if entry.url in mine and mine[entry.url].rows != entry.rows:
                 raise ValueError(f"{entry.url}: the stores hold two versions of it; forget one of them first")
+        ours, here = {archive.name for archive in self.archives()}, set(self.recorded()) | set(self.archived())
+        archives = [archive for archive in other.archives() if archive.name not in ours]
+        for archive in archives:
+            if not here.isdisjoint(archive.recordings):
+                raise ValueError(
+                    f"{other.path}: holds {archive.month} in an archive with recordings that {self.path} holds "
+                    "otherwise; merge stores before they are compacted"
+                )
+        for name in set(other.recorded()) - here:
+            with other.recording(name).open("rb") as source, new_file(self.recording(name)) as file:
+                shutil.copyfileobj(source, file)
+        (self.path / ARCHIVES).mkdir(exist_ok=True)
+        for archive in archives:
+            archive.write(self.path / ARCHIVES)
         new = [entry for entry in theirs if entry.url not in mine]
         for entry in new:
-            if not self.recording(entry.rows).exists():
-                with other.recording(entry.rows).open("rb") as source, new_file(self.recording(entry.rows)) as file:
-                    shutil.copyfileobj(source, file)
             entry.write(self.path / MANIFEST)
         return len(new)
 
@@ -185,16 +262,18 @@ class Store:
 
     def tidy(self) -> None:
         """Remove what killed processes left, but for receipts of logs that do not count yet."""
-        for name in (MANIFEST, RECORDINGS, RECEIPTS, "."):
+        for name in (MANIFEST, RECORDINGS, RECEIPTS, ARCHIVES, "."):
             remove_parts(self.path / name)
+        for rows in self.archived():
+            self.recording(rows).unlink(missing_ok=True)
         for path in (self.path / RECEIPTS).glob("*.json"):
             receipt = Receipt.read(path)
             if self.entry_of(receipt.log.url) == receipt.entry:
                 path.unlink(missing_ok=True)
 
     def _drop(self, rows: str) -> None:
-        """Remove a recording that no log holds any more."""
-        if all(entry.rows != rows for entry in self.entries()):
+        """Remove a recording that does not count by itself, or no more."""
+        if rows not in self.recorded():
             self.recording(rows).unlink(missing_ok=True)
 
     def _write_config(self, frame: str | None) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.store.lattice import Lattice, square_of, unpacked
-from dirprim_filter.store.manifest import Entry
 
 TILE_SQUARES = 128
 """Side of a tile, a multiple of `steps.PASSED_SQUARES`: vehicles are counted within one."""
@@ -44,16 +43,16 @@ class Digests(NamedTuple):
     digest: IntArray  # (t,)
 
     @classmethod
-    def of(cls, entries: Iterable[Entry]) -> Self:
-        """Of what a store holds."""
+    def of(cls, recorded: Mapping[str, list[list[int]]]) -> Self:
+        """Of what counts in a store, see `Store.recorded`."""
         recordings: defaultdict[Tile, set[str]] = defaultdict(set)
-        for entry in entries:
-            for east, north in entry.tiles:
-                recordings[east, north].add(entry.rows)
-        tiles = sorted(recordings)
-        number = [hashlib.sha256(" ".join(sorted(recordings[tile])).encode()).digest()[:8] for tile in tiles]
+        for name, tiles in recorded.items():
+            for east, north in tiles:
+                recordings[east, north].add(name)
+        found = sorted(recordings)
+        number = [hashlib.sha256(" ".join(sorted(recordings[tile])).encode()).digest()[:8] for tile in found]
         return cls(
-            np.array(tiles, np.int64).reshape(-1, 2),
+            np.array(found, np.int64).reshape(-1, 2),
             np.array([int.from_bytes(each, "little", signed=True) for each in number], np.int64),
         )
 

@@ -112,7 +112,7 @@ def _updated(
     learned: PrimitiveMap, refit: Refit, counted: Counted, store: Store, *, anew: bool = False,
     progress: Progress | None = None,
 ) -> Updated:  # fmt: skip
-    digests = Digests.of(store.entries())
+    digests = Digests.of(store.recorded())
     changed = digests.changed(Digests(counted.tile, counted.digest))
     if not (changed or anew):
         return Updated(learned, 0, 0, 0.0)

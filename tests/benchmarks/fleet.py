@@ -7,7 +7,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py memory 1000000
     python tests/benchmarks/fleet.py columns 100000000
     python tests/benchmarks/fleet.py workers 16
-    python tests/benchmarks/fleet.py merged ../shared/data/town03/roundabout.csv
+    python tests/benchmarks/fleet.py year roundabout [--logs 4] [--vehicles 35]
     python tests/benchmarks/fleet.py killing
     python tests/benchmarks/fleet.py known 10000
     python tests/benchmarks/fleet.py update 16
@@ -16,7 +16,6 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
 from __future__ import annotations
 
 import argparse
-import io
 import os
 import resource
 import shutil
@@ -34,7 +33,9 @@ from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, Cases
 from dirprim_filter.evaluation.forecast_methods import futures_of
 from dirprim_filter.evaluation.splits import honest_split, split, thinned
 from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.simulation.traffic import simulate
 from dirprim_filter.store.adding import add_logs, hash_of_rows
+from dirprim_filter.store.compacting import VEHICLES, compacted
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.learning import learn_from_summary, visible_tracks
 from dirprim_filter.store.log_files import find_logs
@@ -51,6 +52,8 @@ from tessellation import VoronoiTessellation
 ROOT = Path(__file__).parents[2]
 N_SAMPLES = 100
 LANE_M = 3.5
+LOG_S = 600.0
+DAY_NS = 24 * 3600 * 10**9
 
 
 def fidelity(log: str, cells: int, seeds: int) -> None:
@@ -162,23 +165,40 @@ def speed() -> None:
             print(f"{path.name}: {store.recording(entry.rows).stat().st_size / entry.n_rows:.2f} bytes a row")
 
 
-def merged(log: str) -> None:
-    """Bytes of the sum of more and more vehicles' statistics, of all hours as one: what merging days would leave."""
-    tracks = read_csv(log).tracks if log.endswith(".csv") else read_tracks(log)
-    order = np.random.default_rng(0).permutation(tracks.n_tracks)
-    one_hour = replace(tracks, time_ns=tracks.time_ns - tracks.time_ns.min())
-    squares = len(np.unique(np.floor(tracks.position), axis=0))
-    km = squares / LANE_M / 1000.0
-    for share in (0.0625, 0.125, 0.25, 0.5, 1.0):
-        some = one_hour[np.isin(tracks.vehicle, order[: round(share * tracks.n_tracks)])]
-        some = replace(some, time_ns=some.time_ns - some.time_ns[some.first_rows][some.vehicle])
-        with (made := io.BytesIO()):
-            write_summary(Summary.of(some), made)
-            size = len(made.getvalue())
-        print(
-            f"{some.n_tracks} vehicles, {len(some)} rows on {km:.2f} km of lanes: {size / 1e6:.3f} MB, "
-            f"{size / len(some):.2f} bytes a row, {size / 1e6 / km:.2f} MB per km", flush=True,
-        )  # fmt: skip
+def year(scene: str, n_logs: int, n_vehicles: int) -> None:
+    """A year of simulated traffic, whole and with each month made one: bytes, and what maps of the same cells lose.
+
+    Judged on a log of the thirteenth month: log density of its rows in motion, and energy scores of a fifth of its
+    vehicles.
+    """
+    logs = [simulate(scene, duration_s=LOG_S, seed=i) for i in range(12 * n_logs + 1)]
+    test = logs.pop()
+    everywhere = np.concatenate([thinned(log, interval_s=0.2).position for log in logs[:4]])
+    even = VoronoiTessellation.lloyd(everywhere, n_cells=150, rng=np.random.default_rng(0), reach=3.0)
+    km = len(np.unique(np.floor(everywhere), axis=0)) / LANE_M / 1000.0
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store.create(Path(folder) / "store", StoreConfig())
+        for i, log in enumerate(logs):
+            begin_ns = (31 * (i // n_logs) + 1) * DAY_NS + i % n_logs * 3600 * 10**9
+            write_entry(store, replace(log, time_ns=log.time_ns + begin_ns), f"{i}.mcap")
+        rows = None
+        for name in ("whole", "months made one"):
+            if rows is not None:
+                began = time.process_time()
+                compacted(store, before_ns=14 * 31 * DAY_NS, n_vehicles=n_vehicles)
+                print(f"made one in {time.process_time() - began:.1f} s")
+            sums = StoredSums.of(store)
+            size = sum(path.stat().st_size for path in (store.path / "recordings").iterdir())
+            learned = learn_from_summary(sums, tessellation=even, rng=np.random.default_rng(0))
+            scores = scored(learned, test, 0)
+            rows = scores if rows is None else rows
+            more = zip(HORIZONS_S, scores[1:] / rows[1:] - 1, strict=True)
+            worse = " ".join(f"{horizon:g} s {energy:+.1%}" for horizon, energy in more)
+            print(
+                f"{scene}, {name}: {int(sums.whens.value.sum())} steps, {size / 1e6:.2f} MB, {size / 1e6 / km:.2f} MB "
+                f"for each of {km:.2f} km of lanes; log density {scores[0]:.3f} ({scores[0] - rows[0]:+.3f}); energy "
+                f"score {worse}", flush=True,
+            )  # fmt: skip
 
 
 def memory(n_rows: int) -> None:
@@ -347,16 +367,18 @@ def known(n_logs: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "what", choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known", "update", "merged"]
+        "what", choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known", "update", "year"]
     )
     parser.add_argument("of", nargs="?")
     parser.add_argument("--cells", type=int, default=120)
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--logs", type=int, default=4, help="a month")
+    parser.add_argument("--vehicles", type=int, default=VEHICLES, help="as for `store compact`")
     given = parser.parse_args()
     if given.what == "fidelity":
         fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
-    elif given.what == "merged":
-        merged(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"))
+    elif given.what == "year":
+        year(given.of or "roundabout", given.logs, given.vehicles)
     elif given.what == "memory":
         memory(int(given.of or 1_000_000))
     elif given.what == "columns":

@@ -215,7 +215,7 @@ def test_where_no_cell_is_nothing_is_fitted_and_of_no_recording_nothing_is_known
 
 def test_tiles_are_those_of_recordings():
     assert around({(0, 0)}, 1) == {(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)}
-    none = Digests.of([])
+    none = Digests.of({})
     assert none.changed(none) == set()
 
 
