@@ -54,7 +54,7 @@ MinVehicles = Annotated[
 ]
 HalfLife = Annotated[
     float | None,
-    typer.Option("--half-life", help="Of a store: vehicles so old count half, such as 30d.", parser=seconds),
+    typer.Option("--half-life", help="Of a store: in which half of all places change, such as 30d.", parser=seconds),
 ]
 Now = Annotated[
     str | None,

@@ -1,4 +1,4 @@
-"""Age: how what is older counts less, in how many vehicles drive a mode sooner than in how they drive it.
+"""Age: what is older counts less, in how many vehicles drive a mode where it changed, and slowly in how they drive it.
 
 That a street is driven the other way shows in how many drive which mode, and few vehicles tell. How they drive it, mean
 directions, spreads, paths, many vehicles must tell: if all of it faded as fast, maps of streets where nothing changes
@@ -21,7 +21,7 @@ from dirprim_filter.store.regimes import Periods, still_so
 from dirprim_filter.store.steps import HOUR_NS
 
 SLOWER = 4.0
-"""Times as slowly fades how vehicles drive as how many do."""
+"""Half-lives, after which a vehicle counts half in how others drive."""
 STRENGTH = 1.0
 """Vehicles with which a mode's weight and mean speed lean on what they were without fading."""
 
@@ -31,7 +31,8 @@ class Fading:
     """How what is older counts less.
 
     Attributes:
-        half_life_s: seconds, after which a vehicle counts half in how many drive a mode, and how fast.
+        half_life_s: seconds, in which half of all places change, see `regimes`, and after which a vehicle counts half
+            in how fast others are.
         now_ns: nanoseconds since 1970-01-01, from when age is counted; what is later is left out.
 
     Raises:
