@@ -167,7 +167,7 @@ class _Store:
         self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None,
         by: Slots | None, zone: str | None,
     ) -> None:  # fmt: skip
-        from dirprim_filter.store.fading import Fading
+        from dirprim_filter.store.fading import LATEST, Fading
         from dirprim_filter.store.learning import MIN_VEHICLES
         from dirprim_filter.store.store import Store
         from dirprim_filter.store.stored_sums import StoredSums
@@ -187,9 +187,10 @@ class _Store:
         self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
         self._fading = None
         if half_life_s is not None:
-            end_ns = max(entry.end_ns for entry in entries)
-            self._fading = Fading(half_life_s=half_life_s, now_ns=end_ns if now_ns is None else now_ns)
-        self.said = {"sha256 store": self._sums.digest, "min_vehicles": self._least, "fading": self._fading}
+            self._fading = Fading(half_life_s=half_life_s, now_ns=LATEST if now_ns is None else now_ns)
+        self.said = {
+            "sha256 store": self._sums.digest, "min_vehicles": self._least, "half_life_s": half_life_s, "now": now,
+        }  # fmt: skip
         if by is not None:
             self.said |= {"by": self._by, "zone": self._zone}
         n_rows = sum({entry.rows: entry.n_rows for entry in entries}.values())

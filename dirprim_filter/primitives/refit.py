@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dirprim_filter.arrays import ArrayValue, FloatArray, IntArray
 from dirprim_filter.primitives.recipe import Recipe
+from dirprim_filter.primitives.schedule import N_SLOTS
 
 N_SPREADS = 4
 
@@ -23,6 +24,11 @@ class Counted(ArrayValue):
         usual_square: (4,) of a manoeuvre's deviations, see `motion_learning.usual_squares`.
         tile: (t, 2) east and north, in order: those that recordings have steps in.
         digest: (t,) of the recordings of each.
+        half_life_s: seconds, by which older vehicles count less; 0 where nothing fades.
+        now_ns: nanoseconds since 1970-01-01, from when age is counted at the latest.
+        slot_strength: (2,) vehicles with which all day counts in a slot of the schedule, of flow and of pace; (0,)
+            where there is no schedule.
+        slot_share: (n_slots,) of the vehicles of the whole map, those of each slot.
 
     Raises:
         ValueError: columns of different lengths, or a number out of range.
@@ -34,6 +40,10 @@ class Counted(ArrayValue):
     usual_square: FloatArray
     tile: IntArray
     digest: IntArray
+    half_life_s: float = 0.0
+    now_ns: int = 0
+    slot_strength: FloatArray = field(default_factory=lambda: np.empty(0))
+    slot_share: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         if self.tile.shape != (self.digest.size, 2):
@@ -46,6 +56,18 @@ class Counted(ArrayValue):
         square = self.usual_square
         if square.shape != (N_SPREADS,) or not (np.isfinite(square).all() and (square >= 0).all()):
             raise ValueError(f"usual_square: expected {N_SPREADS} numbers, none negative, got {square}")
+        if not (np.isfinite(self.half_life_s) and self.half_life_s >= 0.0):
+            raise ValueError(f"half_life_s: expected seconds, not negative, got {self.half_life_s}")
+        strength, share = self.slot_strength, self.slot_share
+        if (strength.size, share.size) != (0, 0) and (strength.size != 2 or share.size not in N_SLOTS.values()):
+            raise ValueError(
+                f"slot_strength, slot_share: expected 2 numbers and {sorted(N_SLOTS.values())}, got {strength.size} "
+                f"and {share.size}"
+            )
+        if not ((strength > 0.0).all() and np.isfinite(share).all() and (share >= 0.0).all()):
+            raise ValueError(
+                f"slot_strength, slot_share: expected numbers above 0, and shares, got {strength}, {share}"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +80,7 @@ class Refit:
         place_free: vehicles with which the place-free primitive enters a cell.
         borrowed: share of a cell's weight that it borrows.
         lenders: generators (k, 2) of the cells that it borrows from.
-        counted: what the map was learned from; None where that is no store, or fades, or turns with the hour.
+        counted: what the map was learned from; None where that is no store.
 
     Raises:
         ValueError: a number that is out of range.

@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.special import logsumexp, stdtrit
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.schedule import HOUR_NS, N_SLOTS, By, Schedule, _resembled, local_hours, slots_of
 from dirprim_filter.primitives.visits import Visits
@@ -83,10 +83,26 @@ class _Counts(NamedTuple):
         return np.where(self.seen < least, 1.0, mean)
 
 
+class Strengths(NamedTuple):
+    """What a schedule is fitted by, in any part of a map."""
+
+    flow: float  # vehicles with which all day counts in a slot
+    pace: float
+    share: FloatArray  # (n_slots,) of the vehicles of the whole map, those of each slot
+
+
 def learn_schedule(
     learned: PrimitiveMap, visits: Visits, mode: IntArray, hour: IntArray, *, by: By, zone: str, min_vehicles: int
 ) -> Schedule:
-    """How a map turns with the hour.
+    """How a map turns with the hour, by strengths that its own vehicles choose; see `choose_strengths`."""
+    strengths = choose_strengths(learned, visits, mode, hour, by=by, zone=zone, min_vehicles=min_vehicles)
+    return fit_schedule(learned, visits, mode, hour, strengths, by=by, zone=zone, min_vehicles=min_vehicles)
+
+
+def choose_strengths(
+    learned: PrimitiveMap, visits: Visits, mode: IntArray, hour: IntArray, *, by: By, zone: str, min_vehicles: int
+) -> Strengths:
+    """What held-out days like best.
 
     Args:
         learned: the map of all day.
@@ -103,11 +119,35 @@ def learn_schedule(
     clock = _Clock.of(hour, by, zone)
     driven, here = Driven.of(learned, visits, mode), np.unique(visits.vehicle)
     judged = _judged(learned, visits, clock, driven, here)
-    flow, pace = judged.strengths(min_vehicles)
-    counts = _counted(driven, np.isin(np.arange(hour.size), here), clock, _shape(learned))
+    return Strengths(*judged.strengths(min_vehicles), _shares(clock.slot[here], clock.n_slots))
+
+
+def fit_schedule(
+    learned: PrimitiveMap, visits: Visits, mode: IntArray, hour: IntArray, strengths: Strengths, *, by: By, zone: str,
+    min_vehicles: int,
+) -> Schedule:  # fmt: skip
+    """How a map, or a part of one, turns with the hour.
+
+    Args:
+        learned: the map of all day.
+        visits: as for `choose_strengths`, as are mode and hour.
+        mode: (v,).
+        hour: (n_vehicles,).
+        strengths: chosen ones.
+        by: "hour" of the day, or of the "week".
+        zone: whose clocks say the hour.
+        min_vehicles: what fewer did in a slot is as all day.
+
+    Raises:
+        ValueError: there is no such zone.
+    """
+    slot = slots_of(local_hours(hour * HOUR_NS, zone), by)
+    counts = _counted(Driven.of(learned, visits, mode), slot, strengths.share, _shape(learned))
+    flow, pace = counts.flow(strengths.flow, min_vehicles), counts.pace(strengths.pace, min_vehicles)
+    there = learned.direction.weight[:-1, : learned.n_own_modes] > 0  # of modes that were withheld nothing is said
     return Schedule(
-        by=by, zone=zone, flow=np.maximum(np.round(counts.flow(flow, min_vehicles), 3), 1e-3),
-        pace=np.round(counts.pace(pace, min_vehicles), 3),
+        by=by, zone=zone, flow=np.where(there, np.maximum(np.round(flow, 3), 1e-3), 1.0),
+        pace=np.where(there, np.round(pace, 3), 1.0),
     )  # fmt: skip
 
 
@@ -116,13 +156,16 @@ def _shape(learned: PrimitiveMap) -> tuple[int, int]:
     return learned.tessellation.n_cells, learned.n_own_modes
 
 
-def _counted(driven: Driven, some: BoolArray, clock: _Clock, shape: tuple[int, int]) -> _Counts:
-    """Of `some` (n_vehicles,) vehicles: those of a mode are expected in the slots by how many are there at all."""
-    kept = some[driven.vehicle]
-    size = (clock.n_slots, *shape)
-    at = np.ravel_multi_index((clock.slot[driven.vehicle[kept]], driven.cell[kept], driven.mode[kept]), size)
-    seen, ratios = (np.bincount(at, column, int(np.prod(size))).reshape(size) for column in (None, driven.ratio[kept]))
-    share = np.bincount(clock.slot[some], minlength=clock.n_slots) / max(int(some.sum()), 1)
+def _shares(slot: IntArray, n_slots: int) -> FloatArray:
+    """(n_slots,) of the vehicles of some slots, (n,)."""
+    return np.asarray(np.bincount(slot, minlength=n_slots) / max(slot.size, 1))
+
+
+def _counted(driven: Driven, slot: IntArray, share: FloatArray, shape: tuple[int, int]) -> _Counts:
+    """Vehicles of slots, (n_vehicles,): those of a mode are expected in the slots by their share, (n_slots,)."""
+    size = (share.size, *shape)
+    at = np.ravel_multi_index((slot[driven.vehicle], driven.cell, driven.mode), size)
+    seen, ratios = (np.bincount(at, column, int(np.prod(size))).reshape(size) for column in (None, driven.ratio))
     return _Counts(seen.astype(float), share[:, None, None] * seen.sum(axis=0), ratios.astype(float))
 
 
@@ -185,7 +228,9 @@ def _judged(learned: PrimitiveMap, visits: Visits, clock: _Clock, driven: Driven
     is_here = np.isin(np.arange(clock.slot.size), here)
     for fold in range(int(clock.fold.max()) + 1):
         held_out = clock.fold[vehicle] == fold
-        counts = _counted(driven, is_here & (clock.fold != fold), clock, _shape(learned))
+        kept = is_here & (clock.fold != fold)
+        share = _shares(clock.slot[kept], clock.n_slots)
+        counts = _counted(driven.some(kept[driven.vehicle]), clock.slot, share, _shape(learned))
         for column, of in zip(others, counts.of(clock.slot[vehicle[held_out]], cell[held_out]), strict=True):
             column[held_out] = np.take_along_axis(of, of_mode[held_out], axis=1)
     return _Judged(

@@ -17,7 +17,7 @@ from dirprim_filter.arrays import IntArray
 from dirprim_filter.store.archive import Archive
 from dirprim_filter.store.lattice import NONE
 from dirprim_filter.store.pseudo_tracks import kinds_in_ways
-from dirprim_filter.store.recorded_ways import is_of_share
+from dirprim_filter.store.recorded_ways import rank_of
 from dirprim_filter.store.steps import BEFORE, HERE, WHEN, tally_in_order
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import Summary
@@ -99,7 +99,7 @@ def thinned(summary: Summary, rows: str, share: float) -> Summary:
     kind = kinds_in_ways(summary.steps, summary.lattice)
     key, value = summary.steps.key[kind], _of_each(summary.steps, kind)
     begins = key[:, BEFORE] == NONE
-    kept = is_of_share(np.cumsum(begins) - 1, rows, share)
+    kept = rank_of(np.cumsum(begins) - 1, rows) < share
     return replace(summary, steps=tally_in_order(key[kept, WHEN], key[kept, HERE], begins[kept], value[kept]))
 
 

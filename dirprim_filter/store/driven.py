@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.visits import Visits
 
@@ -21,6 +21,10 @@ class Driven(NamedTuple):
     cell: IntArray
     mode: IntArray
     ratio: FloatArray  # of its mean speed to that of the mode at its places; 1 where it stood
+
+    def some(self, rows: BoolArray) -> Driven:
+        """Those that are chosen, (n,)."""
+        return Driven(*(column[rows] for column in self))  # type: ignore[arg-type]
 
     @classmethod
     def of(cls, learned: PrimitiveMap, visits: Visits, mode: IntArray) -> Self:

@@ -26,6 +26,10 @@ STRENGTH = 1.0
 """Vehicles with which a mode's weight and mean speed lean on what they were without fading."""
 
 
+LATEST = (1 << 63) - 1
+"""Nanoseconds: later than any recording."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fading:
     """How what is older counts less.
@@ -50,6 +54,10 @@ class Fading:
         """(n,) of the vehicles that came into sight in hours since 1970-01-01."""
         age_s = (self.now_ns // HOUR_NS - hour) * 3600.0
         return np.where(age_s < 0, 0.0, 0.5 ** (np.maximum(age_s, 0.0) / self.half_life_s))
+
+    def until(self, end_ns: int) -> Self:
+        """With age counted from there, if that is earlier: what nobody has seen since does not age."""
+        return replace(self, now_ns=min(self.now_ns, end_ns))
 
     @property
     def slowly(self) -> Self:

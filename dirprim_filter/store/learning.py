@@ -17,7 +17,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.schedule import By
 from dirprim_filter.primitives.visits import Visits
-from dirprim_filter.store.by_hour import learn_schedule
+from dirprim_filter.store.by_hour import Strengths, choose_strengths, fit_schedule
 from dirprim_filter.store.fading import Fading, refreshed
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
@@ -90,6 +90,23 @@ def learn_from_summary(
     Raises:
         ValueError: nothing is left to learn from, by hour no two days, or options as for `learn_primitives`.
     """
+    return learn_with_strengths(
+        summary, min_vehicles=min_vehicles, fading=fading, by=by, zone=zone, rng=rng, **options
+    ).primitive_map
+
+
+class Learned(NamedTuple):
+    """A map, and what its schedule was fitted by, if it has one."""
+
+    primitive_map: PrimitiveMap
+    strengths: Strengths | None
+
+
+def learn_with_strengths(
+    summary: Sums, *, min_vehicles: int, fading: Fading | None, by: By | None, zone: str, rng: np.random.Generator,
+    **options: Any,
+) -> Learned:  # fmt: skip
+    """As `learn_from_summary`."""
     if min_vehicles < 1:
         raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
     tracks, hour = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading and fading.slowly)
@@ -99,7 +116,7 @@ def learn_from_summary(
     leader = sums.response() if seen else LeaderResponse.none()
     learned = replace(learned, motion=replace(learned.motion, leader=leader))
     if min_vehicles == 1 and by is None and fading is None:
-        return learned
+        return Learned(learned, None)
     visits = Visits.of(TrackRows.thinned(tracks, interval_s=0.0), learned.tessellation)
     mode = modes_of(learned, visits)
     if min_vehicles > 1:
@@ -107,9 +124,12 @@ def learn_from_summary(
     if fading is not None:
         learned = refreshed(learned, visits, mode, hour, fading)
     if by is None:
-        return learned
-    schedule = learn_schedule(learned, visits, mode, hour, by=by, zone=zone, min_vehicles=min_vehicles)
-    return replace(learned, schedule=schedule)
+        return Learned(learned, None)
+    strengths = choose_strengths(learned, visits, mode, hour, by=by, zone=zone, min_vehicles=min_vehicles)
+    schedule = fit_schedule(
+        learned, visits, mode, hour, strengths, by=by, zone=zone, min_vehicles=min_vehicles
+    )  # fmt: skip
+    return Learned(replace(learned, schedule=schedule), strengths)
 
 
 class Visible(NamedTuple):
@@ -129,9 +149,8 @@ def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: F
     if not len(whens):
         raise ValueError("summary: expected at least one vehicle, got none; add a recording first")
     hour, _, _ = unpacked_when(whens.key[:, 0], summary.lattice)
-    count = whens.value[:, 0]
     share = np.ones(hour.size) if fading is None else fading.share(hour)
-    share *= min(1.0, MOST_STEPS / max(float((share * count).sum()), 1.0))
+    share *= share_of_steps(summary, fading)
     n_ways, end_ns = 0, 0
     parts: list[Tracks] = []
     hours: list[IntArray] = []
@@ -150,9 +169,18 @@ def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: F
             f"summary: expected places that {min_vehicles} vehicles passed the same way, got none among {n_ways}; "
             "add recordings, or ask for fewer vehicles"
         )
-    logger.info("%d of %d steps of pseudo-vehicles are learned from", len(tracks), int(count.sum()))
+    n_steps = int(whens.value[:, 0].sum())
+    logger.info("%d of %d steps of pseudo-vehicles are learned from", len(tracks), n_steps)
     _, rows = np.unique(tracks.vehicle, return_index=True)
     return Visible(tracks, np.concatenate(hours)[rows])
+
+
+def share_of_steps(summary: Sums, fading: Fading | None) -> float:
+    """Of the steps that age leaves, those that are learned from."""
+    count = summary.whens.value[:, 0].astype(np.float64)
+    if fading is not None:
+        count *= fading.share(unpacked_when(summary.whens.key[:, 0], summary.lattice)[0])
+    return min(1.0, MOST_STEPS / max(float(count.sum()), 1.0))
 
 
 def _shown(tracks: Tracks, shown: BoolArray, begin_ns: int) -> Tracks:

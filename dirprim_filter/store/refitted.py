@@ -12,42 +12,43 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.store.tile_fit import STEP_NS, Passages, TileFit
+from dirprim_filter.primitives.refit import Counted
+from dirprim_filter.primitives.schedule import Schedule
+from dirprim_filter.store.passages import Followed, Passages
+from dirprim_filter.store.tile_fit import TileFit
 from dirprim_filter.store.tiles import Tile
 
 FILLERS = {
     "weight": 0.0, "mean_direction": 0.0, "concentration": 0.0, "shape": 1.0, "rate": 1.0, "bend": 0.0, "gain": 0.0,
 }  # fmt: skip
 """Of modes that a cell does not have."""
-ADJACENT_NS = STEP_NS + STEP_NS // 2
-"""From the last instant of a visit to the first of the next. A half more, as ways may be filled in from other rows."""
 
 
 def refitted(
-    learned: PrimitiveMap, fits: dict[Tile, TileFit], stale: set[Tile], *, usual: FloatArray, min_vehicles: int
-) -> PrimitiveMap:
+    learned: PrimitiveMap, fits: dict[Tile, TileFit], stale: set[Tile], counted: Counted
+) -> PrimitiveMap:  # fmt: skip
     """The map with the cells of stale tiles fitted anew, and the transitions from and to them counted anew.
 
     Args:
         learned: the map as it was.
         fits: of the stale tiles, and of those whose cells vehicles go to from there or come from.
         stale: tiles.
-        usual: see `motion_of`.
-        min_vehicles: what fewer did is left out.
+        counted: how cells are fitted.
     """
-    finished = {tile: fit.finished(learned, usual, min_vehicles) for tile, fit in fits.items()}
-    new = [(fits[tile].cells, finished[tile][0]) for tile in sorted(stale)]
+    finished = {tile: fit.finished(learned, counted) for tile, fit in fits.items()}
+    new = [(fits[tile].cells, finished[tile].primitives) for tile in sorted(stale)]
     rows = _Rows.of(learned, new)
     numbers = _Manoeuvres.of(learned, new, rows.n_own)
-    parts = [Passages(*np.empty((len(Passages._fields), 0), np.int64))]
+    parts, flow = [], np.ones(numbers.renewed.size)
     for tile, fit in fits.items():
-        passages = finished[tile][1]
+        _, passages, of_manoeuvre = finished[tile]
         of_fit = numbers.of_cells(fit.cells)
         known = passages.manoeuvre >= 0
         number = np.full(passages.manoeuvre.size, -1)
         number[known] = of_fit[passages.manoeuvre[known]]
         parts.append(passages._replace(manoeuvre=number))
-    transition = _transitions(learned, numbers, parts, min_vehicles)
+        flow[of_fit] = of_manoeuvre[: of_fit.size]
+    transition = _transitions(learned, numbers, Passages.together(parts).followed(), flow, counted.min_vehicles)
     motion = replace(
         learned.motion, **numbers.column, first=transition.indptr.astype(np.int64),
         following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
@@ -63,6 +64,7 @@ class _Rows:
     n_rows: IntArray
     n_own: int
     n_borrowed: int
+    schedule: Schedule | None
 
     @classmethod
     def of(cls, learned: PrimitiveMap, new: list[tuple[IntArray, PrimitiveMap]]) -> _Rows:
@@ -89,7 +91,7 @@ class _Rows:
                 into[cells, n_own + n_borrowed :] = of[:, of.shape[1] - k :]
             n_rows[cells] = part.n_rows[own]
         n_rows[-1] = n_rows[:-1].sum()
-        return cls(column, n_rows, n_own, n_borrowed)
+        return cls(column, n_rows, n_own, n_borrowed, _schedule_of(learned, sources, n_own))
 
     def of_map(self, learned: PrimitiveMap, motion: Motion) -> PrimitiveMap:
         """The map with these columns."""
@@ -100,6 +102,7 @@ class _Rows:
                 weight=c["weight"], mean_direction=c["mean_direction"], concentration=c["concentration"]
             ),
             speed=Gamma(shape=c["shape"], rate=c["rate"]), bend=c["bend"], gain=c["gain"],
+            schedule=self.schedule,
         )  # fmt: skip
 
 
@@ -110,6 +113,22 @@ def _columns(part: PrimitiveMap) -> dict[str, FloatArray]:
         part.gain,
     )  # fmt: skip
     return dict(zip(FILLERS, values, strict=True))
+
+
+def _schedule_of(
+    learned: PrimitiveMap, sources: list[tuple[IntArray, PrimitiveMap, IntArray]], n_own: int
+) -> Schedule | None:  # fmt: skip
+    """Of so many modes; `sources` are cells, the map that they come from, and which they are there."""
+    if learned.schedule is None:
+        return None
+    flow, pace = np.ones((2, len(learned.schedule.flow), learned.tessellation.n_cells, n_own))
+    for cells, part, own in sources:
+        if part.schedule is None:
+            raise ValueError("schedule: expected one of every part, got none")
+        m = min(part.n_own_modes, n_own) - 1
+        for into, of in ((flow, part.schedule.flow), (pace, part.schedule.pace)):
+            into[:, cells, :m], into[:, cells, -1] = of[:, own, :m], of[:, own, -1]
+    return replace(learned.schedule, flow=flow, pace=pace)
 
 
 def _used(part: PrimitiveMap, rows: IntArray) -> tuple[int, int]:
@@ -159,23 +178,16 @@ class _Manoeuvres:
 
 
 def _transitions(
-    learned: PrimitiveMap, numbers: _Manoeuvres, parts: list[Passages], min_vehicles: int
+    learned: PrimitiveMap, numbers: _Manoeuvres, followed: Followed, flow: FloatArray, min_vehicles: int
 ) -> csr_array:  # fmt: skip
     """(z, z) how often one manoeuvre followed the other."""
     z, motion = numbers.renewed.size, learned.motion
     source = np.repeat(np.arange(len(motion)), np.diff(motion.first))
     before, after = numbers.former[source], numbers.former[motion.following]
     kept = (before >= 0) & (after >= 0)
-    way, begin, end, number = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.lexsort((begin, way))
-    way, begin, end, number = way[order], begin[order], end[order], number[order]
-    follows = (way[1:] == way[:-1]) & (begin[1:] - end[:-1] <= ADJACENT_NS) & (number[1:] >= 0) & (number[:-1] >= 0)
-    one, other = number[:-1][follows], number[1:][follows]
-    renewed = numbers.renewed[one] | numbers.renewed[other]
-    one, other = one[renewed], other[renewed]
-    counted = csr_array((np.ones(one.size), (one, other)), shape=(z, z))
-    counted.sum_duplicates()
-    counted.data[counted.data < min_vehicles] = 0.0
+    anew = followed.some(numbers.renewed[followed.one] | numbers.renewed[followed.other])
+    counted = anew.counted(z, min_vehicles)
+    counted.data *= flow[counted.indices]
     total = csr_array(counted + csr_array((motion.count[kept], (before[kept], after[kept])), shape=(z, z)))
     total.eliminate_zeros()
     total.sort_indices()

@@ -20,9 +20,13 @@ from dirprim_filter.primitives.motion_learning import Labels, LearningKnobs, lab
 from dirprim_filter.primitives.motion_sums import MotionSums
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.refit import Refit
+from dirprim_filter.primitives.refit import Counted, Refit
 from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.primitives.visits import STEP_S, Visits
+from dirprim_filter.primitives.schedule import Schedule
+from dirprim_filter.primitives.visits import Visits
+from dirprim_filter.store.by_hour import Strengths, fit_schedule
+from dirprim_filter.store.fading import Fading, refreshed
+from dirprim_filter.store.passages import STEP_NS, Passages
 from dirprim_filter.store.recorded_ways import Pieces
 from dirprim_filter.store.tiles import Tile
 from dirprim_filter.store.withholding import kept_manoeuvres, vehicles_of_modes, without_modes
@@ -30,18 +34,16 @@ from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 from tessellation.gates import part_of_members
 from tessellation.part import PartOfCells
 
-STEP_NS = round(STEP_S * 1e9)
 SEED = 1 << 31
 """Makes numbers of tiles positive."""
 
 
-class Passages(NamedTuple):
-    """Visits to cells, as ways tell them."""
+class Finished(NamedTuple):
+    """The cells of a tile as they are in the map, but for transitions."""
 
-    way: IntArray  # (v,)
-    begin_ns: IntArray  # (v,) since the way began
-    end_ns: IntArray  # (v,) its last instant
-    manoeuvre: IntArray  # (v,) a number of the tile's; -1 where it was withheld
+    primitives: PrimitiveMap  # numbered from 0
+    passages: Passages
+    flow: FloatArray  # (z,) of manoeuvres: their visits by age, over those that were fitted to
 
 
 class TileFit(NamedTuple):
@@ -53,9 +55,13 @@ class TileFit(NamedTuple):
     sums: MotionSums
     visits: Visits
     pieces: Pieces
+    fading: Fading | None
 
     @classmethod
-    def of(cls, learned: PrimitiveMap, layouts: Layouts, cells: IntArray, tile: Tile, pieces: Pieces) -> TileFit:
+    def of(
+        cls, learned: PrimitiveMap, layouts: Layouts, cells: IntArray, tile: Tile, pieces: Pieces, *,
+        fading: Fading | None,
+    ) -> TileFit:  # fmt: skip
         """Fit cells of a map, in the recipe that it was learned by.
 
         Args:
@@ -64,6 +70,7 @@ class TileFit(NamedTuple):
             cells: (c,) which to fit, ascending.
             tile: their tile.
             pieces: of the ways of vehicles, around the tile.
+            fading: how they age there; None where they do not.
         """
         part = PartOfCells.of(learned.tessellation, cells)
         fitted = _primitives(layouts, part, pieces.rows)
@@ -72,25 +79,48 @@ class TileFit(NamedTuple):
         labels = label_visits(fitted, visits, rng=rng)
         sums = MotionSums.of(visits, *labels, fitted)
         none = csr_array((labels.cell.size, labels.cell.size))
-        return cls(cells, fitted, labels, sums._replace(transition=none), visits, pieces)
+        return cls(cells, fitted, labels, sums._replace(transition=none), visits, pieces, fading)
 
-    def finished(self, learned: PrimitiveMap, usual: FloatArray, min_vehicles: int) -> tuple[PrimitiveMap, Passages]:
-        """The cells with motion, without what few vehicles did and without transitions; and the visits to them."""
+    def finished(self, learned: PrimitiveMap, counted: Counted) -> Finished:
+        """The cells with motion, without what few vehicles did, with weights and speeds by age and by the hour."""
+        min_vehicles = counted.min_vehicles
         motion = motion_of(
             self.sums, self.labels, self.fitted, _place_free_motion(learned.motion),
-            LearningKnobs(learned.motion.strength, learned.motion.spread), usual=usual,
+            LearningKnobs(learned.motion.strength, learned.motion.spread), usual=counted.usual_square,
         )  # fmt: skip
         n_modes = self.fitted.n_own_modes + self.fitted.n_borrowed_modes
         enough = np.ones((self.cells.size, n_modes), np.bool_)
         kept = np.ones(len(motion), np.bool_)
+        mode = modes_of(self.fitted, self.visits)
         if min_vehicles > 1 and self.labels.cell.size:
-            mode = modes_of(self.fitted, self.visits)
             enough = vehicles_of_modes(self.fitted, self.visits, mode) >= min_vehicles
             kept = kept_manoeuvres(motion, enough, min_vehicles)
         elif min_vehicles > 1:
             enough[:] = False
         placed = replace(without_modes(self.fitted, enough), motion=_of_kept(motion, kept))
-        return placed, self._passages(kept)
+        passages = self._passages(kept)
+        turned = placed if self.fading is None else self._refreshed(placed, mode, passages, counted)
+        if learned.schedule is not None:
+            turned = replace(turned, schedule=self._schedule(turned, mode, learned.schedule, counted))
+        return Finished(turned, passages, turned.motion.visits / placed.motion.visits)
+
+    def _refreshed(self, placed: PrimitiveMap, mode: IntArray, passages: Passages, counted: Counted) -> PrimitiveMap:
+        """What manoeuvres are followed by is known within the tile."""
+        assert self.fading is not None  # noqa: S101 (asked by the caller)
+        after = passages.followed().counted(len(placed.motion), counted.min_vehicles)
+        motion = replace(
+            placed.motion, first=after.indptr.astype(np.int64), following=after.indices.astype(np.int64),
+            count=after.data,
+        )  # fmt: skip
+        return refreshed(replace(placed, motion=motion), self.visits, mode, self.pieces.hour, self.fading)
+
+    def _schedule(self, turned: PrimitiveMap, mode: IntArray, whole: Schedule, counted: Counted) -> Schedule:
+        flow, pace = counted.slot_strength.tolist()
+        strengths = Strengths(flow, pace, counted.slot_share)
+        return fit_schedule(
+            turned, self.visits, mode, self.pieces.hour, strengths, by=whole.by, zone=whole.zone,
+            min_vehicles=counted.min_vehicles,
+        )  # fmt: skip
 
     def _passages(self, kept: BoolArray) -> Passages:
         visits, label = self.visits, self.labels.label
@@ -100,7 +130,9 @@ class TileFit(NamedTuple):
         begin_ns = self.pieces.begin_ns[segment] + (visits.begin[seen] - first) * STEP_NS
         end_ns = begin_ns + (visits.end[seen] - visits.begin[seen] - 1) * STEP_NS
         number = np.where(kept, np.cumsum(kept) - 1, -1)
-        return Passages(self.pieces.way[segment], begin_ns, end_ns, number[label[seen]])
+        hour = self.pieces.hour[visits.vehicle[visits.begin[seen]]]
+        share = np.ones(seen.size) if self.fading is None else self.fading.slowly.share(hour)
+        return Passages(self.pieces.way[segment], begin_ns, end_ns, number[label[seen]], share)
 
 
 class Layouts(NamedTuple):

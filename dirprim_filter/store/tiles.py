@@ -11,6 +11,7 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.store.lattice import Lattice, square_of, unpacked
+from dirprim_filter.store.manifest import Entry
 
 TILE_SQUARES = 128
 """Side of a tile, a multiple of `steps.PASSED_SQUARES`: vehicles are counted within one."""
@@ -34,6 +35,26 @@ def around(tiles: Iterable[Tile], rings: int) -> set[Tile]:
     """Tiles, and those up to so many rings around them."""
     beside = range(-rings, rings + 1)
     return {(east + i, north + j) for east, north in tiles for i in beside for j in beside}
+
+
+def ends_of(
+    recorded: Mapping[str, list[list[int]]], entries: Iterable[Entry], archived: Mapping[str, str]
+) -> dict[Tile, int]:
+    """When the last recording ends that has steps in a tile, nanoseconds since 1970-01-01.
+
+    Args:
+        recorded: what counts in a store, see `Store.recorded`.
+        entries: its logs.
+        archived: see `Store.archived`.
+    """
+    there = {(name, tile[0], tile[1]) for name, tiles in recorded.items() for tile in tiles}
+    ends: dict[Tile, int] = {}
+    for entry in entries:
+        name = archived.get(entry.rows, entry.rows)
+        for east, north in entry.tiles:
+            if (name, east, north) in there:  # of a recording in an archive vehicles may be gone
+                ends[east, north] = max(entry.end_ns, ends.get((east, north), entry.end_ns))
+    return ends
 
 
 class Digests(NamedTuple):

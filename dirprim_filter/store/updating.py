@@ -19,14 +19,16 @@ from dirprim_filter.arrays import IntArray
 from dirprim_filter.primitives.motion_learning import usual_squares
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.refit import N_SPREADS, Counted, Refit
+from dirprim_filter.primitives.schedule import By
+from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.lattice import Lattice
-from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, learn_from_summary
+from dirprim_filter.store.learning import MIN_VEHICLES, learn_with_strengths, share_of_steps
 from dirprim_filter.store.recorded_ways import Pieces, WayRows
 from dirprim_filter.store.refitted import refitted
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.tile_fit import Layouts, TileFit
-from dirprim_filter.store.tiles import TILE_SQUARES, Digests, Tile, around, tiles_at
+from dirprim_filter.store.tiles import TILE_SQUARES, Digests, Tile, around, ends_of, tiles_at
 
 logger = logging.getLogger(__name__)
 
@@ -46,28 +48,44 @@ class Updated(NamedTuple):
 
 
 def learn_from_store(
-    store: Store, sums: StoredSums, *, min_vehicles: int = MIN_VEHICLES, rng: np.random.Generator, **options: Any
-) -> PrimitiveMap:
+    store: Store, sums: StoredSums, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None,
+    by: By | None = None, zone: str = "UTC", rng: np.random.Generator, **options: Any,
+) -> PrimitiveMap:  # fmt: skip
     """Learn a map that `update_map` can keep up to date.
+
+    Where cells are, and all that held-out vehicles choose, is learned from the sum of all recordings. What cells hold
+    is then fitted tile by tile, each from its own and the surrounding tiles' recordings, and ages from when the last
+    of these ended.
 
     Args:
         store: of recordings.
         sums: of it.
         min_vehicles: as for `learn_from_summary`.
+        fading: as for `learn_from_summary`; age is counted from `now_ns` at the latest.
+        by: as for `learn_from_summary`.
+        zone: as for `learn_from_summary`.
         rng: as for `learn_primitives`.
-        options: others of `learn_from_summary`. With `fading` or `by` the map is learned as a whole, and not updated.
+        options: others of `learn_primitives`. With modes that cannot be refitted the map is learned as a whole.
 
     Raises:
         ValueError: as for `learn_from_summary`.
     """
-    learned = learn_from_summary(sums, min_vehicles=min_vehicles, rng=rng, **options)
-    if options.get("fading") is not None or options.get("by") is not None or learned.refit is None:
+    since = None
+    if fading is not None:
+        since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
+    learned, strengths = learn_with_strengths(
+        sums, min_vehicles=min_vehicles, fading=since, by=by, zone=zone, rng=rng, **options
+    )
+    if learned.refit is None:
         return learned
-    n_steps = int(sums.whens.value[:, 0].sum())
     counted = Counted(
-        by=_counts_by(store), min_vehicles=min_vehicles, share=min(1.0, MOST_STEPS / n_steps),
+        by=_counts_by(store), min_vehicles=min_vehicles, share=share_of_steps(sums, since and since.slowly),
         usual_square=np.zeros(N_SPREADS), tile=np.empty((0, 2), np.int64), digest=np.empty(0, np.int64),
     )  # fmt: skip
+    if fading is not None:
+        counted = replace(counted, half_life_s=fading.half_life_s, now_ns=fading.now_ns)
+    if strengths is not None:
+        counted = replace(counted, slot_strength=np.array(strengths[:2]), slot_share=strengths.share)
     return _updated(learned, learned.refit, counted, store, anew=True).primitive_map
 
 
@@ -85,16 +103,16 @@ def update_map(primitive_map: PrimitiveMap, store: Store, *, progress: Progress 
         The map: the same where nothing changed, and the same whatever order recordings were added and forgotten in.
 
     Raises:
-        ValueError: a map that was not learned from a store, or that fades or turns with the hour, or of a store that
-            counts otherwise or in another frame.
+        ValueError: a map that was not learned from a store, or of one that counts otherwise or in another frame.
         RecordingError: a recording is damaged.
         OSError: one cannot be read.
     """
     refit = primitive_map.refit
-    if refit is None or refit.counted is None:
+    turns = primitive_map.schedule is not None
+    if refit is None or refit.counted is None or turns != (refit.counted.slot_strength.size > 0):
         raise ValueError(
-            "map: expected one learned from a store without --half-life and --by, got one that cannot be fitted in "
-            "parts; learn it again with `dirprim learn STORE`"
+            "map: expected one learned from a store, got one that cannot be fitted in parts; learn it with `dirprim "
+            "learn STORE`"
         )
     if refit.counted.by != _counts_by(store):
         raise ValueError(
@@ -112,7 +130,8 @@ def _updated(
     learned: PrimitiveMap, refit: Refit, counted: Counted, store: Store, *, anew: bool = False,
     progress: Progress | None = None,
 ) -> Updated:  # fmt: skip
-    digests = Digests.of(store.recorded())
+    recorded = store.recorded()
+    digests, ends = Digests.of(recorded), ends_of(recorded, store.entries(), store.archived())
     changed = digests.changed(Digests(counted.tile, counted.digest))
     if not (changed or anew):
         return Updated(learned, 0, 0, 0.0)
@@ -126,15 +145,20 @@ def _updated(
     fits: dict[Tile, TileFit] = {}
     for tile in sorted(beside):
         low = np.array(tile) * (TILE_SQUARES * lattice.square_m)
-        pieces = Pieces.of(ways, low - halo_m, low + TILE_SQUARES * lattice.square_m + halo_m)
-        fits[tile] = TileFit.of(learned, layouts, homes[tile], tile, pieces)
+        fading, left = None, ways
+        if counted.half_life_s:
+            end_ns = max((ends[near] for near in around({tile}, rings) & ends.keys()), default=0)
+            fading = Fading(half_life_s=counted.half_life_s, now_ns=counted.now_ns).until(end_ns)
+            left = ways.faded(counted.share, fading.slowly)
+        pieces = Pieces.of(left, low - halo_m, low + TILE_SQUARES * lattice.square_m + halo_m)
+        fits[tile] = TileFit.of(learned, layouts, homes[tile], tile, pieces, fading=fading)
         if progress is not None:
             progress(len(fits), len(beside))
     if anew:
         usual = usual_squares([(fit.sums, fit.labels, fit.fitted) for fit in fits.values()])
         counted = replace(counted, usual_square=usual)
     counted = replace(counted, tile=digests.tile, digest=digests.digest)
-    found = refitted(learned, fits, stale, usual=counted.usual_square, min_vehicles=counted.min_vehicles)
+    found = refitted(learned, fits, stale, counted)
     n_cells = sum(homes[tile].size for tile in stale)
     logger.info("%d tiles have other recordings; %d cells are fitted anew", len(changed), n_cells)
     return Updated(

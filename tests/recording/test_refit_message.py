@@ -13,6 +13,7 @@ from dirprim_filter.recording.schemas.refit_message import decode_refit, encode_
 COUNTED = Counted(
     by="configuration 0 in frame 'map'", min_vehicles=5, share=0.25, usual_square=np.arange(4.0),
     tile=np.array([[-3, 2], [1, -(1 << 20)]]), digest=np.array([-(1 << 63), (1 << 63) - 1]),
+    half_life_s=86400.0, now_ns=(1 << 63) - 1, slot_strength=np.array([np.inf, 3.0]), slot_share=np.full(24, 1 / 24),
 )  # fmt: skip
 REFIT = Refit(
     recipe=Recipe("bic", True, 0.4, Usual(0.9, 0.1), LearningConfig(max_modes=3), 0.5), softness=0.25, place_free=0.1,
@@ -49,4 +50,25 @@ def test_what_makes_no_sense_is_refused(damage, said):
         else:
             setattr(message, name, value)
     with pytest.raises((DecodeError, ValueError), match=said):
+        decode_refit(message)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("half_life", float("nan"), "half_life_s: expected seconds"),
+        ("slot_strength", [1.0], r"expected 2 numbers and \[24, 168\], got 1 and 24"),
+        ("slot_share", [0.5] * 25, r"expected 2 numbers and \[24, 168\], got 2 and 25"),
+        ("slot_strength", [0.0, 1.0], "expected numbers above 0"),
+        ("slot_share", [-1.0] * 24, "expected numbers above 0"),
+    ],
+)
+def test_of_choices_too(name, value, said):
+    message = encode_refit(REFIT)
+    if isinstance(value, list):
+        message.counted.ClearField(name)
+        getattr(message.counted, name).extend(value)
+    else:
+        setattr(message.counted, name, value)
+    with pytest.raises(ValueError, match=said):
         decode_refit(message)

@@ -4,48 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from streets import FAR_M, add, bytes_of, store_of, street
 
 from dirprim_filter import Tracks, learn_primitives, load_map, save_map, write_tracks
 from dirprim_filter.primitives.learning import Leaning, _learned
 from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, modes_of
 from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.schedule import Schedule
 from dirprim_filter.primitives.visits import Visits
-from dirprim_filter.store import Fading, Store, learn_from_store, update_map
-from dirprim_filter.store.adding import add_logs
+from dirprim_filter.store import Store, learn_from_store, update_map
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import visible_tracks
-from dirprim_filter.store.log_files import find_logs
 from dirprim_filter.store.recorded_ways import WayRows
 from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.tile_fit import Layouts
 from dirprim_filter.store.tiles import Digests, around, tiles_at
 from dirprim_filter.store.withholding import withheld
-
-FAR_M = 1000.0
-"""Between two streets: more than any tile reaches."""
-
-MIDDLE_M = 50.0
-"""Of a tile, about."""
-
-
-def street(seed, *, north, n_vehicles=6):
-    """Vehicles that drive 300 m to the east, across the borders of tiles, in one of two lanes and some of them back."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 30.01, 0.2)
-    back = rng.random(n_vehicles) < 0.4
-    speed = rng.uniform(8.0, 10.0, n_vehicles)
-    way = speed[:, None] * t
-    east = np.where(back[:, None], 240.0 - way, way - 60.0)
-    side = np.where(back, 4.0, 0.0) + rng.normal(0.0, 0.3, n_vehicles)
-    return Tracks(
-        track_id=1000 * seed + np.repeat(np.arange(n_vehicles), t.size),
-        time_ns=np.tile((t * 1e9).astype(np.int64), n_vehicles),
-        position=np.column_stack([east.ravel(), np.repeat(MIDDLE_M + north + side, t.size)]),
-        direction=np.repeat(np.where(back, np.pi, 0.0), t.size),
-        speed=np.repeat(speed, t.size),
-    )
-
 
 LOGS = {
     "both": [street(1, north=0.0, n_vehicles=9), street(2, north=FAR_M, n_vehicles=9)],
@@ -63,19 +38,8 @@ def folder(tmp_path_factory):
     return folder
 
 
-def add(store, folder, *names):
-    added = add_logs(store, find_logs([str(folder / f"{name}.mcap") for name in names]))
-    assert not [receipt.error for receipt in added.receipts if receipt.error]
-
-
 def motion_of_whole(primitives, visits):
     return fit_motion(primitives, visits, LearningKnobs(), rng=np.random.default_rng(0))
-
-
-def store_of(path, folder, *names):
-    store = Store.create(path, StoreConfig())
-    add(store, folder, *names)
-    return store
 
 
 def learned_from(store, *, min_vehicles=2):
@@ -94,11 +58,6 @@ def learned(folder, tmp_path_factory):
 @pytest.fixture
 def store(folder, tmp_path):
     return store_of(tmp_path / "store", folder, "both")
-
-
-def bytes_of(primitive_map, path):
-    save_map(primitive_map, path, force=True)
-    return path.read_bytes()
 
 
 def test_where_nothing_changed_the_map_is_the_same(store, learned, tmp_path):
@@ -219,13 +178,15 @@ def test_tiles_are_those_of_recordings():
     assert none.changed(none) == set()
 
 
+def slots_of_one(m):
+    """As all day."""
+    return dict.fromkeys(("flow", "pace"), np.ones((24, m.tessellation.n_cells, m.n_own_modes)))
+
+
 def test_what_cannot_be_updated_is_refused(store, learned, folder, tmp_path):
     of_logs = learn_primitives(street(1, north=0.0), tessellation="grid", cell_size=10.0, rng=np.random.default_rng(0))
-    fades = learn_from_store(
-        store, StoredSums.of(store), min_vehicles=2, fading=Fading(half_life_s=1e6, now_ns=0), tessellation="grid",
-        cell_size=10.0, rng=np.random.default_rng(0),
-    )  # fmt: skip
-    for m in (of_logs, fades):
+    by_halves = replace(learned, schedule=Schedule(by="hour", zone="UTC", **slots_of_one(learned)))
+    for m in (of_logs, replace(learned, refit=replace(learned.refit, counted=None)), by_halves):
         with pytest.raises(ValueError, match="expected one learned from a store"):
             update_map(m, store)
     other = Store.create(tmp_path / "other", StoreConfig(lattice=Lattice(square_m=2.0)))

@@ -231,7 +231,7 @@ class Generators(_message.Message):
     def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Counted(_message.Message):
-    __slots__ = ("by", "min_vehicles", "share", "usual_square", "east", "north", "digest")
+    __slots__ = ("by", "min_vehicles", "share", "usual_square", "east", "north", "digest", "half_life", "now", "slot_strength", "slot_share")
     BY_FIELD_NUMBER: _ClassVar[int]
     MIN_VEHICLES_FIELD_NUMBER: _ClassVar[int]
     SHARE_FIELD_NUMBER: _ClassVar[int]
@@ -239,6 +239,10 @@ class Counted(_message.Message):
     EAST_FIELD_NUMBER: _ClassVar[int]
     NORTH_FIELD_NUMBER: _ClassVar[int]
     DIGEST_FIELD_NUMBER: _ClassVar[int]
+    HALF_LIFE_FIELD_NUMBER: _ClassVar[int]
+    NOW_FIELD_NUMBER: _ClassVar[int]
+    SLOT_STRENGTH_FIELD_NUMBER: _ClassVar[int]
+    SLOT_SHARE_FIELD_NUMBER: _ClassVar[int]
     by: str
     min_vehicles: int
     share: float
@@ -246,7 +250,11 @@ class Counted(_message.Message):
     east: _containers.RepeatedScalarFieldContainer[int]
     north: _containers.RepeatedScalarFieldContainer[int]
     digest: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, by: _Optional[str] = ..., min_vehicles: _Optional[int] = ..., share: _Optional[float] = ..., usual_square: _Optional[_Iterable[float]] = ..., east: _Optional[_Iterable[int]] = ..., north: _Optional[_Iterable[int]] = ..., digest: _Optional[_Iterable[int]] = ...) -> None: ...
+    half_life: float
+    now: int
+    slot_strength: _containers.RepeatedScalarFieldContainer[float]
+    slot_share: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, by: _Optional[str] = ..., min_vehicles: _Optional[int] = ..., share: _Optional[float] = ..., usual_square: _Optional[_Iterable[float]] = ..., east: _Optional[_Iterable[int]] = ..., north: _Optional[_Iterable[int]] = ..., digest: _Optional[_Iterable[int]] = ..., half_life: _Optional[float] = ..., now: _Optional[int] = ..., slot_strength: _Optional[_Iterable[float]] = ..., slot_share: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Refit(_message.Message):
     __slots__ = ("modes", "curved", "prior_strength", "parameter_cost", "usual_resultant", "usual_speed_spread", "config", "softness", "place_free", "borrowed", "lenders", "counted")

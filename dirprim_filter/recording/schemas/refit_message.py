@@ -44,7 +44,8 @@ def _encode_counted(counted: Counted) -> dirprim_pb2.Counted:
     return dirprim_pb2.Counted(
         by=counted.by, min_vehicles=counted.min_vehicles, share=counted.share,
         usual_square=counted.usual_square.tolist(), east=east, north=north,
-        digest=[number + SIGNED for number in counted.digest.tolist()],
+        digest=[number + SIGNED for number in counted.digest.tolist()], half_life=counted.half_life_s,
+        now=counted.now_ns, slot_strength=counted.slot_strength.tolist(), slot_share=counted.slot_share.tolist(),
     )  # fmt: skip
 
 
@@ -87,5 +88,6 @@ def _decode_counted(message: dirprim_pb2.Counted) -> Counted:
         by=message.by, min_vehicles=message.min_vehicles, share=message.share,
         usual_square=floats_of(message, "usual_square", N_SPREADS),
         tile=np.column_stack([ints_of(message, axis, n) for axis in ("east", "north")]),
-        digest=np.array([number - SIGNED for number in message.digest], np.int64),
+        digest=np.array([number - SIGNED for number in message.digest], np.int64), half_life_s=message.half_life,
+        now_ns=message.now, slot_strength=np.array(message.slot_strength), slot_share=np.array(message.slot_share),
     )  # fmt: skip
