@@ -166,6 +166,12 @@ class Forecaster:
         self._seed = int(rng.integers(2**63))
         self._next_ns: int | None = None
 
+    def move_to(self, primitive_map: PrimitiveMap) -> None:
+        """Go on by another part of the same map."""
+        self._map, schedule, hour = primitive_map, primitive_map.schedule, self._hour
+        of_hour = primitive_map if schedule is None or hour is None else schedule.applied(primitive_map, hour)
+        self._table = forecast_table(of_hour, self._config)
+
     def write(self, frame: TrackedFrame) -> None:
         """Forecast the frame's vehicles if it is time."""
         if (self._next_ns is not None and frame.time_ns < self._next_ns) or len(frame.estimates) == 0:

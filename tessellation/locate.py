@@ -120,25 +120,24 @@ def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
 
 
 def _voronoi_in_blocks(generators: FloatArray, region: Blocks) -> Locator:
-    """Likewise, block by block: each is a raster of its own, of the generators that may be nearest in it."""
-    covers, side = region.value >= 0, region.value.shape[1]
-    refinement, n_covered = 1, int(covers.sum())
-    while refinement < LARGEST_SIDE // side and n_covered * refinement**2 < PIXELS_PER_CELL * len(generators):
-        refinement *= 2
-    per_metre, fine = region.pixels_per_metre * refinement, side * refinement
-    extent = max(region.shape) * side / region.pixels_per_metre
+    """Likewise, block by block: each is a raster of its own, of the generators that may be nearest in it.
+
+    So it depends on no generator that is far: pixels are not halved, and a crowded one is divided by itself.
+    """
+    covers, side, per_metre = region.value >= 0, region.value.shape[1], region.pixels_per_metre
+    extent = max(region.shape) * side / per_metre
     rounding = 4.0 * float(np.spacing(max(abs(region.origin_x), abs(region.origin_y)) + extent))
     entry, top = np.zeros(max(1024, 12 * len(generators))), 4
-    value = np.empty((len(covers), fine, fine), np.int32)
+    value = np.empty((len(covers), side, side), np.int32)
     for i, candidate in enumerate(region.candidates(generators)):
         row, column = divmod(int(region.place[i]), region.shape[1])
-        x, y = (low + n * fine / per_metre for low, n in ((region.origin_x, column), (region.origin_y, row)))
+        x, y = (low + n * side / per_metre for low, n in ((region.origin_x, column), (region.origin_y, row)))
         covered = np.zeros((side + 1, side + 1), np.int32)
         covered[1:, 1:] = covers[i].cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
-        frame = Frame(x, y, per_metre, fine, fine, rounding)
-        inner, entry, top = _filled(frame, generators, candidate, covered, refinement, entry=entry, top=top, depth=1)
-        value[i] = inner.reshape(fine, fine)
-    return region._replace(pixels_per_metre=per_metre, value=value, listed=entry[:top]).locator()
+        frame = Frame(x, y, per_metre, side, side, rounding)
+        inner, entry, top = _filled(frame, generators, candidate, covered, 1, entry=entry, top=top, depth=1)
+        value[i] = inner.reshape(side, side)
+    return region._replace(value=value, listed=entry[:top]).locator()
 
 
 def _filled(

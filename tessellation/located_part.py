@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation._kernels import HEADER, LONGEST_LIST, Locator, PixelArray
 from tessellation.locate import locator_of
 from tessellation.part import PartOfCells
-from tessellation.protocols import OUTSIDE
+from tessellation.protocols import OUTSIDE, Tessellation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -18,13 +19,28 @@ class LocatedPart(PartOfCells):
     """Some cells, with the borders that they have among all.
 
     Attributes:
+        known_area: (n_cells,) square metres; more than in the whole, where that is itself a part of more.
         locator: answers as that of all cells, to the last bit.
     """
 
+    known_area: FloatArray
     locator: Locator = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "locator", renumbered(locator_of(self.whole), self.number))
+
+    @classmethod
+    def of(cls, whole: Tessellation, cells: IntArray, area: FloatArray | None = None) -> Self:
+        """The cells (n,), ascending; of other areas (n,) than in the whole where they are given."""
+        number = np.full(whole.n_cells + 1, OUTSIDE)
+        number[cells] = np.arange(cells.size)
+        known = whole.area[cells] if area is None else area
+        return cls(whole=whole, cells=cells, number=number, known_area=known)
+
+    @property
+    def area(self) -> FloatArray:
+        """(n_cells,) square metres."""
+        return self.known_area
 
 
 def renumbered(locator: Locator, number: IntArray) -> Locator:

@@ -10,7 +10,6 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.ground import ground_of
 from dirprim_filter.cli.options import (
     WRITTEN,
     Config,
@@ -139,25 +138,27 @@ def _of_log(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
-    from dirprim_filter.recording import load_map
+    from dirprim_filter.nearby_map import NearbyMap
+    from dirprim_filter.recording import open_map
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    learned = load_map(map_file, near=ground_of(log, reading, seconds=config.max_gap_s + horizon_s))
+    nearby = NearbyMap(open_map(map_file), ahead_s=horizon_s, noise_m=config.noise_m)
     stream = reading.detections(log, motion=False)
-    worlds = Worlds(lambda _: Tracker(learned, config=config, tracking=tracking, rng=np.random.default_rng(seed)))
+    worlds = Worlds(lambda _: Tracker(nearby.part, config=config, tracking=tracking, rng=np.random.default_rng(seed)))
+    frames = nearby.along((reported.without_ids() for reported in stream) if no_ids else stream, worlds)
     said = provenance(
         "forecast", inputs=[log, map_file], config=config, seed=seed, horizon_s=horizon_s, dt_s=dt_s,
         every_s=every_s, n_samples=n_samples, no_ids=no_ids, **reading.said(),
     )  # fmt: skip
     with EstimateWriter(output, metadata=said, particle_stride=config.n_particles, force=force) as estimates:
-        estimates.write_map_scene(learned)
+        estimates.write_map_scene(nearby.part)
         listening: list[ForecastSink] = [estimates, _Lines(dt_s)] if as_json else [estimates]
         forecaster = Forecaster(
-            learned, listening, every_s=every_s, horizon_s=horizon_s, dt_s=dt_s, n_samples=n_samples, config=config,
+            nearby.part, listening, every_s=every_s, horizon_s=horizon_s, dt_s=dt_s, n_samples=n_samples, config=config,
             rng=np.random.default_rng([seed, 1]),
         )  # fmt: skip
-        frames = (reported.without_ids() for reported in stream) if no_ids else stream
+        nearby.followers += [worlds.move_to, estimates.write_map_scene, forecaster.move_to]
         seen = with_progress(frames, what=f"forecasting {log.name}", end_ns=stream.end_ns)
         n_frames = replay(seen, worlds, [estimates, forecaster])
         reading.require_frames(n_frames, log, stream.losses)

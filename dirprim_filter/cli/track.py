@@ -12,7 +12,6 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.ground import ground_of
 from dirprim_filter.cli.options import (
     Bind,
     ColorBy,
@@ -47,8 +46,8 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.filtering import Worlds
     from dirprim_filter.filtering.smoothing import Smoother
-    from dirprim_filter.forecasting import ForecastSink
-    from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.forecasting import Forecaster, ForecastSink
+    from dirprim_filter.nearby_map import NearbyMap
     from dirprim_filter.recording.writer import EstimateWriter
 
 PARTICLES_WRITTEN = 100
@@ -130,8 +129,8 @@ def track(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.cli.watching import keep_serving, open_viewer
     from dirprim_filter.filtering import Tracker, Worlds
-    from dirprim_filter.forecasting import Forecaster
-    from dirprim_filter.recording import load_map
+    from dirprim_filter.nearby_map import NearbyMap
+    from dirprim_filter.recording import open_map
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
@@ -140,21 +139,24 @@ def track(
         config, n_particles=particles, noise_m=noise, detection_probability=detection_probability,
         clutter_density=clutter_density, interaction=interaction and interaction.value, sensor=sensing,
     )  # fmt: skip
-    learned = load_map(map_file, near=ground_of(log, reading, seconds=knobs.max_gap_s + forecast))
+    nearby = NearbyMap(
+        open_map(map_file), ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=knobs.noise_m
+    )
     stride = particle_stride or max(knobs.n_particles // PARTICLES_WRITTEN, 1)
     stream = reading.detections(log, motion=motion)
     watched = save is not None or spawn or connect is not None or serve
-    model = learned.without_places() if place_free else learned
     smoother = _smoother(knobs, smooth=smooth, lag_s=lag)
 
     def tracker_of(group: int) -> Tracker:
         make = Tracker if smoother is None else partial(smoother.tracker, group)
         return make(
-            model, config=knobs, tracking=association, sensor=sensing, with_innovations=watched,
-            rng=np.random.default_rng(seed),
+            nearby.part.without_places() if place_free else nearby.part, config=knobs, tracking=association,
+            sensor=sensing, with_innovations=watched, rng=np.random.default_rng(seed),
         )  # fmt: skip
 
     worlds = Worlds(tracker_of)
+    frames = nearby.along((seen.without_ids() for seen in stream) if no_ids else stream, worlds)
+    nearby.followers += [] if place_free else [worlds.move_to]
     said = provenance(
         "track", inputs=[log, map_file], config=knobs, seed=seed, place_free=place_free, no_ids=no_ids,
         motion=motion, smooth=smooth, lag_s=lag,
@@ -164,7 +166,7 @@ def track(
     said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
     with ExitStack() as open_files:
         estimates = open_files.enter_context(EstimateWriter(output, metadata=said, particle_stride=stride, force=force))
-        _draw_map(learned, estimates, layout, force=force)
+        _draw_map(nearby, estimates, layout, force=force)
         sinks: list[EstimateSink] = [estimates]
         forecasts: list[ForecastSink] = [estimates]
         viewer = None
@@ -177,7 +179,7 @@ def track(
                 group=reading.group if truth == log else None,
             )  # fmt: skip
             open_files.enter_context(viewer)
-            viewer.log_map(learned)
+            nearby.tell(viewer.log_map)
             viewer.log_run(said, {})
             sinks.append(viewer)
             forecasts.append(viewer)
@@ -185,9 +187,7 @@ def track(
             smoother.sinks += [estimates.write_smoothed, *([] if viewer is None else [viewer.write_smoothed])]
             sinks.append(smoother)
         if forecast > 0:
-            rng = np.random.default_rng([seed, 1])
-            sinks.append(Forecaster(learned, forecasts, horizon_s=forecast, config=knobs, rng=rng))
-        frames = (seen.without_ids() for seen in stream) if no_ids else stream
+            sinks.append(_forecaster(nearby, forecasts, forecast, knobs, seed))
         with smoother or nullcontext():
             n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.losses)
@@ -211,16 +211,29 @@ def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoo
     return Smoother(max_gap_s=knobs.max_gap_s, lag_s=lag_s) if smooth or lag_s is not None else None
 
 
+def _forecaster(
+    nearby: NearbyMap, sinks: list[ForecastSink], horizon_s: float, config: FilterConfig, seed: int
+) -> Forecaster:
+    import numpy as np
+
+    from dirprim_filter.forecasting import Forecaster
+
+    rng = np.random.default_rng([seed, 1])
+    made = Forecaster(nearby.part, sinks, horizon_s=horizon_s, config=config, rng=rng)
+    nearby.followers.append(made.move_to)
+    return made
+
+
 def _say(worlds: Worlds, what: str) -> None:
     if worlds.recoveries:
         typer.echo(f"{worlds.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
     typer.echo(what + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""))
 
 
-def _draw_map(learned: PrimitiveMap, estimates: EstimateWriter, layout: Path | None, *, force: bool) -> None:
+def _draw_map(nearby: NearbyMap, estimates: EstimateWriter, layout: Path | None, *, force: bool) -> None:
     """The map as Foxglove draws it, and the layout of its window where one is asked for."""
     from dirprim_filter.recording.foxglove.layout import write_layout
 
-    estimates.write_map_scene(learned)
+    nearby.tell(estimates.write_map_scene)
     if layout is not None:
-        write_layout(learned, layout, force=force)
+        write_layout(nearby.part, layout, force=force)

@@ -28,7 +28,9 @@ from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.surroundings import Surroundings
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
+from dirprim_filter.primitives.part import renumbered
 from dirprim_filter.primitives.traffic import Traffic
+from tessellation import OUTSIDE
 
 PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
@@ -59,13 +61,7 @@ class ParticleFilter:
         self._response = leader_table(primitive_map, config)
         self._surroundings = Surroundings()
         self._surroundings.reserve(self.belief.n_slots)
-        self._has_cells = primitive_map.tessellation.n_cells > 0
-        self.traffic = Traffic.of(primitive_map)
-        self._ends = np.zeros(len(primitive_map.motion))
-        if self.traffic is not None:
-            part = primitive_map.part
-            ends = self.traffic.ends if part is None else self.traffic.ends[part.manoeuvre]
-            self._ends[: ends.size] = ends
+        self._end_journeys_by(primitive_map)
         self._noise = _noise(config)
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
@@ -73,6 +69,44 @@ class ParticleFilter:
     def _move_by(self, primitive_map: PrimitiveMap) -> None:
         self._table = tracking_table(primitive_map, self.config)
         self._primitives = primitive_map.compiled()
+
+    def _end_journeys_by(self, primitive_map: PrimitiveMap) -> None:
+        part = primitive_map.part
+        self._has_cells = part is not None or primitive_map.tessellation.n_cells > 0
+        self.traffic = Traffic.of(primitive_map)
+        self._ends = np.zeros(len(primitive_map.motion))
+        if self.traffic is not None:
+            ends = self.traffic.ends if part is None else self.traffic.ends[part.manoeuvre]
+            self._ends[: ends.size] = ends
+
+    def move_to(self, primitive_map: PrimitiveMap) -> None:
+        """Go on by another part of the same map, with the cells `in_use`; beliefs stay, with other numbers."""
+        belief, former, part = self.belief, self._map.part, primitive_map.part
+        if former is None or part is None:
+            raise ValueError("primitive_map: expected a part of a map, in place of a part of it")
+        cell = np.append(renumbered(former.cell, part.cell), OUTSIDE)
+        place_free = np.arange(part.manoeuvre.size, len(primitive_map.motion))
+        manoeuvre = np.append(renumbered(former.manoeuvre, part.manoeuvre), place_free)
+        belief.cloud.cell[:], belief.cloud.manoeuvre[:] = cell[belief.cloud.cell], manoeuvre[belief.cloud.manoeuvre]
+        belief.mode_of = primitive_map.motion.mode
+        belief.step += 1
+        self._map = primitive_map
+        schedule, hour = primitive_map.schedule, self._hour
+        self._move_by(primitive_map if schedule is None or hour is None else schedule.applied(primitive_map, hour))
+        self._end_journeys_by(primitive_map)
+
+    def extent(self, slot: IntArray) -> FloatArray:
+        """West, south, east and north of the particles of each belief, metres. (v,) -> (v, 4)."""
+        position = self.belief.cloud.position[slot]
+        return np.hstack([position.min(axis=1), position.max(axis=1)])
+
+    def in_use(self, slot: IntArray) -> IntArray:
+        """The cells, by the numbers of the whole map, that particles (v,) are in or have their manoeuvre of."""
+        cloud, part = self.belief.cloud, self._map.part
+        if part is None:
+            return np.empty(0, np.int64)
+        cell = np.union1d(cloud.cell[slot], self._map.motion.cell[cloud.manoeuvre[slot]])
+        return np.asarray(part.cell[cell[cell != OUTSIDE]])
 
     def _follow_the_hour(self, measured: Detections) -> None:
         """Move by the map of the hour of the measurements; where journeys begin and end is of all day."""

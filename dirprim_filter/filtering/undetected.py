@@ -53,6 +53,10 @@ class Undetected:
         """Mean number of vehicles on the map; NaN without one."""
         return self._n_found / self._n_expected if self._traffic is not None else float("nan")
 
+    def move_to(self, traffic: Traffic | None) -> None:
+        """Go on by the same traffic, located in another part of its map."""
+        self._traffic = traffic
+
     def advance(self, dt_s: float) -> None:
         """Predict by so many seconds; after a pause in which all tracks ended no vehicle counts as detected."""
         if dt_s > self._noise.max_gap_s:
@@ -105,4 +109,4 @@ def _in_sight(traffic: Traffic | None, sight: Sight | None) -> FloatArray:
     """(z,) 1 for the manoeuvres of cells whose centre is in sight, 0 for the others."""
     if traffic is None or sight is None:
         return np.ones(0 if traffic is None else traffic.present.size)
-    return sight.sees(traffic.tessellation.centers)[traffic.cell].astype(np.float64)
+    return sight.sees(traffic.center)[traffic.cell].astype(np.float64)

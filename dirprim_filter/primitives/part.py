@@ -1,14 +1,13 @@
-"""A part of a map: the cells near some places, and what is known of all the others."""
+"""A part of a map: some of its cells by numbers of their own, and what is known of all the others."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import IntArray
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.traffic import Traffic
@@ -19,22 +18,19 @@ class Part:
     """What a part of a map knows of the whole: vehicles of all places together tell how many there are at each.
 
     Attributes:
-        manoeuvre: (n_placed,) which of the map's the part's are.
+        cell: (n_cells,) which of the map's cells the part's are, ascending.
+        manoeuvre: (n_placed,) which of the map's manoeuvres, ascending.
         traffic: of the map; None where it counted no transitions.
     """
 
+    cell: IntArray
     manoeuvre: IntArray
     traffic: Traffic | None
 
 
-class Ground(NamedTuple):
-    """The ground within reach of some places."""
-
-    place: FloatArray  # (n, 2) metres
-    reach_m: float
-
-    def covers(self, position: FloatArray) -> BoolArray:
-        """(k, 2) -> (k,)."""
-        if not len(self.place):
-            return np.zeros(len(position), np.bool_)
-        return np.asarray(np.isfinite(cKDTree(self.place).query(position, distance_upper_bound=self.reach_m)[0]))
+def renumbered(former: IntArray, now: IntArray) -> IntArray:
+    """Where each of some numbers (n,) stands among others (m,), both ascending; -1 where it does not. -> (n,)."""
+    if not now.size:
+        return np.full(former.size, -1)
+    at = np.minimum(np.searchsorted(now, former), now.size - 1)
+    return np.where(now[at] == former, at, -1)

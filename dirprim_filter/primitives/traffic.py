@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.special import gammaincinv
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from tessellation import Tessellation
+from tessellation import OUTSIDE, Tessellation
 
 STEP_S = 0.1
 """Seconds, the longest step; visits that were shorter count as long: then no step empties a manoeuvre twice."""
@@ -43,7 +43,9 @@ class Traffic:
         flow: (z, z) 1/s, from the column's manoeuvre to the row's; on the diagonal minus the rate at which visits end.
         cell: (z,) of each.
         area: (c,) square metres, of each cell.
-        tessellation: the cells.
+        center: (c, 2) metres, of each.
+        tessellation: what positions are located in: the cells, or a part of them.
+        number: (n + 1,) which cells its n cells are; last, `OUTSIDE`.
     """
 
     present: FloatArray
@@ -52,7 +54,9 @@ class Traffic:
     flow: csr_array
     cell: IntArray
     area: FloatArray
+    center: FloatArray
     tessellation: Tessellation
+    number: IntArray
 
     @classmethod
     def of(cls, primitive_map: PrimitiveMap) -> Traffic | None:
@@ -63,11 +67,14 @@ class Traffic:
         passages = Passages(
             of.cell[:n], of.mode[:n], of.visits[:n], of.seconds[:n], of.first[: n + 1], of.following, of.count
         )
-        return cls.counted(passages, primitive_map.tessellation)
+        cells = primitive_map.tessellation
+        return cls.counted(passages, cells.area, cells.centers, cells, np.arange(cells.n_cells))
 
     @classmethod
-    def counted(cls, of: Passages, tessellation: Tessellation) -> Self | None:
-        """Of what was counted in some cells; None where no transition was."""
+    def counted(
+        cls, of: Passages, area: FloatArray, center: FloatArray, tessellation: Tessellation, number: IntArray
+    ) -> Self | None:
+        """Of what was counted in cells (c,), (c, 2), some of which can be located; None where no transition was."""
         n, visits = of.cell.size, of.visits
         source = np.repeat(np.arange(n), np.diff(of.first))
         target, count = of.following[: source.size], of.count[: source.size]
@@ -86,8 +93,12 @@ class Traffic:
             present=present, begins=np.maximum(visits - arrived, 0.0) / seconds.sum(),
             ends=_rate_beyond_chance(np.maximum(visits - gone_on, 0.0), seconds, place),
             flow=csr_array((rate, where), shape=(n, n)), cell=of.cell,
-            area=tessellation.area, tessellation=tessellation,
+            area=area, center=center, tessellation=tessellation, number=np.append(number, OUTSIDE),
         )  # fmt: skip
+
+    def located_in(self, tessellation: Tessellation, number: IntArray) -> Self:
+        """The same traffic; positions are looked up in some of the cells, `number` (n,) says in which."""
+        return replace(self, tessellation=tessellation, number=np.append(number, OUTSIDE))
 
     def later(self, share: FloatArray, dt_s: float) -> FloatArray:
         """(z,) -> (z,) vehicles in each manoeuvre after `dt_s`, those that began their journey since included."""
@@ -103,7 +114,7 @@ class Traffic:
         in_cell = np.bincount(self.cell, share, self.area.size)
         per_area = np.divide(in_cell, self.area, out=np.zeros(self.area.size), where=self.area > 0)
         off = spread_m * np.sqrt(2.0) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-        cell = self.tessellation.cell_of(position[:, None] + off)
+        cell = self.number[self.tessellation.cell_of(position[:, None] + off)]
         return np.asarray(np.append(per_area, 0.0)[cell].mean(axis=1))
 
 

@@ -114,6 +114,11 @@ class LogWriter:
         with uninterrupted():
             self._append(topic, kind, data, time_ns)
 
+    def end_chunk(self) -> None:
+        """Have the next message begin a chunk, so that what came before can be read without it."""
+        with uninterrupted():
+            self._writer.close_chunk()
+
     def _append(self, topic: str, kind: type[Message], data: bytes, time_ns: int) -> None:
         channel = self._channel.get(topic)
         if channel is None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import TypeVar
 
 from google.protobuf.message import DecodeError
 
-from dirprim_filter.primitives.part import Ground
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.damage import Damage
@@ -19,11 +20,12 @@ from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform,
 from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.schemas.map_tiles import encode_tiles
-from dirprim_filter.recording.schemas.tiled_map import decode_tiles
+from dirprim_filter.recording.schemas.tiled_map import TiledMap
 
 logger = logging.getLogger(__name__)
 
 MAP_SCHEMA = "dirprim.PrimitiveMap"
+Made = TypeVar("Made")
 
 
 def save_map(
@@ -48,64 +50,161 @@ def save_map(
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
         for tile in encode_tiles(primitive_map):
             log.write(topic_names.MAP, tile, 0)  # a map holds at no time of its own
+            log.end_chunk()  # a tile can be read by itself
         origin = origin_of(view_of(primitive_map))
         log.write(topic_names.TRANSFORM, scene_transform(0, origin), 0)
         log.write(topic_names.MAP_SCENE, map_scene(primitive_map, 0, origin), 0)
 
 
-def load_map(path: str | Path, *, near: Callable[[], Ground] | None = None) -> PrimitiveMap:
+def load_map(path: str | Path) -> PrimitiveMap:
     """Read a map that `save_map` wrote.
 
     A damaged file gives its map if every tile can be read; that is logged.
 
     Args:
         path: the MCAP file.
-        near: of a map of more than 20,000 cells only those with their centres on this ground are loaded; what is of no
-            place, and how many vehicles are expected where, stays that of the whole. Not asked for a smaller map. What
-            was loaded so cannot be saved or updated.
 
     Raises:
         RecordingError: the file is no map, or a part of it is missing or broken.
         OSError: the file cannot be read.
     """
-    return _Tiles(path).read(partial(decode_tiles, near=near))
+    with MapFile(path) as opened:
+        return opened.whole()
 
 
-class _Tiles:
-    """The messages of a map file, which can be gone through more than once, one at a time."""
+def open_map(path: str | Path) -> PrimitiveMap | MapFile:
+    """The map that `save_map` wrote; of one of more than 20,000 cells its file, whose tiles can be read by themselves.
+
+    Raises:
+        RecordingError: the file is no map, or a part of it is missing or broken.
+        OSError: the file cannot be read.
+    """
+    opened = MapFile(path)
+    if opened.is_large:
+        return opened
+    with opened:
+        return opened.whole()
+
+
+class MapFile(AbstractContextManager["MapFile"]):
+    """A map file of which tiles can be read by themselves; a context manager.
+
+    Args:
+        path: the MCAP file.
+
+    Raises:
+        RecordingError: the file is no map, or a part of it is missing or broken.
+        OSError: the file cannot be read.
+    """
 
     def __init__(self, path: str | Path) -> None:
-        self._path = path
-        self._n = 0
-        self._damage: list[Damage] = []
+        self._messages = _Messages(path)
+        self._tiles = self._messages.read(lambda: TiledMap(self._messages))
+
+    def __exit__(self, *_: object) -> None:
+        self._messages.close()
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it pays to read some tiles alone."""
+        return self._tiles.is_large
+
+    @property
+    def box(self) -> FloatArray:
+        """(n_tiles, 4) see `TiledMap`."""
+        return self._tiles.box
+
+    @property
+    def margin_m(self) -> float:
+        """What is at a place depends on no cells farther from it than that."""
+        return self._tiles.margin_m
+
+    def tiles_with(self, cell: IntArray) -> IntArray:
+        """The tiles that have some cells (n,), ascending."""
+        return self._tiles.tiles_with(cell)
+
+    def whole(self) -> PrimitiveMap:
+        """The map.
+
+        Raises:
+            RecordingError: the file is broken.
+        """
+        primitive_map = self._messages.read(self._tiles.whole)
+        if self._messages.damage:
+            logger.warning(
+                "%s: the map is whole, but the file is damaged: %s", self._messages.path, self._messages.damage[0]
+            )
+        return primitive_map
+
+    def part(self, tiles: IntArray) -> PrimitiveMap:
+        """The map of some tiles (n,) alone, which cannot be saved or updated; see `TiledMap`.
+
+        Raises:
+            RecordingError: the file is broken.
+        """
+        return self._messages.read(lambda: self._tiles.part(tiles))
+
+
+class _Messages:
+    """The messages of a map file, which can be gone through more than once, one at a time.
+
+    Attributes:
+        path: the file.
+        damage: what could not be read of it.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = path
+        self.damage: list[Damage] = []
+        # Of its topic alone: the drawing of a city is many times as large as what it is drawn from.
+        self._scan = scan(path, topics=topic_names.MAP.__eq__)
+        self._numbers: dict[int, range] = {}  # of the messages of each chunk
+        self._any = False
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._scan.close()
 
     def __iter__(self) -> Iterator[bytes]:
-        # Of its topic alone: the drawing of a city is many times as large as what it is drawn from.
-        with scan(self._path, topics=topic_names.MAP.__eq__) as messages:
-            try:
-                for message in messages:
-                    if message.schema_name == MAP_SCHEMA:
-                        self._n += 1
-                        yield message.data
-            finally:
-                self._damage = messages.damage
+        for _, data in self._numbered(None):
+            yield data
 
-    def read(self, decode: Callable[[Iterable[bytes]], PrimitiveMap]) -> PrimitiveMap:
-        """What is made of them; damage that does no harm is logged."""
-        broken = ""
+    def some(self, wanted: IntArray) -> Iterator[bytes]:
+        """Those that are wanted, by their numbers; chunks that hold none of them are not opened."""
+        numbers = set(wanted.tolist())
+        return (data for number, data in self._numbered(numbers) if number in numbers)
+
+    def _numbered(self, wanted: set[int] | None) -> Iterator[tuple[int, bytes]]:
+        files, number = self._scan.by_file(), 0
+        chunks = [(file, chunk) for file in files for chunk in file.outline.chunks if not file.is_beside(chunk)]
+        for i, (file, chunk) in enumerate(chunks):
+            if wanted is None or not wanted.isdisjoint(self._numbers[i]):
+                first = number
+                for message in file.messages(chunk).messages():
+                    if message.schema_name == MAP_SCHEMA:
+                        self._any = True
+                        yield number, message.data
+                        number += 1
+                self._numbers[i] = range(first, number)
+            number = self._numbers[i].stop
+        self.damage = self.damage or list(self._scan.damage)
+
+    def read(self, decode: Callable[[], Made]) -> Made:
+        """What is made of them.
+
+        Raises:
+            RecordingError: they make no such thing.
+        """
         try:
-            primitive_map = decode(self)
+            return decode()
         except DecodeError as error:
-            if not self._n and not self._damage:
+            damage = self.damage or self._scan.damage
+            if not self._any and not damage:
                 raise RecordingError(
-                    f"{self._path}: expected a map, with messages of {MAP_SCHEMA}, got none; make one with "
+                    f"{self.path}: expected a map, with messages of {MAP_SCHEMA}, got none; make one with "
                     "`dirprim learn`"
                 ) from error
-            if self._damage:
-                broken = f" (the file is damaged: {self._damage[0]})"
+            broken = f" (the file is damaged: {damage[0]})" if damage else ""
             raise RecordingError(
-                f"{self._path}: cannot be read as a map: {error}{broken}; learn it again with `dirprim learn`"
+                f"{self.path}: cannot be read as a map: {error}{broken}; learn it again with `dirprim learn`"
             ) from error
-        if self._damage:
-            logger.warning("%s: the map is whole, but the file is damaged: %s", self._path, self._damage[0])
-        return primitive_map

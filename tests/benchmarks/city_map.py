@@ -19,12 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter import load_map, save_map
+from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.nearby_map import NearbyMap
 from dirprim_filter.primitives.motion import FLOATS, Motion
-from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
-from dirprim_filter.primitives.part import Ground
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.traffic import Traffic
+from dirprim_filter.recording.map_file import MapFile
 from tessellation import VoronoiTessellation
 
 
@@ -72,22 +74,19 @@ def motion_of(motion: Motion, n_cells: int, n: int) -> Motion:
     )  # fmt: skip
 
 
-def load(path: str, reach_m: float | None = None) -> None:
-    """Seconds and memory, beyond what the program takes, of loading a map and of all that tracking makes of it."""
+def ready(path: str, *, in_tiles: bool) -> None:
+    """Seconds and memory of loading a map, or what is near one place of it, and of all that tracking makes of it."""
     before, began = most_mib(), time.process_time()
-    loaded = load_map(path, near=None if reach_m is None else lambda: Ground(np.zeros((1, 2)), reach_m))
-    cells = loaded.tessellation
+    nearby = NearbyMap(MapFile(path) if in_tiles else load_map(path), ahead_s=0.0, noise_m=0.5)
+    one = Detections(track_id=np.array(["one"]), time_ns=np.zeros(1, np.int64), position=np.zeros((1, 2)))
+    list(nearby.along([one], Worlds(lambda _: Tracker(nearby.part, rng=np.random.default_rng(0)))))
+    ParticleFilter(nearby.part)
     print(
-        f"{cells.n_cells} cells, {Path(path).stat().st_size / 1e6:.0f} MB: loaded in "
+        f"{nearby.part.tessellation.n_cells} cells, {Path(path).stat().st_size / 1e6:.0f} MB: ready in "
         f"{time.process_time() - began:.1f} s; held: {now_mib():.0f} MiB, at most {most_mib():.0f}, of which the "
         f"program {before:.0f}",
         flush=True,
     )
-    began = time.process_time()
-    motion_table(loaded, MotionKnobs())
-    Traffic.of(loaded)
-    loaded.log_density(cells.centers[:100], np.zeros(100), np.ones(100))
-    print(f"made ready in {time.process_time() - began:.1f} s; held {now_mib():.0f} MiB, at most {most_mib():.0f}")
 
 
 def most_mib() -> float:
@@ -104,4 +103,4 @@ if __name__ == "__main__":
     if sys.argv[1] == "write":
         save_map(city(load_map(sys.argv[2]), int(sys.argv[4])), sys.argv[3], force=True)
     else:
-        load(sys.argv[2], float(sys.argv[3]) if len(sys.argv) > 3 else None)
+        ready(sys.argv[2], in_tiles=sys.argv[3] == "tiles")

@@ -24,7 +24,7 @@ def road(n_cells=4, side=20.0):
     return Traffic(
         present=np.full(n_cells, 1.0 / n_cells), begins=np.eye(n_cells)[0] / (n_cells * STAY_S),
         ends=np.eye(n_cells)[-1] / STAY_S, flow=csr_array(flow), cell=np.arange(n_cells), area=cells.area,
-        tessellation=cells,
+        center=cells.centers, tessellation=cells, number=np.append(np.arange(n_cells), -1),
     )  # fmt: skip
 
 

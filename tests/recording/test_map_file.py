@@ -12,9 +12,12 @@ from dirprim_filter.primitives.motion import AMOUNTS, FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.schedule import Schedule
 from dirprim_filter.recording import load_map, save_map, topic_names
+from dirprim_filter.recording.container import log
+from dirprim_filter.recording.container.chunk import read_contents
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
 from dirprim_filter.recording.foxglove.frames import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
+from dirprim_filter.recording.map_file import MapFile
 from dirprim_filter.recording.scan import scan
 from dirprim_filter.recording.schemas import map_tiles
 from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, encode_tiles
@@ -157,16 +160,52 @@ def test_what_was_learned_loads_equal(tmp_path, ring_map):
     assert_equal(load_map(tmp_path / "map.mcap"), ring_map)
 
 
-def test_tiles_share_manoeuvres_and_transitions_evenly():
-    sent = some_map(2 * TILE_CELLS + 9)
-    parts = [tile.motion for tile in encode_tiles(sent)]
-    assert sum(len(part.cell) for part in parts) == len(sent.motion)
-    for column in ("cell", "first", "acceleration_speed", "following", "count"):
-        n = [len(getattr(part, column)) for part in parts]
-        assert max(n) - min(n) <= 1, column
+def test_a_tile_has_the_manoeuvres_of_its_cells_and_what_follows_them():
+    sent = some_map(2 * TILE_CELLS + 9).motion
+    tiles = list(encode_tiles(some_map(2 * TILE_CELLS + 9)))
+    assert len(tiles) == 3
+    for tile in tiles:
+        of, number = tile.motion, np.array(tile.motion.number)
+        assert set(of.cell) <= set(tile.cell)
+        np.testing.assert_array_equal(sent.cell[number], of.cell)
+        np.testing.assert_array_equal(sent.push[number], of.push)
+        source = np.repeat(number, np.diff(np.append(of.first, len(of.following))))
+        every = np.repeat(np.arange(len(sent)), np.diff(sent.first))
+        own = np.isin(every, number)
+        np.testing.assert_array_equal(every[own], source)
+        np.testing.assert_array_equal(sent.following[own], of.following)
+        np.testing.assert_array_equal(sent.count[own], of.count)
+    assert sum(len(tile.motion.cell) for tile in tiles) == sent.n_placed
 
 
-@pytest.mark.parametrize(("version", "age"), [(0, "an older"), (1, "an older"), (3, "a newer")])
+def test_tiles_are_squares_of_the_ground(tmp_path, monkeypatch):
+    monkeypatch.setattr(map_tiles, "TILE_M", 12.0)
+    sent = some_map(700)
+    tiles = list(encode_tiles(sent))
+    assert len(tiles) > 5
+    for tile in tiles:
+        center = sent.tessellation.centers[tile.cell]
+        assert np.ptp(center, axis=0).max() < 12.0
+        assert (center > [tile.box.west, tile.box.south]).all()
+        assert (center < [tile.box.east, tile.box.north]).all()
+        np.testing.assert_array_equal(sent.tessellation.square[tile.cell], tile.grid.square)
+    save_map(sent, tmp_path / "map.mcap")
+    assert_equal(load_map(tmp_path / "map.mcap"), sent)
+
+
+def test_a_tile_is_read_without_the_chunks_of_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(map_tiles, "TILE_CELLS", 50)
+    save_map(some_map(300), tmp_path / "map.mcap")
+    opened = []
+    with MapFile(tmp_path / "map.mcap") as tiles:
+        monkeypatch.setattr(log, "read_contents", lambda *of: opened.append(1) or read_contents(*of))
+        assert tiles.part(np.array([2])).tessellation.n_cells == 50
+        assert len(opened) == 1
+        tiles.part(np.array([0, 4, 5]))
+        assert len(opened) == 4
+
+
+@pytest.mark.parametrize(("version", "age"), [(0, "an older"), (2, "an older"), (4, "a newer")])
 def test_a_map_of_another_version_is_to_be_learned_again(tmp_path, version, age):
     (tile,) = encode_tiles(some_map(10))
     tile.version = version
@@ -194,8 +233,8 @@ def test_an_existing_file_is_kept_without_force(tmp_path):
 
 
 def test_a_log_that_is_no_map_is_reported(tmp_path):
-    with LogWriter(tmp_path / "log.mcap", metadata={}) as log:
-        log.write("/tf", scene_transform(0, np.zeros(2)), 0)
+    with LogWriter(tmp_path / "log.mcap", metadata={}) as writer:
+        writer.write("/tf", scene_transform(0, np.zeros(2)), 0)
     with pytest.raises(RecordingError, match=r"log\.mcap: expected a map.*dirprim learn"):
         load_map(tmp_path / "log.mcap")
     (tmp_path / "text").write_text("no log at all")
@@ -204,9 +243,9 @@ def test_a_log_that_is_no_map_is_reported(tmp_path):
 
 
 def write_tiles(path, tiles):
-    with LogWriter(path, metadata={}) as log:
+    with LogWriter(path, metadata={}) as writer:
         for tile in tiles:
-            log.write(topic_names.MAP, tile, 0)
+            writer.write(topic_names.MAP, tile, 0)
 
 
 @pytest.mark.parametrize("voronoi", [False, True])
@@ -326,6 +365,15 @@ def harm_motion(name, index, value):
     return harm
 
 
+def harm_place_free(name, index, value):
+    """Likewise, of the place-free manoeuvres."""
+
+    def harm(tile):
+        getattr(tile.place_free_motion, name)[index] = value
+
+    return harm
+
+
 def shorten_motion(name):
     def harm(tile):
         getattr(tile.motion, name).pop()
@@ -342,7 +390,7 @@ def wrap_around(tile):
     ("harm", "message"),
     [
         *((shorten_motion(name), f"{name}: expected") for name in COLUMNS if name not in ("cell", "following")),
-        (shorten_motion("cell"), "expected 22 numbers, got 23"),
+        (shorten_motion("cell"), "expected 19 numbers, got 20"),
         (shorten_motion("following"), "count: expected"),
         *(
             (harm_motion(name, 2, value), "expected finite")
@@ -350,22 +398,24 @@ def wrap_around(tile):
             for value in (np.nan, -np.inf)
         ),
         *((harm_motion(name, 2, -1.0), f"{name}: expected no negative") for name in AMOUNTS),
-        (harm_motion("cell", -1, 3), "then -1 for two place-free manoeuvres"),
+        (harm_place_free("cell", -1, 3), "then -1 for two place-free manoeuvres"),
         (harm_motion("cell", 0, -1), "expected cells in ascending order"),
-        (harm_motion("cell", -1, -2), "expected cells in ascending order"),
-        (harm_motion("cell", 19, 10), "expected manoeuvres of 10 cells and 3 modes"),
-        (harm_motion("cell", 19, 2**62), "expected manoeuvres of 10 cells and 3 modes"),
+        (harm_place_free("cell", -1, -2), "expected cells in ascending order"),
+        (harm_motion("cell", 19, 10), "expected manoeuvres of 10 cells, got others"),
+        (harm_motion("cell", 19, 2**62), "expected manoeuvres of 10 cells, got others"),
+        (harm_motion("number", 19, 2**62), "manoeuvres: expected numbers 0 to 19, each once"),
+        (harm_motion("number", 19, 18), "manoeuvres: expected numbers 0 to 19, each once"),
         (harm_motion("mode", 0, 3), "expected manoeuvres of 10 cells and 3 modes"),
         (harm_motion("mode", 0, -1), "expected manoeuvres of 10 cells and 3 modes"),
-        (harm_motion("first", 0, 1), "expected transitions to manoeuvres 0 to 22"),
-        (harm_motion("first", 4, 2**62), "expected transitions to manoeuvres 0 to 22"),
-        (harm_motion("first", -1, -(2**63)), "expected transitions to manoeuvres 0 to 22"),
-        (wrap_around, "expected transitions to manoeuvres 0 to 22"),
+        (harm_motion("first", 0, 1), "first: expected ascending numbers from 0"),
+        (harm_motion("first", 4, 2**62), "first: expected ascending numbers from 0"),
+        (harm_motion("first", -1, -(2**63)), "first: expected ascending numbers from 0"),
+        (wrap_around, "first: expected ascending numbers from 0"),
         (harm_motion("following", 0, 23), "expected transitions to manoeuvres 0 to 22"),
         (harm_motion("following", 0, -1), "expected transitions to manoeuvres 0 to 22"),
-        (lambda tile: tile.ClearField("motion"), "expected cells in ascending order"),
-        (lambda tile: tile.motion.ClearField("strength"), "strength: expected a positive number"),
-        (lambda tile: tile.motion.ClearField("course_rate"), "course_rate: expected a positive number"),
+        (lambda tile: tile.ClearField("place_free_motion"), "then -1 for two place-free manoeuvres"),
+        (lambda tile: tile.place_free_motion.ClearField("strength"), "strength: expected a positive number"),
+        (lambda tile: tile.place_free_motion.ClearField("course_rate"), "course_rate: expected a positive number"),
     ],
 )
 def test_harmed_motion_is_reported_in_one_line(tmp_path, harm, message):

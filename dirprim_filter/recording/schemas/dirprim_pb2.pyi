@@ -95,14 +95,20 @@ class Grid(_message.Message):
     def __init__(self, origin_x: _Optional[float] = ..., origin_y: _Optional[float] = ..., cell_size: _Optional[float] = ..., n_x: _Optional[int] = ..., n_y: _Optional[int] = ..., square: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Voronoi(_message.Message):
-    __slots__ = ("x", "y", "region")
+    __slots__ = ("x", "y", "region", "beside", "beside_x", "beside_y")
     X_FIELD_NUMBER: _ClassVar[int]
     Y_FIELD_NUMBER: _ClassVar[int]
     REGION_FIELD_NUMBER: _ClassVar[int]
+    BESIDE_FIELD_NUMBER: _ClassVar[int]
+    BESIDE_X_FIELD_NUMBER: _ClassVar[int]
+    BESIDE_Y_FIELD_NUMBER: _ClassVar[int]
     x: _containers.RepeatedScalarFieldContainer[float]
     y: _containers.RepeatedScalarFieldContainer[float]
     region: Grid
-    def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., region: _Optional[_Union[Grid, _Mapping]] = ...) -> None: ...
+    beside: _containers.RepeatedScalarFieldContainer[int]
+    beside_x: _containers.RepeatedScalarFieldContainer[float]
+    beside_y: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., region: _Optional[_Union[Grid, _Mapping]] = ..., beside: _Optional[_Iterable[int]] = ..., beside_x: _Optional[_Iterable[float]] = ..., beside_y: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Primitives(_message.Message):
     __slots__ = ("weight", "mean_direction", "concentration", "shape", "rate", "bend_east", "bend_north", "gain_east", "gain_north", "n_rows")
@@ -141,7 +147,8 @@ class Leader(_message.Message):
     def __init__(self, gain: _Optional[_Iterable[float]] = ..., push: _Optional[float] = ..., trust: _Optional[float] = ..., start_rate: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Motion(_message.Message):
-    __slots__ = ("cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "curvature", "first", "following", "count", "course_rate", "strength", "leader", "spread")
+    __slots__ = ("number", "cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "curvature", "first", "following", "count", "course_rate", "strength", "leader", "spread")
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
     CELL_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
     VISITS_FIELD_NUMBER: _ClassVar[int]
@@ -175,6 +182,7 @@ class Motion(_message.Message):
     STRENGTH_FIELD_NUMBER: _ClassVar[int]
     LEADER_FIELD_NUMBER: _ClassVar[int]
     SPREAD_FIELD_NUMBER: _ClassVar[int]
+    number: _containers.RepeatedScalarFieldContainer[int]
     cell: _containers.RepeatedScalarFieldContainer[int]
     mode: _containers.RepeatedScalarFieldContainer[int]
     visits: _containers.RepeatedScalarFieldContainer[float]
@@ -208,7 +216,7 @@ class Motion(_message.Message):
     strength: float
     leader: Leader
     spread: float
-    def __init__(self, cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., curvature: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ..., leader: _Optional[_Union[Leader, _Mapping]] = ..., spread: _Optional[float] = ...) -> None: ...
+    def __init__(self, number: _Optional[_Iterable[int]] = ..., cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., curvature: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ..., leader: _Optional[_Union[Leader, _Mapping]] = ..., spread: _Optional[float] = ...) -> None: ...
 
 class Schedule(_message.Message):
     __slots__ = ("by", "zone", "flow", "pace")
@@ -284,8 +292,20 @@ class Refit(_message.Message):
     counted: Counted
     def __init__(self, modes: _Optional[str] = ..., curved: bool = ..., prior_strength: _Optional[float] = ..., parameter_cost: _Optional[float] = ..., usual_resultant: _Optional[float] = ..., usual_speed_spread: _Optional[float] = ..., config: _Optional[str] = ..., softness: _Optional[float] = ..., place_free: _Optional[float] = ..., borrowed: _Optional[float] = ..., lenders: _Optional[_Iterable[_Union[Generators, _Mapping]]] = ..., counted: _Optional[_Union[Counted, _Mapping]] = ...) -> None: ...
 
+class Box(_message.Message):
+    __slots__ = ("west", "south", "east", "north")
+    WEST_FIELD_NUMBER: _ClassVar[int]
+    SOUTH_FIELD_NUMBER: _ClassVar[int]
+    EAST_FIELD_NUMBER: _ClassVar[int]
+    NORTH_FIELD_NUMBER: _ClassVar[int]
+    west: float
+    south: float
+    east: float
+    north: float
+    def __init__(self, west: _Optional[float] = ..., south: _Optional[float] = ..., east: _Optional[float] = ..., north: _Optional[float] = ...) -> None: ...
+
 class PrimitiveMap(_message.Message):
-    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "n_borrowed_modes", "grid", "voronoi", "cells", "place_free", "version", "motion", "schedule", "refit")
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "n_borrowed_modes", "grid", "voronoi", "cell", "area", "box", "ahead", "cells", "place_free", "version", "motion", "place_free_motion", "schedule", "refit")
     TILE_FIELD_NUMBER: _ClassVar[int]
     N_TILES_FIELD_NUMBER: _ClassVar[int]
     N_MODES_FIELD_NUMBER: _ClassVar[int]
@@ -293,10 +313,15 @@ class PrimitiveMap(_message.Message):
     N_BORROWED_MODES_FIELD_NUMBER: _ClassVar[int]
     GRID_FIELD_NUMBER: _ClassVar[int]
     VORONOI_FIELD_NUMBER: _ClassVar[int]
+    CELL_FIELD_NUMBER: _ClassVar[int]
+    AREA_FIELD_NUMBER: _ClassVar[int]
+    BOX_FIELD_NUMBER: _ClassVar[int]
+    AHEAD_FIELD_NUMBER: _ClassVar[int]
     CELLS_FIELD_NUMBER: _ClassVar[int]
     PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     MOTION_FIELD_NUMBER: _ClassVar[int]
+    PLACE_FREE_MOTION_FIELD_NUMBER: _ClassVar[int]
     SCHEDULE_FIELD_NUMBER: _ClassVar[int]
     REFIT_FIELD_NUMBER: _ClassVar[int]
     tile: int
@@ -306,10 +331,15 @@ class PrimitiveMap(_message.Message):
     n_borrowed_modes: int
     grid: Grid
     voronoi: Voronoi
+    cell: _containers.RepeatedScalarFieldContainer[int]
+    area: _containers.RepeatedScalarFieldContainer[float]
+    box: Box
+    ahead: _containers.RepeatedScalarFieldContainer[int]
     cells: Primitives
     place_free: Primitives
     version: int
     motion: Motion
+    place_free_motion: Motion
     schedule: Schedule
     refit: Refit
-    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., n_borrowed_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., schedule: _Optional[_Union[Schedule, _Mapping]] = ..., refit: _Optional[_Union[Refit, _Mapping]] = ...) -> None: ...
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., n_borrowed_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cell: _Optional[_Iterable[int]] = ..., area: _Optional[_Iterable[float]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., ahead: _Optional[_Iterable[int]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., place_free_motion: _Optional[_Union[Motion, _Mapping]] = ..., schedule: _Optional[_Union[Schedule, _Mapping]] = ..., refit: _Optional[_Union[Refit, _Mapping]] = ...) -> None: ...

@@ -1,4 +1,4 @@
-"""A map of directional primitives as `dirprim.PrimitiveMap` messages, a tile of cells in each.
+"""A map of directional primitives as `dirprim.PrimitiveMap` messages, the cells on a square of the ground in each.
 
 Source: dirprim.proto. Columns travel as packed doubles, so a map comes back bit for bit.
 """
@@ -8,18 +8,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+from scipy.sparse import csr_array
+
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.schedule import Schedule
+from dirprim_filter.primitives.schedule import STEPS_AHEAD, Schedule
 from dirprim_filter.recording.schemas import dirprim_pb2
-from dirprim_filter.recording.schemas.motion_columns import encode_motion
+from dirprim_filter.recording.schemas.motion_columns import encode_manoeuvres, encode_place_free, ranges
 from dirprim_filter.recording.schemas.refit_message import encode_refit
 from tessellation import GridTessellation, VoronoiTessellation
+from tessellation.tiles import Tile, tiles_of
 
-VERSION = 2
-"""Of the messages; a map of another version says other things of motion."""
+VERSION = 3
+"""Of the messages; a map of another version has other tiles."""
+TILE_M = 1000.0
+"""Side of a tile, about: a vehicle is on one of them, at most on four, and a city has hundreds."""
 TILE_CELLS = 4096
-"""Cells in a message: some 0.5 MB at three modes, so that a damaged chunk is small and a viewer can page."""
+"""Cells in a message, at most: some 0.5 MB at three modes, so that a damaged chunk is small and a viewer can page."""
 
 MODE_COLUMNS = (
     "weight", "mean_direction", "concentration", "shape", "rate", "bend_east", "bend_north", "gain_east", "gain_north",
@@ -37,7 +43,6 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
         raise TypeError(
             f"tessellation: expected a GridTessellation or VoronoiTessellation, got {type(tessellation).__name__}"
         )
-    n_cells = tessellation.n_cells
     columns = {
         "weight": primitive_map.direction.weight,
         "mean_direction": primitive_map.direction.mean_direction,
@@ -49,55 +54,98 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
         "gain_east": primitive_map.gain[..., 0],
         "gain_north": primitive_map.gain[..., 1],
     }
-    n_tiles = max(1, -(-n_cells // TILE_CELLS))
-    place_free = _encode_rows(columns, primitive_map.n_rows, slice(n_cells, None))
-    for tile in range(n_tiles):
-        cells = slice(tile * TILE_CELLS, min((tile + 1) * TILE_CELLS, n_cells))
+    motion, area = primitive_map.motion, tessellation.area
+    of_grid = isinstance(tessellation, GridTessellation)
+    tiles = [part for tile in tiles_of(tessellation, TILE_M) for part in _not_too_large(tile, of_grid)] or [_NOTHING]
+    begin = np.searchsorted(motion.cell[: motion.n_placed], np.arange(tessellation.n_cells + 1))
+    ahead = _ahead(primitive_map, tiles)
+    place_free = _encode_rows(columns, primitive_map.n_rows, np.array([tessellation.n_cells]))
+    for i, tile in enumerate(tiles):
         yield dirprim_pb2.PrimitiveMap(
             version=VERSION,
-            tile=tile,
-            n_tiles=n_tiles,
+            tile=i,
+            n_tiles=len(tiles),
             n_modes=primitive_map.direction.weight.shape[1],
             n_place_free_modes=primitive_map.n_place_free_modes,
             n_borrowed_modes=primitive_map.n_borrowed_modes,
-            **_encode_cells(tessellation, cells, tile, n_tiles),
-            cells=_encode_rows(columns, primitive_map.n_rows, cells),
+            **_encode_ground(tessellation, tile),
+            cell=tile.cell.tolist(),
+            area=area[tile.cell].tolist(),
+            box=dirprim_pb2.Box(**dict(zip(("west", "south", "east", "north"), tile.box.tolist(), strict=True))),
+            ahead=ahead[i].tolist(),
+            cells=_encode_rows(columns, primitive_map.n_rows, tile.cell),
             place_free=place_free,
-            motion=encode_motion(primitive_map.motion, tile, n_tiles),
-            schedule=_encode_schedule(primitive_map.schedule, cells),
-            refit=encode_refit(primitive_map.refit) if tile == 0 else None,
+            motion=encode_manoeuvres(motion, ranges(begin, tile.cell)[0]),
+            place_free_motion=encode_place_free(motion),
+            schedule=_encode_schedule(primitive_map.schedule, tile.cell),
+            refit=encode_refit(primitive_map.refit) if i == 0 else None,
         )
 
 
-def _encode_cells(
-    tessellation: GridTessellation | VoronoiTessellation, cells: slice, tile: int, n_tiles: int
-) -> dict[str, Any]:
-    """A tile's cells. A region has no cell to go with, so each tile takes as many of its squares."""
+_NOTHING = Tile(*(np.empty(0, np.int64),) * 3, np.zeros(4))
+
+
+def _not_too_large(tile: Tile, of_grid: bool) -> list[Tile]:
+    """A tile as several of at most `TILE_CELLS` cells; the first has the ground of generators."""
+    none = np.empty(0, np.int64)
+    made = []
+    for first in range(0, max(tile.cell.size, 1), TILE_CELLS):
+        some = slice(first, first + TILE_CELLS)
+        ground = (tile.square[some] if of_grid else none if first else tile.square, none if first else tile.beside)
+        made.append(Tile(tile.cell[some], *ground, tile.box))
+    return made
+
+
+def _ahead(primitive_map: PrimitiveMap, tiles: list[Tile]) -> list[IntArray]:
+    """Of each tile those with the cells ahead of its own: what `Schedule` makes of an hour in these depends on them."""
+    if primitive_map.schedule is None:
+        return [np.empty(0, np.int64)] * len(tiles)
+    motion, n = primitive_map.motion, primitive_map.tessellation.n_cells
+    source, to = np.repeat(motion.cell, np.diff(motion.first)), motion.cell[motion.following]
+    placed = (source >= 0) & (to >= 0)
+    after = csr_array((np.ones(placed.sum(), np.bool_), (to[placed], source[placed])), shape=(n, n))
+    of_cell = np.empty(n, np.int64)
+    for i, tile in enumerate(tiles):
+        of_cell[tile.cell] = i
+    found = []
+    for i, tile in enumerate(tiles):
+        reached = np.zeros(n, np.bool_)
+        reached[tile.cell] = True
+        for _ in range(STEPS_AHEAD + 1):  # and what goes on to the last
+            reached |= after @ reached
+        there = np.unique(of_cell[reached])
+        found.append(there[there != i])
+    return found
+
+
+def _encode_ground(tessellation: GridTessellation | VoronoiTessellation, tile: Tile) -> dict[str, Any]:
+    """Where a tile's cells are."""
     if isinstance(tessellation, GridTessellation):
-        return {"grid": _encode_grid(tessellation, cells)}
-    x, y = tessellation.generators[cells].T
-    first, last = (tessellation.region.n_cells * t // n_tiles for t in (tile, tile + 1))
-    region = _encode_grid(tessellation.region, slice(first, last))
-    return {"voronoi": dirprim_pb2.Voronoi(x=x.tolist(), y=y.tolist(), region=region)}
+        return {"grid": _encode_grid(tessellation, tile.square)}
+    (x, y), (beside_x, beside_y) = (tessellation.generators[of].T.tolist() for of in (tile.cell, tile.beside))
+    return {"voronoi": dirprim_pb2.Voronoi(
+        x=x, y=y, region=_encode_grid(tessellation.region, tile.square), beside=tile.beside.tolist(),
+        beside_x=beside_x, beside_y=beside_y,
+    )}  # fmt: skip
 
 
-def _encode_grid(grid: GridTessellation, squares: slice) -> dirprim_pb2.Grid:
+def _encode_grid(grid: GridTessellation, square: IntArray) -> dirprim_pb2.Grid:
     return dirprim_pb2.Grid(
         origin_x=grid.origin[0],
         origin_y=grid.origin[1],
         cell_size=grid.cell_size,
         n_x=grid.n_x,
         n_y=grid.n_y,
-        square=grid.square[squares].tolist(),
+        square=square.tolist(),
     )
 
 
-def _encode_rows(columns: dict[str, FloatArray], n_rows: IntArray, rows: slice) -> dirprim_pb2.Primitives:
+def _encode_rows(columns: dict[str, FloatArray], n_rows: IntArray, rows: IntArray) -> dirprim_pb2.Primitives:
     packed = {name: column[rows].ravel().tolist() for name, column in columns.items()}
     return dirprim_pb2.Primitives(**packed, n_rows=n_rows[rows].tolist())
 
 
-def _encode_schedule(schedule: Schedule | None, cells: slice) -> dirprim_pb2.Schedule | None:
+def _encode_schedule(schedule: Schedule | None, cells: IntArray) -> dirprim_pb2.Schedule | None:
     if schedule is None:
         return None
     columns = {name: getattr(schedule, name)[:, cells].swapaxes(0, 1).ravel().tolist() for name in ("flow", "pace")}

@@ -1,4 +1,4 @@
-"""The motion of a map as `dirprim.Motion` messages, a part of its manoeuvres and transitions in each tile.
+"""The motion of a map as `dirprim.Motion` messages, the manoeuvres of its cells in each tile.
 
 Source: dirprim.proto. Columns travel as packed numbers, so motion comes back bit for bit.
 """
@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.recording.schemas import dirprim_pb2
@@ -25,26 +25,41 @@ FIELDS = {
 """The message's fields of the attributes that have several columns; of others it is the one of that name."""
 KNOBS = ("course_rate", "strength", "spread", "leader")
 COLUMNS = tuple(field.name for field in dirprim_pb2.Motion.DESCRIPTOR.fields if field.name not in KNOBS)
-"""What tiles have parts of; all else they repeat."""
-INTEGERS = ("cell", "mode", "first", "following")
+"""What there is of each manoeuvre or transition."""
+INTEGERS = ("number", "cell", "mode", "first", "following")
 ALL = (*INTEGERS, *FLOATS, "count")
-"""The attributes of `Motion` that these are."""
+"""The attributes of `Motion` that these are, and `number`: which manoeuvres of the map they are of."""
 
 
-def encode_motion(motion: Motion, tile: int, n_tiles: int) -> dirprim_pb2.Motion:
-    """A tile's part: of the manoeuvres as many as any other tile has, and of the transitions."""
-    of_manoeuvre: dict[str, AnyArray] = {"cell": motion.cell, "mode": motion.mode, "first": motion.first[:-1]}
+def encode_manoeuvres(motion: Motion, number: IntArray) -> dirprim_pb2.Motion:
+    """Some manoeuvres (n,), ascending, and the transitions from them; without what all share."""
+    following, first = ranges(motion.first, number)
+    columns: dict[str, AnyArray] = {
+        "number": number, "cell": motion.cell[number], "mode": motion.mode[number], "first": first[:-1],
+        "following": motion.following[following], "count": motion.count[following],
+    }  # fmt: skip
     for name in FLOATS:
         fields = FIELDS.get(name, (name,))
-        of_manoeuvre |= zip(fields, getattr(motion, name).reshape(-1, len(fields)).T, strict=True)
-    columns = of_manoeuvre | {"following": motion.following, "count": motion.count}
-    return dirprim_pb2.Motion(
-        **{name: column[_part(column.size, tile, n_tiles)].tolist() for name, column in columns.items()},
+        columns |= zip(fields, getattr(motion, name)[number].reshape(-1, len(fields)).T, strict=True)
+    return dirprim_pb2.Motion(**{name: column.tolist() for name, column in columns.items()})
+
+
+def ranges(first: IntArray, of: IntArray) -> tuple[IntArray, IntArray]:
+    """The ranges from first[i] to first[i + 1] of some i (n,), one after the other, and where each begins, (n + 1,)."""
+    begin = np.append(0, np.cumsum(first[of + 1] - first[of]))
+    return np.arange(begin[-1]) + np.repeat(first[of] - begin[:-1], np.diff(begin)), begin
+
+
+def encode_place_free(motion: Motion) -> dirprim_pb2.Motion:
+    """The place-free manoeuvres, and what all manoeuvres share."""
+    message = encode_manoeuvres(motion, np.arange(motion.n_placed, len(motion)))
+    message.MergeFrom(dirprim_pb2.Motion(
         course_rate=motion.course_rate,
         strength=motion.strength,
         spread=motion.spread,
         leader=None if motion.leader is None else _encode_leader(motion.leader),
-    )
+    ))  # fmt: skip
+    return message
 
 
 def motion_columns(part: dirprim_pb2.Motion, names: Iterable[str] = ALL) -> dict[str, AnyArray]:
@@ -65,7 +80,7 @@ def motion_columns(part: dirprim_pb2.Motion, names: Iterable[str] = ALL) -> dict
 
 
 def motion_of(columns: Mapping[str, AnyArray], knobs: dirprim_pb2.Motion) -> Motion:
-    """The motion of columns of all tiles, and of what each tile repeats.
+    """The motion of columns of all manoeuvres, and of what they share.
 
     Raises:
         DecodeError: a response to leaders of another length.
@@ -91,7 +106,3 @@ def _decode_leader(leader: dirprim_pb2.Leader) -> LeaderResponse:
         gain=floats_of(leader, "gain", N_FEATURES), push=leader.push, trust=leader.trust,
         start_rate=floats_of(leader, "start_rate", N_PACES),
     )  # fmt: skip
-
-
-def _part(n: int, tile: int, n_tiles: int) -> slice:
-    return slice(n * tile // n_tiles, n * (tile + 1) // n_tiles)
