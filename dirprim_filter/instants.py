@@ -40,11 +40,13 @@ class Instants(NamedTuple):
         order = np.argsort(key, kind="stable")  # of a vehicle's rows before an instant the last one stays
         lasts = order[np.append(np.diff(key[order]) != 0, True)[: order.size]]
         row, at = row[lasts], at[lasts]
-        course, speed = tracks.direction[row], tracks.speed[row]
+        state = np.empty((row.size, 4))
+        state[:, 2], state[:, 3] = course, speed = tracks.direction[row], tracks.speed[row]
         way = speed * (time_ns[at] - tracks.time_ns[row]) * 1e-9
-        place = tracks.position[row] + way[:, None] * np.column_stack([np.cos(course), np.sin(course)])
+        state[:, 0] = tracks.position[row, 0] + way * np.cos(course)
+        state[:, 1] = tracks.position[row, 1] + way * np.sin(course)
         first = np.searchsorted(at, np.arange(time_ns.size + 1))
-        return cls(np.column_stack([place, course, speed]), np.asarray(vehicle[row], np.int64), first)
+        return cls(state, np.asarray(vehicle[row], np.int64), first)
 
     @property
     def instant(self) -> IntArray:

@@ -122,9 +122,10 @@ def tally_in_order(when: IntArray, here: IntArray, begins: BoolArray, value: Any
 def _passed(place: IntArray, vehicle: IntArray) -> Tally:
     """How many vehicles were at each place."""
     moves = np.append(True, (place[1:] != place[:-1]) | (vehicle[1:] != vehicle[:-1]))[: place.size]
-    key = np.column_stack([place[moves], vehicle[moves]])
-    once = Tally.of(key, np.ones((len(key), 1), np.int16))
-    return Tally.of(once.key[:, :1], np.ones((len(once), 1), np.int16))
+    place = place[moves]
+    row, _ = summed_by((place, vehicle[moves]), np.ones((place.size, 1), np.int16))  # of each vehicle once, by places
+    first = np.flatnonzero(np.diff(place[row], prepend=-1))
+    return Tally(key=place[row[first], None], value=np.diff(first, append=row.size)[:, None])
 
 
 def passed_place(state: IntArray, lattice: Lattice) -> IntArray:

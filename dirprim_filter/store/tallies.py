@@ -14,7 +14,8 @@ from dirprim_filter.store._counting import as_they_come, summed
 
 BLOCK_KEYS = 1 << 16
 """So many of a tally at a time are added to others."""
-MOST_CODES = (1 << 63) - 1
+N_BITS = 63
+MOST_CODES = (1 << N_BITS) - 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,11 +87,20 @@ class Tally(ArrayValue):
 
 def summed_by(columns: Sequence[IntArray] | IntArray, value: AnyArray) -> tuple[IntArray, IntArray]:
     """(m,) a row of each key, the keys ascending, and (m, v) the sums of its rows. k columns (n,), (n, v)."""
-    code = _codes(columns)
-    order = np.argsort(code)
-    code = code[order]
+    code, order = _sorted(_codes(columns))
     first = np.flatnonzero(np.append(True, code[1:] != code[:-1])[: code.size])
     return order[first], summed(order, first, np.ascontiguousarray(value))
+
+
+def _sorted(code: IntArray) -> tuple[IntArray, IntArray]:
+    """(n,) numbers, none negative, ascending; and their order. With the row's number inside they sort twice as fast."""
+    bits = code.size.bit_length()
+    if int(code.max(initial=0)).bit_length() + bits > N_BITS:
+        order = np.argsort(code)
+        return code[order], order
+    both = (code << bits) | np.arange(code.size)
+    both.sort()
+    return both >> bits, both & ((1 << bits) - 1)
 
 
 def ranked(values: IntArray) -> IntArray:

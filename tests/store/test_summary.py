@@ -71,7 +71,9 @@ def test_any_sharding_order_and_grouping_gives_the_same(many):
     assert Summary.total(many[1:]).digest != whole
 
 
-@pytest.mark.parametrize("far", [3, 1 << 40], ids=["one number holds a key", "none does"])
+@pytest.mark.parametrize(
+    "far", [3, 1 << 13, 1 << 40], ids=["one number holds a key and its row", "one holds a key", "none does"]
+)
 def test_keys_are_summed_as_by_a_loop_and_piece_by_piece(far, monkeypatch):
     rng = np.random.default_rng(0)
     key, value = rng.integers(-1, 3, (200, 4)) * far, rng.integers(1, 9, (200, 2))
