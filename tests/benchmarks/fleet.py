@@ -196,7 +196,8 @@ def year(scene: str, n_logs: int) -> None:
             rows = scores if rows is None else rows
             worse = " ".join(
                 f"{horizon:g} s {energy:+.1%}"
-                for horizon, energy in zip(HORIZONS_S, scores[1:] / rows[1:] - 1, strict=True) if horizon in (1, 3, 5, 8)
+                for horizon, energy in zip(HORIZONS_S, scores[1:] / rows[1:] - 1, strict=True)
+                if horizon in {1, 3, 5, 8}
             )  # fmt: skip
             print(
                 f"{scene}, {n_vehicles or 'all'} vehicles a month: {int(sums.whens.value.sum())} steps, "
