@@ -20,7 +20,7 @@ class Counted(ArrayValue):
     Attributes:
         by: how the store counts, and in which frame.
         min_vehicles: of what fewer did the map says nothing.
-        share: of the ways of vehicles, those that were learned from.
+        most_rows: around a tile, of as many ways of vehicles as leave no more.
         usual_square: (4,) of a manoeuvre's deviations, see `motion_learning.usual_squares`.
         tile: (t, 2) east and north, in order: those that recordings have steps in.
         digest: (t,) of the recordings of each.
@@ -36,7 +36,7 @@ class Counted(ArrayValue):
 
     by: str
     min_vehicles: int
-    share: float
+    most_rows: int
     usual_square: FloatArray
     tile: IntArray
     digest: IntArray
@@ -48,10 +48,9 @@ class Counted(ArrayValue):
     def __post_init__(self) -> None:
         if self.tile.shape != (self.digest.size, 2):
             raise ValueError(f"tile, digest: expected (t, 2) and (t,), got {self.tile.shape} and {self.digest.shape}")
-        if self.min_vehicles < 1 or not 0.0 < self.share <= 1.0:
+        if min(self.min_vehicles, self.most_rows) < 1:
             raise ValueError(
-                "min_vehicles, share: expected at least 1, and more than 0 to 1, got "
-                f"{self.min_vehicles} and {self.share}"
+                f"min_vehicles, most_rows: expected at least 1, got {self.min_vehicles} and {self.most_rows}"
             )
         square = self.usual_square
         if square.shape != (N_SPREADS,) or not (np.isfinite(square).all() and (square >= 0).all()):

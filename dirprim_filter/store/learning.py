@@ -90,9 +90,19 @@ def learn_from_summary(
     Raises:
         ValueError: nothing is left to learn from, by hour no two days, or options as for `learn_primitives`.
     """
-    return learn_with_strengths(
-        summary, min_vehicles=min_vehicles, fading=fading, by=by, zone=zone, rng=rng, **options
+    if min_vehicles < 1:
+        raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
+    visible = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading and fading.slowly)
+    return learn_from_visible(
+        visible, summary.leader_sums, min_vehicles=min_vehicles, fading=fading, by=by, zone=zone, rng=rng, **options
     ).primitive_map
+
+
+class Visible(NamedTuple):
+    """Pseudo-vehicles that a map is learned from."""
+
+    tracks: Tracks
+    hour: IntArray  # (n_tracks,) since 1970-01-01, in which each came into sight
 
 
 class Learned(NamedTuple):
@@ -102,16 +112,18 @@ class Learned(NamedTuple):
     strengths: Strengths | None
 
 
-def learn_with_strengths(
-    summary: Sums, *, min_vehicles: int, fading: Fading | None, by: By | None, zone: str, rng: np.random.Generator,
-    **options: Any,
+def learn_from_visible(
+    visible: Visible, sums: LeaderSums, *, min_vehicles: int, fading: Fading | None, by: By | None, zone: str,
+    rng: np.random.Generator, **options: Any,
 ) -> Learned:  # fmt: skip
-    """As `learn_from_summary`."""
-    if min_vehicles < 1:
-        raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
-    tracks, hour = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading and fading.slowly)
+    """As `learn_from_summary`, of pseudo-vehicles and the sums that the response to leaders is learned from."""
+    tracks, hour = visible
+    if not len(tracks):
+        raise ValueError(
+            f"summary: expected places that {min_vehicles} vehicles passed the same way, got none; add recordings, or "
+            "ask for fewer vehicles"
+        )
     learned = learn_primitives(tracks, rng=rng, **options)
-    sums = summary.leader_sums
     seen = float(sums.acceleration.weight.sum()) >= min_vehicles
     leader = sums.response() if seen else LeaderResponse.none()
     learned = replace(learned, motion=replace(learned.motion, leader=leader))
@@ -130,13 +142,6 @@ def learn_with_strengths(
         learned, visits, mode, hour, strengths, by=by, zone=zone, min_vehicles=min_vehicles
     )  # fmt: skip
     return Learned(replace(learned, schedule=schedule), strengths)
-
-
-class Visible(NamedTuple):
-    """Pseudo-vehicles that a map is learned from."""
-
-    tracks: Tracks
-    hour: IntArray  # (n_tracks,) since 1970-01-01, in which each came into sight
 
 
 def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Visible:
@@ -164,11 +169,6 @@ def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: F
         hours.append(hour[when[shown]])
         n_ways, end_ns = n_ways + tracks.n_tracks, end_ns + len(tracks) * APART_NS
     tracks = Tracks.concatenate(parts)
-    if not len(tracks):
-        raise ValueError(
-            f"summary: expected places that {min_vehicles} vehicles passed the same way, got none among {n_ways}; "
-            "add recordings, or ask for fewer vehicles"
-        )
     n_steps = int(whens.value[:, 0].sum())
     logger.info("%d of %d steps of pseudo-vehicles are learned from", len(tracks), n_steps)
     _, rows = np.unique(tracks.vehicle, return_index=True)

@@ -33,11 +33,22 @@ class Passages(NamedTuple):
         none = cls(*np.empty((len(cls._fields), 0), np.int64))
         return cls(*(np.concatenate(column) for column in zip(none, *parts, strict=True)))
 
+    def at_ends(self) -> Self:
+        """Those that none of these comes before or after: vehicles may come from elsewhere there, or go on."""
+        order, follows = self._in_order()
+        between = np.append(False, follows)[: order.size] & np.append(follows, False)[: order.size]
+        return type(self)(*(column[order[~between]] for column in self))
+
+    def _in_order(self) -> tuple[IntArray, BoolArray]:
+        """(v,) by ways and times, and (v - 1,) whether each is followed by the next."""
+        order = np.lexsort((self.begin_ns, self.way))
+        way, begin, end = self.way[order], self.begin_ns[order], self.end_ns[order]
+        return order, (way[1:] == way[:-1]) & (begin[1:] - end[:-1] <= ADJACENT_NS)
+
     def followed(self) -> Followed:
         """Which manoeuvre followed which."""
-        order = np.lexsort((self.begin_ns, self.way))
-        way, begin, end, number, share = (column[order] for column in self)
-        follows = (way[1:] == way[:-1]) & (begin[1:] - end[:-1] <= ADJACENT_NS)
+        order, follows = self._in_order()
+        number, share = self.manoeuvre[order], self.share[order]
         follows &= (number[1:] >= 0) & (number[:-1] >= 0)
         before, after = share[:-1][follows], share[1:][follows]
         # Of the ways that are left here, those that are left there as well are seen to go on.

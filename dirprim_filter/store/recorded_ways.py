@@ -6,6 +6,7 @@ more recording may change them all. These are what parts of a map are fitted ane
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -14,13 +15,14 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import LONGEST_GAP_S
 from dirprim_filter.store.fading import Fading
-from dirprim_filter.store.learning import GOLDEN, is_passed
+from dirprim_filter.store.lattice import Lattice
+from dirprim_filter.store.learning import GOLDEN, Visible, is_passed
 from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
 from dirprim_filter.store.steps import WHEN, unpacked_when
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.table import read_summary
 from dirprim_filter.store.tallies import Tally
-from dirprim_filter.store.tiles import Tile, tiles_at
+from dirprim_filter.store.tiles import TILE_SQUARES
 from dirprim_filter.tracks import Tracks
 
 WAYS_EACH = 1 << 32
@@ -43,36 +45,14 @@ class WayRows(NamedTuple):
         """Those that are chosen, (n,)."""
         return WayRows(*(column[rows] for column in self))  # type: ignore[arg-type]
 
-    def faded(self, share: float, fading: Fading) -> WayRows:
-        """Of a share of the ways, those that their age leaves."""
-        return self.some(self.rank < share * fading.share(self.hour))
-
-    @classmethod
-    def of(cls, store: Store, tiles: set[Tile], *, min_vehicles: int, share: float) -> WayRows:
-        """Of some tiles, those rows where at least so many vehicles passed, of a share of the ways.
-
-        Raises:
-            RecordingError: a recording is damaged.
-            OSError: one cannot be read.
-        """
-        lattice, wanted = store.config.lattice, _coded(np.array(sorted(tiles), np.int64).reshape(-1, 2))
-        recorded = store.recorded()
-        parts, passed = [WayRows.none()], Tally.none(1, 1)
-        for i, rows in enumerate(sorted(recorded)):
-            if not any((tile[0], tile[1]) in tiles for tile in recorded[rows]):
-                continue
-            summary = read_summary(store.recording(rows))
-            tracks, kind = pseudo_tracks(summary.steps, lattice)
-            hour, _, _ = unpacked_when(summary.steps.key[kind, WHEN], lattice)
-            there = np.isin(_coded(tiles_at(tracks.position, lattice)), wanted)
-            parts.append(_rows_of(tracks, hour, i, rows, there=there, share=share))
-            passed = passed + summary.passed
-        found = WayRows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    def visible(self) -> Visible:
+        """The same as vehicles, one after the other, apart in time wherever rows are left out."""
+        breaks = (np.diff(self.number) != 1) | (np.diff(self.way) != 0)
+        time_ns = np.append(0, np.cumsum(np.where(breaks, APART_NS, np.diff(self.time_ns))))[: self.way.size]
         tracks = Tracks(
-            track_id=found.way, time_ns=np.arange(found.way.size), position=found.position,
-            direction=found.direction, speed=found.speed,
-        )  # fmt: skip
-        return found.some(is_passed(tracks, passed, lattice, min_vehicles)) if found.way.size else found
+            track_id=self.way, time_ns=time_ns, position=self.position, direction=self.direction, speed=self.speed
+        )
+        return Visible(tracks, self.hour[np.unique(self.way, return_index=True)[1]])
 
     @classmethod
     def none(cls) -> WayRows:
@@ -81,29 +61,96 @@ class WayRows(NamedTuple):
         return cls(whole, whole, whole, np.empty((0, 2)), floats, floats, whole, floats)
 
 
-def _rows_of(
-    tracks: Tracks, hour: IntArray, i: int, rows: str, *, there: BoolArray, share: float
-) -> WayRows:  # fmt: skip
-    """Those of recording number `i` that are `there`, (n,), and of a share of its ways."""
+class Box(NamedTuple):
+    """Ground that is learned from."""
+
+    low: FloatArray  # (2,) metres
+    high: FloatArray  # (2,)
+    fading: Fading | None  # by which ways are left out
+
+    def meets(self, tiles: IntArray, lattice: Lattice) -> bool:
+        """Whether it has ground in common with one of some tiles, (t, 2)."""
+        side_m = TILE_SQUARES * lattice.square_m
+        return bool(((tiles * side_m < self.high) & ((tiles + 1) * side_m > self.low)).all(axis=1).any())
+
+
+EVERYWHERE = Box(np.full(2, -np.inf), np.full(2, np.inf), None)
+
+
+class Sample(NamedTuple):
+    """What is learned from of a box."""
+
+    ways: WayRows
+    share: float  # of the ways, beside what age leaves
+
+
+def sampled(store: Store, boxes: Sequence[Box], *, most_rows: int, min_vehicles: int) -> list[Sample]:
+    """The rows in boxes where at least so many vehicles passed: of all ways or, where they are many, of a share.
+
+    The share is the largest power of a half that leaves no more rows than `most_rows`: it depends on the recordings
+    that have steps in the tiles of the box, and on nothing else.
+
+    Raises:
+        RecordingError: a recording is damaged.
+        OSError: one cannot be read.
+    """
+    lattice, recorded = store.config.lattice, store.recorded()
+    gathered, passed = [_Gathered(box, most_rows) for box in boxes], Tally.none(1, 1)
+    for i, rows in enumerate(sorted(recorded)):
+        tiles = np.array(recorded[rows], np.int64).reshape(-1, 2)
+        there = [each for each, box in zip(gathered, boxes, strict=True) if box.meets(tiles, lattice)]
+        if there:
+            summary = read_summary(store.recording(rows))
+            ways = _rows_of(summary.steps, lattice, i, rows)
+            for each in there:
+                each.add(ways)
+            passed = passed + summary.passed
+    return [each.sample(passed, lattice, min_vehicles) for each in gathered]
+
+
+class _Gathered:
+    """Rows in a box, of ever fewer ways as there are more."""
+
+    def __init__(self, box: Box, most_rows: int) -> None:
+        self._box, self._most = box, most_rows
+        self._parts, self._n, self._share = [WayRows.none()], 0, 1.0
+
+    def add(self, ways: WayRows) -> None:
+        inside = (ways.position >= self._box.low) & (ways.position < self._box.high)
+        self._parts.append(self._left(ways.some(np.asarray(inside.all(axis=1)))))
+        self._n += self._parts[-1].way.size
+        while self._n > self._most:
+            self._share *= 0.5
+            self._parts = [self._left(part) for part in self._parts]
+            self._n = sum(part.way.size for part in self._parts)
+
+    def _left(self, ways: WayRows) -> WayRows:
+        by_age = np.ones(ways.hour.size) if self._box.fading is None else self._box.fading.share(ways.hour)
+        return ways.some(np.less(ways.rank, self._share * by_age))
+
+    def sample(self, passed: Tally, lattice: Lattice, min_vehicles: int) -> Sample:
+        found = WayRows(*(np.concatenate(column) for column in zip(*self._parts, strict=True)))
+        if min_vehicles > 1 and found.way.size:
+            found = found.some(is_passed(found.visible().tracks, passed, lattice, min_vehicles))
+        return Sample(found, self._share)
+
+
+def _rows_of(steps: Tally, lattice: Lattice, i: int, rows: str) -> WayRows:
+    """Those of recording number `i`, known by the hash of its rows."""
+    tracks, kind = pseudo_tracks(steps, lattice)
+    hour, _, _ = unpacked_when(steps.key[kind, WHEN], lattice)
     way = tracks.track_id.astype(np.int64)
-    begins = np.append(True, way[1:] != way[:-1])
+    begins = np.append(True, way[1:] != way[:-1])[: way.size]
     time_ns = tracks.time_ns - tracks.time_ns[begins][np.cumsum(begins) - 1]
-    rank = rank_of(way, rows)
-    kept = (rank < share) & there
-    number = i * WAYS_EACH + np.arange(way.size)
     return WayRows(
-        i * WAYS_EACH + way, time_ns, number, tracks.position, tracks.direction, tracks.speed, hour, rank
-    ).some(kept)  # fmt: skip
+        i * WAYS_EACH + way, time_ns, i * WAYS_EACH + np.arange(way.size), tracks.position, tracks.direction,
+        tracks.speed, hour, rank_of(way, rows),
+    )  # fmt: skip
 
 
 def rank_of(way: IntArray, rows: str) -> FloatArray:
     """(n,) of ways of a recording, spread evenly from 0 to 1: of a share of them, those below it are taken. (n,)."""
     return np.asarray(((way + 1) * GOLDEN + int(rows[:8], 16) / (1 << 32)) % 1.0, np.float64)
-
-
-def _coded(tile: IntArray) -> IntArray:
-    """(n,) a number for each tile. (n, 2)."""
-    return np.asarray(tile[:, 0] * (1 << 32) + tile[:, 1])
 
 
 class Pieces(NamedTuple):
@@ -115,9 +162,8 @@ class Pieces(NamedTuple):
     hour: IntArray  # (n_vehicles,) since 1970-01-01, in which the way of each began
 
     @classmethod
-    def of(cls, ways: WayRows, low: FloatArray, high: FloatArray) -> Self:
-        """Of the box from `low` to `high`, (2,) metres each; nothing is filled in where a way leaves it."""
-        inside = ways.some(np.asarray(((ways.position >= low) & (ways.position < high)).all(axis=1)))
+    def of(cls, inside: WayRows) -> Self:
+        """Of rows in a box; nothing is filled in where a way leaves it."""
         breaks = np.append(True, (np.diff(inside.number) != 1) | (np.diff(inside.way) != 0))[: inside.way.size]
         _, row, vehicle = np.unique(inside.way, return_index=True, return_inverse=True)
         time_ns = inside.time_ns + np.cumsum(breaks) * APART_NS

@@ -12,10 +12,9 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.refit import Counted
 from dirprim_filter.primitives.schedule import Schedule
-from dirprim_filter.store.passages import Followed, Passages
-from dirprim_filter.store.tile_fit import TileFit
+from dirprim_filter.store.passages import Passages
+from dirprim_filter.store.tile_fit import Finished
 from dirprim_filter.store.tiles import Tile
 
 FILLERS = {
@@ -25,30 +24,20 @@ FILLERS = {
 
 
 def refitted(
-    learned: PrimitiveMap, fits: dict[Tile, TileFit], stale: set[Tile], counted: Counted
+    learned: PrimitiveMap, finished: dict[Tile, Finished], stale: set[Tile], min_vehicles: int
 ) -> PrimitiveMap:  # fmt: skip
     """The map with the cells of stale tiles fitted anew, and the transitions from and to them counted anew.
 
     Args:
         learned: the map as it was.
-        fits: of the stale tiles, and of those whose cells vehicles go to from there or come from.
+        finished: of the stale tiles, and of those whose cells vehicles go to from there or come from.
         stale: tiles.
-        counted: how cells are fitted.
+        min_vehicles: what fewer did is left out.
     """
-    finished = {tile: fit.finished(learned, counted) for tile, fit in fits.items()}
-    new = [(fits[tile].cells, finished[tile].primitives) for tile in sorted(stale)]
+    new = [(finished[tile].cells, finished[tile].primitives) for tile in sorted(stale)]
     rows = _Rows.of(learned, new)
     numbers = _Manoeuvres.of(learned, new, rows.n_own)
-    parts, flow = [], np.ones(numbers.renewed.size)
-    for tile, fit in fits.items():
-        _, passages, of_manoeuvre = finished[tile]
-        of_fit = numbers.of_cells(fit.cells)
-        known = passages.manoeuvre >= 0
-        number = np.full(passages.manoeuvre.size, -1)
-        number[known] = of_fit[passages.manoeuvre[known]]
-        parts.append(passages._replace(manoeuvre=number))
-        flow[of_fit] = of_manoeuvre[: of_fit.size]
-    transition = _transitions(learned, numbers, Passages.together(parts).followed(), flow, counted.min_vehicles)
+    transition = _transitions(learned, numbers, finished, min_vehicles)
     motion = replace(
         learned.motion, **numbers.column, first=transition.indptr.astype(np.int64),
         following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
@@ -178,17 +167,36 @@ class _Manoeuvres:
 
 
 def _transitions(
-    learned: PrimitiveMap, numbers: _Manoeuvres, followed: Followed, flow: FloatArray, min_vehicles: int
-) -> csr_array:  # fmt: skip
-    """(z, z) how often one manoeuvre followed the other."""
+    learned: PrimitiveMap, numbers: _Manoeuvres, finished: dict[Tile, Finished], min_vehicles: int
+) -> csr_array:
+    """(z, z) how often one manoeuvre followed the other, of all ways: in tiles, from one to another, and as before."""
     z, motion = numbers.renewed.size, learned.motion
+    flow, share, tile = np.ones(z), np.ones(z), np.full(z, -1)
+    ends = []
     source = np.repeat(np.arange(len(motion)), np.diff(motion.first))
     before, after = numbers.former[source], numbers.former[motion.following]
     kept = (before >= 0) & (after >= 0)
-    anew = followed.some(numbers.renewed[followed.one] | numbers.renewed[followed.other])
-    counted = anew.counted(z, min_vehicles)
-    counted.data *= flow[counted.indices]
-    total = csr_array(counted + csr_array((motion.count[kept], (before[kept], after[kept])), shape=(z, z)))
+    former = csr_array((motion.count[kept], (before[kept], after[kept])), shape=(z, z))
+    for i, part in enumerate(finished.values()):
+        of_part = numbers.of_cells(part.cells)
+        flow[of_part], share[of_part], tile[of_part] = part.flow[: of_part.size], part.share, i
+        known = part.ends.manoeuvre >= 0
+        number = np.full(part.ends.manoeuvre.size, -1)
+        number[known] = of_part[part.ends.manoeuvre[known]]
+        ends.append(part.ends._replace(manoeuvre=number))
+    followed = Passages.together(ends).followed()
+    renewed = numbers.renewed[followed.one] | numbers.renewed[followed.other]
+    across = followed.some(renewed & (tile[followed.one] != tile[followed.other])).counted(z, min_vehicles).tocoo()
+    one, other, count = [np.asarray(across.row, np.int64)], [np.asarray(across.col, np.int64)], [across.data]
+    for i, part in enumerate(finished.values()):
+        of_part, inner = np.flatnonzero(tile == i), part.inner.tocoo()
+        if numbers.renewed[of_part].any():
+            one.append(of_part[inner.row])
+            other.append(of_part[inner.col])
+            count.append(inner.data)
+    row, column = np.concatenate(one), np.concatenate(other)
+    anew = csr_array((np.concatenate(count) * flow[column] / share[row], (row, column)), shape=(z, z))
+    total = csr_array(former + anew)
     total.eliminate_zeros()
     total.sort_indices()
     return total

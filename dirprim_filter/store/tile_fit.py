@@ -27,7 +27,7 @@ from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.by_hour import Strengths, fit_schedule
 from dirprim_filter.store.fading import Fading, refreshed
 from dirprim_filter.store.passages import STEP_NS, Passages
-from dirprim_filter.store.recorded_ways import Pieces
+from dirprim_filter.store.recorded_ways import Pieces, Sample
 from dirprim_filter.store.tiles import Tile
 from dirprim_filter.store.withholding import kept_manoeuvres, vehicles_of_modes, without_modes
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
@@ -39,11 +39,14 @@ SEED = 1 << 31
 
 
 class Finished(NamedTuple):
-    """The cells of a tile as they are in the map, but for transitions."""
+    """The cells of a tile as they are in the map, but for transitions from and to other tiles."""
 
+    cells: IntArray  # (c,) of the map, ascending
     primitives: PrimitiveMap  # numbered from 0
-    passages: Passages
+    inner: csr_array  # (z, z) transitions
+    ends: Passages  # that vehicles may come to from another tile, or go on from
     flow: FloatArray  # (z,) of manoeuvres: their visits by age, over those that were fitted to
+    share: float  # of the ways, that was fitted to
 
 
 class TileFit(NamedTuple):
@@ -56,10 +59,11 @@ class TileFit(NamedTuple):
     visits: Visits
     pieces: Pieces
     fading: Fading | None
+    share: float  # of the ways
 
     @classmethod
     def of(
-        cls, learned: PrimitiveMap, layouts: Layouts, cells: IntArray, tile: Tile, pieces: Pieces, *,
+        cls, learned: PrimitiveMap, layouts: Layouts, cells: IntArray, tile: Tile, sample: Sample, *,
         fading: Fading | None,
     ) -> TileFit:  # fmt: skip
         """Fit cells of a map, in the recipe that it was learned by.
@@ -69,20 +73,23 @@ class TileFit(NamedTuple):
             layouts: its cells and those that lend.
             cells: (c,) which to fit, ascending.
             tile: their tile.
-            pieces: of the ways of vehicles, around the tile.
+            sample: of the ways of vehicles, around the tile.
             fading: how they age there; None where they do not.
         """
-        part = PartOfCells.of(learned.tessellation, cells)
+        part, pieces = PartOfCells.of(learned.tessellation, cells), Pieces.of(sample.ways)
         fitted = _primitives(layouts, part, pieces.rows)
         visits = Visits.of(pieces.rows, part)
         rng = np.random.default_rng((tile[0] + SEED, tile[1] + SEED))
         labels = label_visits(fitted, visits, rng=rng)
         sums = MotionSums.of(visits, *labels, fitted)
         none = csr_array((labels.cell.size, labels.cell.size))
-        return cls(cells, fitted, labels, sums._replace(transition=none), visits, pieces, fading)
+        return cls(cells, fitted, labels, sums._replace(transition=none), visits, pieces, fading, sample.share)
 
     def finished(self, learned: PrimitiveMap, counted: Counted) -> Finished:
-        """The cells with motion, without what few vehicles did, with weights and speeds by age and by the hour."""
+        """The cells with motion, without what few vehicles did, with weights and speeds by age and by the hour.
+
+        Visits are as many as there would be of all ways.
+        """
         min_vehicles = counted.min_vehicles
         motion = motion_of(
             self.sums, self.labels, self.fitted, _place_free_motion(learned.motion),
@@ -99,15 +106,20 @@ class TileFit(NamedTuple):
             enough[:] = False
         placed = replace(without_modes(self.fitted, enough), motion=_of_kept(motion, kept))
         passages = self._passages(kept)
-        turned = placed if self.fading is None else self._refreshed(placed, mode, passages, counted)
+        inner = passages.followed().counted(len(placed.motion), min_vehicles)
+        turned = placed if self.fading is None else self._refreshed(placed, mode, inner)
         if learned.schedule is not None:
             turned = replace(turned, schedule=self._schedule(turned, mode, learned.schedule, counted))
-        return Finished(turned, passages, turned.motion.visits / placed.motion.visits)
+        motion = turned.motion
+        of_all = replace(motion, visits=motion.visits / self.share, seconds=motion.seconds / self.share)
+        return Finished(
+            self.cells, replace(turned, motion=of_all), inner, passages.at_ends(),
+            motion.visits / placed.motion.visits, self.share,
+        )  # fmt: skip
 
-    def _refreshed(self, placed: PrimitiveMap, mode: IntArray, passages: Passages, counted: Counted) -> PrimitiveMap:
+    def _refreshed(self, placed: PrimitiveMap, mode: IntArray, after: csr_array) -> PrimitiveMap:
         """What manoeuvres are followed by is known within the tile."""
         assert self.fading is not None  # noqa: S101 (asked by the caller)
-        after = passages.followed().counted(len(placed.motion), counted.min_vehicles)
         motion = replace(
             placed.motion, first=after.indptr.astype(np.int64), following=after.indices.astype(np.int64),
             count=after.data,
@@ -131,8 +143,8 @@ class TileFit(NamedTuple):
         end_ns = begin_ns + (visits.end[seen] - visits.begin[seen] - 1) * STEP_NS
         number = np.where(kept, np.cumsum(kept) - 1, -1)
         hour = self.pieces.hour[visits.vehicle[visits.begin[seen]]]
-        share = np.ones(seen.size) if self.fading is None else self.fading.slowly.share(hour)
-        return Passages(self.pieces.way[segment], begin_ns, end_ns, number[label[seen]], share)
+        by_age = np.ones(seen.size) if self.fading is None else self.fading.slowly.share(hour)
+        return Passages(self.pieces.way[segment], begin_ns, end_ns, number[label[seen]], self.share * by_age)
 
 
 class Layouts(NamedTuple):

@@ -9,9 +9,10 @@ whatever order recordings came and went.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -22,18 +23,25 @@ from dirprim_filter.primitives.refit import N_SPREADS, Counted, Refit
 from dirprim_filter.primitives.schedule import By
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.lattice import Lattice
-from dirprim_filter.store.learning import MIN_VEHICLES, learn_with_strengths, share_of_steps
-from dirprim_filter.store.recorded_ways import Pieces, WayRows
+from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, learn_from_visible
+from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, Sample, sampled
 from dirprim_filter.store.refitted import refitted
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.stored_sums import StoredSums
-from dirprim_filter.store.tile_fit import Layouts, TileFit
+from dirprim_filter.store.tile_fit import Finished, Layouts, TileFit
 from dirprim_filter.store.tiles import TILE_SQUARES, Digests, Tile, around, ends_of, tiles_at
 
 logger = logging.getLogger(__name__)
 
 HALO_M = 96.0
 """Metres around a tile that are learned from, at least: what distinguishes manoeuvres lies so far ahead."""
+
+MOST_ROWS = 500_000
+"""Around a tile, of vehicles drawn evenly: more tell next to nothing new."""
+USUAL_TILES = 8
+"""Of as many as that, about, it is learned what is usual of manoeuvres."""
+BLOCK_TILES = 4
+"""Side of a block, whose recordings are read once for all of its tiles."""
 
 Progress = Callable[[int, int], None]
 
@@ -73,13 +81,16 @@ def learn_from_store(
     since = None
     if fading is not None:
         since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
-    learned, strengths = learn_with_strengths(
-        sums, min_vehicles=min_vehicles, fading=since, by=by, zone=zone, rng=rng, **options
-    )
+    whole = EVERYWHERE._replace(fading=since and since.slowly)
+    (everywhere,) = sampled(store, [whole], most_rows=MOST_STEPS, min_vehicles=min_vehicles)
+    learned, strengths = learn_from_visible(
+        everywhere.ways.visible(), sums.leader_sums, min_vehicles=min_vehicles, fading=since, by=by, zone=zone,
+        rng=rng, **options,
+    )  # fmt: skip
     if learned.refit is None:
         return learned
     counted = Counted(
-        by=_counts_by(store), min_vehicles=min_vehicles, share=share_of_steps(sums, since and since.slowly),
+        by=_counts_by(store), min_vehicles=min_vehicles, most_rows=MOST_ROWS,
         usual_square=np.zeros(N_SPREADS), tile=np.empty((0, 2), np.int64), digest=np.empty(0, np.int64),
     )  # fmt: skip
     if fading is not None:
@@ -135,36 +146,95 @@ def _updated(
     changed = digests.changed(Digests(counted.tile, counted.digest))
     if not (changed or anew):
         return Updated(learned, 0, 0, 0.0)
-    layouts, lattice = Layouts.of(learned, refit), store.config.lattice
-    homes = _homes(learned, lattice)
-    halo_m = max(HALO_M, layouts.reach_m)
-    rings = int(np.ceil(halo_m / (TILE_SQUARES * lattice.square_m)))
-    stale = set(homes) if anew else set(homes) & around(changed, rings)
-    beside = set(homes) & around(stale, rings)
-    ways = WayRows.of(store, around(beside, rings) | changed, min_vehicles=counted.min_vehicles, share=counted.share)
-    fits: dict[Tile, TileFit] = {}
-    for tile in sorted(beside):
-        low = np.array(tile) * (TILE_SQUARES * lattice.square_m)
-        fading, left = None, ways
-        if counted.half_life_s:
-            end_ns = max((ends[near] for near in around({tile}, rings) & ends.keys()), default=0)
-            fading = Fading(half_life_s=counted.half_life_s, now_ns=counted.now_ns).until(end_ns)
-            left = ways.faded(counted.share, fading.slowly)
-        pieces = Pieces.of(left, low - halo_m, low + TILE_SQUARES * lattice.square_m + halo_m)
-        fits[tile] = TileFit.of(learned, layouts, homes[tile], tile, pieces, fading=fading)
-        if progress is not None:
-            progress(len(fits), len(beside))
+    homes = _homes(learned, store.config.lattice)
+    fitting = _Fitting(learned, Layouts.of(learned, refit), homes, store, counted, ends)
+    stale = set(homes) if anew else set(homes) & around(changed, fitting.rings)
+    beside = set(homes) & around(stale, fitting.rings)
     if anew:
-        usual = usual_squares([(fit.sums, fit.labels, fit.fitted) for fit in fits.values()])
-        counted = replace(counted, usual_square=usual)
-    counted = replace(counted, tile=digests.tile, digest=digests.digest)
-    found = refitted(learned, fits, stale, counted)
+        fitting = fitting.with_usual(sorted(homes))
+    finished: dict[Tile, Finished] = {}
+    outside, n_rows = 0, 0
+    for block in _blocks(beside | changed):
+        for tile, sample in fitting.samples(block).items():
+            if tile in beside:
+                finished[tile] = fitting.fitted(tile, sample).finished(learned, fitting.counted)
+                if progress is not None:
+                    progress(len(finished), len(beside))
+            if tile in changed:
+                here = sample.ways.position[(tiles_at(sample.ways.position, store.config.lattice) == tile).all(axis=1)]
+                outside += int(np.count_nonzero(learned.tessellation.cell_of(here) < 0))
+                n_rows += len(here)
+    counted = replace(fitting.counted, tile=digests.tile, digest=digests.digest)
+    found = refitted(learned, dict(sorted(finished.items())), stale, counted.min_vehicles)
     n_cells = sum(homes[tile].size for tile in stale)
     logger.info("%d tiles have other recordings; %d cells are fitted anew", len(changed), n_cells)
     return Updated(
-        replace(found, refit=replace(refit, counted=counted)), n_cells, len(changed),
-        _uncovered(learned, ways, changed, lattice),
-    )  # fmt: skip
+        replace(found, refit=replace(refit, counted=counted)), n_cells, len(changed), outside / max(n_rows, 1)
+    )
+
+
+class _Fitting(NamedTuple):
+    """What the tiles of a map are fitted by."""
+
+    learned: PrimitiveMap
+    layouts: Layouts
+    homes: dict[Tile, IntArray]  # which cells have their centres there
+    store: Store
+    counted: Counted
+    ends: dict[Tile, int]  # see `ends_of`
+
+    @property
+    def halo_m(self) -> float:
+        """Metres around a tile that are learned from."""
+        return max(HALO_M, self.layouts.reach_m)
+
+    @property
+    def rings(self) -> int:
+        """Tiles around one that its halo reaches into."""
+        return int(np.ceil(self.halo_m / _side_m(self.store)))
+
+    def samples(self, tiles: list[Tile]) -> dict[Tile, Sample]:
+        """What vehicles did in and around tiles."""
+        side_m, halo_m = _side_m(self.store), self.halo_m
+        boxes = []
+        for tile in tiles:
+            low, fading = np.array(tile) * side_m, self.fading(tile)
+            boxes.append(Box(low - halo_m, low + side_m + halo_m, fading and fading.slowly))
+        most, least = self.counted.most_rows, self.counted.min_vehicles
+        return dict(zip(tiles, sampled(self.store, boxes, most_rows=most, min_vehicles=least), strict=True))
+
+    def fading(self, tile: Tile) -> Fading | None:
+        """How vehicles age there: a place ages as it is seen anew."""
+        if not self.counted.half_life_s:
+            return None
+        end_ns = max((self.ends[near] for near in around({tile}, self.rings) & self.ends.keys()), default=0)
+        return Fading(half_life_s=self.counted.half_life_s, now_ns=self.counted.now_ns).until(end_ns)
+
+    def fitted(self, tile: Tile, sample: Sample) -> TileFit:
+        """The cells of a tile."""
+        return TileFit.of(self.learned, self.layouts, self.homes[tile], tile, sample, fading=self.fading(tile))
+
+    def with_usual(self, tiles: list[Tile]) -> Self:
+        """With what is usual of the manoeuvres of some tiles, taken evenly."""
+        some = tiles[:: -(-len(tiles) // USUAL_TILES)] if tiles else []
+        parts = []
+        for block in _blocks(some):
+            for tile, sample in self.samples(block).items():
+                fit = self.fitted(tile, sample)
+                parts.append((fit.sums, fit.labels, fit.fitted))
+        return self._replace(counted=replace(self.counted, usual_square=usual_squares(parts)))
+
+
+def _side_m(store: Store) -> float:
+    return TILE_SQUARES * store.config.lattice.square_m
+
+
+def _blocks(tiles: Iterable[Tile]) -> list[list[Tile]]:
+    """Tiles of one block each, whose recordings are read together."""
+    found: defaultdict[Tile, list[Tile]] = defaultdict(list)
+    for east, north in sorted(tiles):
+        found[east // BLOCK_TILES, north // BLOCK_TILES].append((east, north))
+    return list(found.values())
 
 
 def _homes(learned: PrimitiveMap, lattice: Lattice) -> dict[Tile, IntArray]:
@@ -173,10 +243,3 @@ def _homes(learned: PrimitiveMap, lattice: Lattice) -> dict[Tile, IntArray]:
     order = np.argsort(of, kind="stable")
     cells = np.split(order, np.cumsum(np.bincount(of, minlength=len(tile)))[:-1])
     return {(east, north): own for (east, north), own in zip(tile.tolist(), cells, strict=True)}
-
-
-def _uncovered(learned: PrimitiveMap, ways: WayRows, changed: set[Tile], lattice: Lattice) -> float:
-    """The share of rows in some tiles that no cell covers."""
-    there = np.array([tuple(tile) in changed for tile in tiles_at(ways.position, lattice).tolist()], np.bool_)
-    outside = learned.tessellation.cell_of(ways.position[there]) < 0
-    return float(outside.mean()) if outside.size else 0.0

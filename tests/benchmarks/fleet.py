@@ -40,10 +40,12 @@ from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.learning import learn_from_summary, visible_tracks
 from dirprim_filter.store.log_files import find_logs
 from dirprim_filter.store.manifest import Entry, new_file
+from dirprim_filter.store.steps import HERE
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import write_summary
+from dirprim_filter.store.tiles import tiles_of
 from dirprim_filter.store.updating import learn_from_store, update_map
 from dirprim_filter.store.workers import LocalWorkers
 from dirprim_filter.tracks import Tracks
@@ -52,6 +54,7 @@ from tessellation import VoronoiTessellation
 ROOT = Path(__file__).parents[2]
 N_SAMPLES = 100
 LANE_M = 3.5
+FRAME = "map"
 LOG_S = 600.0
 KEPT = (100, 35, 17)
 """Vehicles a month."""
@@ -191,7 +194,7 @@ def year(scene: str, n_logs: int) -> None:
                 compacted(store, before_ns=14 * 31 * DAY_NS, n_vehicles=n_vehicles)
             sums = StoredSums.of(store)
             size = sum(path.stat().st_size for path in (store.path / "recordings").iterdir())
-            learned = learn_from_summary(sums, tessellation=even, rng=np.random.default_rng(0))
+            learned = learn_from_store(store, sums, tessellation=even, rng=np.random.default_rng(0))
             scores = scored(learned, test, 0)
             rows = scores if rows is None else rows
             worse = " ".join(
@@ -237,14 +240,15 @@ def most_mib() -> float:
 
 def write_entry(store: Store, tracks: Tracks, name: str) -> None:
     """Put tracks into a store, as if they had come from a log."""
+    summary = Summary.of(tracks, frame=FRAME)
     entry = Entry(
         url=name, size=0, mark="0", rows=hash_of_rows(tracks), n_rows=len(tracks), n_vehicles=tracks.n_tracks,
-        start_ns=int(tracks.time_ns[0]), end_ns=int(tracks.time_ns[-1]), n_squares=0, tiles=[],
-        config=store.config.digest, status="whole",
+        start_ns=int(tracks.time_ns[0]), end_ns=int(tracks.time_ns[-1]), n_squares=0,
+        tiles=tiles_of(summary.steps.key[:, HERE]).tolist(), config=store.config.digest, status="whole",
     )  # fmt: skip
     with new_file(store.recording(entry.rows)) as file:
-        write_summary(Summary.of(tracks), file)
-    store.record(entry, "")
+        write_summary(summary, file)
+    store.record(entry, FRAME)
 
 
 def columns(n_rows: int) -> None:

@@ -11,7 +11,7 @@ from dirprim_filter.recording.schemas.dirprim_pb2 import Generators
 from dirprim_filter.recording.schemas.refit_message import decode_refit, encode_refit
 
 COUNTED = Counted(
-    by="configuration 0 in frame 'map'", min_vehicles=5, share=0.25, usual_square=np.arange(4.0),
+    by="configuration 0 in frame 'map'", min_vehicles=5, most_rows=1 << 40, usual_square=np.arange(4.0),
     tile=np.array([[-3, 2], [1, -(1 << 20)]]), digest=np.array([-(1 << 63), (1 << 63) - 1]),
     half_life_s=86400.0, now_ns=(1 << 63) - 1, slot_strength=np.array([np.inf, 3.0]), slot_share=np.full(24, 1 / 24),
 )  # fmt: skip

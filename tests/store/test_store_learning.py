@@ -47,8 +47,8 @@ def test_of_few_vehicles_a_map_says_nothing():
     summary = Summary.of(lane(6)) + Summary.of(lane(4, north=50.0, first_id=9))
     assert visible_tracks(summary, min_vehicles=4).tracks.position[:, 1].max() > 45.0
     assert visible_tracks(summary, min_vehicles=5).tracks.position[:, 1].max() < 5.0
-    with pytest.raises(ValueError, match="expected places that 7 vehicles passed the same way, got none among 10"):
-        visible_tracks(summary, min_vehicles=7)
+    with pytest.raises(ValueError, match="expected places that 7 vehicles passed the same way, got none"):
+        learn_from_summary(summary, min_vehicles=7, rng=np.random.default_rng(0))
     learned = learn_from_summary(
         summary, min_vehicles=5, tessellation="grid", cell_size=8.0, rng=np.random.default_rng(0)
     )
@@ -64,8 +64,8 @@ def test_a_vehicle_that_passes_twice_is_one():
     """Four vehicles that pass two times each are no eight."""
     once, again = lane(4), lane(4, hour=1)
     tracks = Tracks.concatenate([once, again])
-    with pytest.raises(ValueError, match="5 vehicles passed"):
-        visible_tracks(Summary.of(tracks), min_vehicles=5)
+    assert visible_tracks(Summary.of(tracks), min_vehicles=4).tracks.n_tracks == 8
+    assert not len(visible_tracks(Summary.of(tracks), min_vehicles=5).tracks)
     in_two = visible_tracks(Summary.of(once) + Summary.of(again), min_vehicles=5)
     assert in_two.tracks.n_tracks == 8
 

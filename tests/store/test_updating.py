@@ -16,7 +16,7 @@ from dirprim_filter.store import Store, learn_from_store, update_map
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import visible_tracks
-from dirprim_filter.store.recorded_ways import WayRows
+from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
 from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.tile_fit import Layouts
 from dirprim_filter.store.tiles import Digests, around, tiles_at
@@ -149,12 +149,15 @@ def test_of_few_vehicles_nothing_is_said(store, folder, tmp_path):
 
 
 def test_of_too_many_steps_whole_ways_are_taken_by_their_share(store):
-    tiles = {tuple(tile) for entry in store.entries() for tile in entry.tiles}
-    every, some = (WayRows.of(store, tiles, min_vehicles=1, share=share) for share in (1.0, 0.5))
-    assert np.unique(every.way).size == 18
-    assert abs(np.unique(some.way).size - 9) <= 2
-    kept = np.isin(every.way, some.way)
-    assert all(np.array_equal(one[kept], other) for one, other in zip(every, some, strict=True))
+    (every,) = sampled(store, [EVERYWHERE], most_rows=10**6, min_vehicles=1)
+    n = every.ways.way.size
+    (some,) = sampled(store, [EVERYWHERE], most_rows=n - 1, min_vehicles=1)
+    assert (every.share, some.share) == (1.0, 0.5)
+    assert np.unique(every.ways.way).size == 18
+    assert abs(np.unique(some.ways.way).size - 9) <= 2
+    kept = np.isin(every.ways.way, some.ways.way)
+    assert all(np.array_equal(one[kept], other) for one, other in zip(every.ways, some.ways, strict=True))
+    assert sampled(store, [EVERYWHERE], most_rows=n // 10, min_vehicles=1)[0].share == 0.0625
 
 
 def test_where_no_cell_is_nothing_is_fitted_and_of_no_recording_nothing_is_known(store, learned, tmp_path):

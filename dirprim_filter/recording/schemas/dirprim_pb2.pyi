@@ -239,10 +239,10 @@ class Generators(_message.Message):
     def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Counted(_message.Message):
-    __slots__ = ("by", "min_vehicles", "share", "usual_square", "east", "north", "digest", "half_life", "now", "slot_strength", "slot_share")
+    __slots__ = ("by", "min_vehicles", "most_rows", "usual_square", "east", "north", "digest", "half_life", "now", "slot_strength", "slot_share")
     BY_FIELD_NUMBER: _ClassVar[int]
     MIN_VEHICLES_FIELD_NUMBER: _ClassVar[int]
-    SHARE_FIELD_NUMBER: _ClassVar[int]
+    MOST_ROWS_FIELD_NUMBER: _ClassVar[int]
     USUAL_SQUARE_FIELD_NUMBER: _ClassVar[int]
     EAST_FIELD_NUMBER: _ClassVar[int]
     NORTH_FIELD_NUMBER: _ClassVar[int]
@@ -253,7 +253,7 @@ class Counted(_message.Message):
     SLOT_SHARE_FIELD_NUMBER: _ClassVar[int]
     by: str
     min_vehicles: int
-    share: float
+    most_rows: int
     usual_square: _containers.RepeatedScalarFieldContainer[float]
     east: _containers.RepeatedScalarFieldContainer[int]
     north: _containers.RepeatedScalarFieldContainer[int]
@@ -262,7 +262,7 @@ class Counted(_message.Message):
     now: int
     slot_strength: _containers.RepeatedScalarFieldContainer[float]
     slot_share: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, by: _Optional[str] = ..., min_vehicles: _Optional[int] = ..., share: _Optional[float] = ..., usual_square: _Optional[_Iterable[float]] = ..., east: _Optional[_Iterable[int]] = ..., north: _Optional[_Iterable[int]] = ..., digest: _Optional[_Iterable[int]] = ..., half_life: _Optional[float] = ..., now: _Optional[int] = ..., slot_strength: _Optional[_Iterable[float]] = ..., slot_share: _Optional[_Iterable[float]] = ...) -> None: ...
+    def __init__(self, by: _Optional[str] = ..., min_vehicles: _Optional[int] = ..., most_rows: _Optional[int] = ..., usual_square: _Optional[_Iterable[float]] = ..., east: _Optional[_Iterable[int]] = ..., north: _Optional[_Iterable[int]] = ..., digest: _Optional[_Iterable[int]] = ..., half_life: _Optional[float] = ..., now: _Optional[int] = ..., slot_strength: _Optional[_Iterable[float]] = ..., slot_share: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Refit(_message.Message):
     __slots__ = ("modes", "curved", "prior_strength", "parameter_cost", "usual_resultant", "usual_speed_spread", "config", "softness", "place_free", "borrowed", "lenders", "counted")

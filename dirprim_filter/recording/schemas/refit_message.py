@@ -42,7 +42,7 @@ def encode_refit(refit: Refit | None) -> dirprim_pb2.Refit | None:
 def _encode_counted(counted: Counted) -> dirprim_pb2.Counted:
     east, north = counted.tile.T.tolist()
     return dirprim_pb2.Counted(
-        by=counted.by, min_vehicles=counted.min_vehicles, share=counted.share,
+        by=counted.by, min_vehicles=counted.min_vehicles, most_rows=counted.most_rows,
         usual_square=counted.usual_square.tolist(), east=east, north=north,
         digest=[number + SIGNED for number in counted.digest.tolist()], half_life=counted.half_life_s,
         now=counted.now_ns, slot_strength=counted.slot_strength.tolist(), slot_share=counted.slot_share.tolist(),
@@ -85,7 +85,7 @@ def _config_of(text: str) -> LearningConfig:
 def _decode_counted(message: dirprim_pb2.Counted) -> Counted:
     n = len(message.digest)
     return Counted(
-        by=message.by, min_vehicles=message.min_vehicles, share=message.share,
+        by=message.by, min_vehicles=message.min_vehicles, most_rows=message.most_rows,
         usual_square=floats_of(message, "usual_square", N_SPREADS),
         tile=np.column_stack([ints_of(message, axis, n) for axis in ("east", "north")]),
         digest=np.array([number - SIGNED for number in message.digest], np.int64), half_life_s=message.half_life,
