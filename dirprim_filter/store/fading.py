@@ -13,8 +13,9 @@ from typing import Self
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.primitives.motion import Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.schedule import turned
+from dirprim_filter.primitives.schedule import _shared_out, turned
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.driven import Driven
 from dirprim_filter.store.regimes import Periods, still_so
@@ -92,3 +93,36 @@ def refreshed(learned: PrimitiveMap, visits: Visits, mode: IntArray, hour: IntAr
     usual = np.divide(ratios, seen, out=np.ones(shape), where=seen > 0)
     pace = (faded_ratios / usual + STRENGTH) / (faded + STRENGTH)
     return turned(learned, (kept + STRENGTH) / (expected + STRENGTH), pace)
+
+
+def refreshed_manoeuvres(
+    motion: Motion, manoeuvre: IntArray, vehicle: IntArray, hour: IntArray, fading: Fading
+) -> Motion:  # fmt: skip
+    """Motion with the visits to a mode shared out between its manoeuvres as vehicles drive them now.
+
+    What follows a manoeuvre may be out of sight, in a part of a map: here a vehicle counts in its manoeuvre as probably
+    as the cell's vehicles have not shared themselves out anew between manoeuvres since.
+
+    Args:
+        motion: of the map by `refreshed`.
+        manoeuvre: (v,) of each visit.
+        vehicle: (v,) of each visit.
+        hour: (n_vehicles,) since 1970-01-01, in which each came into sight.
+        fading: by how they age.
+    """
+    n = motion.n_placed
+    cell, mode = motion.cell[:n], motion.mode[:n]
+    number = np.arange(n) - np.searchsorted(cell, cell)
+    who, which = np.unique(np.column_stack([vehicle, manoeuvre]), axis=0).T
+    periods = Periods.of(fading.now_ns // HOUR_NS - hour, fading.half_life_s)
+    counts = still_so(
+        cell[which], number[which], periods.of_vehicle[who], change=periods.change,
+        n_modes=1 + int(number.max(initial=0)),
+    )  # fmt: skip
+    seen, kept = (np.bincount(which, column, n) for column in (np.ones(which.size), counts))
+    of_cell, left = (np.bincount(cell, column)[cell] for column in (seen, kept))
+    expected = seen * np.divide(left, of_cell, out=np.ones(n), where=of_cell > 0)
+    flow = (kept + STRENGTH) / (expected + STRENGTH)
+    _, of_mode = np.unique(np.column_stack([cell, mode]), axis=0, return_inverse=True)
+    share, of = np.append(flow, np.ones(len(motion) - n)), np.append(of_mode, np.full(len(motion) - n, -1))
+    return replace(motion, visits=_shared_out(motion.visits, share, of), seconds=_shared_out(motion.seconds, share, of))

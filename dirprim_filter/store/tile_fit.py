@@ -25,7 +25,7 @@ from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.schedule import Schedule
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store.by_hour import Strengths, fit_schedule
-from dirprim_filter.store.fading import Fading, refreshed
+from dirprim_filter.store.fading import Fading, refreshed, refreshed_manoeuvres
 from dirprim_filter.store.passages import STEP_NS, Passages
 from dirprim_filter.store.recorded_ways import Pieces, Sample
 from dirprim_filter.store.tiles import Tile
@@ -105,9 +105,10 @@ class TileFit(NamedTuple):
         elif min_vehicles > 1:
             enough[:] = False
         placed = replace(without_modes(self.fitted, enough), motion=_of_kept(motion, kept))
-        passages = self._passages(kept)
+        number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)[self.labels.label]
+        passages = self._passages(number)
         inner = passages.followed().counted(len(placed.motion), min_vehicles)
-        turned = placed if self.fading is None else self._refreshed(placed, mode, inner)
+        turned = placed if self.fading is None else self._refreshed(placed, mode, number, self.fading)
         if learned.schedule is not None:
             turned = replace(turned, schedule=self._schedule(turned, mode, learned.schedule, counted))
         motion = turned.motion
@@ -117,14 +118,13 @@ class TileFit(NamedTuple):
             motion.visits / placed.motion.visits, self.share,
         )  # fmt: skip
 
-    def _refreshed(self, placed: PrimitiveMap, mode: IntArray, after: csr_array) -> PrimitiveMap:
-        """What manoeuvres are followed by is known within the tile."""
-        assert self.fading is not None  # noqa: S101 (asked by the caller)
-        motion = replace(
-            placed.motion, first=after.indptr.astype(np.int64), following=after.indices.astype(np.int64),
-            count=after.data,
-        )  # fmt: skip
-        return refreshed(replace(placed, motion=motion), self.visits, mode, self.pieces.hour, self.fading)
+    def _refreshed(self, placed: PrimitiveMap, mode: IntArray, number: IntArray, fading: Fading) -> PrimitiveMap:
+        """By age; `number` (v,) is the manoeuvre of each visit, -1 where there is none."""
+        hour = self.pieces.hour
+        turned = refreshed(placed, self.visits, mode, hour, fading)
+        there = np.flatnonzero(number >= 0)
+        vehicle = self.visits.vehicle[self.visits.begin[there]]
+        return replace(turned, motion=refreshed_manoeuvres(turned.motion, number[there], vehicle, hour, fading))
 
     def _schedule(self, turned: PrimitiveMap, mode: IntArray, whole: Schedule, counted: Counted) -> Schedule:
         flow, pace = counted.slot_strength.tolist()
@@ -134,17 +134,16 @@ class TileFit(NamedTuple):
             min_vehicles=counted.min_vehicles,
         )  # fmt: skip
 
-    def _passages(self, kept: BoolArray) -> Passages:
-        visits, label = self.visits, self.labels.label
-        seen = np.flatnonzero(label >= 0)
+    def _passages(self, number: IntArray) -> Passages:
+        visits = self.visits
+        seen = np.flatnonzero(self.labels.label >= 0)
         segment = visits.segment[visits.begin[seen]]
         first = np.searchsorted(visits.segment, segment)
         begin_ns = self.pieces.begin_ns[segment] + (visits.begin[seen] - first) * STEP_NS
         end_ns = begin_ns + (visits.end[seen] - visits.begin[seen] - 1) * STEP_NS
-        number = np.where(kept, np.cumsum(kept) - 1, -1)
         hour = self.pieces.hour[visits.vehicle[visits.begin[seen]]]
         by_age = np.ones(seen.size) if self.fading is None else self.fading.slowly.share(hour)
-        return Passages(self.pieces.way[segment], begin_ns, end_ns, number[label[seen]], self.share * by_age)
+        return Passages(self.pieces.way[segment], begin_ns, end_ns, number[seen], self.share * by_age)
 
 
 class Layouts(NamedTuple):

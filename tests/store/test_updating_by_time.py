@@ -7,9 +7,10 @@ import pytest
 from streets import FAR_M, add, bytes_of, store_of, street
 
 from dirprim_filter import Tracks, load_map, write_tracks
+from dirprim_filter.primitives.motion import FLOATS
 from dirprim_filter.primitives.schedule import HOUR_NS
 from dirprim_filter.store import Fading, learn_from_store, update_map
-from dirprim_filter.store.fading import LATEST
+from dirprim_filter.store.fading import LATEST, refreshed_manoeuvres
 from dirprim_filter.store.passages import Passages
 from dirprim_filter.store.stored_sums import StoredSums
 
@@ -143,6 +144,31 @@ def test_a_tile_turns_with_the_hour_by_its_own_vehicles(maps, store, folder):
     assert not are_same(learned, updated, far=False)
     assert np.array_equal(updated.refit.counted.slot_strength, learned.refit.counted.slot_strength)
     assert np.array_equal(updated.refit.counted.slot_share, learned.refit.counted.slot_share)
+
+
+def forked(motion):
+    """One cell with a mode of two manoeuvres of 60 visits each, and one of another."""
+    rows = np.append(np.zeros(3, np.int64), np.arange(motion.n_placed, len(motion)))
+    columns = {name: getattr(motion, name)[rows] for name in (*FLOATS, "mode")}
+    free = np.full(rows.size - 3, -1)
+    columns |= {"cell": np.append([0, 0, 0], free), "visits": np.append([60.0, 60.0, 9.0], np.zeros(free.size))}
+    columns["mode"][:3] = 0, 0, 1
+    return replace(
+        motion, **columns, first=np.zeros(rows.size + 1, np.int64), following=np.empty(0, np.int64), count=np.empty(0)
+    )
+
+
+@pytest.mark.parametrize(("turned", "least", "most"), [(True, 0.0, 0.1), (False, 0.4, 0.6)])
+def test_manoeuvres_of_a_mode_are_as_frequent_as_they_are_now(maps, turned, least, most):
+    """Of twenty days, six vehicles each: in the last ten all take the second, or as before every other."""
+    motion, day = forked(maps["half-life"].motion), np.repeat(np.arange(20), 6)
+    manoeuvre = np.where(turned & (day >= 10), 1, np.arange(120) % 2)
+    fading = Fading(half_life_s=5 * DAY_NS * 1e-9, now_ns=20 * DAY_NS)
+    found = refreshed_manoeuvres(motion, manoeuvre, np.arange(120), day * 24, fading)
+    assert least <= found.visits[0] / found.visits[:2].sum() <= most
+    np.testing.assert_allclose(found.visits[:2].sum(), 120.0)
+    np.testing.assert_array_equal(found.visits[2:], motion.visits[2:])
+    np.testing.assert_allclose(found.seconds[:2].sum(), motion.seconds[:2].sum())
 
 
 def test_who_goes_on_where_fewer_are_left_stands_for_those_who_are_not():
