@@ -106,7 +106,7 @@ class Undetected:
 
 
 def _in_sight(traffic: Traffic | None, sight: Sight | None) -> FloatArray:
-    """(z,) 1 for the manoeuvres of cells whose centre is in sight, 0 for the others."""
+    """(z,) 1 for the manoeuvres of cells whose centre is in sight, 0 for the others; (1,) if all are."""
     if traffic is None or sight is None:
-        return np.ones(0 if traffic is None else traffic.present.size)
+        return np.ones(1)
     return sight.sees(traffic.center)[traffic.cell].astype(np.float64)

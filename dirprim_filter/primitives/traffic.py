@@ -41,7 +41,7 @@ class Traffic:
         begins: (z,) 1/s, journeys that begin in each.
         ends: (z,) 1/s, rate at which journeys end in its cell and mode, where more do than chance explains.
         flow: (z, z) 1/s, from the column's manoeuvre to the row's; on the diagonal minus the rate at which visits end.
-        cell: (z,) of each.
+        cell: (z,) of each, ascending.
         area: (c,) square metres, of each cell.
         center: (c, 2) metres, of each.
         tessellation: what positions are located in: the cells, or a part of them.
@@ -76,18 +76,19 @@ class Traffic:
     ) -> Self | None:
         """Of what was counted in cells (c,), (c, 2), some of which can be located; None where no transition was."""
         n, visits = of.cell.size, of.visits
-        source = np.repeat(np.arange(n), np.diff(of.first))
+        source = np.repeat(np.arange(n, dtype=np.int32), np.diff(of.first))  # half the memory of larger numbers
         target, count = of.following[: source.size], of.count[: source.size]
         placed = target < n
-        source, target, count = source[placed], target[placed], count[placed]
+        source, target, count = source[placed], target[placed].astype(np.int32, copy=False), count[placed]
         if not count.sum() > 0:
             return None
         seconds = np.maximum(of.seconds, STEP_S * visits)
         present = seconds / seconds.sum()
         per_second = np.divide(1.0, seconds, out=np.zeros(n), where=seconds > 0)
         arrived, gone_on = np.bincount(target, count, n), np.bincount(source, count, n)
-        _, place = np.unique(of.cell * (of.mode.max() + 1) + of.mode, return_inverse=True)
-        where = (np.append(target, np.arange(n)), np.append(source, np.arange(n)))
+        _, place = np.unique(of.cell * (of.mode.max() + np.int64(1)) + of.mode, return_inverse=True)
+        every = np.arange(n, dtype=np.int32)
+        where = (np.append(target, every), np.append(source, every))
         rate = np.append(count * per_second[source], -visits * per_second)
         return cls(
             present=present, begins=np.maximum(visits - arrived, 0.0) / seconds.sum(),
@@ -111,11 +112,15 @@ class Traffic:
         """(z,), (n, 2) -> (n,) vehicles per square metre, averaged over a Gaussian about each position (cubature)."""
         if len(position) == 0:
             return np.empty(0)
-        in_cell = np.bincount(self.cell, share, self.area.size)
-        per_area = np.divide(in_cell, self.area, out=np.zeros(self.area.size), where=self.area > 0)
         off = spread_m * np.sqrt(2.0) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         cell = self.number[self.tessellation.cell_of(position[:, None] + off)]
-        return np.asarray(np.append(per_area, 0.0)[cell].mean(axis=1))
+        asked, of = np.unique(cell, return_inverse=True)
+        begin, end = (np.searchsorted(self.cell, asked, side=side) for side in ("left", "right"))
+        there = [share[i:j] for i, j in zip(begin.tolist(), end.tolist(), strict=True)]
+        in_cell = np.bincount(np.repeat(np.arange(asked.size), end - begin), np.concatenate(there), asked.size)
+        area = np.where(asked == OUTSIDE, 0.0, self.area[asked])
+        per_area = np.divide(in_cell, area, out=np.zeros(asked.size), where=area > 0)
+        return np.asarray(per_area[of].reshape(cell.shape).mean(axis=1))
 
 
 def _rate_beyond_chance(ended: FloatArray, seconds: FloatArray, place: IntArray) -> FloatArray:

@@ -1,18 +1,20 @@
-"""What a city's map costs when it is held whole: memory, and seconds until it is ready to track with.
+"""What a city's map costs, whole and by the tiles that are near vehicles: memory, and processor time.
 
-Decides: from how many cells on `track` loads a part of a map. A learned map is laid out again and again, side by side.
+Decides: from how many cells on `track` holds a part of a map. A learned map is laid out again and again, side by side.
 
     dirprim learn recordings/roundabout_learn.mcap -o one.mcap
-    python tests/benchmarks/city_map.py write one.mcap city.mcap 300
-    python tests/benchmarks/city_map.py load city.mcap          # whole
-    python tests/benchmarks/city_map.py load city.mcap 300      # what lies within so many metres of one place
+    python tests/benchmarks/city_map.py write one.mcap city.mcap 540
+    python tests/benchmarks/city_map.py load city.mcap whole    # or tiles: those near one place
+    python tests/benchmarks/city_map.py drive city.mcap tiles recordings/roundabout_track.mcap one.mcap
 """
 
 from __future__ import annotations
 
+import hashlib
 import resource
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,19 +23,24 @@ import numpy as np
 from dirprim_filter import load_map, save_map
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering import Tracker, Worlds
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.nearby_map import NearbyMap
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.map_file import MapFile
+from dirprim_filter.recording.playback import stream_detections
+from dirprim_filter.replay import replay
 from tessellation import VoronoiTessellation
+
+PLACE_S, N_ACROSS = 10.0, 23
 
 
 def city(one: PrimitiveMap, n: int) -> PrimitiveMap:
     """A map of n places that are all alike, in squares beside each other."""
     position = one.tessellation.centers
-    apart, side = float(np.ptp(position, axis=0).max()) + 50.0, int(np.ceil(np.sqrt(n)))
+    apart, side = apart_of(one), int(np.ceil(np.sqrt(n)))
     shift = apart * np.column_stack([np.arange(n) % side, np.arange(n) // side])
 
     def rows(column: np.ndarray) -> np.ndarray:
@@ -89,6 +96,57 @@ def ready(path: str, *, in_tiles: bool) -> None:
     )
 
 
+def drive(path: str, log: str, one: str, *, in_tiles: bool) -> None:
+    """Track a log's vehicles at place after place, `PLACE_S` at each, from one corner of the city to the other."""
+    before, began = most_mib(), time.process_time()
+    nearby = NearbyMap(MapFile(path) if in_tiles else load_map(path), ahead_s=0.0, noise_m=0.5)
+    worlds = Worlds(lambda _: Tracker(nearby.part, rng=np.random.default_rng(0)))
+    n_parts, n_cells = 0, [nearby.part.tessellation.n_cells]
+
+    def moved(part: PrimitiveMap) -> None:
+        nonlocal n_parts
+        n_parts += 1
+        n_cells.append(part.tessellation.n_cells)
+        worlds.move_to(part)
+
+    nearby.followers.append(moved)
+    frames = nearby.along(crossing(log, apart_of(load_map(one))), worlds)
+    total = hashlib.sha256()
+    n_frames = replay(frames, worlds, [_Digest(total)])
+    print(
+        f"{n_frames} frames, at most {max(n_cells)} cells in {n_parts} parts: {time.process_time() - began:.1f} s of "
+        f"processor; held at the end: {now_mib():.0f} MiB, at most {most_mib():.0f}, of which the program "
+        f"{before:.0f}; estimates {total.hexdigest()[:12]}",
+    )
+
+
+class _Digest:
+    """An `EstimateSink` that tells runs apart whose estimates differ in a bit."""
+
+    def __init__(self, total: hashlib._Hash) -> None:
+        self._total = total
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Take the positions of a frame."""
+        self._total.update(frame.estimates.position.tobytes())
+
+
+def crossing(log: str, apart_m: float) -> Iterator[Detections]:
+    """The first seconds of a log at each place of the city's diagonal."""
+    frames = [f for f in stream_detections(log, topics="/detections") if f.time_ns[0] < PLACE_S * 1e9]
+    for place in range(N_ACROSS):
+        for frame in frames:
+            yield replace(
+                frame, time_ns=frame.time_ns + int(place * PLACE_S * 1e9), position=frame.position + place * apart_m,
+                track_id=np.array([f"{place}/{name}" for name in frame.track_id.tolist()]),
+            )  # fmt: skip
+
+
+def apart_of(one: PrimitiveMap) -> float:
+    """Metres from one place to the next."""
+    return float(np.ptp(one.tessellation.centers, axis=0).max()) + 50.0
+
+
 def most_mib() -> float:
     """The most memory that this process has had."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -102,5 +160,7 @@ def now_mib() -> float:
 if __name__ == "__main__":
     if sys.argv[1] == "write":
         save_map(city(load_map(sys.argv[2]), int(sys.argv[4])), sys.argv[3], force=True)
-    else:
+    elif sys.argv[1] == "load":
         ready(sys.argv[2], in_tiles=sys.argv[3] == "tiles")
+    else:
+        drive(sys.argv[2], *sys.argv[4:6], in_tiles=sys.argv[3] == "tiles")

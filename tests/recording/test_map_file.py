@@ -198,6 +198,7 @@ def test_a_tile_is_read_without_the_chunks_of_others(tmp_path, monkeypatch):
     save_map(some_map(300), tmp_path / "map.mcap")
     opened = []
     with MapFile(tmp_path / "map.mcap") as tiles:
+        tiles.part(np.array([1]))  # for which traffic everywhere is read, once
         monkeypatch.setattr(log, "read_contents", lambda *of: opened.append(1) or read_contents(*of))
         assert tiles.part(np.array([2])).tessellation.n_cells == 50
         assert len(opened) == 1

@@ -16,11 +16,9 @@ from dirprim_filter.primitives.schedule import N_SLOTS
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import column_of, floats_of, ints_of, parse
 from dirprim_filter.recording.schemas.map_tiles import MODE_COLUMNS, VERSION
-from dirprim_filter.recording.schemas.motion_columns import COLUMNS, motion_columns
+from dirprim_filter.recording.schemas.motion_columns import ALL, COLUMNS, motion_columns
 
 Columns = dict[str, AnyArray]
-PASSING = ("number", "cell", "mode", "visits", "seconds", "first", "following", "count")
-"""Columns of motion that say how vehicles pass on."""
 
 
 class Head(NamedTuple):
@@ -29,6 +27,7 @@ class Head(NamedTuple):
     at: int  # which message it is
     cell: IntArray
     manoeuvre: IntArray
+    n_following: AnyArray  # transitions of each
     box: FloatArray  # (4,) metres
     ahead: IntArray
 
@@ -59,26 +58,38 @@ def n_cells_of(message: dirprim_pb2.PrimitiveMap) -> int:
 
 def head_of(message: dirprim_pb2.PrimitiveMap, at: int) -> Head:
     """What the message that comes as number `at` has in it."""
-    box, motion = message.box, message.motion
+    box, motion = message.box, manoeuvres_of(message.motion, ("number", "first"))
     return Head(
-        at, ints_of(message, "cell", n_cells_of(message)), ints_of(motion, "number", len(motion.cell)),
-        np.array([box.west, box.south, box.east, box.north]), ints_of(message, "ahead", len(message.ahead)),
-    )  # fmt: skip
+        at=at,
+        cell=ints_of(message, "cell", n_cells_of(message)),
+        manoeuvre=motion["number"],
+        n_following=motion["n_following"].astype(np.int32),
+        box=np.array([box.west, box.south, box.east, box.north]),
+        ahead=ints_of(message, "ahead", len(message.ahead)),
+    )
 
 
-def passing_of(message: dirprim_pb2.PrimitiveMap) -> Columns:
-    """What a tile says of traffic, and where its cells are."""
-    n = n_cells_of(message)
-    if message.HasField("grid"):
-        grid = message.grid
-        row, column = np.divmod(ints_of(grid, "square", n), max(grid.n_x, 1))
-        x, y = (
-            low + grid.cell_size * at + grid.cell_size / 2
-            for low, at in ((grid.origin_x, column), (grid.origin_y, row))
-        )
-    else:
-        x, y = places_of(message.voronoi, "x", "y", n).T
-    return motion_columns(message.motion, PASSING) | {"x": x, "y": y, "area": floats_of(message, "area", n)}
+def manoeuvres_of(motion: dirprim_pb2.Motion, names: Iterable[str] = ALL) -> Columns:
+    """Columns of manoeuvres, see `motion_columns`; in place of `first`, how many transitions each has.
+
+    Raises:
+        DecodeError: columns of a wrong length, or transitions of no manoeuvre.
+    """
+    columns = motion_columns(motion, names)
+    limits = np.append(columns.pop("first"), len(motion.following))
+    if limits[0] != 0 or (limits[1:] < limits[:-1]).any():
+        raise DecodeError(f"first: expected ascending numbers from 0 to {limits[-1]}, got others")
+    return columns | {"n_following": np.diff(limits)}
+
+
+def centers_of(message: dirprim_pb2.PrimitiveMap) -> FloatArray:
+    """(n, 2) metres, of a tile's cells."""
+    if message.HasField("voronoi"):
+        return places_of(message.voronoi, "x", "y", n_cells_of(message))
+    grid = message.grid
+    row, column = np.divmod(ints_of(grid, "square", n_cells_of(message)), max(grid.n_x, 1))
+    corner = np.array([grid.origin_x, grid.origin_y]) + grid.cell_size * np.column_stack([column, row])
+    return np.asarray(corner + grid.cell_size / 2)
 
 
 def places_of(message: dirprim_pb2.Voronoi, x: str, y: str, n: int) -> FloatArray:

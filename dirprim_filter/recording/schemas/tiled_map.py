@@ -29,11 +29,12 @@ from dirprim_filter.recording.schemas.refit_message import decode_refit
 from dirprim_filter.recording.schemas.tile_message import (
     Columns,
     Head,
+    centers_of,
     check_lengths,
     head_of,
+    manoeuvres_of,
     n_cells_of,
     parsed,
-    passing_of,
     places_of,
     shared_part,
     the_only,
@@ -77,7 +78,6 @@ class TiledMap:
     def __init__(self, messages: Messages) -> None:
         self._messages = messages
         heads: dict[int, Head] = {}
-        passing: dict[int, Columns] = {}
         shared: set[bytes] = set()
         self._refit: Refit | None = None
         for at, message in enumerate(parsed(messages)):
@@ -85,7 +85,6 @@ class TiledMap:
                 raise DecodeError(f"tile {message.tile}: expected once, got twice")
             check_lengths(message)
             heads[message.tile] = head_of(message, at)
-            passing[message.tile] = passing_of(message)
             if message.HasField("refit"):
                 self._refit = decode_refit(message.refit)
             shared.add(shared_part(message))
@@ -99,8 +98,7 @@ class TiledMap:
             "origin": np.array([grid.origin_x, grid.origin_y]), "cell_size": grid.cell_size, "n_x": grid.n_x,
             "n_y": grid.n_y,
         }  # fmt: skip
-        self._passing = [passing.pop(tile) for tile in range(len(heads))]
-        self._traffic: Traffic | None = None
+        self._traffic: tuple[Traffic | None] | None = None
 
     @property
     def is_large(self) -> bool:
@@ -162,9 +160,9 @@ class TiledMap:
                 of_cells = floats_of(message.schedule, name, at.size * slots * own).reshape(at.size, slots, own)
                 column[:, at] = of_cells.swapaxes(0, 1)
             ground.add(message, at)
-            moving.append(motion_columns(message.motion))
+            moving.append(manoeuvres_of(message.motion))
         _fill_rows(rows, np.array([n]), shared.place_free)
-        motion = _in_order([*moving, motion_columns(shared.place_free_motion)])
+        motion = _in_order([*moving, manoeuvres_of(shared.place_free_motion)])
         part = None
         tessellation: Tessellation = ground.tessellation(self._grid, of_grid=shared.HasField("grid"), is_part=is_part)
         if is_part:
@@ -190,17 +188,39 @@ class TiledMap:
         )
 
     def _traffic_in(self, tessellation: Tessellation, cell: IntArray) -> Traffic | None:
-        """That of the whole map, which is made once, for positions in some of its cells."""
-        if self._passing:
-            number = np.argsort(np.concatenate([head.cell for head in self._heads]))
-            x, y, area = (np.concatenate([of.pop(name) for of in self._passing])[number] for name in ("x", "y", "area"))
-            of = _in_order(self._passing)
-            self._passing.clear()
-            passages = Passages(*(of[name] for name in Passages._fields))
-            if passages.cell.size and not 0 <= passages.cell.min() <= passages.cell.max() < self.n_cells:
-                raise ValueError(f"motion: expected manoeuvres of {self.n_cells} cells, got others")
-            self._traffic = Traffic.counted(passages, area, np.column_stack([x, y]), tessellation, cell)
-        return None if self._traffic is None else self._traffic.located_in(tessellation, cell)
+        """That of the whole map, for positions in some of its cells."""
+        if self._traffic is None:
+            self._traffic = (self._counted(tessellation, cell),)
+        (traffic,) = self._traffic
+        return None if traffic is None else traffic.located_in(tessellation, cell)
+
+    def _counted(self, tessellation: Tessellation, cell: IntArray) -> Traffic | None:
+        """Traffic by all tiles, one after the other, with numbers of half the size."""
+        n, narrow = self._n_placed, cast(Any, np.int32)
+        first = np.empty(n + 1, np.int64)
+        for head in self._heads:
+            first[head.manoeuvre + 1] = head.n_following
+        first[0] = 0
+        np.cumsum(first, out=first)
+        of = Passages(
+            cell=np.empty(n, narrow), mode=np.empty(n, narrow), visits=np.empty(n), seconds=np.empty(n), first=first,
+            following=np.empty(first[-1], narrow), count=np.empty(first[-1]),
+        )  # fmt: skip
+        bounds = {"cell": self.n_cells, "mode": self._shared.n_modes, "following": narrow(0x7FFFFFFF)}
+        area, center = np.empty(self.n_cells), np.empty((self.n_cells, 2))
+        for message in parsed(self._messages):
+            head = self._heads[message.tile]
+            area[head.cell], center[head.cell] = floats_of(message, "area", head.cell.size), centers_of(message)
+            columns, (transition, _) = motion_columns(message.motion, _COUNTED), ranges(first, head.manoeuvre)
+            for name, column in columns.items():
+                if name in bounds and not ((column >= 0) & (column < bounds[name])).all():
+                    raise ValueError(f"motion: {name}: expected numbers 0 to {bounds[name] - 1}, got others")
+                getattr(of, name)[transition if name in _OF_TRANSITIONS else head.manoeuvre] = column
+        return Traffic.counted(of, area, center, tessellation, cell)
+
+
+_OF_TRANSITIONS = ("following", "count")
+_COUNTED = ("cell", "mode", "visits", "seconds", *_OF_TRANSITIONS)
 
 
 class _Ground:
@@ -257,18 +277,11 @@ def _numbered(what: str, numbers: list[IntArray]) -> IntArray:
 
 def _in_order(parts: list[Columns]) -> Columns:
     """Columns of manoeuvres in order of their numbers; what they are joined of is let go of as soon as it is."""
-    for part in parts:
-        first, n = part["first"], part["following"].size
-        if first.size and not (first[0] == 0 and (first[1:] >= first[:-1]).all() and first[-1] <= n):
-            raise ValueError(f"first: expected ascending numbers from 0 to {n}, got others")
-        if not first.size and n:
-            raise ValueError(f"following: expected transitions of manoeuvres, got {n} of none")
-    lengths = [np.diff(np.append(part.pop("first"), part["following"].size)) for part in parts]
+    lengths = [part.pop("n_following") for part in parts]
     order = np.argsort(np.concatenate([part["number"] for part in parts]), kind="stable")
     transition, first = ranges(np.append(0, np.cumsum(np.concatenate(lengths))), order)
-    of_transition = ("following", "count")
     return {"first": first} | {
-        name: np.concatenate([part.pop(name) for part in parts])[transition if name in of_transition else order]
+        name: np.concatenate([part.pop(name) for part in parts])[transition if name in _OF_TRANSITIONS else order]
         for name in list(parts[0])
     }
 
