@@ -60,6 +60,10 @@ Now = Annotated[
     str | None,
     typer.Option("--now", help="With --half-life: when age is counted from, as --end. Default: the last log's."),
 ]
+StoreWorkers = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, help="Of a store of many kilometres: processes that lay out cells. Default: one."),
+]
 By = Annotated[
     Slots | None,
     typer.Option("--by", help="Of a store: weights and mean speeds by the hour of the day, or of the week."),
@@ -85,6 +89,7 @@ def learn(
     now: Now = None,
     by: By = None,
     zone: Zone = None,
+    workers: StoreWorkers = None,
     seed: Seed = 0,
     reading: Reading = Reading(),
     force: Force = False,
@@ -110,10 +115,11 @@ def learn(
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
             )
-        source = _Store(logs[0], min_vehicles, half_life, now, by, zone)
-    elif (min_vehicles, half_life, now, by, zone) != (None,) * 5:
+        source = _Store(logs[0], min_vehicles, half_life, now, by, zone, workers)
+    elif (min_vehicles, half_life, now, by, zone, workers) != (None,) * 6:
         raise ValueError(
-            "--min-vehicles, --half-life, --now, --by, --zone: expected a store, got logs; see `dirprim store add`"
+            "--min-vehicles, --half-life, --now, --by, --zone, --workers: expected a store, got logs; see `dirprim "
+            "store add`"
         )
     else:
         source = _Logs(logs, sensor, reading)
@@ -165,12 +171,13 @@ class _Store:
 
     def __init__(
         self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None,
-        by: Slots | None, zone: str | None,
+        by: Slots | None, zone: str | None, workers: int | None,
     ) -> None:  # fmt: skip
         from dirprim_filter.store.fading import LATEST, Fading
         from dirprim_filter.store.learning import MIN_VEHICLES
         from dirprim_filter.store.store import Store
         from dirprim_filter.store.stored_sums import StoredSums
+        from dirprim_filter.store.workers import InProcess, workers_for
 
         if now is not None and half_life_s is None:
             raise ValueError("--now: expected --half-life with it")
@@ -184,6 +191,7 @@ class _Store:
         self._store, self._sums = store, StoredSums.of(store)
         self._by: Literal["hour", "week"] | None = None if by is None else by.value
         self._zone = "UTC" if zone is None else zone
+        self._workers = InProcess() if workers is None else workers_for(workers, workers)
         self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
         self._fading = None
         if half_life_s is not None:
@@ -206,5 +214,6 @@ class _Store:
             fading=self._fading,
             by=self._by,
             zone=self._zone,
+            workers=self._workers,
             **options,
         )

@@ -53,7 +53,7 @@ STAGES = ("cells", "how much each leans on what is usual", "primitives", "how ve
 def learn_primitives(
     tracks: Tracks | Iterable[Tracks],
     *,
-    tessellation: CellsRule | Tessellation = "joint",
+    tessellation: CellsRule | Tessellation | Layout = "joint",
     cell_size: float | None = None,
     n_cells: int | None = None,
     modes: ModesRule = "bic",
@@ -68,7 +68,8 @@ def learn_primitives(
     Args:
         tracks: observed motion, at once or in parts.
         tessellation: "joint" for Voronoi cells learned together with the primitives, "voronoi" for such by positions
-            alone, "grid" for square cells where there are data, or cells that are given.
+            alone, "grid" for square cells where there are data, or cells that are given: each learns from what is in
+            it alone, or of a `Layout` from what is beside it too.
         cell_size: metres, side of the grid's cells, or of squares as many as there shall be Voronoi cells; learned from
             held-out vehicles if absent.
         n_cells: about how many cells there shall be, instead of `cell_size`.
@@ -93,10 +94,9 @@ def learn_primitives(
     )
     rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s)
     free = fit_place_free(rows, config)
-    strength = config.prior_strengths[0]
     begin = stage or (lambda _: None)
     begin(0)
-    recipe = Recipe(modes, primitive == "curved" and modes == "bic", strength, Usual(0.0, free.speed_spread), config)
+    recipe = _first_recipe(modes, primitive, free, config)
     layouts = _layouts(
         rows, tessellation, recipe, free, cell_size=cell_size, n_cells=n_cells, progress=progress, rng=rng
     )
@@ -121,6 +121,41 @@ def learn_primitives(
             lenders=tuple(other.cells.centers for other in others) if lean.borrowed > 0 else (),
         ),
     )  # fmt: skip
+
+
+def lay_out(
+    tracks: Tracks,
+    *,
+    tessellation: CellsRule = "joint",
+    cell_size: float | None = None,
+    modes: ModesRule = "bic",
+    primitive: Literal["curved", "flat"] = "curved",
+    config: LearningConfig | None = None,
+    rng: np.random.Generator,
+) -> Layout:
+    """The cells that `learn_primitives` chooses, and how much they learn from beside them; arguments as there.
+
+    Raises:
+        ValueError: as there.
+    """
+    config = config or LearningConfig()
+    _check_options(
+        tracks, tessellation=tessellation, cell_size=cell_size, n_cells=None, modes=modes, primitive=primitive
+    )
+    rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s)
+    free = fit_place_free(rows, config)
+    recipe = _first_recipe(modes, primitive, free, config)
+    layouts = _layouts(rows, tessellation, recipe, free, cell_size=cell_size, n_cells=None, progress=None, rng=rng)
+    if len(layouts) == 1:
+        return layouts[0]
+    few = rows.some(TRIAL_ROWS, rng=rng)
+    return _choose(few, [[layout] for layout in layouts], recipe, free, rng=rng)[0][0]
+
+
+def _first_recipe(modes: ModesRule, primitive: str, free: PlaceFree, config: LearningConfig) -> Recipe:
+    """How modes are fitted, before held-out vehicles choose."""
+    is_curved = primitive == "curved" and modes == "bic"
+    return Recipe(modes, is_curved, config.prior_strengths[0], Usual(0.0, free.speed_spread), config)
 
 
 def _check_options(
@@ -151,11 +186,13 @@ def _check_options(
 
 
 def _layouts(
-    rows: TrackRows, tessellation: str | Tessellation, recipe: Recipe, free: PlaceFree, *, cell_size: float | None,
-    n_cells: int | None, progress: Progress | None, rng: np.random.Generator,
+    rows: TrackRows, tessellation: str | Tessellation | Layout, recipe: Recipe, free: PlaceFree, *,
+    cell_size: float | None, n_cells: int | None, progress: Progress | None, rng: np.random.Generator,
 ) -> list[Layout]:  # fmt: skip
     """The cells to choose from; joint ones are chosen as they are laid out."""
     position, config = rows.position, recipe.config
+    if isinstance(tessellation, Layout):
+        return [tessellation]
     if not isinstance(tessellation, str):
         return [Layout(tessellation, 0.0)]
     if tessellation == "grid":

@@ -15,6 +15,8 @@ from dirprim_filter.store.manifest import Entry
 
 TILE_SQUARES = 128
 """Side of a tile, a multiple of `steps.PASSED_SQUARES`: vehicles are counted within one."""
+HALO_M = 96.0
+"""Metres around a tile that are learned from, at least: what distinguishes manoeuvres lies so far ahead."""
 Tile = tuple[int, int]
 """East and north, counted from the origin of the lattice."""
 

@@ -21,6 +21,7 @@ from dirprim_filter.primitives.motion_learning import usual_squares
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.refit import N_SPREADS, Counted, Refit
 from dirprim_filter.primitives.schedule import By
+from dirprim_filter.store.blocks import blocks_of, laid_out_in_blocks
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, learn_from_visible
@@ -29,12 +30,11 @@ from dirprim_filter.store.refitted import refitted
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.tile_fit import Finished, Layouts, TileFit
-from dirprim_filter.store.tiles import TILE_SQUARES, Digests, Tile, around, ends_of, tiles_at
+from dirprim_filter.store.tiles import HALO_M, TILE_SQUARES, Digests, Tile, around, ends_of, tiles_at
+from dirprim_filter.store.workers import InProcess, Workers
 
 logger = logging.getLogger(__name__)
 
-HALO_M = 96.0
-"""Metres around a tile that are learned from, at least: what distinguishes manoeuvres lies so far ahead."""
 
 MOST_ROWS = 500_000
 """Around a tile, of vehicles drawn evenly: more tell next to nothing new."""
@@ -42,6 +42,11 @@ USUAL_TILES = 8
 """Of as many as that, about, it is learned what is usual of manoeuvres."""
 BLOCK_TILES = 4
 """Side of a block, whose recordings are read once for all of its tiles."""
+
+LAID_OUT_BY = ("tessellation", "cell_size", "modes", "primitive", "config")
+"""Options of `learn_primitives` that say how cells are laid out."""
+WHERE = ("tessellation", "cell_size", "progress")
+"""Those that are of no use once they are."""
 
 Progress = Callable[[int, int], None]
 
@@ -57,13 +62,14 @@ class Updated(NamedTuple):
 
 def learn_from_store(
     store: Store, sums: StoredSums, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None,
-    by: By | None = None, zone: str = "UTC", rng: np.random.Generator, **options: Any,
+    by: By | None = None, zone: str = "UTC", workers: Workers | None = None, rng: np.random.Generator, **options: Any,
 ) -> PrimitiveMap:  # fmt: skip
     """Learn a map that `update_map` can keep up to date.
 
-    Where cells are, and all that held-out vehicles choose, is learned from the sum of all recordings. What cells hold
-    is then fitted tile by tile, each from its own and the surrounding tiles' recordings, and ages from when the last
-    of these ended.
+    Where cells are, and all that held-out vehicles choose, is learned from all recordings, of `MOST_STEPS` steps
+    drawn evenly; where there are more, and of more than one kilometre, cells are laid out block by block. What cells
+    hold is then fitted tile by tile, each from its own and the surrounding tiles' recordings, and ages from when the
+    last of these ended.
 
     Args:
         store: of recordings.
@@ -72,6 +78,7 @@ def learn_from_store(
         fading: as for `learn_from_summary`; age is counted from `now_ns` at the latest.
         by: as for `learn_from_summary`.
         zone: as for `learn_from_summary`.
+        workers: who lay out blocks; left out, this process.
         rng: as for `learn_primitives`.
         options: others of `learn_primitives`. With modes that cannot be refitted the map is learned as a whole.
 
@@ -83,6 +90,15 @@ def learn_from_store(
         since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
     whole = EVERYWHERE._replace(fading=since and since.slowly)
     (everywhere,) = sampled(store, [whole], most_rows=MOST_STEPS, min_vehicles=min_vehicles)
+    blocks = blocks_of((east, north) for tiles in store.recorded().values() for east, north in tiles)
+    by_search = options.get("tessellation", "joint") in ("joint", "voronoi") and options.get("n_cells") is None
+    if everywhere.share < 1.0 and len(blocks) > 1 and by_search:
+        said = {name: options[name] for name in LAID_OUT_BY if name in options}
+        options = {name: value for name, value in options.items() if name not in WHERE}
+        options["tessellation"] = laid_out_in_blocks(
+            store, blocks, workers=workers or InProcess(), min_vehicles=min_vehicles, fading=whole.fading,
+            seed=int(rng.integers(1 << 31)), **said,
+        )  # fmt: skip
     learned, strengths = learn_from_visible(
         everywhere.ways.visible(), sums.leader_sums, min_vehicles=min_vehicles, fading=since, by=by, zone=zone,
         rng=rng, **options,
