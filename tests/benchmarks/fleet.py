@@ -7,6 +7,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py memory 1000000
     python tests/benchmarks/fleet.py columns 100000000
     python tests/benchmarks/fleet.py workers 16
+    python tests/benchmarks/fleet.py tiled ../shared/data/town03/roundabout.csv
     python tests/benchmarks/fleet.py year roundabout [--logs 4]
     python tests/benchmarks/fleet.py killing
     python tests/benchmarks/fleet.py known 10000
@@ -34,6 +35,7 @@ from dirprim_filter.evaluation.forecast_methods import futures_of
 from dirprim_filter.evaluation.splits import honest_split, split, thinned
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.simulation.traffic import simulate
+from dirprim_filter.store import blocks, updating
 from dirprim_filter.store.adding import add_logs, hash_of_rows
 from dirprim_filter.store.compacting import compacted
 from dirprim_filter.store.config import StoreConfig
@@ -209,6 +211,32 @@ def year(scene: str, n_logs: int) -> None:
             )  # fmt: skip
 
 
+def tiled(log: str) -> None:
+    """Held-out log density and energy score of cells laid out whole, and block by block of 128 m.
+
+    Half of the vehicles each; both are fitted to the same steps, of which half are enough to be laid out in blocks.
+    """
+    tracks = read_csv(log).tracks if log.endswith(".csv") else read_tracks(log)
+    found: dict[str, list[np.ndarray]] = {"whole": [], "in blocks": []}
+    cells = dict.fromkeys(found, 0)
+    for fold in split(tracks, by=honest_split(tracks), n_folds=2, rng=np.random.default_rng(0)):
+        with tempfile.TemporaryDirectory() as folder:
+            store = Store.create(Path(folder) / "store", StoreConfig())
+            write_entry(store, fold.train, "log")
+            sums = StoredSums.of(store)
+            for name, every in found.items():
+                updating.MOST_STEPS = int(sums.whens.value.sum()) // (2 if name == "in blocks" else 1)
+                blocks.BLOCK_TILES = 1
+                learned = learn_from_store(store, sums, min_vehicles=1, rng=np.random.default_rng(0))
+                every.append(scored(learned, fold.test, 0))
+                cells[name] += learned.tessellation.n_cells
+    rows = np.mean(found["whole"], axis=0)
+    for name, scores in found.items():
+        mean = np.mean(scores, axis=0)
+        worse = " ".join(f"{s:g} s {mean[1 + i] / rows[1 + i] - 1:+.1%}" for i, s in enumerate(HORIZONS_S))
+        print(f"{log}, {name}: {cells[name]} cells; log density {mean[0]:.3f} ({mean[0] - rows[0]:+.3f}); {worse}")
+
+
 def memory(n_rows: int) -> None:
     """The most memory of counting recordings of 100,000 rows each, made one by one, and of learning from all."""
     tracks = read_tracks(ROOT / "recordings" / "roundabout_track.mcap")
@@ -376,7 +404,8 @@ def known(n_logs: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "what", choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known", "update", "year"]
+        "what",
+        choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known", "update", "year", "tiled"],
     )
     parser.add_argument("of", nargs="?")
     parser.add_argument("--cells", type=int, default=120)
@@ -385,6 +414,8 @@ if __name__ == "__main__":
     given = parser.parse_args()
     if given.what == "fidelity":
         fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
+    elif given.what == "tiled":
+        tiled(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"))
     elif given.what == "year":
         year(given.of or "roundabout", given.logs)
     elif given.what == "memory":
