@@ -176,7 +176,6 @@ class _Store:
         from dirprim_filter.store.fading import LATEST, Fading
         from dirprim_filter.store.learning import MIN_VEHICLES
         from dirprim_filter.store.store import Store
-        from dirprim_filter.store.stored_sums import StoredSums
         from dirprim_filter.store.workers import InProcess, workers_for
 
         if now is not None and half_life_s is None:
@@ -188,7 +187,7 @@ class _Store:
         if not entries:
             raise ValueError(f"{folder}: expected logs to learn from, the store is empty; see `dirprim store add`")
         now_ns = time_ns(now)
-        self._store, self._sums = store, StoredSums.of(store)
+        self._store = store
         self._by: Literal["hour", "week"] | None = None if by is None else by.value
         self._zone = "UTC" if zone is None else zone
         self._workers = InProcess() if workers is None else workers_for(workers, workers)
@@ -197,7 +196,7 @@ class _Store:
         if half_life_s is not None:
             self._fading = Fading(half_life_s=half_life_s, now_ns=LATEST if now_ns is None else now_ns)
         self.said = {
-            "sha256 store": self._sums.digest, "min_vehicles": self._least, "half_life_s": half_life_s, "now": now,
+            "sha256 store": store.digest, "min_vehicles": self._least, "half_life_s": half_life_s, "now": now,
         }  # fmt: skip
         if by is not None:
             self.said |= {"by": self._by, "zone": self._zone}
@@ -209,7 +208,6 @@ class _Store:
 
         return learn_from_store(
             self._store,
-            self._sums,
             min_vehicles=self._least,
             fading=self._fading,
             by=self._by,

@@ -57,7 +57,7 @@ class Fading:
         return np.where(age_s < 0, 0.0, 0.5 ** (np.maximum(age_s, 0.0) / self.half_life_s))
 
     def until(self, end_ns: int) -> Self:
-        """With age counted from there, if that is earlier: what nobody has seen since does not age."""
+        """With age counted from there, if that is earlier: what has not been seen since does not age."""
         return replace(self, now_ns=min(self.now_ns, end_ns))
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from dirprim_filter.store.fading import Fading, refreshed
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
 from dirprim_filter.store.steps import WHEN, passed_place, unpacked_when
+from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.tallies import Tally
 from dirprim_filter.store.withholding import withheld
 from dirprim_filter.tracks import Tracks
@@ -37,36 +38,8 @@ GOLDEN = 0.6180339887498949
 """Multiples of it, modulo 1, are spread evenly: every block of them holds its share below any number."""
 
 
-class Sums(Protocol):
-    """What a map is learned from: of a `Summary`, or of a store, `StoredSums`."""
-
-    @property
-    def lattice(self) -> Lattice:
-        """What is counted on."""
-        ...
-
-    @property
-    def whens(self) -> Tally:
-        """(when): how many steps."""
-        ...
-
-    @property
-    def passed(self) -> Tally:
-        """(place and way): how many vehicles."""
-        ...
-
-    @property
-    def leader_sums(self) -> LeaderSums:
-        """What the response to leaders is learned from."""
-        ...
-
-    def steps_of(self, first: int, last: int) -> Tally:
-        """The steps of some `when`s, both included."""
-        ...
-
-
 def learn_from_summary(
-    summary: Sums,
+    summary: Summary,
     *,
     min_vehicles: int = MIN_VEHICLES,
     fading: Fading | None = None,
@@ -144,7 +117,7 @@ def learn_from_visible(
     return Learned(replace(learned, schedule=schedule), strengths)
 
 
-def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Visible:
+def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Visible:
     """Pseudo-vehicles, where at least so many vehicles passed each place each way; of older ones as many as count.
 
     Raises:
@@ -175,7 +148,7 @@ def visible_tracks(summary: Sums, *, min_vehicles: int = MIN_VEHICLES, fading: F
     return Visible(tracks, np.concatenate(hours)[rows])
 
 
-def share_of_steps(summary: Sums, fading: Fading | None) -> float:
+def share_of_steps(summary: Summary, fading: Fading | None) -> float:
     """Of the steps that age leaves, those that are learned from."""
     count = summary.whens.value[:, 0].astype(np.float64)
     if fading is not None:

@@ -27,6 +27,8 @@ from dirprim_filter.tracks import Tracks
 
 WAYS_EACH = 1 << 32
 """More than a recording has."""
+SUMMED_AT_ONCE = 100
+"""Recordings, whose counts of vehicles wait to be summed."""
 
 
 class WayRows(NamedTuple):
@@ -95,7 +97,7 @@ def sampled(store: Store, boxes: Sequence[Box], *, most_rows: int, min_vehicles:
         OSError: one cannot be read.
     """
     lattice, recorded = store.config.lattice, store.recorded()
-    gathered, passed = [_Gathered(box, most_rows) for box in boxes], Tally.none(1, 1)
+    gathered, passed = [_Gathered(box, most_rows) for box in boxes], [Tally.none(1, 1)]
     for i, rows in enumerate(sorted(recorded)):
         tiles = np.array(recorded[rows], np.int64).reshape(-1, 2)
         there = [each for each, box in zip(gathered, boxes, strict=True) if box.meets(tiles, lattice)]
@@ -104,8 +106,10 @@ def sampled(store: Store, boxes: Sequence[Box], *, most_rows: int, min_vehicles:
             ways = _rows_of(summary.steps, lattice, i, rows)
             for each in there:
                 each.add(ways)
-            passed = passed + summary.passed
-    return [each.sample(passed, lattice, min_vehicles) for each in gathered]
+            passed.append(summary.passed)
+            if len(passed) > SUMMED_AT_ONCE:
+                passed = [Tally.total(passed)]
+    return [each.sample(Tally.total(passed), lattice, min_vehicles) for each in gathered]
 
 
 class _Gathered:

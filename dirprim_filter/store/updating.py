@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from dirprim_filter.arrays import IntArray
+from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.primitives.motion_learning import usual_squares
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.refit import N_SPREADS, Counted, Refit
@@ -28,7 +29,9 @@ from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, learn_from_v
 from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, Sample, sampled
 from dirprim_filter.store.refitted import refitted
 from dirprim_filter.store.store import Store
-from dirprim_filter.store.stored_sums import StoredSums
+from dirprim_filter.store.summary import as_leader_sums
+from dirprim_filter.store.table import read_counts
+from dirprim_filter.store.tallies import Tally
 from dirprim_filter.store.tile_fit import Finished, Layouts, TileFit
 from dirprim_filter.store.tiles import HALO_M, TILE_SQUARES, Digests, Tile, around, ends_of, tiles_at
 from dirprim_filter.store.workers import InProcess, Workers
@@ -61,7 +64,7 @@ class Updated(NamedTuple):
 
 
 def learn_from_store(
-    store: Store, sums: StoredSums, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None,
+    store: Store, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None,
     by: By | None = None, zone: str = "UTC", workers: Workers | None = None, rng: np.random.Generator, **options: Any,
 ) -> PrimitiveMap:  # fmt: skip
     """Learn a map that `update_map` can keep up to date.
@@ -73,7 +76,6 @@ def learn_from_store(
 
     Args:
         store: of recordings.
-        sums: of it.
         min_vehicles: as for `learn_from_summary`.
         fading: as for `learn_from_summary`; age is counted from `now_ns` at the latest.
         by: as for `learn_from_summary`.
@@ -100,7 +102,7 @@ def learn_from_store(
             seed=int(rng.integers(1 << 31)), **said,
         )  # fmt: skip
     learned, strengths = learn_from_visible(
-        everywhere.ways.visible(), sums.leader_sums, min_vehicles=min_vehicles, fading=since, by=by, zone=zone,
+        everywhere.ways.visible(), _leader_sums(store), min_vehicles=min_vehicles, fading=since, by=by, zone=zone,
         rng=rng, **options,
     )  # fmt: skip
     if learned.refit is None:
@@ -114,6 +116,13 @@ def learn_from_store(
     if strengths is not None:
         counted = replace(counted, slot_strength=np.array(strengths[:2]), slot_share=strengths.share)
     return _updated(learned, learned.refit, counted, store, anew=True).primitive_map
+
+
+def _leader_sums(store: Store) -> LeaderSums:
+    """What the response to leaders is learned from."""
+    lattice = store.config.lattice
+    each = [read_counts(store.recording(rows), lattice).leader for rows in store.rows()]
+    return as_leader_sums(Tally.total([Tally.none(1, 2), *each]))
 
 
 def update_map(primitive_map: PrimitiveMap, store: Store, *, progress: Progress | None = None) -> Updated:

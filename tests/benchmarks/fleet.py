@@ -39,14 +39,14 @@ from dirprim_filter.store import blocks, updating
 from dirprim_filter.store.adding import add_logs, hash_of_rows
 from dirprim_filter.store.compacting import compacted
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.learning import learn_from_summary, visible_tracks
+from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, learn_from_summary
 from dirprim_filter.store.log_files import find_logs
 from dirprim_filter.store.manifest import Entry, new_file
+from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
 from dirprim_filter.store.steps import HERE
 from dirprim_filter.store.store import Store
-from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.table import write_summary
+from dirprim_filter.store.table import read_counts, write_summary
 from dirprim_filter.store.tiles import tiles_of
 from dirprim_filter.store.updating import learn_from_store, update_map
 from dirprim_filter.store.workers import LocalWorkers
@@ -111,11 +111,11 @@ def update(n_places: int) -> None:
             place = np.array([500.0 * (i % 8), 500.0 * (i // 8)])
             write_tracks(replace(tracks, position=tracks.position + place), Path(folder) / f"{i}.mcap")
         add_logs(store, find_logs([f"{folder}/*.mcap"]))
-        sums, begun = StoredSums.of(store), time.process_time()
+        begun = time.process_time()
         cells = VoronoiTessellation.lloyd(
-            visible_tracks(sums).tracks.position, n_cells=150 * n_places, rng=np.random.default_rng(0), reach=3.0
+            everywhere(store).position, n_cells=150 * n_places, rng=np.random.default_rng(0), reach=3.0
         )
-        learned = learn_from_store(store, sums, tessellation=cells, rng=np.random.default_rng(0))
+        learned = learn_from_store(store, tessellation=cells, rng=np.random.default_rng(0))
         learning_s, begun = time.process_time() - begun, time.process_time()
         write_tracks(new, path := Path(folder) / "new.mcap")
         add_logs(store, find_logs([str(path)]))
@@ -180,9 +180,9 @@ def year(scene: str, n_logs: int) -> None:
     """
     logs = [simulate(scene, duration_s=LOG_S, seed=i) for i in range(12 * n_logs + 1)]
     test = logs.pop()
-    everywhere = np.concatenate([thinned(log, interval_s=0.2).position for log in logs[:4]])
-    even = VoronoiTessellation.lloyd(everywhere, n_cells=150, rng=np.random.default_rng(0), reach=3.0)
-    km = len(np.unique(np.floor(everywhere), axis=0)) / LANE_M / 1000.0
+    places = np.concatenate([thinned(log, interval_s=0.2).position for log in logs[:4]])
+    even = VoronoiTessellation.lloyd(places, n_cells=150, rng=np.random.default_rng(0), reach=3.0)
+    km = len(np.unique(np.floor(places), axis=0)) / LANE_M / 1000.0
     with tempfile.TemporaryDirectory() as folder:
         whole = Store.create(Path(folder) / "whole", StoreConfig())
         for i, log in enumerate(logs):
@@ -194,9 +194,8 @@ def year(scene: str, n_logs: int) -> None:
             if n_vehicles is not None:
                 store = Store.open(Path(shutil.copytree(whole.path, Path(folder) / str(n_vehicles))))
                 compacted(store, before_ns=14 * 31 * DAY_NS, n_vehicles=n_vehicles)
-            sums = StoredSums.of(store)
             size = sum(path.stat().st_size for path in (store.path / "recordings").iterdir())
-            learned = learn_from_store(store, sums, tessellation=even, rng=np.random.default_rng(0))
+            learned = learn_from_store(store, tessellation=even, rng=np.random.default_rng(0))
             scores = scored(learned, test, 0)
             rows = scores if rows is None else rows
             worse = " ".join(
@@ -205,7 +204,7 @@ def year(scene: str, n_logs: int) -> None:
                 if horizon in {1, 3, 5, 8}
             )  # fmt: skip
             print(
-                f"{scene}, {n_vehicles or 'all'} vehicles a month: {int(sums.whens.value.sum())} steps, "
+                f"{scene}, {n_vehicles or 'all'} vehicles a month: {n_steps(store)} steps, "
                 f"{size / 1e6:.2f} MB, {size / 1e6 / km:.2f} MB for each of {km:.2f} km of lanes; log density "
                 f"{scores[0]:.3f} ({scores[0] - rows[0]:+.3f}); energy score {worse}", flush=True,
             )  # fmt: skip
@@ -223,11 +222,10 @@ def tiled(log: str) -> None:
         with tempfile.TemporaryDirectory() as folder:
             store = Store.create(Path(folder) / "store", StoreConfig())
             write_entry(store, fold.train, "log")
-            sums = StoredSums.of(store)
             for name, every in found.items():
-                updating.MOST_STEPS = int(sums.whens.value.sum()) // (2 if name == "in blocks" else 1)
+                updating.MOST_STEPS = n_steps(store) // (2 if name == "in blocks" else 1)
                 blocks.BLOCK_TILES = 1
-                learned = learn_from_store(store, sums, min_vehicles=1, rng=np.random.default_rng(0))
+                learned = learn_from_store(store, min_vehicles=1, rng=np.random.default_rng(0))
                 every.append(scored(learned, fold.test, 0))
                 cells[name] += learned.tessellation.n_cells
     rows = np.mean(found["whole"], axis=0)
@@ -235,6 +233,17 @@ def tiled(log: str) -> None:
         mean = np.mean(scores, axis=0)
         worse = " ".join(f"{s:g} s {mean[1 + i] / rows[1 + i] - 1:+.1%}" for i, s in enumerate(HORIZONS_S))
         print(f"{log}, {name}: {cells[name]} cells; log density {mean[0]:.3f} ({mean[0] - rows[0]:+.3f}); {worse}")
+
+
+def everywhere(store: Store) -> Tracks:
+    """The pseudo-vehicles that cells are laid out by."""
+    (sample,) = sampled(store, [EVERYWHERE], most_rows=MOST_STEPS, min_vehicles=MIN_VEHICLES)
+    return sample.ways.visible().tracks
+
+
+def n_steps(store: Store) -> int:
+    """In all recordings."""
+    return sum(int(read_counts(store.recording(rows), store.config.lattice).whens.value.sum()) for rows in store.rows())
 
 
 def memory(n_rows: int) -> None:
@@ -249,12 +258,10 @@ def memory(n_rows: int) -> None:
             done += len(made)
         said = f"{done} rows: counted with at most {most_mib():.0f} MiB in {time.perf_counter() - began:.0f} s"
         began = time.perf_counter()
-        sums = StoredSums.of(store)
-        shown = visible_tracks(sums).tracks
+        shown = everywhere(store)
         took = time.perf_counter() - began
         print(
-            f"{said}; {len(shown)} of {int(sums.whens.value.sum())} steps chosen with at most {most_mib():.0f} MiB in "
-            f"{took:.0f} s",
+            f"{said}; {len(shown)} of {n_steps(store)} steps chosen with at most {most_mib():.0f} MiB in {took:.0f} s",
             flush=True,
         )
         learn_primitives(shown, tessellation="grid", cell_size=8.0, rng=np.random.default_rng(0))

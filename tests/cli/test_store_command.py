@@ -59,6 +59,8 @@ def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
         (["learn", "fleet", "-o", "m.mcap", "--now", "3"], "expected --half-life with it"),
         (["learn", "fleet", "-o", "m.mcap", "--zone", "UTC"], "expected --by with it"),
         (["learn", "0.mcap", "-o", "m.mcap", "--by", "hour"], "expected a store, got logs"),
+        (["learn", "0.mcap", "-o", "m.mcap", "--workers", "2"], "expected a store, got logs"),
+        (["store", "compact", "fleet", "--before", "soon"], "'soon': expected nanoseconds"),
         (["store", "add", "fleet", "1.mcap", "--frame", "odom"], "expected frame None"),
         (["store", "add", "fleet", "absent.mcap"], "absent.mcap: No such file"),
         (["store", "forget", "fleet", "1.mcap"], "is not in the store"),
@@ -77,6 +79,26 @@ def test_what_cannot_be_done_is_said_in_one_line(logs, capsys, arguments, said):
     assert said in told
     assert told.startswith("error: ")
     assert told.count("\n") == 1
+
+
+def test_a_month_is_made_one(logs, capsys):
+    assert run(["store", "add", "fleet", "*.mcap"]) == 0
+    capsys.readouterr()
+    assert run(["store", "compact", "fleet"]) == 0
+    assert "nothing to make one of" in capsys.readouterr().out
+    assert run(["store", "compact", "fleet", "--before", "1970-02-01", "--vehicles", "3"]) == 0
+    assert "fleet: 1970-01, 2 recordings in " in capsys.readouterr().out
+    assert run(["store", "info", "fleet"]) == 0
+    assert "1970-01: 2 recordings made one, 0." in capsys.readouterr().out
+    assert run(["store", "info", "fleet", "--json"]) == 0
+    assert [archive["month"] for archive in json.loads(capsys.readouterr().out)["archives"]] == ["1970-01"]
+    assert run(["store", "forget", "fleet", "0.mcap"]) == 1
+    assert "forget all logs of that month together" in capsys.readouterr().err
+    grid = ["--tessellation", "grid", "--cell-size", "10", "--min-vehicles", "3", "--workers", "2"]
+    assert run(["learn", "fleet", "-o", "map.mcap", *grid]) == 0
+    assert load_map("map.mcap").motion.n_placed > 0
+    assert run(["store", "forget", "fleet", "0.mcap", "1.mcap"]) == 0
+    assert not any((logs / "fleet" / "recordings").iterdir())
 
 
 def test_durations_have_a_unit(logs, capsys):

@@ -7,6 +7,8 @@ from dirprim_filter.store import Store
 from dirprim_filter.store.adding import add_logs
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.log_files import find_logs
+from dirprim_filter.store.summary import Summary
+from dirprim_filter.store.table import read_summary
 
 FAR_M = 1000.0
 """Between two streets: more than any tile reaches."""
@@ -44,6 +46,11 @@ def store_of(path, folder, *names):
     store = Store.create(path, StoreConfig())
     add(store, folder, *names)
     return store
+
+
+def summed(store):
+    """What a store holds, as one summary."""
+    return Summary.total([read_summary(store.recording(rows)) for rows in store.rows()])
 
 
 def bytes_of(primitive_map, path):

@@ -7,7 +7,6 @@ from streets import store_of, street
 from dirprim_filter import Tracks, write_tracks
 from dirprim_filter.store import blocks, updating
 from dirprim_filter.store.blocks import blocks_of, laid_out_in_blocks
-from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.tiles import TILE_SQUARES
 from dirprim_filter.store.updating import learn_from_store, update_map
 from dirprim_filter.store.workers import InProcess
@@ -40,7 +39,7 @@ def store(tmp_path_factory):
 
 def learned(store, **options):
     options = {"tessellation": "voronoi"} | options
-    return learn_from_store(store, StoredSums.of(store), min_vehicles=1, rng=np.random.default_rng(0), **options)
+    return learn_from_store(store, min_vehicles=1, rng=np.random.default_rng(0), **options)
 
 
 def blocks_in(store):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from streets import summed
 
 from dirprim_filter import write_tracks
 from dirprim_filter.recording.errors import RecordingError
@@ -17,7 +18,6 @@ from dirprim_filter.store.log_files import find_logs
 from dirprim_filter.store.pseudo_tracks import pseudo_tracks
 from dirprim_filter.store.steps import BEFORE
 from dirprim_filter.store.store import Store
-from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import read_summary
 from dirprim_filter.store.updating import learn_from_store, update_map
@@ -55,7 +55,7 @@ def files(store):
 
 def map_of(store, min_vehicles=1):
     return learn_from_summary(
-        StoredSums.of(store), min_vehicles=min_vehicles, tessellation="grid", cell_size=8.0,
+        summed(store), min_vehicles=min_vehicles, tessellation="grid", cell_size=8.0,
         rng=np.random.default_rng(0),
     )  # fmt: skip
 
@@ -205,9 +205,7 @@ def test_stores_with_archives_merge_unless_both_hold_the_same_otherwise(full, lo
 
 def test_a_map_is_updated_where_a_month_was_made_one(full):
     cells = map_of(full).tessellation
-    learned = learn_from_store(
-        full, StoredSums.of(full), min_vehicles=1, tessellation=cells, rng=np.random.default_rng(0)
-    )
+    learned = learn_from_store(full, min_vehicles=1, tessellation=cells, rng=np.random.default_rng(0))
     compacted(full, n_vehicles=2)
     done = update_map(learned, full)
     assert done.n_cells > 0

@@ -7,18 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from dying import once_killed
+from streets import summed
 
 from dirprim_filter import write_tracks
 from dirprim_filter.recording.container import partial_copy, source
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 from dirprim_filter.recording.reader import read_track_logs
-from dirprim_filter.store import adding, learning, stored_sums, table, workers
+from dirprim_filter.store import adding, learning, recorded_ways, table, workers
 from dirprim_filter.store.adding import add_logs, failures, hash_of_rows
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import NONE, Lattice
+from dirprim_filter.store.learning import is_passed
 from dirprim_filter.store.log_files import find_logs
+from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
 from dirprim_filter.store.store import Store
-from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.workers import LocalWorkers
 from situations import ring_traffic
@@ -60,10 +62,6 @@ def files(store):
     return {str(path.relative_to(store.path)): path.read_bytes() for path in store.path.rglob("*") if path.is_file()}
 
 
-def summed(store):
-    return Summary.total([table.read_summary(store.recording(rows)) for rows in {e.rows for e in store.entries()}])
-
-
 def test_a_store_sums_its_recordings_whatever_the_order(full, logs, tmp_path):
     backwards = Store.create(tmp_path / "backwards", StoreConfig())
     for seed in (2, 0, 1):
@@ -73,18 +71,30 @@ def test_a_store_sums_its_recordings_whatever_the_order(full, logs, tmp_path):
     assert summed(full) == Summary.total([Summary.of(traffic(seed), frame=frame) for seed in range(3)])
 
 
-def test_from_a_store_the_same_is_learned_as_from_its_sum_in_memory(full, monkeypatch):
-    monkeypatch.setattr(learning, "BLOCK_STEPS", 15)
-    monkeypatch.setattr(stored_sums, "SUMMED_AT_ONCE", 20)
-    stored, whole = StoredSums.of(full), summed(full)
-    assert (stored.whens, stored.passed, stored.leader) == (whole.whens, whole.passed, whole.leader)
-    assert (
-        learning.visible_tracks(stored, min_vehicles=2).tracks == learning.visible_tracks(whole, min_vehicles=2).tracks
-    )
+def test_a_map_is_of_the_recordings_that_are_there(full, monkeypatch):
+    monkeypatch.setattr(recorded_ways, "SUMMED_AT_ONCE", 1)
+    before, whole = full.digest, summed(full)
+    (sample,) = sampled(full, [EVERYWHERE], most_rows=10**9, min_vehicles=2)
+    passed = is_passed(sample.ways.visible().tracks, whole.passed, whole.lattice, 2)
+    assert passed.all()
+    assert sample.ways.way.size < whole.whens.value.sum()
+    (every,) = sampled(full, [EVERYWHERE], most_rows=10**9, min_vehicles=1)
+    assert every.ways.way.size == whole.whens.value.sum()
     full.forget(full.entries()[0].url)
-    assert StoredSums.of(full).digest != stored.digest
+    assert full.digest != before
+    (rest,) = sampled(full, [EVERYWHERE], most_rows=10**9, min_vehicles=1)
+    assert rest.ways.way.size == summed(full).whens.value.sum() < every.ways.way.size
+
+
+def test_what_memory_cannot_hold_at_once_is_the_same_in_blocks(full, monkeypatch):
+    whole = learning.visible_tracks(summed(full), min_vehicles=2).tracks
+    monkeypatch.setattr(learning, "BLOCK_STEPS", 15)
+    assert learning.visible_tracks(summed(full), min_vehicles=2).tracks.n_tracks == whole.n_tracks
+
+
+def test_of_another_lattice_nothing_is_counted(full):
     with pytest.raises(RecordingError, match="expected statistics of a recording"):
-        StoredSums.of(replace(full, config=StoreConfig(lattice=Lattice(square_m=2.0))))
+        table.read_counts(full.recording(full.rows()[0]), Lattice(square_m=2.0))
 
 
 def test_known_logs_are_not_opened_again(full, logs, monkeypatch):

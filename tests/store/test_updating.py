@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from streets import FAR_M, add, bytes_of, store_of, street
+from streets import FAR_M, add, bytes_of, store_of, street, summed
 
 from dirprim_filter import Tracks, learn_primitives, load_map, save_map, write_tracks
 from dirprim_filter.primitives.learning import Leaning, _learned
@@ -17,7 +17,6 @@ from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import visible_tracks
 from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
-from dirprim_filter.store.stored_sums import StoredSums
 from dirprim_filter.store.tile_fit import Layouts
 from dirprim_filter.store.tiles import Digests, around, tiles_at
 from dirprim_filter.store.withholding import withheld
@@ -44,7 +43,7 @@ def motion_of_whole(primitives, visits):
 
 def learned_from(store, *, min_vehicles=2):
     return learn_from_store(
-        store, StoredSums.of(store), min_vehicles=min_vehicles, tessellation="voronoi", n_cells=120,
+        store, min_vehicles=min_vehicles, tessellation="voronoi", n_cells=120,
         rng=np.random.default_rng(0),
     )  # fmt: skip
 
@@ -113,7 +112,7 @@ def test_it_agrees_with_what_is_learned_as_a_whole(store, learned, folder):
     add(store, folder, "near", "near again", "far")
     updated = update_map(learned, store).primitive_map
     refit, layouts = updated.refit, Layouts.of(updated, updated.refit)
-    rows = TrackRows.thinned(visible_tracks(StoredSums.of(store), min_vehicles=2).tracks, interval_s=0.0)
+    rows = TrackRows.thinned(visible_tracks(summed(store), min_vehicles=2).tracks, interval_s=0.0)
     lean = Leaning(refit.place_free, refit.borrowed)
     whole = _learned(rows, [layouts.own, *layouts.lenders], refit.recipe, layouts.free, lean)
     visits = Visits.of(rows, whole.tessellation)

@@ -12,7 +12,6 @@ from dirprim_filter.primitives.schedule import HOUR_NS
 from dirprim_filter.store import Fading, learn_from_store, update_map
 from dirprim_filter.store.fading import LATEST, refreshed_manoeuvres
 from dirprim_filter.store.passages import Passages
-from dirprim_filter.store.stored_sums import StoredSums
 
 DAY_NS = 24 * HOUR_NS
 HALF_LIFE_S = 2 * DAY_NS * 1e-9
@@ -52,7 +51,7 @@ def maps(folder, tmp_path_factory):
     store = store_of(tmp_path_factory.mktemp("of") / "both", folder, "both")
     return {
         name: learn_from_store(
-            store, StoredSums.of(store), min_vehicles=2, tessellation="grid", cell_size=15.0,
+            store, min_vehicles=2, tessellation="grid", cell_size=15.0,
             rng=np.random.default_rng(0), **choices,
         )
         for name, choices in CHOICES.items()
