@@ -78,14 +78,10 @@ def month_of(time_ns: int) -> str:
 
 
 def _archived(store: Store, month: str, recordings: list[str], n_vehicles: int) -> Archive:
-    passed = Tally.none(1, 1)
-    for rows in recordings:
-        passed = passed + read_counts(store.recording(rows), store.config.lattice).passed
+    passed = Tally.total([read_counts(store.recording(rows), store.config.lattice).passed for rows in recordings])
     at_place = passed.value[:, 0].astype(np.float64)
     share = min(1.0, n_vehicles * float(at_place.sum() / (at_place @ at_place)))
-    total = Summary.none(lattice=store.config.lattice, frame=store.frame or "")
-    for rows in recordings:
-        total = total + thinned(read_summary(store.recording(rows)), rows, share)
+    total = Summary.total(thinned(read_summary(store.recording(rows)), rows, share) for rows in recordings)
     archive = Archive(
         name=total.digest, month=month, share=share, recordings=recordings,
         tiles=tiles_of(total.steps.key[:, HERE]).tolist(),

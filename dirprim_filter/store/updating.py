@@ -12,7 +12,7 @@ import logging
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,6 @@ from dirprim_filter.store.tiles import HALO_M, TILE_SQUARES, Digests, Tile, arou
 from dirprim_filter.store.workers import InProcess, Workers
 
 logger = logging.getLogger(__name__)
-
 
 MOST_ROWS = 500_000
 """Around a tile, of vehicles drawn evenly: more tell next to nothing new."""
@@ -175,11 +174,16 @@ def _updated(
     fitting = _Fitting(learned, Layouts.of(learned, refit), homes, store, counted, ends)
     stale = set(homes) if anew else set(homes) & around(changed, fitting.rings)
     beside = set(homes) & around(stale, fitting.rings)
-    if anew:
-        fitting = fitting.with_usual(sorted(homes))
     finished: dict[Tile, Finished] = {}
+    if anew:
+        some = sorted(homes)[:: max(-(-len(homes) // USUAL_TILES), 1)]
+        samples = (each for block in _blocks(some) for each in fitting.samples(block).items())
+        fits = {tile: fitting.fitted(tile, sample) for tile, sample in samples}
+        usual = usual_squares([(fit.sums, fit.labels, fit.fitted) for fit in fits.values()])
+        fitting = fitting._replace(counted=replace(counted, usual_square=usual))
+        finished = {tile: fit.finished(learned, fitting.counted) for tile, fit in fits.items()}
     outside, n_rows = 0, 0
-    for block in _blocks(beside | changed):
+    for block in _blocks((beside | changed) - finished.keys()):
         for tile, sample in fitting.samples(block).items():
             if tile in beside:
                 finished[tile] = fitting.fitted(tile, sample).finished(learned, fitting.counted)
@@ -238,16 +242,6 @@ class _Fitting(NamedTuple):
     def fitted(self, tile: Tile, sample: Sample) -> TileFit:
         """The cells of a tile."""
         return TileFit.of(self.learned, self.layouts, self.homes[tile], tile, sample, fading=self.fading(tile))
-
-    def with_usual(self, tiles: list[Tile]) -> Self:
-        """With what is usual of the manoeuvres of some tiles, taken evenly."""
-        some = tiles[:: -(-len(tiles) // USUAL_TILES)] if tiles else []
-        parts = []
-        for block in _blocks(some):
-            for tile, sample in self.samples(block).items():
-                fit = self.fitted(tile, sample)
-                parts.append((fit.sums, fit.labels, fit.fitted))
-        return self._replace(counted=replace(self.counted, usual_square=usual_squares(parts)))
 
 
 def _side_m(store: Store) -> float:
