@@ -187,7 +187,7 @@ def track(
             smoother.sinks += [estimates.write_smoothed, *([] if viewer is None else [viewer.write_smoothed])]
             sinks.append(smoother)
         if forecast > 0:
-            sinks.append(_forecaster(nearby, forecasts, forecast, knobs, seed))
+            sinks.append(_forecaster(nearby, forecasts, forecast, knobs, seed, place_free=place_free))
         with smoother or nullcontext():
             n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.losses)
@@ -212,15 +212,17 @@ def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoo
 
 
 def _forecaster(
-    nearby: NearbyMap, sinks: list[ForecastSink], horizon_s: float, config: FilterConfig, seed: int
-) -> Forecaster:
+    nearby: NearbyMap, sinks: list[ForecastSink], horizon_s: float, config: FilterConfig, seed: int, *,
+    place_free: bool,
+) -> Forecaster:  # fmt: skip
     import numpy as np
 
     from dirprim_filter.forecasting import Forecaster
 
     rng = np.random.default_rng([seed, 1])
-    made = Forecaster(nearby.part, sinks, horizon_s=horizon_s, config=config, rng=rng)
-    nearby.followers.append(made.move_to)
+    part = nearby.part.without_places() if place_free else nearby.part
+    made = Forecaster(part, sinks, horizon_s=horizon_s, config=config, rng=rng)
+    nearby.followers += [] if place_free else [made.move_to]
     return made
 
 

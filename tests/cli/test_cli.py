@@ -167,6 +167,20 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(log, learned, t
     assert a != c
 
 
+def test_place_free_forecasts_go_on_by_the_map_that_particles_were_moved_by(log, learned, tmp_path):
+    """As a map without cells does, by which the same is asked without `--place-free`."""
+    save_map(load_map(learned).without_places(), tmp_path / "free.mcap")
+    found = []
+    for name, given in (("by", (learned, "--place-free")), ("of", (tmp_path / "free.mcap",)), ("cells", (learned,))):
+        out = tmp_path / f"{name}.mcap"
+        options = ("--noise", 0.5, "--particles", 30, "--forecast", 2.0, "-o", out)
+        assert dirprim("track", log, "--map", *given, *options) == DONE
+        with scan(out) as messages:
+            found.append([message.data for message in messages if message.topic == "/dirprim/forecast"])
+    assert len(found[0]) > 1
+    assert found[0] == found[1] != found[2]
+
+
 def test_track_writes_a_layout_for_its_log_and_does_not_overwrite_one(tmp_path, log, learned):
     options = ("track", log, "--map", learned, "--layout", tmp_path / "layout.json", "--particles", 20)
     assert dirprim(*options, "-o", tmp_path / "a.mcap") == DONE
