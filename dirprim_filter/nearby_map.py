@@ -54,7 +54,7 @@ class NearbyMap:
 
     Attributes:
         part: what is held now.
-        followers: told when that changes.
+        followers: called when that changes.
     """
 
     def __init__(self, source: PrimitiveMap | Tiles, *, ahead_s: float, noise_m: float) -> None:

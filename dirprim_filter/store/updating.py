@@ -42,8 +42,8 @@ MOST_ROWS = 500_000
 """Around a tile, of vehicles drawn evenly: more tell next to nothing new."""
 USUAL_TILES = 8
 """Of as many as that, about, it is learned what is usual of manoeuvres."""
-BLOCK_TILES = 4
-"""Side of a block, whose recordings are read once for all of its tiles."""
+READ_TILES = 4
+"""Side of the squares of tiles whose recordings are read once for all of them."""
 
 LAID_OUT_BY = ("tessellation", "cell_size", "modes", "primitive", "config")
 """Options of `learn_primitives` that say how cells are laid out."""
@@ -177,14 +177,14 @@ def _updated(
     finished: dict[Tile, Finished] = {}
     if anew:
         some = sorted(homes)[:: max(-(-len(homes) // USUAL_TILES), 1)]
-        samples = (each for block in _blocks(some) for each in fitting.samples(block).items())
+        samples = (each for tiles in _read_together(some) for each in fitting.samples(tiles).items())
         fits = {tile: fitting.fitted(tile, sample) for tile, sample in samples}
         usual = usual_squares([(fit.sums, fit.labels, fit.fitted) for fit in fits.values()])
         fitting = fitting._replace(counted=replace(counted, usual_square=usual))
         finished = {tile: fit.finished(learned, fitting.counted) for tile, fit in fits.items()}
     outside, n_rows = 0, 0
-    for block in _blocks((beside | changed) - finished.keys()):
-        for tile, sample in fitting.samples(block).items():
+    for tiles in _read_together((beside | changed) - finished.keys()):
+        for tile, sample in fitting.samples(tiles).items():
             if tile in beside:
                 finished[tile] = fitting.fitted(tile, sample).finished(learned, fitting.counted)
                 if progress is not None:
@@ -248,11 +248,11 @@ def _side_m(store: Store) -> float:
     return TILE_SQUARES * store.config.lattice.square_m
 
 
-def _blocks(tiles: Iterable[Tile]) -> list[list[Tile]]:
-    """Tiles of one block each, whose recordings are read together."""
+def _read_together(tiles: Iterable[Tile]) -> list[list[Tile]]:
+    """Tiles whose recordings are read once for all of them."""
     found: defaultdict[Tile, list[Tile]] = defaultdict(list)
     for east, north in sorted(tiles):
-        found[east // BLOCK_TILES, north // BLOCK_TILES].append((east, north))
+        found[east // READ_TILES, north // READ_TILES].append((east, north))
     return list(found.values())
 
 

@@ -70,7 +70,7 @@ def test_months_that_are_over_are_made_one_each(full):
     assert march.month == "1970-03"
 
 
-def test_where_nobody_need_be_left_out_the_same_is_learned(full):
+def test_where_all_vehicles_are_kept_the_same_is_learned(full):
     before = map_of(full)
     assert all(archive.share == 1.0 for archive in compacted(full, n_vehicles=1000))
     after = map_of(full)

@@ -134,7 +134,7 @@ def test_what_is_later_than_now_is_left_out(maps, store, folder):
 def test_a_tile_turns_with_the_hour_by_its_own_vehicles(maps, store, folder):
     learned = maps["by the hour"]
     there = learned.direction.weight[:-1, : learned.n_own_modes] > 0
-    there[:, -1] = False  # nobody stands
+    there[:, -1] = False  # without standing
     assert np.median(learned.schedule.pace[7][there]) < 0.9
     assert np.median(learned.schedule.pace[12][there]) > 1.1
     add(store, folder, "near")
