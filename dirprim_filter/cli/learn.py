@@ -14,8 +14,10 @@ from dirprim_filter.cli.options import (
     Force,
     LogsOrStore,
     Output,
+    Scheduler,
     Seed,
     SensorFile,
+    StoreWorkers,
     Tessellation,
     seconds,
     time_ns,
@@ -25,7 +27,9 @@ from dirprim_filter.cli.reading import Reading, reads_logs
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from dirprim_filter.cli.progress import LearningProgress
     from dirprim_filter.primitives import PrimitiveMap
+    from dirprim_filter.store.workers import Workers
 
 
 class Modes(StrEnum):
@@ -60,10 +64,6 @@ Now = Annotated[
     str | None,
     typer.Option("--now", help="With --half-life: when age is counted from, as --end. Default: the last log's."),
 ]
-StoreWorkers = Annotated[
-    int | None,
-    typer.Option("--workers", min=1, help="Of a store of many kilometres: processes that lay out cells. Default: one."),
-]
 By = Annotated[
     Slots | None,
     typer.Option("--by", help="Of a store: weights and mean speeds by the hour of the day, or of the week."),
@@ -90,6 +90,7 @@ def learn(
     by: By = None,
     zone: Zone = None,
     workers: StoreWorkers = None,
+    scheduler: Scheduler = None,
     seed: Seed = 0,
     reading: Reading = Reading(),
     force: Force = False,
@@ -106,6 +107,7 @@ def learn(
     from dirprim_filter.recording import save_map
     from dirprim_filter.recording.container.rosbag2 import METADATA
     from dirprim_filter.recording.errors import OutputExistsError
+    from dirprim_filter.store.workers import workers_for
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
@@ -115,11 +117,11 @@ def learn(
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
             )
-        source = _Store(logs[0], min_vehicles, half_life, now, by, zone, workers)
-    elif (min_vehicles, half_life, now, by, zone, workers) != (None,) * 6:
+        source = _Store(logs[0], min_vehicles, half_life, now, by, zone, workers_for(0, workers, scheduler))
+    elif (min_vehicles, half_life, now, by, zone, workers, scheduler) != (None,) * 7:
         raise ValueError(
-            "--min-vehicles, --half-life, --now, --by, --zone, --workers: expected a store, got logs; see `dirprim "
-            "store add`"
+            "--min-vehicles, --half-life, --now, --by, --zone, --workers, --scheduler: expected a store, got logs; see "
+            "`dirprim store add`"
         )
     else:
         source = _Logs(logs, sensor, reading)
@@ -129,9 +131,7 @@ def learn(
         "primitive": primitive.value,
     }  # fmt: skip
     with learning_progress() as bars:
-        learned = source.learn(
-            config=config, progress=bars.progress, stage=bars.stage, rng=np.random.default_rng(seed), **options
-        )
+        learned = source.learn(config=config, bars=bars, rng=np.random.default_rng(seed), **options)
     said = provenance("learn", inputs=source.files, config=config, seed=seed, **options, **source.said)
     save_map(learned, output, metadata=said, force=force)
     n_modes = float((learned.own_weight > 0).sum(axis=1).mean())
@@ -157,10 +157,10 @@ class _Logs:
         self.counts = f"{counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}"
         self.exit_code = losses.exit_code(log.losses)
 
-    def learn(self, **options: Any) -> PrimitiveMap:
+    def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
         from dirprim_filter.primitives import learn_primitives
 
-        return learn_primitives(self._tracks, **options)
+        return learn_primitives(self._tracks, progress=bars.progress, stage=bars.stage, **options)
 
 
 class _Store:
@@ -171,12 +171,11 @@ class _Store:
 
     def __init__(
         self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None,
-        by: Slots | None, zone: str | None, workers: int | None,
+        by: Slots | None, zone: str | None, workers: Workers,
     ) -> None:  # fmt: skip
         from dirprim_filter.store.fading import LATEST, Fading
         from dirprim_filter.store.learning import MIN_VEHICLES
         from dirprim_filter.store.store import Store
-        from dirprim_filter.store.workers import InProcess, workers_for
 
         if now is not None and half_life_s is None:
             raise ValueError("--now: expected --half-life with it")
@@ -190,7 +189,7 @@ class _Store:
         self._store = store
         self._by: Literal["hour", "week"] | None = None if by is None else by.value
         self._zone = "UTC" if zone is None else zone
-        self._workers = InProcess() if workers is None else workers_for(workers, workers)
+        self._workers = workers
         self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
         self._fading = None
         if half_life_s is not None:
@@ -203,7 +202,7 @@ class _Store:
         n_rows = sum({entry.rows: entry.n_rows for entry in entries}.values())
         self.counts = f"{counted(len(entries), 'log')}, {counted(n_rows, 'row')}"
 
-    def learn(self, **options: Any) -> PrimitiveMap:
+    def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
         from dirprim_filter.store.updating import learn_from_store
 
         return learn_from_store(
@@ -213,5 +212,8 @@ class _Store:
             by=self._by,
             zone=self._zone,
             workers=self._workers,
+            progress=bars.progress,
+            stage=bars.stage,
+            fitted=bars.tiles,
             **options,
         )

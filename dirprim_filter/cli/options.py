@@ -188,6 +188,11 @@ Interaction = Annotated[
         "--interaction", help="leader: vehicles respond to the one ahead of them; none: each is alone. Default: leader."
     ),
 ]
+StoreWorkers = Annotated[int | None, typer.Option("--workers", min=1, help="Of a store: processes. Default: one.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", help="Of a store: a running scheduler of Dask, such as tcp://192.168.0.7:8786."),
+]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
 Layout = Annotated[Path | None, typer.Option("--layout", help="Write a Foxglove layout for this log, .json."), WRITTEN]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]

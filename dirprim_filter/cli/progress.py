@@ -58,10 +58,11 @@ def step_progress(what: str, unit: str) -> Iterator[Callable[[int, int], None] |
 
 
 class LearningProgress(NamedTuple):
-    """Progress of `learn_primitives`: its search for cells, and its stages."""
+    """Progress of `learn_primitives`: its search for cells, and its stages; and of the tiles of a store's map."""
 
     progress: Callable[[int, float], None] | None
     stage: Callable[[int], None] | None
+    tiles: Callable[[int, int], None] | None
 
 
 @contextmanager
@@ -72,7 +73,7 @@ def learning_progress() -> Iterator[LearningProgress]:
     objective reached, and an upper bound of the time left, which is rarely used up.
     """
     if not sys.stderr.isatty():
-        yield LearningProgress(None, None)
+        yield LearningProgress(None, None, None)
         return
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -100,7 +101,10 @@ def learning_progress() -> Iterator[LearningProgress]:
             left = f", at most {(MAX_ROUNDS - rounds) * each_s:.0f} s left" if rounds else ""
             progress.update(task, reached=f": {n_cells}, log density {-objective:.3f}, round {rounds}{left}")
 
-        yield LearningProgress(report, begin)
+        def count(done: int, of: int) -> None:
+            progress.update(task, completed=len(STAGES), number=len(STAGES), reached=f": {done} of {of} tiles")
+
+        yield LearningProgress(report, begin, count)
 
 
 @contextmanager

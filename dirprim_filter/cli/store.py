@@ -11,7 +11,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import Fields, Topics, time_ns
+from dirprim_filter.cli.options import Fields, Scheduler, Topics, time_ns
 from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.reading import TimeSource
 
@@ -48,6 +48,7 @@ def add(
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Processes. Default: one, or of many logs one per core.")
     ] = None,
+    scheduler: Scheduler = None,
 ) -> int:
     """Add logs to a store, which is made if it is not there; logs that it knows are skipped.
 
@@ -67,7 +68,7 @@ def add(
     found = find_logs(logs)
     into = _opened_or_made(folder, {name: value for name, value in given.items() if value is not None})
     with step_progress(f"adding to {folder}", "logs") as progress:
-        added = add_logs(into, found, workers=workers_for(len(found), workers), progress=progress)
+        added = add_logs(into, found, workers=workers_for(len(found), workers, scheduler), progress=progress)
     for line in failures(added):
         typer.echo(f"error: {line}", err=True)
     entries = [receipt.entry for receipt in added.receipts if receipt.entry is not None]

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import WRITTEN, Force, named_file
+from dirprim_filter.cli.options import WRITTEN, Force, Scheduler, StoreWorkers, named_file
 
 MUCH = 0.01
 """Of what vehicles did where no cell is, that is worth a line."""
@@ -25,6 +25,8 @@ def update(
         typer.Option("--output", "-o", help="The file to write. Default: in the place of MAP.", callback=named_file),
         WRITTEN,
     ] = None,
+    workers: StoreWorkers = None,
+    scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
     """Fit a map's cells anew where logs were added to its store, or forgotten.
@@ -40,12 +42,14 @@ def update(
     from dirprim_filter.recording.log_writer import METADATA_NAME
     from dirprim_filter.store.store import Store
     from dirprim_filter.store.updating import update_map
+    from dirprim_filter.store.workers import workers_for
 
     if output is not None and output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
     store = Store.open(store_folder)
     with step_progress(f"updating {map_file}", "tiles") as progress:
-        done = update_map(load_map(map_file), store, progress=progress)
+        by = workers_for(0, workers, scheduler)
+        done = update_map(load_map(map_file), store, workers=by, progress=progress)
     if done.n_tiles or output is not None:
         with scan(map_file) as messages:
             said = next((record for name, record in messages.metadata if name == METADATA_NAME), {})

@@ -5,9 +5,9 @@ How much the place-free manoeuvres count, and how far vehicles stray: see `motio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array
@@ -137,7 +137,7 @@ def likeliest_modes(primitives: PrimitiveMap, visits: Visits, modes: range) -> I
 
 def motion_of(
     sums: MotionSums, labels: Labels, primitives: PrimitiveMap, place_free: tuple[dict[str, FloatArray], csr_array],
-    knobs: LearningKnobs, *, usual: FloatArray | None = None,
+    knobs: LearningKnobs,
 ) -> Motion:  # fmt: skip
     """Motion from sums over visits.
 
@@ -147,10 +147,8 @@ def motion_of(
         primitives: what the sums deviate from.
         place_free: columns of the place-free manoeuvres, and how often one followed the other.
         knobs: chosen ones.
-        usual: as of `usual_squares`, what spreads lean on; left out, what is usual of these manoeuvres.
     """
-    cell, mode, spread = labels.cell, labels.mode, knobs.spread
-    n = sums.visits
+    cell, mode = labels.cell, labels.mode
     field = _fields(sums, labels, primitives)
     course, pace, path = field.course, field.log_pace, field.path
     stretch, acceleration = sums.stretch.solved(STRETCH_RIDGE)[:, 0], field.acceleration
@@ -159,18 +157,15 @@ def motion_of(
     acceleration[:, 0] -= acceleration[:, 3] * mean_speed
     direction = primitives.direction.mean_direction[cell, mode]
     stands = mode == primitives.n_own_modes - 1
-    squares = _mean_squares(sums, field)
-    usual = _usual(squares, n, ~stands) if usual is None else usual
-    of_course, of_pace, of_path, of_push = (_spread(s, n, u) for s, u in zip(squares, usual, strict=True))
+    deviations = Deviations(_mean_squares(sums, field), sums.visits, stands)
     placed = {
-        "cell": cell, "mode": mode, "visits": n, "seconds": sums.seconds,
+        "cell": cell, "mode": mode, "visits": sums.visits, "seconds": sums.seconds,
         "course": direction + course[:, 0], "bend": primitives.bend[cell, mode] + course[:, 1:],
-        "course_spread": np.where(stands, ANY_COURSE, spread * of_course),
         "log_pace": np.log(mean_speed + CREEP) + pace[:, 0], "gain": pace_field(primitives, cell, mode) + pace[:, 1:],
-        "log_pace_spread": of_pace, "path": path, "path_spread": of_path, "path_direction": direction,
-        "acceleration": acceleration, "push": spread * of_push, "stretch": stretch,
+        "path": path, "path_direction": direction, "acceleration": acceleration, "stretch": stretch,
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),
-        "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(n.size),
+        "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(cell.size),
+        **deviations.spreads(deviations.usual_squares(), knobs.spread),
     }  # fmt: skip
     free, jumps = place_free
     transition = csr_array(block_diag([sums.transition, jumps], format="csr"))
@@ -179,8 +174,55 @@ def motion_of(
     return Motion(
         **joined(placed, free), first=transition.indptr.astype(np.int64),
         following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
-        strength=knobs.strength, spread=spread,
+        strength=knobs.strength, spread=knobs.spread,
     )  # fmt: skip
+
+
+class Deviations(NamedTuple):
+    """How far visits are off the z manoeuvres that they are of."""
+
+    square: FloatArray  # (4, z) means, in course, log pace and path, and in acceleration
+    visits: FloatArray  # (z,)
+    stands: BoolArray  # (z,) manoeuvres of who stands
+
+    @classmethod
+    def of(cls, sums: MotionSums, labels: Labels, primitives: PrimitiveMap) -> Self:
+        """Of sums, as `motion_of`."""
+        stands = labels.mode == primitives.n_own_modes - 1
+        return cls(_mean_squares(sums, _fields(sums, labels, primitives)), sums.visits, stands)
+
+    @classmethod
+    def together(cls, parts: Iterable[Self]) -> Self:
+        """Those of several parts of a map, of which there is at least one."""
+        square, visits, stands = zip(*parts, strict=True)
+        return cls(np.concatenate(square, axis=1), np.concatenate(visits), np.concatenate(stands))
+
+    def some(self, kept: BoolArray) -> Self:
+        """Those of some manoeuvres, (z,)."""
+        return type(self)(self.square[:, kept], self.visits[kept], self.stands[kept])
+
+    def usual_squares(self) -> FloatArray:
+        """(4,) medians over the manoeuvres in motion, by their visits' degrees of freedom."""
+        often = ~self.stands & (self.visits >= FEWEST_VISITS)
+        if not often.any():
+            return np.ones(len(self.square))
+        n = self.visits[often]
+        return np.asarray(np.median(n * self.square[:, often] / (n - 1.5), axis=1))
+
+    def spreads(self, usual: FloatArray, stray: float) -> dict[str, FloatArray]:
+        """Standard deviations, columns of `Motion`: they lean on the usual ones; who was seen once says little.
+
+        Args:
+            usual: (4,) squares, see `usual_squares`.
+            stray: `LearningKnobs.spread`.
+        """
+        freedom = np.maximum(self.visits - 1.5, 0.0) + SPREAD_VISITS
+        variance = (self.visits * self.square + SPREAD_VISITS * usual[:, None]) / freedom
+        course, pace, path, push = np.sqrt(np.maximum(variance, 1e-8))
+        return {
+            "course_spread": np.where(self.stands, ANY_COURSE, stray * course), "log_pace_spread": pace,
+            "path_spread": path, "push": stray * push,
+        }  # fmt: skip
 
 
 class _Fields(NamedTuple):
@@ -208,25 +250,3 @@ def _mean_squares(sums: MotionSums, field: _Fields) -> FloatArray:
     pushed = sums.pushed.mean_square(field.pushed) / PUSHED_SHARE
     of_fields = (sums.course.mean_square(field.course), sums.log_pace.mean_square(field.log_pace))
     return np.stack([*of_fields, sums.path.mean_square(field.path), pushed])
-
-
-def usual_squares(parts: Sequence[tuple[MotionSums, Labels, PrimitiveMap]]) -> FloatArray:
-    """(4,) the usual mean squares of the manoeuvres of several parts of a map: see `motion_of`."""
-    squares = [_mean_squares(sums, _fields(sums, labels, part)) for sums, labels, part in parts]
-    moves = [labels.mode != part.n_own_modes - 1 for _, labels, part in parts]
-    visits = [sums.visits for sums, _, _ in parts]
-    return _usual(np.concatenate(squares, axis=1), np.concatenate(visits), np.concatenate(moves))
-
-
-def _usual(squares: FloatArray, n: FloatArray, moves: BoolArray) -> FloatArray:
-    """(k,) of mean squares (k, z), the median over manoeuvres in motion, by n visits' degrees of freedom."""
-    often = moves & (n >= FEWEST_VISITS)
-    freedom = np.maximum(n[often] - 1.5, 0.0)
-    return np.array([np.median(n[often] * square[often] / freedom) if often.any() else 1.0 for square in squares])
-
-
-def _spread(mean_square: FloatArray, n: FloatArray, usual: float) -> FloatArray:
-    """(z,) standard deviations that lean on the usual one, by `SPREAD_VISITS`; who was seen once says little."""
-    freedom = np.maximum(n - 1.5, 0.0)
-    variance = (n * mean_square + SPREAD_VISITS * usual) / (freedom + SPREAD_VISITS)
-    return np.asarray(np.sqrt(np.maximum(variance, 1e-8)))

@@ -128,7 +128,7 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
         raise ValueError("summary: expected at least one vehicle, got none; add a recording first")
     hour, _, _ = unpacked_when(whens.key[:, 0], summary.lattice)
     share = np.ones(hour.size) if fading is None else fading.share(hour)
-    share *= share_of_steps(summary, fading)
+    share *= share_of_steps(whens, summary.lattice, fading)
     n_ways, end_ns = 0, 0
     parts: list[Tracks] = []
     hours: list[IntArray] = []
@@ -148,11 +148,11 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
     return Visible(tracks, np.concatenate(hours)[rows])
 
 
-def share_of_steps(summary: Summary, fading: Fading | None) -> float:
-    """Of the steps that age leaves, those that are learned from."""
-    count = summary.whens.value[:, 0].astype(np.float64)
+def share_of_steps(whens: Tally, lattice: Lattice, fading: Fading | None) -> float:
+    """Of the steps that age leaves, those that are learned from; `whens` as of `Summary`."""
+    count = whens.value[:, 0].astype(np.float64)
     if fading is not None:
-        count *= fading.share(unpacked_when(summary.whens.key[:, 0], summary.lattice)[0])
+        count *= fading.share(unpacked_when(whens.key[:, 0], lattice)[0])
     return min(1.0, MOST_STEPS / max(float(count.sum()), 1.0))
 
 

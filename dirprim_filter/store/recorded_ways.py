@@ -6,7 +6,7 @@ more recording may change them all. These are what parts of a map are fitted ane
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -86,57 +86,76 @@ class Sample(NamedTuple):
     share: float  # of the ways, beside what age leaves
 
 
-def sampled(store: Store, boxes: Sequence[Box], *, most_rows: int, min_vehicles: int) -> list[Sample]:
+def sampled(store: Store, boxes: Sequence[Box], *, most_rows: int, min_vehicles: int) -> Iterator[Sample]:
     """The rows in boxes where at least so many vehicles passed: of all ways or, where they are many, of a share.
 
     The share is the largest power of a half that leaves no more rows than `most_rows`: it depends on the recordings
-    that have steps in the tiles of the box, and on nothing else.
+    that have steps in the tiles of the box, and on nothing else. Recordings are read once for all boxes, and rows in
+    several of them held once.
 
     Raises:
         RecordingError: a recording is damaged.
         OSError: one cannot be read.
     """
     lattice, recorded = store.config.lattice, store.recorded()
-    gathered, passed = [_Gathered(box, most_rows) for box in boxes], [Tally.none(1, 1)]
+    gathered, passed = _Gathered(boxes, most_rows), [Tally.none(1, 1)]
     for i, rows in enumerate(sorted(recorded)):
         tiles = np.array(recorded[rows], np.int64).reshape(-1, 2)
-        there = [each for each, box in zip(gathered, boxes, strict=True) if box.meets(tiles, lattice)]
-        if there:
+        if any(box.meets(tiles, lattice) for box in boxes):
             summary = read_summary(store.recording(rows))
-            ways = _rows_of(summary.steps, lattice, i, rows)
-            for each in there:
-                each.add(ways)
+            gathered.add(_rows_of(summary.steps, lattice, i, rows))
             passed.append(summary.passed)
             if len(passed) > SUMMED_AT_ONCE:
                 passed = [Tally.total(passed)]
-    return [each.sample(Tally.total(passed), lattice, min_vehicles) for each in gathered]
+    by_place = Tally.total(passed)
+    return (gathered.sample(k, by_place, lattice, min_vehicles) for k in range(len(boxes)))
 
 
 class _Gathered:
-    """Rows in a box, of ever fewer ways as there are more."""
+    """Rows in boxes, of ever fewer ways as there are more."""
 
-    def __init__(self, box: Box, most_rows: int) -> None:
-        self._box, self._most = box, most_rows
-        self._parts, self._n, self._share = [WayRows.none()], 0, 1.0
+    def __init__(self, boxes: Sequence[Box], most_rows: int) -> None:
+        self._boxes, self._most = boxes, most_rows
+        self._parts, self._n_held, self._n_needed = [WayRows.none()], 0, 0
+        self._n, self._share = np.zeros(len(boxes), np.int64), np.ones(len(boxes))
 
     def add(self, ways: WayRows) -> None:
-        inside = (ways.position >= self._box.low) & (ways.position < self._box.high)
-        self._parts.append(self._left(ways.some(np.asarray(inside.all(axis=1)))))
-        self._n += self._parts[-1].way.size
-        while self._n > self._most:
-            self._share *= 0.5
-            self._parts = [self._left(part) for part in self._parts]
-            self._n = sum(part.way.size for part in self._parts)
+        needed = np.zeros(ways.way.size, np.bool_)
+        for k in range(len(self._boxes)):
+            taken = self._taken(ways, k)
+            self._n[k] += np.count_nonzero(taken)
+            needed |= taken
+        self._parts.append(ways.some(needed))
+        self._n_held += self._parts[-1].way.size
+        for k in np.flatnonzero(self._n > self._most).tolist():
+            while self._n[k] > self._most:
+                self._share[k] *= 0.5
+                self._n[k] = sum(np.count_nonzero(self._taken(part, k)) for part in self._parts)
+        if self._n_held > 2 * max(self._n_needed, self._most):
+            self._drop()
 
-    def _left(self, ways: WayRows) -> WayRows:
-        by_age = np.ones(ways.hour.size) if self._box.fading is None else self._box.fading.share(ways.hour)
-        return ways.some(np.less(ways.rank, self._share * by_age))
+    def _drop(self) -> None:
+        """What no box takes any more."""
+        self._parts = [
+            part.some(np.logical_or.reduce([self._taken(part, k) for k in range(len(self._boxes))]))
+            for part in self._parts
+        ]
+        self._n_held = self._n_needed = sum(part.way.size for part in self._parts)
 
-    def sample(self, passed: Tally, lattice: Lattice, min_vehicles: int) -> Sample:
-        found = WayRows(*(np.concatenate(column) for column in zip(*self._parts, strict=True)))
+    def _taken(self, ways: WayRows, k: int) -> BoolArray:
+        """(n,) rows of the k-th box."""
+        box = self._boxes[k]
+        by_age = 1.0 if box.fading is None else box.fading.share(ways.hour)
+        inside = (ways.position >= box.low) & (ways.position < box.high)
+        return np.asarray(inside.all(axis=1) & (ways.rank < self._share[k] * by_age))
+
+    def sample(self, k: int, passed: Tally, lattice: Lattice, min_vehicles: int) -> Sample:
+        """Of the k-th box."""
+        parts = [part.some(self._taken(part, k)) for part in self._parts]
+        found = WayRows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         if min_vehicles > 1 and found.way.size:
             found = found.some(is_passed(found.visible().tracks, passed, lattice, min_vehicles))
-        return Sample(found, self._share)
+        return Sample(found, float(self._share[k]))
 
 
 def _rows_of(steps: Tally, lattice: Lattice, i: int, rows: str) -> WayRows:

@@ -13,14 +13,10 @@ from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.schedule import Schedule
+from dirprim_filter.store.contents import FILLERS, Contents
 from dirprim_filter.store.passages import Passages
 from dirprim_filter.store.tile_fit import Finished
 from dirprim_filter.store.tiles import Tile
-
-FILLERS = {
-    "weight": 0.0, "mean_direction": 0.0, "concentration": 0.0, "shape": 1.0, "rate": 1.0, "bend": 0.0, "gain": 0.0,
-}  # fmt: skip
-"""Of modes that a cell does not have."""
 
 
 def refitted(
@@ -34,9 +30,10 @@ def refitted(
         stale: tiles.
         min_vehicles: what fewer did is left out.
     """
-    new = [(finished[tile].cells, finished[tile].primitives) for tile in sorted(stale)]
-    rows = _Rows.of(learned, new)
-    numbers = _Manoeuvres.of(learned, new, rows.n_own)
+    former, n_cells = Contents.of(learned), learned.tessellation.n_cells
+    new = [(finished[tile].cells, finished[tile].contents) for tile in sorted(stale)]
+    rows = _Rows.of(former, n_cells, new)
+    numbers = _Manoeuvres.of(former, n_cells, new, rows.n_own)
     transition = _transitions(learned, numbers, finished, min_vehicles)
     motion = replace(
         learned.motion, **numbers.column, first=transition.indptr.astype(np.int64),
@@ -56,31 +53,31 @@ class _Rows:
     schedule: Schedule | None
 
     @classmethod
-    def of(cls, learned: PrimitiveMap, new: list[tuple[IntArray, PrimitiveMap]]) -> _Rows:
-        kept = np.ones(learned.tessellation.n_cells, np.bool_)
+    def of(cls, former: Contents, n_cells: int, new: list[tuple[IntArray, Contents]]) -> _Rows:
+        kept = np.ones(n_cells, np.bool_)
         for cells, _ in new:
             kept[cells] = False
-        sources = [(np.flatnonzero(kept), learned, np.flatnonzero(kept))]
+        sources = [(np.flatnonzero(kept), former, np.flatnonzero(kept))]
         sources += [(cells, part, np.arange(cells.size)) for cells, part in new]
         used = [_used(part, own) for _, part, own in sources]
         n_own, n_borrowed = max(1, *(u[0] for u in used)) + 1, max(u[1] for u in used)
-        k = learned.n_place_free_modes
+        k = former.column["weight"].shape[1] - former.n_own_modes - former.n_borrowed_modes  # place-free
         column = {
             name: np.full((kept.size + 1, n_own + n_borrowed + k, *values.shape[2:]), FILLERS[name])
-            for name, values in _columns(learned).items()
+            for name, values in former.column.items()
         }
         n_rows = np.zeros(kept.size + 1, np.int64)
-        for cells, part, own in [*sources, (np.array([-1]), learned, np.array([-1]))]:
+        for cells, part, own in [*sources, (np.array([-1]), former, np.array([-1]))]:
             moves, stands = part.n_own_modes - 1, n_own - 1
             m, b = min(moves, stands), min(part.n_borrowed_modes, n_borrowed)
-            for name, values in _columns(part).items():
+            for name, values in part.column.items():
                 into, of = column[name], values[own]
                 into[cells, :m], into[cells, stands] = of[:, :m], of[:, moves]
                 into[cells, n_own : n_own + b] = of[:, moves + 1 : moves + 1 + b]
                 into[cells, n_own + n_borrowed :] = of[:, of.shape[1] - k :]
             n_rows[cells] = part.n_rows[own]
         n_rows[-1] = n_rows[:-1].sum()
-        return cls(column, n_rows, n_own, n_borrowed, _schedule_of(learned, sources, n_own))
+        return cls(column, n_rows, n_own, n_borrowed, _schedule_of(former, kept.size, sources, n_own))
 
     def of_map(self, learned: PrimitiveMap, motion: Motion) -> PrimitiveMap:
         """The map with these columns."""
@@ -95,34 +92,25 @@ class _Rows:
         )  # fmt: skip
 
 
-def _columns(part: PrimitiveMap) -> dict[str, FloatArray]:
-    direction, speed = part.direction, part.speed
-    values = (
-        direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate, part.bend,
-        part.gain,
-    )  # fmt: skip
-    return dict(zip(FILLERS, values, strict=True))
-
-
 def _schedule_of(
-    learned: PrimitiveMap, sources: list[tuple[IntArray, PrimitiveMap, IntArray]], n_own: int
+    former: Contents, n_cells: int, sources: list[tuple[IntArray, Contents, IntArray]], n_own: int
 ) -> Schedule | None:  # fmt: skip
     """Of so many modes; `sources` are cells, the map that they come from, and which they are there."""
-    if learned.schedule is None:
+    if former.schedule is None:
         return None
-    flow, pace = np.ones((2, len(learned.schedule.flow), learned.tessellation.n_cells, n_own))
+    flow, pace = np.ones((2, len(former.schedule.flow), n_cells, n_own))
     for cells, part, own in sources:
         if part.schedule is None:
             raise ValueError("schedule: expected one of every part, got none")
         m = min(part.n_own_modes, n_own) - 1
         for into, of in ((flow, part.schedule.flow), (pace, part.schedule.pace)):
             into[:, cells, :m], into[:, cells, -1] = of[:, own, :m], of[:, own, -1]
-    return replace(learned.schedule, flow=flow, pace=pace)
+    return replace(former.schedule, flow=flow, pace=pace)
 
 
-def _used(part: PrimitiveMap, rows: IntArray) -> tuple[int, int]:
+def _used(part: Contents, rows: IntArray) -> tuple[int, int]:
     """How many columns of modes in motion, and of borrowed ones, rows need."""
-    moves, weight = part.n_own_modes - 1, part.direction.weight[rows]
+    moves, weight = part.n_own_modes - 1, part.column["weight"][rows]
     own, borrowed = weight[:, :moves], weight[:, moves + 1 : moves + 1 + part.n_borrowed_modes]
     return tuple(int(np.flatnonzero(w.any(axis=0)).max(initial=-1)) + 1 for w in (own, borrowed))  # type: ignore[return-value]
 
@@ -136,12 +124,12 @@ class _Manoeuvres:
     renewed: BoolArray  # (z,) whether fitted anew
 
     @classmethod
-    def of(cls, learned: PrimitiveMap, new: list[tuple[IntArray, PrimitiveMap]], n_own: int) -> _Manoeuvres:
-        gone = np.zeros(learned.tessellation.n_cells + 1, np.bool_)
+    def of(cls, former: Contents, n_cells: int, new: list[tuple[IntArray, Contents]], n_own: int) -> _Manoeuvres:
+        gone = np.zeros(n_cells + 1, np.bool_)
         for cells, _ in new:
             gone[cells] = True
-        kept = np.flatnonzero(~gone[learned.motion.cell])  # of no place is of cell -1, the last, which stays
-        sources = [(learned, kept, learned.motion.cell[kept])]
+        kept = np.flatnonzero(~gone[former.motion.cell])  # of no place is of cell -1, the last, which stays
+        sources = [(former, kept, former.motion.cell[kept])]
         sources += [(part, np.arange(part.motion.n_placed), cells[part.motion.cell[: part.motion.n_placed]])
                     for cells, part in new]  # fmt: skip
         cell = np.concatenate([of for _, _, of in sources])
@@ -157,13 +145,16 @@ class _Manoeuvres:
         column |= {"cell": cell[order], "mode": mode[order]}
         now = np.empty(order.size, np.int64)
         now[order] = np.arange(order.size)
-        former = np.full(len(learned.motion), -1)
-        former[kept] = now[: kept.size]
-        return cls(column, former, order >= kept.size)
+        number = np.full(len(former.motion), -1)
+        number[kept] = now[: kept.size]
+        return cls(column, number, order >= kept.size)
 
     def of_cells(self, cells: IntArray) -> IntArray:
-        """Those of some cells, ascending."""
-        return np.flatnonzero(np.isin(self.column["cell"], cells))
+        """Those of some cells (c,), ascending."""
+        cell = self.column["cell"][: np.count_nonzero(self.column["cell"] >= 0)]
+        begin, end = (np.searchsorted(cell, cells, side=side) for side in ("left", "right"))
+        length = end - begin
+        return np.asarray(np.arange(length.sum()) + np.repeat(begin - np.cumsum(length) + length, length))
 
 
 def _transitions(

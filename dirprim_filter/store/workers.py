@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import Any, Protocol, TypeVar
 
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
@@ -18,13 +19,21 @@ from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 RETRIES = 3
+PATIENCE_S = 30
+"""With a scheduler, until it answers and has a worker."""
 ALLOWED_FAILURES = 10
 """Of workers, while they hold a task, before it is given up: a worker that dies takes what it holds along."""
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 class Workers(Protocol):
-    """Does tasks."""
+    """Does tasks.
+
+    Attributes:
+        in_process: whether tasks are done in this process, and can call what is in it.
+    """
+
+    in_process: bool
 
     def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
         """The result of every task, in the order in which they are done."""
@@ -33,6 +42,8 @@ class Workers(Protocol):
 
 class InProcess:
     """One task after the other."""
+
+    in_process = True
 
     def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
         """The results in the order of the tasks."""
@@ -45,6 +56,8 @@ class LocalWorkers:
     Args:
         n: how many.
     """
+
+    in_process = False
 
     def __init__(self, n: int) -> None:
         if n < 1:
@@ -60,7 +73,7 @@ class LocalWorkers:
         """
         if not tasks:
             return
-        dask, distributed = _dask()
+        dask, distributed = _dask(f"--workers {self._n}")
         settings = {
             "distributed.scheduler.allowed-failures": ALLOWED_FAILURES, "distributed.nanny.environ": ONE_THREAD,
             "distributed.worker.daemon": False,
@@ -73,21 +86,76 @@ class LocalWorkers:
             ) as cluster,
             distributed.Client(cluster) as client,
         ):  # fmt: skip
-            futures = client.map(work, tasks, retries=RETRIES, pure=False)
-            for future in distributed.as_completed(futures):
-                try:
-                    result = future.result()
-                except distributed.KilledWorker as error:
-                    raise RecordingError(
-                        f"--workers {self._n}: workers were killed {ALLOWED_FAILURES} times at one log, for want of "
-                        "memory perhaps; what is done counts; run again with fewer workers"
-                    ) from error
-                future.release()
-                yield result
+            yield from _results(client, work, tasks, f"--workers {self._n}")
 
 
-def workers_for(n_tasks: int, asked: int | None) -> Workers:
-    """So many workers as are asked for; of none asked for, this process where there are few tasks."""
+class ClusterWorkers:
+    """Workers of a scheduler that runs, anywhere: they must see the store, and logs, by the same names.
+
+    Args:
+        address: of the scheduler, such as tcp://192.168.0.7:8786.
+    """
+
+    in_process = False
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+
+    def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        """The results as they come.
+
+        Raises:
+            MissingExtraError: `distributed` is not installed.
+            RecordingError: there is no scheduler, or none of its workers, or it was lost.
+        """
+        if not tasks:
+            return
+        who = f"--scheduler {self._address}"
+        _, distributed = _dask(who)
+        try:
+            client = distributed.Client(self._address, timeout=PATIENCE_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise RecordingError(
+                f"{who}: expected a scheduler of Dask, got: {error}; start one with `dask scheduler`"
+            ) from error
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=PATIENCE_S)
+            except TimeoutError as error:
+                raise RecordingError(
+                    f"{who}: expected workers, none came in {PATIENCE_S} s; start some with `dask worker "
+                    f"{self._address} --nthreads 1`"
+                ) from error
+            yield from _results(client, work, tasks, who)
+
+
+def _results(client: Any, work: Callable[[Task], Result], tasks: Sequence[Task], who: str) -> Iterator[Result]:
+    _, distributed = _dask(who)
+    futures = client.map(work, tasks, retries=RETRIES, pure=False)
+    for future in distributed.as_completed(futures):
+        try:
+            result = future.result()
+        except distributed.KilledWorker as error:
+            raise RecordingError(
+                f"{who}: workers were killed again and again at one task, for want of memory perhaps; what is done "
+                "counts; run again with fewer workers"
+            ) from error
+        except CancelledError as error:
+            raise RecordingError(f"{who}: the scheduler was lost; what is done counts; run again") from error
+        future.release()
+        yield result
+
+
+def workers_for(n_tasks: int, asked: int | None, scheduler: str | None = None) -> Workers:
+    """So many workers as are asked for, or those of a scheduler; of none asked for, this process where tasks are few.
+
+    Raises:
+        ValueError: both are asked for.
+    """
+    if scheduler is not None:
+        if asked is not None:
+            raise ValueError("--workers, --scheduler: expected one of them; a scheduler has its own workers")
+        return ClusterWorkers(scheduler)
     n = min(os.cpu_count() or 1, n_tasks // FEW) if asked is None else asked
     return InProcess() if n <= 1 else LocalWorkers(n)
 
@@ -96,12 +164,12 @@ FEW = 8
 """Tasks for each worker below which starting it takes as long as doing them."""
 
 
-def _dask() -> tuple[Any, Any]:
+def _dask(who: str) -> tuple[Any, Any]:
     try:
         import dask  # noqa: PLC0415 (an extra)
         import distributed  # noqa: PLC0415
     except ImportError as error:
-        raise MissingExtraError("--workers", library="distributed", extra="fleet") from error
+        raise MissingExtraError(who, library="distributed", extra="fleet") from error
     for name in ("distributed", *logging.root.manager.loggerDict):
         if name.startswith("distributed"):  # that workers come and go is nothing to tell
             logging.getLogger(name).setLevel(logging.CRITICAL)

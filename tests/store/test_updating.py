@@ -13,11 +13,11 @@ from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.schedule import Schedule
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store import Store, learn_from_store, update_map
+from dirprim_filter.store.basis import Basis
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import visible_tracks
 from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
-from dirprim_filter.store.tile_fit import Layouts
 from dirprim_filter.store.tiles import Digests, around, tiles_at
 from dirprim_filter.store.withholding import withheld
 
@@ -111,7 +111,7 @@ def test_it_agrees_with_what_is_learned_as_a_whole(store, learned, folder):
     unseen = street(9, north=0.0, n_vehicles=20)
     add(store, folder, "near", "near again", "far")
     updated = update_map(learned, store).primitive_map
-    refit, layouts = updated.refit, Layouts.of(updated, updated.refit)
+    refit, layouts = updated.refit, Basis.of(updated, updated.refit)
     rows = TrackRows.thinned(visible_tracks(summed(store), min_vehicles=2).tracks, interval_s=0.0)
     lean = Leaning(refit.place_free, refit.borrowed)
     whole = _learned(rows, [layouts.own, *layouts.lenders], refit.recipe, layouts.free, lean)
@@ -156,7 +156,8 @@ def test_of_too_many_steps_whole_ways_are_taken_by_their_share(store):
     assert abs(np.unique(some.ways.way).size - 9) <= 2
     kept = np.isin(every.ways.way, some.ways.way)
     assert all(np.array_equal(one[kept], other) for one, other in zip(every.ways, some.ways, strict=True))
-    assert sampled(store, [EVERYWHERE], most_rows=n // 10, min_vehicles=1)[0].share == 0.0625
+    (few,) = sampled(store, [EVERYWHERE], most_rows=n // 10, min_vehicles=1)
+    assert few.share == 0.0625
 
 
 def test_where_no_cell_is_nothing_is_fitted_and_of_no_recording_nothing_is_known(store, learned, tmp_path):
