@@ -105,14 +105,13 @@ def learn(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.recording import save_map
-    from dirprim_filter.recording.container.rosbag2 import METADATA
     from dirprim_filter.recording.errors import OutputExistsError
     from dirprim_filter.store.workers import workers_for
 
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
     source: _Logs | _Store
-    if any(path.is_dir() and not (path / METADATA).exists() for path in logs):  # no rosbag2 recording
+    if any(map(_is_store, logs)):
         if len(logs) > 1 or sensor is not None or reading != Reading():
             raise ValueError(
                 f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
@@ -140,6 +139,21 @@ def learn(
         f"{float(learned.tessellation.area.mean()) ** 0.5:.3g} m, {n_modes:.1f} modes each, from {source.counts}"
     )
     return source.exit_code
+
+
+def _is_store(path: Path) -> bool:
+    """Whether it is no log: a folder that rosbag2 did not record, or a URL that a store is under."""
+    from dirprim_filter.recording.container.rosbag2 import METADATA
+    from dirprim_filter.recording.container.source import as_url
+    from dirprim_filter.recording.errors import RecordingError
+    from dirprim_filter.store.store import Store
+
+    if as_url(str(path)) is None:
+        return path.is_dir() and not (path / METADATA).exists()
+    try:
+        return path.suffix != ".mcap" and Store.is_at(path)
+    except RecordingError:  # a server of logs may answer anything: who reads it as a log says what is wrong
+        return False
 
 
 class _Logs:
@@ -184,7 +198,7 @@ class _Store:
         store = Store.open(folder)
         entries = store.entries()
         if not entries:
-            raise ValueError(f"{folder}: expected logs to learn from, the store is empty; see `dirprim store add`")
+            raise ValueError(f"{store.path}: expected logs to learn from, the store is empty; see `dirprim store add`")
         now_ns = time_ns(now)
         self._store = store
         self._by: Literal["hour", "week"] | None = None if by is None else by.value

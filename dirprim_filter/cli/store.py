@@ -28,7 +28,9 @@ store = typer.Typer(
     ),
     no_args_is_help=True,
 )
-Folder = Annotated[Path, typer.Argument(metavar="STORE", help="The folder of the store.")]
+Folder = Annotated[
+    Path, typer.Argument(metavar="STORE", help="The folder of the store, or a URL such as s3://bucket/fleet.")
+]
 FAILED = 1
 
 
@@ -67,13 +69,13 @@ def add(
     }  # fmt: skip
     found = find_logs(logs)
     into = _opened_or_made(folder, {name: value for name, value in given.items() if value is not None})
-    with step_progress(f"adding to {folder}", "logs") as progress:
+    with step_progress(f"adding to {into.path}", "logs") as progress:
         added = add_logs(into, found, workers=workers_for(len(found), workers, scheduler), progress=progress)
     for line in failures(added):
         typer.echo(f"error: {line}", err=True)
     entries = [receipt.entry for receipt in added.receipts if receipt.entry is not None]
     typer.echo(
-        f"{folder}: added {counted(len(entries), 'log')}, {counted(sum(e.n_rows for e in entries), 'row')}; "
+        f"{into.path}: added {counted(len(entries), 'log')}, {counted(sum(e.n_rows for e in entries), 'row')}; "
         f"{added.known} known, {len(added.receipts) - len(entries)} failed"
     )
     if len(entries) < len(added.receipts):
@@ -85,7 +87,7 @@ def _opened_or_made(folder: Path, given: dict[str, object]) -> Store:
     from dirprim_filter.store.config import StoreConfig
     from dirprim_filter.store.store import Store
 
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+    if not Store.is_at(folder):
         config: StoreConfig = replace(StoreConfig(), **given)  # type: ignore[arg-type]
         _ = config.reading  # that it can be read so is asked before anything is made
         return Store.create(folder, config)
@@ -107,7 +109,8 @@ def info(
     there = Store.open(folder)
     entries, archives = there.entries(), there.archives()
     recordings = {entry.rows: entry for entry in entries}
-    size = sum(there.recording(rows).stat().st_size for rows in there.rows())
+    sizes = there.recording_sizes()
+    size = sum(sizes[rows] for rows in there.rows())
     n_rows = sum(entry.n_rows for entry in recordings.values())
     if as_json:
         about = {
@@ -118,7 +121,7 @@ def info(
         typer.echo(json.dumps(about))
         return
     typer.echo(
-        f"{folder}: {counted(len(entries), 'log')} of {counted(len(recordings), 'recording')}, "
+        f"{there.path}: {counted(len(entries), 'log')} of {counted(len(recordings), 'recording')}, "
         f"{counted(n_rows, 'row')}, {counted(sum(e.n_vehicles for e in recordings.values()), 'vehicle')}, "
         f"{size} bytes ({size / max(n_rows, 1):.1f} a row), frame {there.frame!r}"
     )
@@ -150,7 +153,7 @@ def forget(
 
     there = Store.open(folder)
     for entry in there.forget(*map(url_of, logs)):
-        typer.echo(f"{folder}: forgot {entry.url}, {counted(entry.n_rows, 'row')}")
+        typer.echo(f"{there.path}: forgot {entry.url}, {counted(entry.n_rows, 'row')}")
 
 
 def merge(
@@ -164,11 +167,11 @@ def merge(
     from dirprim_filter.store.store import Store
 
     sources = [Store.open(path) for path in others]
-    into = Store.open(folder) if folder.exists() else Store.create(folder, sources[0].config)
+    into = Store.open(folder) if Store.is_at(folder) else Store.create(folder, sources[0].config)
     for source in sources:
         into.check_config(source.config)
     n = sum(into.merge(source) for source in sources)
-    typer.echo(f"{folder}: {counted(n, 'log')} new, {len(into.entries())} in all")
+    typer.echo(f"{into.path}: {counted(n, 'log')} new, {len(into.entries())} in all")
 
 
 def compact(
@@ -192,13 +195,14 @@ def compact(
     from dirprim_filter.store.store import Store
 
     there = Store.open(folder)
-    with step_progress(f"compacting {folder}", "months") as progress:
+    with step_progress(f"compacting {there.path}", "months") as progress:
         made = compacted(there, before_ns=time_ns(before), n_vehicles=vehicles or VEHICLES, progress=progress)
+    sizes = there.recording_sizes() if made else {}
     for archive in made:
-        size = there.recording(archive.name).stat().st_size
-        typer.echo(f"{folder}: {archive.month}, {counted(len(archive.recordings), 'recording')} in {size} bytes")
+        size = sizes[archive.name]
+        typer.echo(f"{there.path}: {archive.month}, {counted(len(archive.recordings), 'recording')} in {size} bytes")
     if not made:
-        typer.echo(f"{folder}: nothing to make one of, for no other month is over")
+        typer.echo(f"{there.path}: nothing to make one of, for no other month is over")
 
 
 for command in (add, info, forget, merge, compact):

@@ -19,7 +19,7 @@ def update(
         Path,
         typer.Argument(metavar="MAP", help="A map that `dirprim learn STORE` wrote.", exists=True, dir_okay=False),
     ],
-    store_folder: Annotated[Path, typer.Argument(metavar="STORE", help="The folder of its store.")],
+    store_folder: Annotated[Path, typer.Argument(metavar="STORE", help="The folder of its store, or its URL.")],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="The file to write. Default: in the place of MAP.", callback=named_file),
@@ -57,11 +57,11 @@ def update(
         save_map(done.primitive_map, output or map_file, metadata=said | {"sha256 store": store.digest}, force=True)
     typer.echo(
         f"{output or map_file}: {done.n_cells} of {counted(done.primitive_map.tessellation.n_cells, 'cell')} fitted "
-        f"anew, where {counted(done.n_tiles, 'tile')} of {store_folder} changed"
+        f"anew, where {counted(done.n_tiles, 'tile')} of {store.path} changed"
     )
     if done.uncovered > MUCH:
         typer.echo(
             f"warning: {done.uncovered:.0%} of what vehicles did there is where the map has no cell; to cover it, "
-            f"learn it again with `dirprim learn {store_folder}`",
+            f"learn it again with `dirprim learn {store.path}`",
             err=True,
         )

@@ -17,12 +17,11 @@ from dirprim_filter.recording.reader import TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import square_of
 from dirprim_filter.store.log_files import LogFile
-from dirprim_filter.store.manifest import Entry, new_file
+from dirprim_filter.store.manifest import Entry
 from dirprim_filter.store.receipts import Receipt
 from dirprim_filter.store.steps import HERE
-from dirprim_filter.store.store import RECEIPTS, Store
+from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.table import write_summary
 from dirprim_filter.store.tiles import tiles_of
 from dirprim_filter.store.workers import InProcess, Workers
 from dirprim_filter.track_ids import as_texts
@@ -57,8 +56,8 @@ def add_logs(
         progress: called with how many are done, and of how many.
     """
     store.tidy()
-    archived = store.archived()
-    new = [log for log in logs if not store.holds(store.entry_of(log.url), log, archived)]
+    known, there = store.entries_of(log.url for log in logs), store.recording_sizes().keys() | store.archived().keys()
+    new = [log for log in logs if not store.holds(known.get(log.url), log, there)]
     receipts: list[Receipt] = []
     rest = list(new)
 
@@ -68,7 +67,7 @@ def add_logs(
                 store.record(receipt.entry, receipt.frame)
             except ValueError as error:
                 receipt = receipt._replace(entry=None, error=str(error))
-        store.receipt(receipt.log.url).unlink(missing_ok=True)
+        store.drop_receipt(receipt.log.url)
         receipts.append(receipt)
         if progress is not None:
             progress(len(receipts), len(new))
@@ -97,19 +96,19 @@ def summarise_log(log: LogFile, *, store: Store) -> Receipt:
 
 def _left(log: LogFile, store: Store) -> Receipt | None:
     """What a worker left that was killed before the log was counted; None where it is not of this log as it is now."""
-    path = store.receipt(log.url)
-    receipt = Receipt.read(path) if path.exists() else None
-    return receipt if receipt is not None and store.holds(receipt.entry, log) else None
+    receipt = store.left(log.url)
+    if receipt is None or receipt.entry is None:
+        return None
+    rows = receipt.entry.rows
+    return receipt if store.holds(receipt.entry, log, {rows}) and store.has_recording(rows) else None
 
 
 def _summarised(log: LogFile, store: Store) -> Receipt:
     config, read = store.config, _read(log, store.config)
     rows = hash_of_rows(read.tracks)
     summary = Summary.of(read.tracks, lattice=config.lattice, frame=read.frame)
-    path = store.recording(rows)
-    if not path.exists():
-        with new_file(path) as file:
-            write_summary(summary, file)
+    if not store.has_recording(rows):
+        store.write_recording(rows, summary)
     entry = Entry(
         url=log.url, size=log.size, mark=log.mark, rows=rows, n_rows=len(read.tracks),
         n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
@@ -118,7 +117,7 @@ def _summarised(log: LogFile, store: Store) -> Receipt:
         status="damaged" if read.losses.damage or read.losses.lost else "whole",
     )  # fmt: skip
     receipt = Receipt(log, entry, read.frame, "")
-    receipt.leave(store.path / RECEIPTS)
+    store.leave(receipt)
     return receipt
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Self
 
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.store.manifest import HASH, new_file
+from dirprim_filter.store.manifest import HASH
+
+ARCHIVES = "archives"
+"""The folder of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,19 +37,23 @@ class Archive:
         if not all(len(tile) == 2 and all(isinstance(number, int) for number in tile) for tile in self.tiles):
             raise ValueError("tiles: expected pairs of whole numbers")
 
-    def write(self, folder: Path) -> None:
-        """From then on it counts, and its recordings by themselves do not."""
-        with new_file(folder / f"{self.name}.json") as file:
-            file.write(json.dumps(asdict(self), sort_keys=True, indent=1).encode())
+    @property
+    def file(self) -> str:
+        """Of it in a store."""
+        return f"{ARCHIVES}/{self.name}.json"
+
+    def to_json(self) -> bytes:
+        """What its file holds: where that is, it counts, and its recordings by themselves do not."""
+        return json.dumps(asdict(self), sort_keys=True, indent=1).encode()
 
     @classmethod
-    def read(cls, path: Path) -> Self:
-        """Read one.
+    def from_json(cls, data: bytes, file: str) -> Self:
+        """Of what its file holds.
 
         Raises:
             RecordingError: the file holds no archive.
         """
         try:
-            return cls(**json.loads(path.read_bytes()))
+            return cls(**json.loads(data))
         except (ValueError, TypeError) as error:
-            raise RecordingError(f"{path}: expected an archive of a store, got {error}; restore the file") from error
+            raise RecordingError(f"{file}: expected an archive of a store, got {error}; restore the file") from error

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
-import socket
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import BinaryIO, Literal, Self
-from uuid import uuid4
+from typing import Literal, Self
 
 from dirprim_filter.recording.errors import RecordingError
 
-PART = ".part"
+MANIFEST = "logs"
+"""The folder of entries."""
 HASH = re.compile("[0-9a-f]{64}")
 """A name of a file is made of it: nothing else may be."""
 
@@ -61,61 +56,28 @@ class Entry:
 
     @staticmethod
     def name_of(url: str) -> str:
-        """Of the file of a log in the manifest."""
+        """Of the files of a log."""
         return hashlib.sha256(url.encode()).hexdigest()[:32] + ".json"
 
-    def write(self, folder: Path) -> None:
-        """Put it into a manifest, in the place of what was there of this log."""
-        with new_file(folder / self.name_of(self.url)) as file:
-            file.write(json.dumps(asdict(self), sort_keys=True, indent=1).encode())
+    @classmethod
+    def file_of(cls, url: str) -> str:
+        """Of a log in the manifest."""
+        return f"{MANIFEST}/{cls.name_of(url)}"
+
+    def to_json(self) -> bytes:
+        """What its file holds."""
+        return json.dumps(asdict(self), sort_keys=True, indent=1).encode()
 
     @classmethod
-    def read(cls, path: Path) -> Self:
-        """Read one.
+    def from_json(cls, data: bytes, file: str) -> Self:
+        """Of what its file holds.
 
         Raises:
             RecordingError: the file holds no such entry.
         """
         try:
-            return cls(**json.loads(path.read_bytes()))
+            return cls(**json.loads(data))
         except (ValueError, TypeError) as error:
             raise RecordingError(
-                f"{path}: expected an entry of a store, got {error}; delete it, and add its log again"
+                f"{file}: expected an entry of a store, got {error}; delete it, and add its log again"
             ) from error
-
-
-@contextmanager
-def new_file(path: Path) -> Iterator[BinaryIO]:
-    """A file that takes its name when it is whole, in the place of any other; an exception leaves nothing."""
-    part = path.with_name(f".{_owner()}-{uuid4().hex}{PART}")
-    try:
-        with part.open("xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def remove_parts(folder: Path) -> None:
-    """Remove what processes of this machine left that were killed while they wrote."""
-    host = _owner().rpartition("-")[0]
-    for part in folder.glob(f".{host}-*{PART}"):
-        number = part.name.removeprefix(f".{host}-").split("-")[0]
-        if number.isdigit() and not _is_alive(int(number)):
-            part.unlink(missing_ok=True)
-
-
-def _owner() -> str:
-    return f"{socket.gethostname()}-{os.getpid()}"
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import NamedTuple, Self
 
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store.log_files import LogFile
-from dirprim_filter.store.manifest import Entry, new_file
+from dirprim_filter.store.manifest import Entry
+
+RECEIPTS = "receipts"
+"""The folder of them."""
 
 
 class Receipt(NamedTuple):
@@ -31,26 +33,29 @@ class Receipt(NamedTuple):
     frame: str
     error: str
 
-    def leave(self, folder: Path) -> None:
-        """Write it, in the place of what was left of this log; of one that cannot be counted nothing is."""
+    @staticmethod
+    def file_of(url: str) -> str:
+        """Of a log in a store."""
+        return f"{RECEIPTS}/{Entry.name_of(url)}"
+
+    def to_json(self) -> bytes:
+        """What its file holds; there is none of a log that cannot be counted."""
         if self.entry is None:
-            return
-        folder.mkdir(exist_ok=True)  # stores older than receipts have none
-        with new_file(folder / Entry.name_of(self.log.url)) as file:
-            file.write(json.dumps({"entry": asdict(self.entry), "frame": self.frame}, sort_keys=True).encode())
+            raise ValueError("receipt: expected one of a log that can be counted")
+        return json.dumps({"entry": asdict(self.entry), "frame": self.frame}, sort_keys=True).encode()
 
     @classmethod
-    def read(cls, path: Path) -> Self:
-        """Read one.
+    def from_json(cls, data: bytes, file: str) -> Self:
+        """Of what its file holds.
 
         Raises:
             RecordingError: the file holds no receipt.
         """
         try:
-            said = json.loads(path.read_bytes())
+            said = json.loads(data)
             entry, frame = Entry(**said["entry"]), str(said["frame"])
         except (ValueError, TypeError, KeyError) as error:
             raise RecordingError(
-                f"{path}: expected what came of a log, got {error}; delete it, and add its log again"
+                f"{file}: expected what came of a log, got {error}; delete it, and add its log again"
             ) from error
         return cls(LogFile(url=entry.url, size=entry.size, mark=entry.mark), entry, frame, "")

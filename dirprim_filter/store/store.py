@@ -1,4 +1,4 @@
-"""A store: a folder of summaries, one for each recording, and a manifest of the logs they came from.
+"""A store: a folder, here or far away, of summaries, one for each recording, and a manifest of their logs.
 
     STORE/store.json                  how logs are read and counted, and the frame of their positions
     STORE/logs/HASH-OF-URL.json       the manifest
@@ -7,7 +7,7 @@
     STORE/archives/HASH.json          which recordings count together, as recordings/HASH.parquet
 
 What counts are the archives, and of the recordings that the manifest names those that are in none, each once. A
-recording is written before the manifest or an archive names it, and every file takes its name when it is whole: so
+recording is written before the manifest or an archive names it, and every file is there when it is whole (`folder`): so
 whatever is killed, nothing half counts.
 """
 
@@ -15,23 +15,30 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, fields
+from os import PathLike
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.store.archive import Archive
+from dirprim_filter.store.archive import ARCHIVES, Archive
 from dirprim_filter.store.config import FORMAT, StoreConfig
+from dirprim_filter.store.folder import Folder, LocalFolder, folder_at
 from dirprim_filter.store.log_files import LogFile
-from dirprim_filter.store.manifest import Entry, new_file, remove_parts
-from dirprim_filter.store.receipts import Receipt
+from dirprim_filter.store.manifest import MANIFEST, Entry
+from dirprim_filter.store.receipts import RECEIPTS, Receipt
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import write_summary
 
-CONFIG_FILE, MANIFEST, RECORDINGS, RECEIPTS = "store.json", "logs", "recordings", "receipts"
-ARCHIVES = "archives"
+if TYPE_CHECKING:
+    from dirprim_filter.store.remote_folder import RemoteFile
+
+CONFIG_FILE, RECORDINGS = "store.json", "recordings"
+PARTS = (MANIFEST, RECORDINGS, RECEIPTS, ARCHIVES)
+ROWS = ".parquet"
+MERGED_AT_ONCE = 8
+"""Recordings, whose files are held in memory."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,57 +46,84 @@ class Store:
     """A store that exists.
 
     Attributes:
-        path: its folder.
+        folder: where its files are.
         config: how its logs are read and counted.
     """
 
-    path: Path
+    folder: Folder
     config: StoreConfig
 
     @classmethod
-    def open(cls, path: Path) -> Self:
-        """A store that is there.
+    def open(cls, path: str | PathLike[str]) -> Self:
+        """A store that is there: its folder, or a URL that fsspec knows, such as s3://bucket/fleet.
 
         Raises:
-            RecordingError: there is none, or of another version.
+            RecordingError: there is none, or of another version, or its server cannot be asked.
         """
+        folder = folder_at(path)
         try:
-            said = json.loads((path / CONFIG_FILE).read_bytes())
-            return cls(path=path, config=StoreConfig.from_json(said["config"], said["format"]))
+            said = json.loads(folder.read(CONFIG_FILE))
+            return cls(folder=folder, config=StoreConfig.from_json(said["config"], said["format"]))
         except (FileNotFoundError, NotADirectoryError):
-            raise RecordingError(f"{path}: expected a store, found none; make one with `dirprim store add`") from None
+            raise RecordingError(f"{folder}: expected a store, found none; make one with `dirprim store add`") from None
         except (ValueError, TypeError, KeyError) as error:
-            raise RecordingError(f"{path / CONFIG_FILE}: expected a store of format {FORMAT}, got {error}") from error
+            raise RecordingError(f"{folder}/{CONFIG_FILE}: expected a store of format {FORMAT}, got {error}") from error
 
     @classmethod
-    def create(cls, path: Path, config: StoreConfig) -> Self:
-        """A new store, in a folder that is not there yet or empty.
+    def create(cls, path: str | PathLike[str], config: StoreConfig) -> Self:
+        """A new store, where nothing is yet.
+
+        Args:
+            path: as for `open`.
+            config: how its logs will be read and counted.
 
         Raises:
-            RecordingError: the folder holds something else.
+            RecordingError: other files are there, or the server cannot be asked.
             OSError: it cannot be made.
         """
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise RecordingError(f"{path}: expected a store or an empty folder, found other files; choose another")
-        for name in (MANIFEST, RECORDINGS, RECEIPTS):
-            (path / name).mkdir(parents=True, exist_ok=True)
-        store = cls(path=path, config=config)
+        folder = folder_at(path)
+        if not folder.is_free():
+            raise RecordingError(f"{folder}: expected a store or an empty folder, found other files; choose another")
+        folder.make(MANIFEST, RECORDINGS, RECEIPTS)
+        store = cls(folder=folder, config=config)
         store._write_config(None)
         return store
+
+    @staticmethod
+    def is_at(path: str | PathLike[str]) -> bool:
+        """Whether there is one, of whatever version.
+
+        Raises:
+            RecordingError: a server cannot be asked.
+        """
+        return folder_at(path).has(CONFIG_FILE)
+
+    @property
+    def path(self) -> Path | str:
+        """Its folder, or its URL."""
+        return self.folder.path if isinstance(self.folder, LocalFolder) else str(self.folder)
 
     @property
     def frame(self) -> str | None:
         """Of all positions; None while there is no recording."""
-        frame = json.loads((self.path / CONFIG_FILE).read_bytes())["frame"]
+        frame = json.loads(self.folder.read(CONFIG_FILE))["frame"]
         return None if frame is None else str(frame)
 
     def entries(self) -> list[Entry]:
         """The logs that were added, in order of their URLs."""
-        return sorted((Entry.read(path) for path in (self.path / MANIFEST).glob("*.json")), key=lambda entry: entry.url)
+        found = self.folder.read_all(MANIFEST)
+        return sorted((Entry.from_json(data, self._named(name)) for name, data in found.items()), key=lambda e: e.url)
+
+    def entries_of(self, urls: Iterable[str]) -> dict[str, Entry]:
+        """Those of some logs by their URLs, but for logs that were not added."""
+        names = {Entry.file_of(url): url for url in urls}
+        found = self.folder.read_some(names)
+        return {names[name]: Entry.from_json(data, self._named(name)) for name, data in found.items()}
 
     def archives(self) -> list[Archive]:
         """Recordings that count together, in order of their names."""
-        return sorted((Archive.read(path) for path in (self.path / ARCHIVES).glob("*.json")), key=lambda a: a.name)
+        found = self.folder.read_all(ARCHIVES)
+        return [Archive.from_json(data, self._named(name)) for name, data in sorted(found.items())]
 
     def archived(self) -> dict[str, str]:
         """The recordings that do not count by themselves, and the name of the archive of each."""
@@ -97,9 +131,10 @@ class Store:
 
     def recorded(self) -> dict[str, list[list[int]]]:
         """What counts, recordings by the hashes of their rows and archives by their names, and the tiles of each."""
-        archived = self.archived()
+        archives = self.archives()
+        archived = {rows for archive in archives for rows in archive.recordings}
         single = {entry.rows: entry.tiles for entry in self.entries() if entry.rows not in archived}
-        return single | {archive.name: archive.tiles for archive in self.archives()}
+        return single | {archive.name: archive.tiles for archive in archives}
 
     def rows(self) -> list[str]:
         """The names of what counts, see `recorded`, in order."""
@@ -110,26 +145,50 @@ class Store:
         """SHA-256 of the names of the recordings, and of how they were counted: what is learned depends on no more."""
         return hashlib.sha256(repr((self.config.digest, self.frame, self.rows())).encode()).hexdigest()
 
-    def recording(self, rows: str) -> Path:
-        """The file of a recording, by the hash of its rows."""
-        return self.path / RECORDINGS / f"{rows}.parquet"
+    def recording(self, rows: str) -> Path | RemoteFile:
+        """The file of a recording, by the hash of its rows, or of an archive by its name; to be read by `open`."""
+        return self.folder.file(_recording(rows))
 
-    def receipt(self, url: str) -> Path:
-        """The file of what came of a log, until it counts."""
-        return self.path / RECEIPTS / Entry.name_of(url)
+    def has_recording(self, rows: str) -> bool:
+        """Whether that file is there."""
+        return self.folder.has(_recording(rows))
 
-    def holds(self, entry: Entry | None, log: LogFile, archived: Container[str] = ()) -> bool:
+    def recording_sizes(self) -> dict[str, int]:
+        """Bytes of the files of recordings and archives that are there, whether they count or not."""
+        return {
+            name.rpartition("/")[2].removesuffix(ROWS): size for name, size in self.folder.sizes(RECORDINGS).items()
+        }
+
+    def write_recording(self, rows: str, summary: Summary) -> None:
+        """Write what `recording` is."""
+        with self.folder.new_file(_recording(rows)) as file:
+            write_summary(summary, file)
+
+    def leave(self, receipt: Receipt) -> None:
+        """Keep what came of a log until it counts, in the place of what was kept of it; of one that cannot, nothing."""
+        if receipt.entry is not None:
+            self.folder.write({Receipt.file_of(receipt.log.url): receipt.to_json()})
+
+    def left(self, url: str) -> Receipt | None:
+        """What was kept so; None of other logs."""
+        found = self.folder.read_some([Receipt.file_of(url)])
+        return next((Receipt.from_json(data, self._named(name)) for name, data in found.items()), None)
+
+    def drop_receipt(self, url: str) -> None:
+        """Keep nothing more of what came of a log."""
+        self.folder.remove(Receipt.file_of(url))
+
+    def holds(self, entry: Entry | None, log: LogFile, there: Container[str]) -> bool:
         """Whether an entry is of a log as it is now, counted as this store counts, and its recording is there.
 
         Args:
             entry: None of a log that is not known.
             log: it.
-            archived: recordings that are in archives.
+            there: recordings that are there, by themselves or in archives.
         """
         return (
-            entry is not None and log.mark != "" and entry.config == self.config.digest
+            entry is not None and log.mark != "" and entry.config == self.config.digest and entry.rows in there
             and (entry.url, entry.size, entry.mark) == (log.url, log.size, log.mark)
-            and (entry.rows in archived or self.recording(entry.rows).exists())
         )  # fmt: skip
 
     def record(self, entry: Entry, frame: str) -> None:
@@ -142,20 +201,17 @@ class Store:
         replaced = self.entry_of(entry.url)
         if replaced is not None and replaced.rows != entry.rows:
             self._check_single(replaced)
-        entry.write(self.path / MANIFEST)
+        self._write(entry)
         if entry.rows in self.archived():
-            self.recording(entry.rows).unlink(missing_ok=True)
+            self.folder.remove(_recording(entry.rows))
         if replaced is not None and replaced.rows != entry.rows:
             self._drop(replaced.rows)
 
     def archive(self, archive: Archive, summary: Summary) -> None:
         """Let recordings count together, and no longer by themselves."""
-        (self.path / ARCHIVES).mkdir(exist_ok=True)
-        with new_file(self.recording(archive.name)) as file:
-            write_summary(summary, file)
-        archive.write(self.path / ARCHIVES)
-        for rows in archive.recordings:
-            self.recording(rows).unlink(missing_ok=True)
+        self.write_recording(archive.name, summary)
+        self.folder.write({archive.file: archive.to_json()})
+        self.folder.remove(*map(_recording, archive.recordings))
 
     def check_frame(self, url: str, frame: str) -> None:
         """Whether positions can be counted beside those of the store; the first log's frame becomes the store's.
@@ -174,8 +230,7 @@ class Store:
 
     def entry_of(self, url: str) -> Entry | None:
         """The entry of a log; None where it was not added."""
-        wanted = self.path / MANIFEST / Entry.name_of(url)
-        return Entry.read(wanted) if wanted.exists() else None
+        return self.entries_of([url]).get(url)
 
     def forget(self, *urls: str) -> list[Entry]:
         """Take logs out: the rest is what it would be had they never been added.
@@ -183,11 +238,11 @@ class Store:
         Raises:
             ValueError: one is not in the store, or in an archive of which others stay.
         """
-        found = {url: self.entry_of(url) for url in urls}
-        gone = [entry for entry in found.values() if entry is not None]
-        for url, entry in found.items():
-            if entry is None:
+        found = self.entries_of(urls)
+        for url in urls:
+            if url not in found:
                 raise ValueError(f"{url}: is not in the store; `dirprim store info {self.path}` lists what is")
+        gone = [found[url] for url in dict.fromkeys(urls)]
         left = {entry.rows for entry in self.entries() if entry.url not in found}
         empty = [a for a in self.archives() if left.isdisjoint(a.recordings)]
         ends = {rows for archive in empty for rows in archive.recordings}
@@ -195,11 +250,10 @@ class Store:
             if entry.rows not in left | ends:
                 self._check_single(entry)
         for archive in empty:
-            (self.path / ARCHIVES / f"{archive.name}.json").unlink()
-            self.recording(archive.name).unlink(missing_ok=True)
-        for entry in gone:
-            (self.path / MANIFEST / Entry.name_of(entry.url)).unlink()
-            self._drop(entry.rows)
+            self.folder.remove(archive.file)
+            self.folder.remove(_recording(archive.name))
+        self.folder.remove(*(Entry.file_of(entry.url) for entry in gone))
+        self._drop(*(entry.rows for entry in gone))
         return gone
 
     def _check_single(self, entry: Entry) -> None:
@@ -238,15 +292,12 @@ class Store:
                     f"{other.path}: holds {archive.month} in an archive with recordings that {self.path} holds "
                     "otherwise; merge stores before they are compacted"
                 )
-        for name in set(other.recorded()) - here:
-            with other.recording(name).open("rb") as source, new_file(self.recording(name)) as file:
-                shutil.copyfileobj(source, file)
-        (self.path / ARCHIVES).mkdir(exist_ok=True)
-        for archive in archives:
-            archive.write(self.path / ARCHIVES)
+        missing = sorted(_recording(name) for name in other.recorded().keys() - here)
+        for i in range(0, len(missing), MERGED_AT_ONCE):
+            self.folder.write({name: other.folder.read(name) for name in missing[i : i + MERGED_AT_ONCE]})
+        self.folder.write({archive.file: archive.to_json() for archive in archives})
         new = [entry for entry in theirs if entry.url not in mine]
-        for entry in new:
-            entry.write(self.path / MANIFEST)
+        self._write(*new)
         return len(new)
 
     def check_config(self, asked: StoreConfig) -> None:
@@ -262,21 +313,31 @@ class Store:
 
     def tidy(self) -> None:
         """Remove what killed processes left, but for receipts of logs that do not count yet."""
-        for name in (MANIFEST, RECORDINGS, RECEIPTS, ARCHIVES, "."):
-            remove_parts(self.path / name)
-        for rows in self.archived():
-            self.recording(rows).unlink(missing_ok=True)
-        for path in (self.path / RECEIPTS).glob("*.json"):
-            receipt = Receipt.read(path)
-            if self.entry_of(receipt.log.url) == receipt.entry:
-                path.unlink(missing_ok=True)
+        self.folder.remove_parts(*PARTS, ".")
+        if archived := self.archived():
+            self.folder.remove(*map(_recording, sorted(archived.keys() & self.recording_sizes().keys())))
+        found = self.folder.read_all(RECEIPTS)
+        left = {name: Receipt.from_json(data, self._named(name)) for name, data in found.items()}
+        counted = self.entries_of(receipt.log.url for receipt in left.values())
+        self.folder.remove(*(name for name, r in left.items() if counted.get(r.log.url) == r.entry))
 
-    def _drop(self, rows: str) -> None:
-        """Remove a recording that does not count by itself, or no more."""
-        if rows not in self.recorded():
-            self.recording(rows).unlink(missing_ok=True)
+    def _drop(self, *recordings: str) -> None:
+        """Remove recordings that do not count by themselves, or no more."""
+        counts = self.recorded()
+        self.folder.remove(*(_recording(rows) for rows in recordings if rows not in counts))
+
+    def _named(self, name: str) -> str:
+        """A file of it, as users know it."""
+        return f"{self.folder}/{name}"
+
+    def _write(self, *entries: Entry) -> None:
+        """Put entries into the manifest, in the place of what was there of their logs."""
+        self.folder.write({Entry.file_of(entry.url): entry.to_json() for entry in entries})
 
     def _write_config(self, frame: str | None) -> None:
         said = {"format": FORMAT, "config": self.config.to_json(), "frame": frame}
-        with new_file(self.path / CONFIG_FILE) as file:
-            file.write(json.dumps(said, sort_keys=True, indent=1).encode())
+        self.folder.write({CONFIG_FILE: json.dumps(said, sort_keys=True, indent=1).encode()})
+
+
+def _recording(rows: str) -> str:
+    return f"{RECORDINGS}/{rows}{ROWS}"

@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from dirprim_filter.store.pseudo_tracks import kinds_in_ways
 from dirprim_filter.store.steps import BEFORE, HERE, WHEN, packed_when, tally_in_order, unpacked_when
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.tallies import Tally
+
+if TYPE_CHECKING:
+    from dirprim_filter.store.remote_folder import RemoteFile
 
 FORMAT = b"dirprim_summary"
 VERSION = 2
@@ -93,7 +96,7 @@ class Counts(NamedTuple):
         return cls(*(Tally.total(list(column)) for column in zip(*parts, strict=True)))
 
 
-def read_summary(path: str | PathLike[str]) -> Summary:
+def read_summary(path: str | PathLike[str] | RemoteFile) -> Summary:
     """Read what `write_summary` wrote.
 
     Raises:
@@ -109,7 +112,7 @@ def read_summary(path: str | PathLike[str]) -> Summary:
         )  # fmt: skip
 
 
-def read_counts(path: str | PathLike[str], lattice: Lattice) -> Counts:
+def read_counts(path: str | PathLike[str] | RemoteFile, lattice: Lattice) -> Counts:
     """Read what `write_summary` wrote of counts on a lattice, but for the steps.
 
     Raises:
@@ -124,10 +127,12 @@ def read_counts(path: str | PathLike[str], lattice: Lattice) -> Counts:
 
 
 @contextmanager
-def _opened(path: str | PathLike[str], names: tuple[str, ...]) -> Iterator[tuple[Any, dict[str, dict[str, IntArray]]]]:
+def _opened(
+    path: str | PathLike[str] | RemoteFile, names: tuple[str, ...]
+) -> Iterator[tuple[Any, dict[str, dict[str, IntArray]]]]:
     """What a file says about itself, and some columns of each kind of rows."""
     pa, pq = _pyarrow()
-    with Path(path).open("rb") as opened:
+    with (Path(path) if isinstance(path, str | PathLike) else path).open("rb") as opened:
         try:
             file = pq.ParquetFile(opened)
             about = json.loads((file.schema_arrow.metadata or {}).get(FORMAT, b"{}"))

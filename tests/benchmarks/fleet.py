@@ -41,12 +41,12 @@ from dirprim_filter.store.compacting import compacted
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, learn_from_summary
 from dirprim_filter.store.log_files import find_logs
-from dirprim_filter.store.manifest import Entry, new_file
+from dirprim_filter.store.manifest import Entry
 from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
 from dirprim_filter.store.steps import HERE
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.table import read_counts, write_summary
+from dirprim_filter.store.table import read_counts
 from dirprim_filter.store.tiles import tiles_of
 from dirprim_filter.store.updating import learn_from_store, update_map
 from dirprim_filter.store.workers import LocalWorkers
@@ -281,8 +281,7 @@ def write_entry(store: Store, tracks: Tracks, name: str) -> None:
         start_ns=int(tracks.time_ns[0]), end_ns=int(tracks.time_ns[-1]), n_squares=0,
         tiles=tiles_of(summary.steps.key[:, HERE]).tolist(), config=store.config.digest, status="whole",
     )  # fmt: skip
-    with new_file(store.recording(entry.rows)) as file:
-        write_summary(summary, file)
+    store.write_recording(entry.rows, summary)
     store.record(entry, FRAME)
 
 
@@ -402,7 +401,8 @@ def known(n_logs: int) -> None:
             copy = log.with_name(f"{i}.mcap")
             copy.touch()
             stat = copy.stat()
-            replace(entry, url=str(copy.resolve()), size=0, mark=str(stat.st_mtime_ns)).write(store.path / "logs")
+            known = replace(entry, url=str(copy.resolve()), size=0, mark=str(stat.st_mtime_ns))
+            store.folder.write({known.file_of(known.url): known.to_json()})
         began = time.perf_counter()
         added = add_logs(store, find_logs([f"{folder}/*.mcap"]))
         print(f"{added.known} known logs of {n_logs}: {time.perf_counter() - began:.1f} s")

@@ -10,9 +10,9 @@ from dirprim_filter import write_tracks
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store import learn_from_summary
 from dirprim_filter.store.adding import add_logs, failures
-from dirprim_filter.store.archive import Archive
 from dirprim_filter.store.compacting import compacted, month_of, thinned
 from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.folder import LocalFolder
 from dirprim_filter.store.lattice import NONE
 from dirprim_filter.store.log_files import find_logs
 from dirprim_filter.store.pseudo_tracks import pseudo_tracks
@@ -169,14 +169,14 @@ def test_another_version_of_an_archived_log_is_refused(full, logs, tmp_path):
 
 
 def test_what_is_killed_counts_once(full, monkeypatch):
-    write = Archive.write
+    write = LocalFolder.write
 
-    def killed_once_it_counts(archive, folder):
-        write(archive, folder)
+    def killed_once_it_counts(folder, files):
+        write(folder, files)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Archive, "write", killed_once_it_counts)
+        patch.setattr(LocalFolder, "write", killed_once_it_counts)
         with pytest.raises(KeyboardInterrupt):
             compacted(full, n_vehicles=2)
     (january,) = full.archives()

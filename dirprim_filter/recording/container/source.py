@@ -64,7 +64,7 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
     if name == STDIN:
         return [_copied(name, _blocks(sys.stdin.buffer))]
     file = Path(name)
-    if url := _url(name):
+    if url := as_url(name):
         return [_fetched(name, url)]
     if file.is_dir() or file.suffix == SQLITE:
         from dirprim_filter.recording.container import rosbag2  # noqa: PLC0415  (`dirprim info` of a log does without)
@@ -88,7 +88,7 @@ def copy_in_parts(path: str | PathLike[str]) -> bool:
         OSError: as there.
     """
     name = fspath(path)
-    if (url := _url(name)) is None or _key(name) in _copies:
+    if (url := as_url(name)) is None or _key(name) in _copies:
         return False
 
     def write(file: FileIO) -> None:
@@ -154,7 +154,7 @@ def let_go(file: mmap.mmap, start: int, end: int) -> None:
         file.madvise(mmap.MADV_DONTNEED, first, end - first)
 
 
-def _url(name: str) -> str | None:
+def as_url(name: str) -> str | None:
     """The URL that a path is, its slashes put right; None of others."""
     match = URL.fullmatch(name)
     if match is None or Path(name).exists():

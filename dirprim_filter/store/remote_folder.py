@@ -1,0 +1,239 @@
+"""A folder far away: what fsspec finds under a URL, such as a prefix of an object store.
+
+A put is whole or nothing there, so files need no other name while they are written. Other processes may write at any
+time: every request asks the server, no listing is kept. What files of the manifest hold is kept with their ETags, and
+fetched again when these change; recordings are copied to a temporary folder that goes with the process.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO, NamedTuple
+from uuid import uuid4
+
+from dirprim_filter.recording.errors import MissingExtraError, RecordingError
+from dirprim_filter.store.folder import new_file
+
+ETAGS = ("ETag", "etag")
+"""What file systems call it. A time would not do: of two changes within its resolution it misses one."""
+SPARE = 0.25
+"""Of the disk with the temporary folder: where less is free, no more copies are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteFolder:
+    """What is under a URL; see `Folder`.
+
+    Attributes:
+        url: without a slash at its end.
+        opened: copies are kept for as long as this is the same, in whatever process.
+    """
+
+    url: str
+    opened: str = field(default_factory=lambda: uuid4().hex, compare=False, repr=False)
+
+    def __str__(self) -> str:
+        """Its URL."""
+        return self.url
+
+    def is_free(self) -> bool:
+        """Object stores know no empty folders."""
+        with self._asking("") as (files, path):
+            try:
+                return not files.ls(path, detail=False)
+            except FileNotFoundError:
+                return True
+
+    def make(self, *parts: str) -> None:
+        """Never a bucket, which a slip of the pen would make."""
+        for part in ("", *parts):
+            with self._asking(part, "written") as (files, path), suppress(FileExistsError):
+                files.mkdir(path, create_parents=False)
+
+    def has(self, name: str) -> bool:
+        """By its metadata."""
+        with self._asking(name) as (files, path):
+            try:
+                return bool(files.info(path)["type"] == "file")
+            except FileNotFoundError:
+                return False
+
+    def sizes(self, part: str) -> dict[str, int]:
+        """By one listing, of a thousand files a request."""
+        return {name: int(about.get("size") or 0) for name, about in self._listed(part).items()}
+
+    def read(self, name: str) -> bytes:
+        """All of it, by one request."""
+        with self._asking(name) as (files, path):
+            return bytes(files.cat_file(path, start=0))  # else s3fs asks for its size first
+
+    def read_some(self, names: Iterable[str]) -> dict[str, bytes]:
+        """By one request each, many at a time."""
+        names = list(names)
+        if not names:
+            return {}
+        with self._asking("") as (files, path):
+            got = files.cat_ranges([f"{path}/{name}" for name in names], 0, None, on_error="return")
+        found = {}
+        for name, one in zip(names, got, strict=True):
+            if isinstance(one, FileNotFoundError):  # it may go at any time
+                continue
+            with self._asking(name):
+                if isinstance(one, BaseException):
+                    raise one
+            found[name] = bytes(one)
+        return found
+
+    def read_all(self, part: str) -> dict[str, bytes]:
+        """Listed, and of those fetched that are new or changed."""
+        marks = {
+            name: next((str(about[key]) for key in ETAGS if about.get(key)), "")
+            for name, about in sorted(self._listed(part).items()) if name.endswith(".json")
+        }  # fmt: skip
+        kept = self._kept().read
+        known = kept.get(part, {})
+        same = {name for name, mark in marks.items() if mark and name in known and known[name][0] == mark}
+        new = self.read_some(name for name in marks if name not in same)
+        data = {name: known[name][1] if name in same else new[name] for name in marks if name in same | new.keys()}
+        kept[part] = {name: (marks[name], one) for name, one in data.items()}
+        return data
+
+    def write(self, files: Mapping[str, bytes]) -> None:
+        """By one request each, many at a time."""
+        with self._asking("", "written") as (there, path):
+            there.pipe({f"{path}/{name}": data for name, data in files.items()})
+
+    @contextmanager
+    def new_file(self, name: str) -> Iterator[BinaryIO]:
+        """In memory until it is whole."""
+        file = io.BytesIO()
+        yield file
+        self.write({name: file.getvalue()})
+
+    def remove(self, *names: str) -> None:
+        """Many at a time, where that can be asked."""
+        with self._asking("", "written") as (files, path):
+            paths = [f"{path}/{name}" for name in names]
+            with suppress(FileNotFoundError):
+                if len(paths) == 1:
+                    files.rm_file(paths[0])
+                elif paths:
+                    files.rm(paths)
+
+    def remove_parts(self, *parts: str) -> None:
+        """There are none."""
+
+    def file(self, name: str) -> RemoteFile:
+        """Fetched when it is opened."""
+        return RemoteFile(self, name)
+
+    def open(self, name: str) -> BinaryIO:
+        """A file, from its copy or else fetched."""
+        copies = self._kept().copies()
+        copy = copies / PurePosixPath(name).name
+        with suppress(FileNotFoundError):
+            return copy.open("rb")
+        data = self.read(name)
+        with suppress(OSError):  # without a copy it is fetched again
+            disk = shutil.disk_usage(copies)
+            if disk.free - len(data) > SPARE * disk.total:
+                with new_file(copy) as file:
+                    file.write(data)
+        return io.BytesIO(data)
+
+    def _listed(self, part: str) -> dict[str, dict[str, Any]]:
+        """What is known of the files of a folder in it, by their names."""
+        with self._asking(part) as (files, path):
+            try:
+                found = files.find(path, detail=True)
+            except FileNotFoundError:
+                return {}
+        names = {place: place.rpartition(f"{path}/")[2] for place in found}
+        return {f"{part}/{names[place]}": about for place, about in found.items() if "/" not in names[place]}
+
+    def _kept(self) -> _Kept:
+        kept = _known.get(self.url)
+        if kept is None or kept.opened != self.opened:
+            kept = _known[self.url] = _Kept(self.opened)
+        return kept
+
+    @contextmanager
+    def _asking(self, name: str, what: str = "read") -> Iterator[tuple[Any, str]]:
+        """The file system and a path in it; its errors become ours."""
+        url = f"{self.url}/{name}" if name else self.url
+        try:
+            import fsspec  # noqa: PLC0415 (an extra)
+        except ImportError as error:
+            raise MissingExtraError(url, library="fsspec", extra="fleet") from error
+        try:
+            files, path = fsspec.core.url_to_fs(url)
+            files.invalidate_cache()
+            yield files, path.rstrip("/")
+        except FileNotFoundError as error:
+            if what == "read":
+                raise FileNotFoundError(errno.ENOENT, "No such file", url) from error
+            raise _refused(url, what, error) from error
+        except ImportError as error:
+            raise RecordingError(
+                f"{url}: expected the package for such URLs: {error}; 'dirprim-filter[fleet]' has that of s3"
+            ) from error
+        except Exception as error:  # of the package for such URLs, and of its own kinds
+            raise _refused(url, what, error) from error
+
+
+def _refused(url: str, what: str, error: Exception) -> RecordingError:
+    why = str(error) or type(error).__name__
+    return RecordingError(
+        f"{url}: expected a folder that can be {what}: {why}; check the URL, your credentials and their rights"
+    )
+
+
+class RemoteFile(NamedTuple):
+    """A file far away."""
+
+    folder: RemoteFolder
+    name: str
+
+    def __str__(self) -> str:
+        """Its URL."""
+        return f"{self.folder}/{self.name}"
+
+    def open(self, mode: str = "rb") -> BinaryIO:
+        """Its bytes; `mode` is rb, as for a path.
+
+        Raises:
+            ValueError: another mode.
+            FileNotFoundError: it is not there.
+            RecordingError: it cannot be read.
+        """
+        if mode != "rb":
+            raise ValueError(f"mode: expected rb, got {mode!r}")
+        return self.folder.open(self.name)
+
+
+class _Kept:
+    """What this process keeps of a remote folder."""
+
+    def __init__(self, opened: str) -> None:
+        self.opened = opened
+        self.read: dict[str, dict[str, tuple[str, bytes]]] = {}  # by folders and names: ETags and contents
+        self._copies: Path | None = None
+
+    def copies(self) -> Path:
+        """The folder of copies of files."""
+        if self._copies is None:
+            self._copies = Path(tempfile.mkdtemp(prefix="dirprim-store-"))
+            weakref.finalize(self, shutil.rmtree, self._copies, ignore_errors=True)
+        return self._copies
+
+
+_known: dict[str, _Kept] = {}
+"""By URLs."""

@@ -1,0 +1,322 @@
+"""Stores in an object store: what holds of a folder holds there, with few requests, and whatever fails is said."""
+
+import pickle
+import sys
+from collections import Counter
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from streets import bytes_of
+
+from dirprim_filter import write_tracks
+from dirprim_filter.cli.main import run
+from dirprim_filter.recording.errors import MissingExtraError, RecordingError
+from dirprim_filter.store import Store, learn_from_store
+from dirprim_filter.store import remote_folder as remote
+from dirprim_filter.store.adding import add_logs, failures
+from dirprim_filter.store.compacting import compacted
+from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.folder import LocalFolder, folder_at
+from dirprim_filter.store.log_files import find_logs
+from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
+from dirprim_filter.store.table import read_summary
+from dirprim_filter.store.workers import LocalWorkers
+from situations import ring_traffic
+
+URL = "s3://bucket/city/fleet"
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A folder of three logs."""
+    folder = tmp_path_factory.mktemp("logs")
+    for seed in range(3):
+        tracks = ring_traffic(np.random.default_rng(seed), n_vehicles=4, n_rows=30)
+        write_tracks(tracks, folder / f"{seed}.mcap")
+    return folder
+
+
+@pytest.fixture
+def requests(object_store, monkeypatch):
+    """How many of each kind this process asked for."""
+    kind, asked = type(object_store), Counter()
+    call = kind._call_s3
+
+    async def counting(files, method, *given, **options):
+        asked[method] += 1
+        return await call(files, method, *given, **options)
+
+    monkeypatch.setattr(kind, "_call_s3", counting)
+    return asked
+
+
+@pytest.fixture
+def here(tmp_path):
+    return Store.create(tmp_path / "here", StoreConfig())
+
+
+@pytest.fixture
+def there(object_store):
+    return Store.create(URL, StoreConfig())
+
+
+def added(store, logs, *numbers, **options):
+    for number in numbers:
+        assert not list(failures(add_logs(store, find_logs([str(logs / f"{number}.mcap")]), **options)))
+    return store
+
+
+def files(store):
+    """All of a store, byte by byte."""
+    if isinstance(store.folder, LocalFolder):
+        found = {str(path.relative_to(store.path)): path.read_bytes() for path in store.path.rglob("*")
+                 if path.is_file()}  # fmt: skip
+    else:
+        import s3fs
+
+        direct = s3fs.S3FileSystem(skip_instance_cache=True, use_listings_cache=False)
+        found = {path.partition("fleet/")[2]: direct.cat_file(path) for path in direct.find(store.path)}
+    return found
+
+
+def is_whole(store):
+    """Whether all that counts can be read."""
+    with suppress(RecordingError, OSError):
+        for rows in store.rows():
+            read_summary(store.recording(rows))
+        return True
+    return False
+
+
+def learned(store, tmp_path):
+    m = learn_from_store(
+        store, min_vehicles=2, tessellation="grid", cell_size=10.0, rng=np.random.default_rng(0)
+    )  # fmt: skip
+    return bytes_of(m, tmp_path / "map.mcap")
+
+
+def test_a_remote_store_holds_what_a_local_one_does_and_gives_the_same_map(here, there, logs, tmp_path):
+    """Control: of other logs it is another map."""
+    added(here, logs, 0, 1), added(there, logs, 1, 0)
+    assert files(there) == files(here)
+    assert Store.open(URL) == there
+    of_both = learned(here, tmp_path)
+    assert learned(Store.open(URL), tmp_path) == of_both
+    added(there, logs, 2)
+    assert learned(there, tmp_path) != of_both
+    there.forget(str(logs / "2.mcap"))
+    assert files(there) == files(here)
+    assert learned(there, tmp_path) == of_both
+
+
+def test_stores_merge_both_ways_and_compact_alike(here, there, logs, tmp_path):
+    added(here, logs, 0, 1), added(there, logs, 1, 2)
+    whole = added(Store.create(tmp_path / "whole", StoreConfig()), logs, 0, 1, 2)
+    back = Store.create(tmp_path / "back", StoreConfig())
+    assert (there.merge(here), there.merge(here)) == (1, 0)
+    assert back.merge(there) == 3
+    assert files(there) == files(back) == files(whole)
+    far_ns = 10**17
+    for store in (there, whole):
+        assert [archive.month for archive in compacted(store, before_ns=far_ns, n_vehicles=2)] == ["1970-01"]
+    assert files(there) == files(whole) != files(back)
+    empty = Store.create(tmp_path / "empty", StoreConfig())
+    assert empty.merge(there) == 3
+    assert files(empty) == files(whole)
+    there.forget(*(entry.url for entry in there.entries()))
+    assert [name for name in files(there) if name != "store.json"] == []
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["refused", "connection lost after it"])
+def test_a_put_that_fails_leaves_nothing_that_counts(there, logs, object_store, monkeypatch, after):
+    """Whichever it is. Control: where a put of half a file were possible, what counts would not be whole."""
+    added(there, logs, 0)
+    kind, put, n = type(object_store), type(object_store)._pipe_file, 0
+    before = files(there)
+    while True:
+        n, left = n + 1, n
+        for name in files(there).keys() - before.keys():
+            object_store.rm_file(f"{URL}/{name}")
+
+        async def failing(files, path, data, **options):
+            nonlocal left
+            left -= 1
+            if left >= 0 or after:
+                await put(files, path, data, **options)
+            if left < 0:
+                raise OSError("connection reset")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(kind, "_pipe_file", failing)
+            try:
+                lines = list(failures(add_logs(there, find_logs([str(logs / "1.mcap")]))))
+            except RecordingError as error:
+                lines = [str(error)]
+        assert is_whole(Store.open(URL))
+        if left >= 0:
+            break
+        assert all("connection reset" in line for line in lines)
+        assert len(lines) == 1
+    assert n == 4  # a recording, a receipt, an entry
+    added(there, logs, 1)
+    whole = files(there)
+    assert whole.keys() - before.keys()
+    (new,) = (name for name in whole.keys() - before.keys() if name.startswith("recordings/"))
+    object_store.pipe_file(f"{URL}/{new}", whole[new][:200])
+    assert not is_whole(Store.open(URL))
+    object_store.rm_file(f"{URL}/{new}")
+    assert not is_whole(Store.open(URL))
+
+
+def test_what_others_write_is_seen_at_once(there, logs, object_store):
+    added(there, logs, 0)
+    other = Store.open(URL)
+    digests = {other.digest}
+    added(there, logs, 1)
+    digests.add(other.digest)
+    (first, _) = other.entries()
+    object_store.pipe_file(f"{URL}/{first.file_of(first.url)}", replace(first, n_rows=7).to_json())
+    assert other.entries()[0].n_rows == 7
+    object_store.rm_file(f"{URL}/{first.file_of(first.url)}")
+    digests.add(other.digest)
+    assert len(digests) == 3
+    assert len(other.entries()) == 1
+
+
+def test_many_known_logs_take_one_request_each_and_no_more_while_they_stay(there, logs, tmp_path, requests):
+    """Control: an entry that changed is fetched again."""
+    n_logs = 120
+    (entry,) = added(there, logs, 0).entries()
+    known = []
+    for i in range(n_logs):
+        path = tmp_path / f"{i}.mcap"
+        path.touch()
+        known.append(replace(entry, url=str(path), size=0, mark=str(path.stat().st_mtime_ns)))
+    there.folder.write({one.file_of(one.url): one.to_json() for one in known})
+    store, found = Store.open(URL), find_logs([str(tmp_path / "*.mcap")])
+    requests.clear()
+    assert add_logs(store, found).known == n_logs
+    few = 20
+    assert requests.pop("get_object") <= n_logs + 1
+    assert requests.total() <= few
+    requests.clear()
+    assert len(store.entries()) == n_logs + 1
+    assert requests == {"list_objects_v2": 1, "get_object": n_logs + 1}
+    requests.clear()
+    assert len(store.entries()) == n_logs + 1
+    assert requests == {"list_objects_v2": 1}
+    there.folder.write({known[5].file_of(known[5].url): replace(known[5], n_rows=1).to_json()})
+    requests.clear()
+    assert sum(one.n_rows for one in store.entries()) == n_logs * entry.n_rows + 1
+    assert requests == {"list_objects_v2": 1, "get_object": 1}
+
+
+def test_a_recording_is_fetched_once_by_a_process_and_leaves_nothing(there, logs, requests, tmp_path, monkeypatch):
+    """Control: where the disk has no room for copies it is fetched each time, and all else is the same."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    added(there, logs, 0, 1, 2)
+    fetched = {}
+    for spare in (0.0, 1.0):
+        monkeypatch.setattr(remote, "SPARE", spare)
+        store = Store.open(URL)
+        sampled(store, [EVERYWHERE], most_rows=10**9, min_vehicles=1)
+        requests.clear()
+        for _ in range(2):
+            sampled(pickle.loads(pickle.dumps(store)), [EVERYWHERE], most_rows=10**9, min_vehicles=1)  # noqa: S301
+        fetched[spare] = requests["get_object"]
+    assert fetched == {0.0: 0, 1.0: 6}
+    remote._known.clear()
+    assert not list(tmp_path.glob("dirprim-*"))
+
+
+def test_workers_add_to_a_remote_store(here, there, logs):
+    pytest.importorskip("distributed")
+    assert len(pickle.dumps(there)) < 1000
+    found = find_logs([str(logs / "*.mcap")])
+    assert not list(failures(add_logs(there, found, workers=LocalWorkers(2))))
+    assert files(there) == files(added(here, logs, 0, 1, 2))
+
+
+def test_commands_take_urls(object_store, logs, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    grid = ["--tessellation", "grid", "--cell-size", "10", "--min-vehicles", "2"]
+    maps = {}
+    for store in ("fleet", URL):
+        assert run(["store", "add", store, str(logs / "0.mcap"), str(logs / "1.mcap")]) == 0
+        assert f"{store}: added 2 logs" in capsys.readouterr().out
+        assert run(["learn", store, "-o", "map.mcap", "--force", *grid]) == 0
+        assert run(["store", "add", store, str(logs / "2.mcap")]) == 0
+        assert run(["update", "map.mcap", store]) == 0
+        assert f"of {store} changed" in capsys.readouterr().out
+        maps[store] = (tmp_path / "map.mcap").read_bytes()
+        assert run(["store", "forget", store, str(logs / "2.mcap")]) == 0
+        assert run(["store", "info", store]) == 0
+        assert f"{store}: 2 logs of 2 recordings" in capsys.readouterr().out
+        assert run(["store", "compact", store, "--before", "1970-02-01"]) == 0
+        assert f"{store}: 1970-01, 2 recordings in " in capsys.readouterr().out
+    assert maps["fleet"] == maps[URL]
+    assert run(["store", "merge", f"{URL}-merged", "fleet"]) == 0
+    assert run(["store", "merge", "copy", f"{URL}-merged"]) == 0
+    assert files(Store.open("copy")) == files(Store.open("fleet"))
+
+
+def test_any_protocol_of_fsspec_serves_and_file_is_a_folder(logs, tmp_path):
+    store = added(Store.create("memory://some/fleet/", StoreConfig()), logs, 0)
+    assert str(store.path) == "memory://some/fleet"
+    assert len(Store.open("memory://some/fleet").entries()) == 1
+    assert is_whole(store)
+    added(Store.create(f"file://{tmp_path}/fleet", StoreConfig()), logs, 0)
+    assert Store.open(tmp_path / "fleet") == Store.open(f"file://{tmp_path}/fleet")
+    store.forget(store.entries()[0].url)
+    with pytest.raises(RecordingError, match="expected a store or an empty folder, found other files"):
+        Store.create("memory://some", StoreConfig())
+
+
+@pytest.mark.parametrize(
+    ("url", "said"),
+    [
+        ("s3://absent/fleet", "s3://absent/fleet: expected a folder that can be written: The specified bucket does"),
+        ("nosuchscheme://fleet", "nosuchscheme://fleet/store.json: expected a folder that can be read: Protocol not"),
+        ("s3://bucket/fl*t", "s3://bucket/fl*t: expected the URL of one store, got a pattern"),
+        ("closed://vault/fleet", "closed://vault/fleet/store.json: expected a folder that can be read: no credentials"),
+    ],
+)
+def test_what_is_wrong_is_one_line_that_names_the_url(object_store, logs, capsys, url, said):
+    import fsspec
+
+    class Closed(fsspec.AbstractFileSystem):
+        protocol = "closed"
+
+        def info(self, path, **_):
+            raise PermissionError("no credentials")
+
+    fsspec.register_implementation("closed", Closed, clobber=True)
+    assert run(["store", "add", url, str(logs / "0.mcap")]) == 1
+    reported = capsys.readouterr().err
+    assert reported.startswith(f"error: {said}")
+    assert reported.count("\n") == 1
+    assert object_store.ls("") == ["bucket"]
+
+
+def test_where_no_store_is_that_is_said(object_store, capsys):
+    assert run(["store", "info", "s3://bucket/none"]) == 1
+    assert "s3://bucket/none: expected a store, found none; make one" in capsys.readouterr().err
+    assert run(["learn", "s3://bucket/none", "-o", "map.mcap"]) == 1
+    assert "s3://bucket/none" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("library", ["fsspec", "s3fs"])
+def test_without_its_library_one_line_says_which_extra_has_it(monkeypatch, library):
+    if library == "s3fs":
+        monkeypatch.delitem(sys.modules["fsspec.registry"]._registry, "s3", raising=False)
+    monkeypatch.setitem(sys.modules, library, None)
+    kind = MissingExtraError if library == "fsspec" else RecordingError
+    with pytest.raises(kind, match=r"s3://bucket/fleet.*dirprim-filter\[fleet\]"):
+        Store.open("s3://bucket/fleet")
+
+
+def test_a_file_far_away_is_only_read(there):
+    with pytest.raises(ValueError, match="mode: expected rb, got 'wb'"):
+        folder_at(URL).file("store.json").open("wb")
