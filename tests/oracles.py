@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy import linalg, sparse, stats
+from scipy.interpolate import CubicHermiteSpline
 from scipy.special import logsumexp
 
 
@@ -58,6 +59,13 @@ def central_differences(track_id, time_ns, position, *, half_window_s, max_gap_s
             span_s[i] = (time_ns[rows[high]] - time_ns[rows[low]]) * 1e-9
             moved[i] = position[rows[high]] - position[rows[low]]
     return moved, span_s
+
+
+def between_rows(time_s, position, direction, speed, at_s):
+    """Where a vehicle is between its rows, its course and its speed: by scipy's splines."""
+    velocity = speed[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+    course = np.interp(at_s, time_s, np.unwrap(direction))
+    return CubicHermiteSpline(time_s, position, velocity)(at_s), course, np.interp(at_s, time_s, speed)
 
 
 def nearest_moving(track_id, time_ns, moves, *, max_gap_s):

@@ -108,24 +108,28 @@ def label_visits(
 
 
 def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
-    """(v,) the mode of each visit among its cell's own: the likeliest, or of who stands the last."""
+    """(v,) the mode of each visit among its cell's own: the likeliest, or of who stands the last.
+
+    Of visits to no cell it says nothing.
+    """
     n_own = primitives.n_own_modes
     moving = likeliest_modes(primitives, visits, range(max(n_own - 1, 1)))
     return np.asarray(np.where(visits.stands, n_own - 1, moving), np.int64)
 
 
 def likeliest_modes(primitives: PrimitiveMap, visits: Visits, modes: range) -> IntArray:
-    """(v,) of some modes, the likeliest of all the instants of each visit together."""
-    direction, speed, of_instant = primitives.direction, primitives.speed, visits.of_instant
+    """(v,) of some modes, the likeliest of all the instants of each visit together; outside of all cells the first."""
+    direction, speed, at = primitives.direction, primitives.speed, visits.inside
+    of_instant = visits.of_instant[at]
     constant = log_weights(direction.weight) - von_mises.log_normaliser(direction.concentration)
     constant += speed.shape * np.log(speed.rate) - gammaln(speed.shape)
-    cell = primitives.tessellation.cell_of(visits.position)
-    east, north = (visits.position - primitives.centers[cell]).T
-    v = np.maximum(visits.speed, 1e-2)
+    cell, course = visits.cell[of_instant], visits.course[at]
+    east, north = (visits.position[at] - primitives.centers[cell]).T
+    v = np.maximum(visits.speed[at], 1e-2)
     total = np.empty((len(modes), len(visits)))
     for m, log_p in zip(modes, total, strict=True):
         bend, gain = primitives.bend[cell, m], primitives.gain[cell, m]
-        off = visits.course - direction.mean_direction[cell, m] - bend[:, 0] * east - bend[:, 1] * north
+        off = course - direction.mean_direction[cell, m] - bend[:, 0] * east - bend[:, 1] * north
         log_gain = gain[:, 0] * east + gain[:, 1] * north
         of_direction = -2.0 * direction.concentration[cell, m] * np.sin(0.5 * off) ** 2
         shape, rate = speed.shape[cell, m], speed.rate[cell, m]

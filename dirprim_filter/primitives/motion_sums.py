@@ -26,6 +26,8 @@ PUSHED_OVER_S = 1.0
 """Seconds, over which a vehicle's own acceleration shows in its speed."""
 STRETCHED_FROM_M = 0.15
 MOST_STRETCH = 0.5
+AT_ONCE = 200_000
+"""Instants that are summed."""
 SLOWEST_COURSE = 0.02
 """Weight of the course of a vehicle that stands; of one that drives 1 m/s or more it is 1."""
 
@@ -96,56 +98,115 @@ class MotionSums(NamedTuple):
             mode: (z,) of each manoeuvre.
             primitives: what its modes say; motion deviates from that.
         """
-        n, of_instant = cell.size, visits.of_instant
-        z = label[of_instant]
-        at = np.append(cell, -1)[z], np.append(mode, 0)[z]  # of those without a manoeuvre any
-        share = 1.0 / (visits.end - visits.begin)[of_instant]
-        driven = share * np.clip(visits.speed, SLOWEST_COURSE, 1.0)
-        mean_direction = primitives.direction.mean_direction[at]
-        mean_speed = primitives.speed.mean[at]
-        offset = visits.position - primitives.centers[at[0]]
-        one = np.ones(z.size)
-        place = np.column_stack([one, offset])
-        of_mode = np.column_stack([mean_direction, primitives.bend[at]])
-        off_course = difference(visits.course, (place * of_mode).sum(axis=1))
-        gained = np.column_stack([np.log(mean_speed + CREEP), pace_field(primitives, *at)])
-        off_pace = np.log(visits.speed + CREEP) - (place * gained).sum(axis=1)
-        cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
-        along = cosine * offset[:, 0] + sine * offset[:, 1]
-        across = cosine * offset[:, 1] - sine * offset[:, 0]
-        state = np.column_stack([place, visits.speed - mean_speed])
-        turn = _change(visits, visits.course, AHEAD_S, is_angle=True)
-        follows = visits.follows() & (label >= 0)
-        follows &= np.append(label[1:] >= 0, np.zeros(min(len(visits), 1), np.bool_))
+        n, of_instant, known = cell.size, visits.of_instant, label >= 0
+        rows = np.flatnonzero(known[of_instant])
+        changes, share = _Changes.of(visits), 1.0 / (visits.end - visits.begin)
+        sums = _InstantSums.none(n)
+        for a in range(0, rows.size, AT_ONCE):
+            at = rows[a : a + AT_ONCE]
+            sums += _InstantSums.of(
+                visits, changes, at, share=share[of_instant[at]], z=label[of_instant[at]], manoeuvres=(cell, mode),
+                primitives=primitives,
+            )  # fmt: skip
+        follows = visits.follows() & known & np.append(known[1:], np.zeros(min(len(visits), 1), np.bool_))
         pair = label[:-1][follows[:-1]], label[1:][follows[:-1]]
-        known = label >= 0
 
         def total(column: FloatArray) -> FloatArray:
             return _totals(label[known], column[known], n)
 
-        def of_instants(weight: FloatArray) -> FloatArray:
-            return _totals(z[z >= 0], weight[z >= 0], n)
-
         return cls(
-            visits=total(np.ones(len(visits))),
-            seconds=total(visits.seconds),
-            left=total(visits.follows().astype(np.float64)),
-            turned=of_instants(np.nan_to_num(driven * turn)),
-            turns=of_instants(np.where(np.isfinite(turn), driven, 0.0)),
-            course=Regression.of(place, off_course, driven, z, n),
-            log_pace=Regression.of(place, off_pace, share, z, n),
-            path=Regression.of(np.column_stack([one, along, along**2]), across, driven, z, n),
-            acceleration=Regression.of(state, _acceleration(visits), share, z, n),
-            pushed=Regression.of(state, _change(visits, visits.speed, PUSHED_OVER_S), share, z, n),
-            stretch=Regression.of(one[:, None], _stretch(visits), share, z, n),
+            total(np.ones(len(visits))), total(visits.seconds), total(visits.follows().astype(np.float64)), *sums,
             transition=csr_array((np.ones(pair[0].size), pair), shape=(n, n)),
-        )
+        )  # fmt: skip
 
     def __add__(self, other: MotionSums) -> MotionSums:  # type: ignore[override]
         return MotionSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
     def __sub__(self, other: MotionSums) -> MotionSums:
         return MotionSums(*(a - b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
+
+
+class _Changes(NamedTuple):
+    """What changes from an instant on, (n,) each; NaN where that is not seen."""
+
+    turn: FloatArray  # radians, in `AHEAD_S`
+    acceleration: FloatArray  # m/s^2, what the speed gains next
+    pushed: FloatArray  # m/s, in `PUSHED_OVER_S`
+    stretch: FloatArray
+
+    @classmethod
+    def of(cls, visits: Visits) -> Self:
+        """Of all instants."""
+        return cls(
+            _change(visits, visits.course, AHEAD_S, is_angle=True), _change(visits, visits.speed, NEXT_S) / NEXT_S,
+            _change(visits, visits.speed, PUSHED_OVER_S), _stretch(visits),
+        )  # fmt: skip
+
+
+class _InstantSums(NamedTuple):
+    """Sums over instants; see `MotionSums`, whose middle they are."""
+
+    turned: FloatArray
+    turns: FloatArray
+    course: Regression
+    log_pace: Regression
+    path: Regression
+    acceleration: Regression
+    pushed: Regression
+    stretch: Regression
+
+    @classmethod
+    def none(cls, n: int) -> Self:
+        """Of n manoeuvres."""
+        empty = np.empty(0)
+        return cls(
+            np.zeros(n), np.zeros(n),
+            *(Regression.of(np.empty((0, p)), empty, empty, empty.astype(np.int64), n) for p in (3, 3, 3, 4, 4, 1)),
+        )  # fmt: skip
+
+    @classmethod
+    def of(
+        cls, visits: Visits, changes: _Changes, at: IntArray, *, share: FloatArray, z: IntArray,
+        manoeuvres: tuple[IntArray, IntArray], primitives: PrimitiveMap,
+    ) -> Self:  # fmt: skip
+        """Of some instants.
+
+        Args:
+            visits: to cells.
+            changes: from all instants on.
+            at: (i,) which instants.
+            share: (i,) of a visit.
+            z: (i,) their manoeuvres.
+            manoeuvres: cell and mode of each, (n,).
+            primitives: as for `MotionSums.of`.
+        """
+        cell, mode = manoeuvres
+        n, speed, there = cell.size, visits.speed[at], (cell[z], mode[z])
+        driven = share * np.clip(speed, SLOWEST_COURSE, 1.0)
+        mean_direction = primitives.direction.mean_direction[there]
+        mean_speed = primitives.speed.shape[there] / primitives.speed.rate[there]
+        offset = visits.position[at] - primitives.centers[there[0]]
+        one = np.ones(z.size)
+        place = np.column_stack([one, offset])
+        of_mode = np.column_stack([mean_direction, primitives.bend[there]])
+        off_course = difference(visits.course[at], (place * of_mode).sum(axis=1))
+        gained = np.column_stack([np.log(mean_speed + CREEP), pace_field(primitives, *there)])
+        off_pace = np.log(speed + CREEP) - (place * gained).sum(axis=1)
+        cosine, sine = np.cos(mean_direction), np.sin(mean_direction)
+        along = cosine * offset[:, 0] + sine * offset[:, 1]
+        across = cosine * offset[:, 1] - sine * offset[:, 0]
+        state = np.column_stack([place, speed - mean_speed])
+        turn, acceleration, pushed, stretch = (column[at] for column in changes)
+        return cls(
+            _totals(z, np.nan_to_num(driven * turn), n), _totals(z, np.where(np.isfinite(turn), driven, 0.0), n),
+            Regression.of(place, off_course, driven, z, n), Regression.of(place, off_pace, share, z, n),
+            Regression.of(np.column_stack([one, along, along**2]), across, driven, z, n),
+            Regression.of(state, acceleration, share, z, n), Regression.of(state, pushed, share, z, n),
+            Regression.of(one[:, None], stretch, share, z, n),
+        )  # fmt: skip
+
+    def __add__(self, other: _InstantSums) -> _InstantSums:  # type: ignore[override]
+        return _InstantSums(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
 
 
 def _totals(label: IntArray, column: FloatArray, n: int) -> FloatArray:
@@ -155,7 +216,7 @@ def _totals(label: IntArray, column: FloatArray, n: int) -> FloatArray:
 
 def pace_field(primitives: PrimitiveMap, cell: IntArray, mode: IntArray) -> FloatArray:
     """(z, 2) 1/m, the field of log(speed + 0.3) that a mode's gain of log speed is."""
-    mean = primitives.speed.mean[cell, mode]
+    mean = primitives.speed.shape[cell, mode] / primitives.speed.rate[cell, mode]
     return np.asarray(primitives.gain[cell, mode] * (mean / (mean + CREEP))[:, None])
 
 
@@ -166,11 +227,6 @@ def _change(visits: Visits, column: FloatArray, seconds: float, *, is_angle: boo
         steps = difference(column[1:], column[:-1])
         column = np.concatenate([[0.0], np.cumsum(steps)])[: column.size]
     return np.where(later >= 0, column[np.maximum(later, 0)] - column, np.nan)
-
-
-def _acceleration(visits: Visits) -> FloatArray:
-    """(n,) m/s^2, what the speed gains next."""
-    return _change(visits, visits.speed, NEXT_S) / NEXT_S
 
 
 def _stretch(visits: Visits) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
+from scipy.cluster.vq import kmeans2, vq
 from scipy.sparse import csr_array
 
 from dirprim_filter.arrays import FloatArray, IntArray
@@ -111,8 +111,7 @@ def _grouped(feature: FloatArray, rng: np.random.Generator) -> IntArray:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "One of the clusters is empty")  # then there are fewer groups
         center, _ = kmeans2(few, k, minit="++", seed=rng)
-    squared = np.square(feature).sum(axis=1)[:, None] - 2.0 * feature @ center.T + np.square(center).sum(axis=1)
-    return np.asarray(np.unique(np.argmin(squared, axis=1), return_inverse=True)[1], np.int64)
+    return np.asarray(np.unique(vq(feature, center)[0], return_inverse=True)[1], np.int64)
 
 
 def _of_groups(label: IntArray, speed: FloatArray, gained: FloatArray, turned: FloatArray) -> dict[str, FloatArray]:

@@ -7,18 +7,17 @@ same cells as one of 10 Hz. A vehicle that stops in a cell makes three visits to
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.primitives._filling import at_steps, time_to_next
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import Tessellation
 
 STEP_S = 0.1
-LONGEST_GAP_S = 1.5
+LONGEST_GAP_NS = 1_500_000_000
 """Between two rows further apart a vehicle's way is not known."""
 SHORTEST_STAND_S = 0.5
 AHEAD_M = ((8.0, 2.0), (16.0, 3.0), (30.0, 5.0))
@@ -82,6 +81,11 @@ class Visits:
         return np.repeat(np.arange(len(self)), self.end - self.begin)
 
     @property
+    def inside(self) -> IntArray:
+        """(i,) the instants in cells."""
+        return np.flatnonzero(np.repeat(self.cell >= 0, self.end - self.begin))
+
+    @property
     def seconds(self) -> FloatArray:
         """(v,) how long each lasts."""
         return np.asarray((self.end - self.begin) * STEP_S)
@@ -134,70 +138,14 @@ class Visits:
 
 def filled_in(rows: TrackRows) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
     """Vehicle, segment, position, course and speed every `STEP_S` from each segment's first row on."""
-    time_s = (rows.time_ns - rows.time_ns[:1].sum()) * 1e-9
-    breaks = np.flatnonzero((np.diff(rows.vehicle) != 0) | (np.diff(time_s) > LONGEST_GAP_S)) + 1
-    bounds = np.concatenate([[0], breaks, [len(rows)]])
-    vehicle, index, share, width, segment = [], [], [], [], []
-    for number, (a, b) in enumerate(pairwise(bounds.tolist())):
-        if b - a < 2:
-            continue
-        instants = np.arange(time_s[a], time_s[b - 1] + 1e-6, STEP_S)
-        before = np.clip(np.searchsorted(time_s[a:b], instants + 1e-9) - 1, 0, b - a - 2) + a
-        step = np.maximum(time_s[before + 1] - time_s[before], 1e-9)
-        index.append(before)
-        share.append(np.minimum((instants - time_s[before]) / step, 1.0))
-        width.append(step)
-        vehicle.append(rows.vehicle[before])
-        segment.append(np.full(before.size, number))
-    if not index:
-        none, nothing = np.empty(0, np.int64), np.empty(0)
-        return none, none, np.empty((0, 2)), nothing, nothing
-    i, u, h = np.concatenate(index), np.concatenate(share), np.concatenate(width)
-    position, course, speed = between(rows, i, i + 1, u, h)
-    return np.concatenate(vehicle), np.concatenate(segment), position, course, speed
-
-
-class MovingRows(Protocol):
-    """Rows of vehicles."""
-
-    @property
-    def position(self) -> FloatArray:
-        """(n, 2) metres."""
-        ...
-
-    @property
-    def direction(self) -> FloatArray:
-        """(n,) radians."""
-        ...
-
-    @property
-    def speed(self) -> FloatArray:
-        """(n,) m/s."""
-        ...
-
-
-def between(
-    rows: MovingRows, before: IntArray, after: IntArray, share: FloatArray, width_s: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, course and speed between rows of a vehicle, by cubic Hermite splines. -> (n, 2), (n,), (n,).
-
-    Args:
-        rows: observations.
-        before: (n,) a row before each instant, or at it.
-        after: (n,) a row after it.
-        share: (n,) of the time between the two that has gone by.
-        width_s: (n,) seconds between the two.
-    """
-    u, h = share[:, None], width_s[:, None]
-    position, direction, speed = rows.position, rows.direction, rows.speed
-    velocity = speed[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
-    place = (
-        (1 + 2 * u) * (1 - u) ** 2 * position[before] + u * (1 - u) ** 2 * h * velocity[before]
-        + u * u * (3 - 2 * u) * position[after] + u * u * (u - 1) * h * velocity[after]
-    )  # fmt: skip
-    turned = (direction[after] - direction[before] + np.pi) % (2.0 * np.pi) - np.pi
-    course = (direction[before] + share * turned + np.pi) % (2.0 * np.pi) - np.pi
-    return place, course, (1 - share) * speed[before] + share * speed[after]
+    order = np.arange(len(rows))
+    apart = time_to_next(order, rows.vehicle, rows.time_ns, LONGEST_GAP_NS)
+    segment = np.cumsum(np.append(0, apart < 0))
+    some = apart >= 0
+    some[1:] |= apart[:-1] >= 0  # a row by itself says nothing
+    row, _, state = at_steps(order[some], apart[some], rows.position, rows.direction, rows.speed, round(STEP_S * 1e9))
+    position, course, speed = (state[:, columns].copy() for columns in (slice(2), 2, 3))
+    return rows.vehicle[row], segment[row], position, course, speed
 
 
 def _stands(segment: IntArray, speed: FloatArray) -> BoolArray:

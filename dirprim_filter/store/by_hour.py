@@ -215,8 +215,7 @@ class _Judged(NamedTuple):
 
 
 def _judged(learned: PrimitiveMap, visits: Visits, clock: _Clock, driven: Driven, here: IntArray) -> _Judged:
-    of_visit = visits.of_instant
-    rows = np.flatnonzero(visits.cell[of_visit] >= 0)
+    of_visit, rows = visits.of_instant, visits.inside
     rows = rows[:: -(-rows.size // MOST_INSTANTS)] if rows.size else rows
     cell, vehicle = visits.cell[of_visit[rows]], visits.vehicle[rows]
     primitive = learned.primitive_at(visits.position[rows])

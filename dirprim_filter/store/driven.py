@@ -29,10 +29,10 @@ class Driven(NamedTuple):
     @classmethod
     def of(cls, learned: PrimitiveMap, visits: Visits, mode: IntArray) -> Self:
         """Of visits, and the mode of each. (v,)."""
-        inside = np.flatnonzero(visits.cell >= 0)
-        of_visit = visits.of_instant
-        usual = _means(learned, visits.position, visits.cell[of_visit], mode[of_visit])
-        ratio = np.bincount(of_visit, visits.speed / usual, len(visits)) / np.maximum(visits.end - visits.begin, 1)
+        inside, at = np.flatnonzero(visits.cell >= 0), visits.inside
+        of_visit = visits.of_instant[at]
+        usual = _means(learned, visits.position[at], visits.cell[of_visit], mode[of_visit])
+        ratio = np.bincount(of_visit, visits.speed[at] / usual, len(visits)) / np.maximum(visits.end - visits.begin, 1)
         ratio = np.where(visits.stands, 1.0, np.clip(ratio, 1.0 / WIDEST_PACE, WIDEST_PACE))
         key = np.column_stack([visits.vehicle[visits.begin], visits.cell, mode])[inside]
         different, row = np.unique(key, axis=0, return_inverse=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.primitives.visits import LONGEST_GAP_S
+from dirprim_filter.primitives.visits import LONGEST_GAP_NS
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import GOLDEN, Visible, is_passed
@@ -190,7 +190,7 @@ class Pieces(NamedTuple):
         breaks = np.append(True, (np.diff(inside.number) != 1) | (np.diff(inside.way) != 0))[: inside.way.size]
         _, row, vehicle = np.unique(inside.way, return_index=True, return_inverse=True)
         time_ns = inside.time_ns + np.cumsum(breaks) * APART_NS
-        apart = (np.diff(vehicle) != 0) | (np.diff((time_ns - time_ns[:1].sum()) * 1e-9) > LONGEST_GAP_S)
+        apart = (np.diff(vehicle) != 0) | (np.diff(time_ns) > LONGEST_GAP_NS)
         first = np.append(0, np.flatnonzero(apart) + 1)[: inside.way.size]
         rows = TrackRows(
             vehicle=vehicle, time_ns=time_ns, position=inside.position, direction=inside.direction,

@@ -14,9 +14,9 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives import _sorting
+from dirprim_filter.primitives._filling import at_steps, time_to_next
 from dirprim_filter.primitives.leader_learning import folds_of
-from dirprim_filter.primitives.visits import LONGEST_GAP_S
-from dirprim_filter.store import _counting
+from dirprim_filter.primitives.visits import LONGEST_GAP_NS
 from dirprim_filter.store.lattice import NONE, Lattice, packed, unpacked
 from dirprim_filter.store.tallies import Tally, ranked, summed_by
 from dirprim_filter.tracks import Tracks
@@ -55,11 +55,11 @@ class Instants(NamedTuple):
         vehicle = tracks.vehicle
         start = np.empty(int(vehicle.max(initial=-1)) + 2, np.int64)
         order = _sorting.sort_by(vehicle, start.size - 1, start)
-        apart = _counting.time_to_next(order, vehicle, tracks.time_ns, int(LONGEST_GAP_S * 1e9))
+        apart = time_to_next(order, vehicle, tracks.time_ns, LONGEST_GAP_NS)
         ticks = _ticks_of(apart[apart >= 0])
         cuts = start[:-1][np.diff(start[:-1] // BLOCK_ROWS, prepend=-1) > 0]
         for a, b in pairwise([*cuts.tolist(), order.size]):
-            row, first, state = _counting.at_steps(
+            row, first, state = at_steps(
                 order[a:b], apart[a:b], tracks.position, tracks.direction, tracks.speed, ticks * TICK_NS
             )
             begins = np.append(True, (first[1:] != first[:-1]))[: first.size]

@@ -1,12 +1,16 @@
 """Visits: a vehicle's runs through one cell each, whatever the rate of its log."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives._clustering import dp_means
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import AHEAD_M, AHEAD_S, GAINED_MPS, GAINED_S, STEP_S, Visits
 from dirprim_filter.tracks import Tracks
+from oracles import between_rows
 from oracles import dp_means as slow_dp_means
 from situations import ring_traffic
 from tessellation import GridTessellation
@@ -64,6 +68,30 @@ def test_instants_of_rows_are_the_rows():
     np.testing.assert_array_equal(visits.begin[1:], visits.end[:-1])
     cell = squares_of(tracks, side=5.0).cell_of(visits.position)
     np.testing.assert_array_equal(visits.cell[visits.of_instant], cell)
+
+
+def test_between_rows_instants_are_on_splines_and_rows_alone_say_nothing():
+    """Vehicles in segments, of which one is a single row, with rows at odd times; instants go no further than rows."""
+    rng = np.random.default_rng(6)
+    tracks = ring_traffic(rng, n_vehicles=4, radius=6.0, n_rows=60, dt_s=0.13)
+    far = (tracks.time_ns > 3e9).astype(np.int64) + (tracks.time_ns > tracks.time_ns.max() - 1e8)
+    tracks = replace(tracks, time_ns=tracks.time_ns + rng.integers(0, 50_000_000, len(tracks)) + far * 4_000_000_000)
+    rows = rows_of_tracks(tracks)
+    visits = Visits.of(rows, squares_of(tracks, side=5.0))
+    breaks = np.flatnonzero((np.diff(rows.vehicle) != 0) | (np.diff(rows.time_ns) > 1_500_000_000)) + 1
+    parts = np.split(np.arange(len(rows)), breaks)
+    assert {part.size == 1 for part in parts} == {True, False}
+    for number, part in enumerate(parts):
+        time_s, own = (rows.time_ns[part] - rows.time_ns[part[0]]) * 1e-9, visits.segment == number
+        at_s = STEP_S * np.arange(np.floor(time_s[-1] / STEP_S) + 1) if part.size > 1 else np.empty(0)
+        assert own.sum() == at_s.size
+        if at_s.size:
+            of = rows.position[part], rows.direction[part], rows.speed[part]
+            place, course, speed = between_rows(time_s, *of, at_s)
+            np.testing.assert_allclose(visits.position[own], place, atol=1e-9)
+            np.testing.assert_allclose(difference(visits.course[own], course), 0.0, atol=1e-9)
+            np.testing.assert_allclose(visits.speed[own], speed, atol=1e-9)
+            assert (visits.vehicle[own] == rows.vehicle[part[0]]).all()
 
 
 def braking(stand_s):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from dirprim_filter.config import LearningConfig
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.primitives.visits import between
 from dirprim_filter.store import tallies
 from dirprim_filter.store.lattice import NONE, Lattice
 from dirprim_filter.store.pseudo_tracks import pseudo_tracks
@@ -17,6 +17,7 @@ from dirprim_filter.store.steps import HOUR_NS, TICK_NS, Instants, unpacked_when
 from dirprim_filter.store.summary import LEADER_UNIT, Summary
 from dirprim_filter.store.tallies import Tally
 from dirprim_filter.tracks import Tracks
+from oracles import between_rows
 from situations import ring_traffic
 
 N_RECORDINGS = 100
@@ -196,7 +197,7 @@ def test_positions_beyond_the_lattice_are_refused():
 
 
 def test_steps_are_those_of_splines_between_rows():
-    """Wherever steps fall between rows, around a turn through south-west and beside a gap; `between` is the oracle."""
+    """Wherever steps fall between rows, around a turn through south-west and beside a gap."""
     rng = np.random.default_rng(0)
     tracks = ring_traffic(rng, n_vehicles=3, radius=6.0, n_rows=40, dt_s=0.13)
     time_ns = tracks.time_ns + rng.integers(0, 50_000_000, len(tracks)) + (tracks.time_ns > 3e9) * 4_000_000_000
@@ -207,12 +208,12 @@ def test_steps_are_those_of_splines_between_rows():
         own = tracks[tracks.vehicle == vehicle]
         for part in np.split(np.arange(len(own)), np.flatnonzero(np.diff(own.time_ns) > 1_500_000_000) + 1):
             at = np.arange(own.time_ns[part[0]], own.time_ns[part[-1]] + 1, seen.ticks * TICK_NS)
-            row = np.clip(np.searchsorted(own.time_ns, at, side="right") - 1, part[0], part[-2])
-            width_s = (own.time_ns[row + 1] - own.time_ns[row]) * 1e-9
-            place, course, speed = between(own, row, row + 1, (at - own.time_ns[row]) * 1e-9 / width_s, width_s)
+            place, course, speed = between_rows(
+                own.time_ns[part] * 1e-9, own.position[part], own.direction[part], own.speed[part], at * 1e-9
+            )
             rows = slice(n, n + at.size)
             np.testing.assert_allclose(seen.position[rows], place, atol=1e-9)
-            np.testing.assert_allclose(seen.direction[rows], course, atol=1e-9)
+            np.testing.assert_allclose(difference(seen.direction[rows], course), 0.0, atol=1e-9)
             np.testing.assert_allclose(seen.speed[rows], speed, atol=1e-9)
             np.testing.assert_array_equal(np.flatnonzero(seen.begins[rows]), [0])
             assert (seen.vehicle[rows] == vehicle).all()
