@@ -13,6 +13,7 @@ from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Worlds
 from dirprim_filter.filtering.measurements import FASTEST, MOST_SPREADS
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.sight import Sight
 
 SPARE_M = 250.0
 """What is loaded reaches farther by that, so that vehicles come to its end only now and then."""
@@ -33,7 +34,7 @@ class Tiles(Protocol):
         ...
 
     def tiles_with(self, cell: IntArray) -> IntArray:
-        """The tiles that have some cells (n,)."""
+        """The tiles of the last part that have some cells (n,)."""
         ...
 
     def part(self, tiles: IntArray) -> PrimitiveMap:
@@ -42,27 +43,34 @@ class Tiles(Protocol):
 
 
 class NearbyMap:
-    """A map, or the part of it that tracking needs now: estimates are those by the whole, to the last bit.
+    """A map, or the part of it that tracking needs now.
 
     Held are the tiles of all ground where a particle may come until the frame: as far as vehicles drive since their
-    last measurement. Nothing is held of where none is left.
+    last measurement. Nothing is held of where none is left. So what is believed of a vehicle's place is what the whole
+    map says, to the last bit; but how probably it exists depends a little on how many vehicles are expected where, and
+    of those that come from what is not held no more is known than how many there are on average.
 
     Args:
         source: the map; or its tiles.
         ahead_s: seconds beyond a frame for which vehicles are moved on, as in forecasts.
         noise_m: standard deviation of a detection that says none.
+        sight: of the sensor, where it does not see everywhere: held as well, for where nothing is seen no frame thins
+            out who came before.
 
     Attributes:
         part: what is held now.
         followers: called when that changes.
     """
 
-    def __init__(self, source: PrimitiveMap | Tiles, *, ahead_s: float, noise_m: float) -> None:
+    def __init__(
+        self, source: PrimitiveMap | Tiles, *, ahead_s: float, noise_m: float, sight: Sight | None = None
+    ) -> None:
         self._tiles = None if isinstance(source, PrimitiveMap) else source
         self._held = np.empty(0, np.int64)
         self.part = source if isinstance(source, PrimitiveMap) else source.part(self._held)
         self.followers: list[Callable[[PrimitiveMap], None]] = []
         self._ahead_m, self._noise_m = FASTEST * ahead_s, noise_m
+        self._sight = np.empty((0, 4)) if sight is None else sight.boxes
 
     def tell(self, follower: Callable[[PrimitiveMap], None]) -> None:
         """Tell what is held, now and whenever it changes."""
@@ -84,7 +92,7 @@ class NearbyMap:
 
     def _follow(self, seen: Detections, tiles: Tiles, worlds: Worlds) -> None:
         time_ns, reach = int(seen.time_ns[-1]), tiles.margin_m + self._ahead_m
-        ground = np.vstack([worlds.ground(time_ns), self._beginnings(seen)])
+        ground = np.vstack([worlds.ground(time_ns), self._beginnings(seen), self._sight])
         if np.isin(_on(tiles.box, ground, reach), self._held).all():
             return
         near = _on(tiles.box, ground, reach + SPARE_M)

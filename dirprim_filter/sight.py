@@ -58,6 +58,11 @@ class Sight:
                 raise ValueError(f"{expected}, got {polygon!r} for one")
         return cls(tuple(tuple((float(x), float(y)) for x, y in polygon) for polygon in value))
 
+    @property
+    def boxes(self) -> FloatArray:
+        """(n, 4) west, south, east and north of each polygon, metres."""
+        return np.array([np.append(np.min(polygon, axis=0), np.max(polygon, axis=0)) for polygon in self.polygons])
+
     def sees(self, position: FloatArray) -> BoolArray:
         """(..., 2) -> (...) whether positions are in a polygon, by how often a ray eastwards leaves it (even-odd)."""
         inside = np.zeros(position.shape[:-1], np.bool_)

@@ -140,8 +140,9 @@ def track(
         clutter_density=clutter_density, interaction=interaction and interaction.value, sensor=sensing,
     )  # fmt: skip
     nearby = NearbyMap(
-        open_map(map_file), ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=knobs.noise_m
-    )
+        open_map(map_file), ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=knobs.noise_m,
+        sight=None if sensing is None else sensing.sight,
+    )  # fmt: skip
     stride = particle_stride or max(knobs.n_particles // PARTICLES_WRITTEN, 1)
     stream = reading.detections(log, motion=motion)
     watched = save is not None or spawn or connect is not None or serve

@@ -71,13 +71,11 @@ class ParticleFilter:
         self._primitives = primitive_map.compiled()
 
     def _end_journeys_by(self, primitive_map: PrimitiveMap) -> None:
-        part = primitive_map.part
-        self._has_cells = part is not None or primitive_map.tessellation.n_cells > 0
+        self._has_cells = primitive_map.part is not None or primitive_map.tessellation.n_cells > 0
         self.traffic = Traffic.of(primitive_map)
         self._ends = np.zeros(len(primitive_map.motion))
         if self.traffic is not None:
-            ends = self.traffic.ends if part is None else self.traffic.ends[part.manoeuvre]
-            self._ends[: ends.size] = ends
+            self._ends[: self.traffic.ends.size] = self.traffic.ends
 
     def move_to(self, primitive_map: PrimitiveMap) -> None:
         """Go on by another part of the same map, with the cells `in_use`; beliefs stay, with other numbers."""

@@ -3,20 +3,31 @@
 They are a Poisson process, thinned by each frame that did not show them. In the first frame they are all vehicles,
 where traffic is dense; later mostly those that have just begun their journey, where journeys begin.
 
+No detection changes them, and where the sensor sees frames soon thin out what was before: so of a place that is loaded
+while it tracks they follow from the last frames.
+
 Source: Williams, Marginal Multi-Bernoulli Filters: RFS Derivation of MHT, JIPDA, and Association-Based MeMBer, 2015.
 """
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.primitives.part import renumbered
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sight import Sight
 
 N_FIXED_POINT = 30
 """Steps of expectation maximisation towards the traffic's level, which rises to it; a few do where few are doubtful."""
+
+FORGOTTEN = 1e-9
+"""Share of the vehicles in sight that the frames which are remembered left undetected, or less."""
+MOST_FRAMES = 300
+"""Frames remembered at most, where few vehicles in sight are detected."""
 
 
 class Undetected:
@@ -42,11 +53,15 @@ class Undetected:
     ) -> None:  # fmt: skip
         self._traffic, self._config, self._noise = traffic, config, noise
         self._learns_level = learns_level and traffic is not None
-        area = 0.0 if traffic is None else float(traffic.area.sum())
+        area = 0.0 if traffic is None else traffic.total_area
         self._n_found = 1.0
         self._n_expected = 1.0 / (config.vehicle_density * area) if area > 0 else 1.0
-        self._share, self._anywhere = self._at_first()
-        self._seen = config.detection_probability * _in_sight(traffic, sight)
+        self._sight = sight
+        n_frames = min(np.log(FORGOTTEN) / np.log1p(-config.detection_probability), MOST_FRAMES)
+        self._past: deque[tuple[float, bool]] = deque(maxlen=2 * int(np.ceil(n_frames)))  # seconds, or a frame
+        self._share: FloatArray
+        self._begin()
+        self._seen = self._seen_of(traffic)
 
     @property
     def level(self) -> float:
@@ -54,15 +69,25 @@ class Undetected:
         return self._n_found / self._n_expected if self._traffic is not None else float("nan")
 
     def move_to(self, traffic: Traffic | None) -> None:
-        """Go on by the same traffic, located in another part of its map."""
-        self._traffic = traffic
+        """Go on by the traffic of another part of the same map, of what is new there by the frames remembered."""
+        former, self._traffic = self._traffic, traffic
+        if former is None or traffic is None:
+            return
+        known = self._share
+        self._share, self._seen = traffic.present.copy(), self._seen_of(traffic)
+        for dt_s, is_frame in self._past:
+            self._share = (1.0 - self._seen) * self._share if is_frame else traffic.later(self._share, dt_s)
+        at = renumbered(traffic.number, former.number)
+        stays = np.flatnonzero(at >= 0)
+        self._share[stays] = known[at[stays]]
 
     def advance(self, dt_s: float) -> None:
         """Predict by so many seconds; after a pause in which all tracks ended no vehicle counts as detected."""
         if dt_s > self._noise.max_gap_s:
-            self._share, self._anywhere = self._at_first()
+            self._begin()
         elif self._traffic is not None:
             self._share = self._traffic.later(self._share, dt_s)
+            self._past.append((dt_s, False))
 
     def first_detections(self, position: FloatArray) -> FloatArray:
         """(n, 2) -> (n,) expected density of first detections there in this frame, per square metre."""
@@ -83,13 +108,25 @@ class Undetected:
                 self._n_found = found + float((self.level * per_level / any_cause).sum())
         expected = self._density(per_level)
         self._share = (1.0 - self._seen) * self._share
+        self._past.append((0.0, True))
         self._anywhere *= 1.0 - self._config.detection_probability
         return expected
 
-    def _at_first(self) -> tuple[FloatArray, float]:
-        """Before the first frame: (z,) of one vehicle on the map, and anywhere, per square metre."""
-        share = np.empty(0) if self._traffic is None else self._traffic.present
-        return share, self._config.vehicle_density
+    def _begin(self) -> None:
+        """As before the first frame: all of one vehicle on the map, and as many as anywhere."""
+        self._share = np.empty(0) if self._traffic is None else self._traffic.present
+        self._anywhere = self._config.vehicle_density
+        self._past.clear()
+
+    def _seen_of(self, traffic: Traffic | None) -> FloatArray:
+        """(z,) probability that a frame shows a vehicle of each manoeuvre; (1,) if it is the same of all.
+
+        What is in sight is held of a map in parts: what is elsewhere is not.
+        """
+        p = self._config.detection_probability
+        if traffic is None or self._sight is None:
+            return np.full(1, p)
+        return np.asarray(p * np.append(self._sight.sees(traffic.tessellation.centers), False)[traffic.cell])
 
     def _per_level(self, position: FloatArray) -> FloatArray:
         """(n, 2) -> (n,) first detections per square metre where the level is 1."""
@@ -103,10 +140,3 @@ class Undetected:
             found = self._config.detection_probability * self._anywhere
             return np.full(per_level.size, self._config.birth_density + found)
         return np.asarray(self._config.birth_density + self.level * per_level)
-
-
-def _in_sight(traffic: Traffic | None, sight: Sight | None) -> FloatArray:
-    """(z,) 1 for the manoeuvres of cells whose centre is in sight, 0 for the others; (1,) if all are."""
-    if traffic is None or sight is None:
-        return np.ones(1)
-    return sight.sees(traffic.center)[traffic.cell].astype(np.float64)

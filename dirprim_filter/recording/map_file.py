@@ -1,30 +1,35 @@
-"""A map file: an MCAP log with `/dirprim/map`, a message for each tile of cells, and a drawing of them for Foxglove."""
+"""A map file: an MCAP log with `/dirprim/map`, a message for each tile of cells, a summary and a drawing of them."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
+from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.damage import Damage
-from dirprim_filter.recording.container.log import scan
+from dirprim_filter.recording.container.log import FilePass, Log, Scan
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.log_writer import LogWriter
+from dirprim_filter.recording.schemas.map_summary import MapSummary, add_tile, summary_of
 from dirprim_filter.recording.schemas.map_tiles import encode_tiles
-from dirprim_filter.recording.schemas.tiled_map import TiledMap
+from dirprim_filter.recording.schemas.tiled_map import TiledMap, places_in, whole_map
 
 logger = logging.getLogger(__name__)
 
 MAP_SCHEMA = "dirprim.PrimitiveMap"
+SUMMARY_SCHEMA = "dirprim.MapSummary"
 Made = TypeVar("Made")
 
 
@@ -48,9 +53,13 @@ def save_map(
         OSError: the file cannot be written.
     """
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
+        summary = summary_of(primitive_map)
         for tile in encode_tiles(primitive_map):
             log.write(topic_names.MAP, tile, 0)  # a map holds at no time of its own
             log.end_chunk()  # a tile can be read by itself
+            add_tile(summary, tile)
+        log.write(topic_names.MAP_SUMMARY, summary, 0)
+        log.end_chunk()
         origin = origin_of(view_of(primitive_map))
         log.write(topic_names.TRANSFORM, scene_transform(0, origin), 0)
         log.write(topic_names.MAP_SCENE, map_scene(primitive_map, 0, origin), 0)
@@ -93,13 +102,12 @@ class MapFile(AbstractContextManager["MapFile"]):
         path: the MCAP file.
 
     Raises:
-        RecordingError: the file is no map, or a part of it is missing or broken.
-        OSError: the file cannot be read.
+        RecordingError: the file is no MCAP log.
+        OSError: it cannot be read.
     """
 
     def __init__(self, path: str | Path) -> None:
         self._messages = _Messages(path)
-        self._tiles = self._messages.read(lambda: TiledMap(self._messages))
 
     def __exit__(self, *_: object) -> None:
         self._messages.close()
@@ -107,21 +115,21 @@ class MapFile(AbstractContextManager["MapFile"]):
     @property
     def is_large(self) -> bool:
         """Whether it pays to read some tiles alone."""
-        return self._tiles.is_large
+        return self._tiles is not None and self._tiles.is_large
 
     @property
     def box(self) -> FloatArray:
-        """(n_tiles, 4) see `TiledMap`."""
-        return self._tiles.box
+        """(n_tiles, 4) see `MapSummary`."""
+        return self._in_tiles.summary.box
 
     @property
     def margin_m(self) -> float:
         """What is at a place depends on no cells farther from it than that."""
-        return self._tiles.margin_m
+        return self._in_tiles.margin_m
 
     def tiles_with(self, cell: IntArray) -> IntArray:
-        """The tiles that have some cells (n,), ascending."""
-        return self._tiles.tiles_with(cell)
+        """The tiles of the last part that have some cells (n,), ascending."""
+        return self._in_tiles.tiles_with(cell)
 
     def whole(self) -> PrimitiveMap:
         """The map.
@@ -129,7 +137,7 @@ class MapFile(AbstractContextManager["MapFile"]):
         Raises:
             RecordingError: the file is broken.
         """
-        primitive_map = self._messages.read(self._tiles.whole)
+        primitive_map = self._messages.read(lambda: whole_map(self._messages))
         if self._messages.damage:
             logger.warning(
                 "%s: the map is whole, but the file is damaged: %s", self._messages.path, self._messages.damage[0]
@@ -142,7 +150,26 @@ class MapFile(AbstractContextManager["MapFile"]):
         Raises:
             RecordingError: the file is broken.
         """
-        return self._messages.read(lambda: self._tiles.part(tiles))
+        return self._messages.read(lambda: self._in_tiles.part(tiles))
+
+    @cached_property
+    def _tiles(self) -> TiledMap | None:
+        """By the map's summary; None without one, as in a file that is damaged there."""
+        return self._messages.read(self._by_summary)
+
+    def _by_summary(self) -> TiledMap | None:
+        messages = self._messages
+        if (data := messages.summary()) is None:
+            return None
+        summary = MapSummary.decoded(data)
+        n = len(summary.box)
+        return TiledMap(messages, summary, np.arange(n) if messages.are_one_each(n) else places_in(messages, n))
+
+    @property
+    def _in_tiles(self) -> TiledMap:
+        if self._tiles is None:
+            raise RecordingError(f"{self._messages.path}: has no summary of its tiles: it can only be read whole")
+        return self._tiles
 
 
 class _Messages:
@@ -156,14 +183,28 @@ class _Messages:
     def __init__(self, path: str | Path) -> None:
         self.path = path
         self.damage: list[Damage] = []
-        # Of its topic alone: the drawing of a city is many times as large as what it is drawn from.
-        self._scan = scan(path, topics=topic_names.MAP.__eq__)
+        # Of its topics alone: the drawing of a city is many times as large as what it is drawn from.
+        log = Log(path)
+        self._scan, self._summaries = (Scan(log, of.__eq__) for of in (topic_names.MAP, topic_names.MAP_SUMMARY))
         self._numbers: dict[int, range] = {}  # of the messages of each chunk
         self._any = False
 
     def close(self) -> None:
         """Let go of the file."""
         self._scan.close()
+
+    def summary(self) -> bytes | None:
+        """The message that says what is in the others, if there is one that is whole."""
+        found = [message.data for message in self._summaries if message.schema_name == SUMMARY_SCHEMA]
+        self._any = self._any or bool(found)
+        return found[0] if found and not self._summaries.damage else None
+
+    def are_one_each(self, n: int) -> bool:
+        """Whether there are as many chunks, as `save_map` writes them; each is then taken for one message."""
+        if len(self._chunks()) != n:
+            return False
+        self._numbers = {i: range(i, i + 1) for i in range(n)}
+        return True
 
     def __iter__(self) -> Iterator[bytes]:
         for _, data in self._numbered(None):
@@ -175,9 +216,8 @@ class _Messages:
         return (data for number, data in self._numbered(numbers) if number in numbers)
 
     def _numbered(self, wanted: set[int] | None) -> Iterator[tuple[int, bytes]]:
-        files, number = self._scan.by_file(), 0
-        chunks = [(file, chunk) for file in files for chunk in file.outline.chunks if not file.is_beside(chunk)]
-        for i, (file, chunk) in enumerate(chunks):
+        number = 0
+        for i, (file, chunk) in enumerate(self._chunks()):
             if wanted is None or not wanted.isdisjoint(self._numbers[i]):
                 first = number
                 for message in file.messages(chunk).messages():
@@ -188,6 +228,10 @@ class _Messages:
                 self._numbers[i] = range(first, number)
             number = self._numbers[i].stop
         self.damage = self.damage or list(self._scan.damage)
+
+    def _chunks(self) -> list[tuple[FilePass, Chunk]]:
+        files = self._scan.by_file()
+        return [(file, chunk) for file in files for chunk in file.outline.chunks if not file.is_beside(chunk)]
 
     def read(self, decode: Callable[[], Made]) -> Made:
         """What is made of them.

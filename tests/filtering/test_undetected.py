@@ -23,16 +23,18 @@ def road(n_cells=4, side=20.0):
     cells = GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n_cells, n_y=1, square=np.arange(n_cells))
     return Traffic(
         present=np.full(n_cells, 1.0 / n_cells), begins=np.eye(n_cells)[0] / (n_cells * STAY_S),
-        ends=np.eye(n_cells)[-1] / STAY_S, flow=csr_array(flow), cell=np.arange(n_cells), area=cells.area,
-        center=cells.centers, tessellation=cells, number=np.append(np.arange(n_cells), -1),
+        ends=np.eye(n_cells)[-1] / STAY_S, flow=csr_array(flow), cell=np.arange(n_cells), number=np.arange(n_cells),
+        area=np.append(cells.area, 0.0), tessellation=cells, total_area=cells.area.sum(),
     )  # fmt: skip
 
 
 def seen_in(traffic, rng, *, level, clutter):
     """First detections of a Poisson number of vehicles where traffic is, and false ones among them."""
     side = np.sqrt(traffic.area[0])
-    n, n_false = rng.poisson(level), rng.poisson(clutter * traffic.area.sum())
-    cell = np.append(rng.choice(traffic.cell, n, p=traffic.present), rng.integers(0, traffic.area.size, n_false))
+    n, n_false = rng.poisson(level), rng.poisson(clutter * traffic.total_area)
+    cell = np.append(
+        rng.choice(traffic.cell, n, p=traffic.present), rng.integers(0, traffic.tessellation.n_cells, n_false)
+    )
     return np.column_stack([side * (cell + rng.random(cell.size)), side * rng.random(cell.size)])
 
 
@@ -60,10 +62,10 @@ def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinn
     undetected, share, b = Undetected(traffic, config, KNOBS), traffic.present, traffic.begins
     generator = np.zeros((5, 5))
     generator[:4, :4], generator[:4, 4] = traffic.flow.toarray(), b
-    level = config.vehicle_density * traffic.area.sum()
+    level = config.vehicle_density * traffic.total_area
     centers = traffic.tessellation.centers
     for _ in range(4):
-        expected = config.birth_density + 0.6 * level * share / traffic.area
+        expected = config.birth_density + 0.6 * level * share / traffic.tessellation.area
         np.testing.assert_allclose(undetected.first_detections(centers), expected, rtol=0.03)
         undetected = thinned(undetected, level)
         share = (expm(generator * 0.2) @ np.append(0.4 * share, 1.0))[:4]
@@ -93,7 +95,7 @@ def test_the_level_is_learned_from_vehicles_and_not_from_clutter():
     assert levels[0.0] < 4.0
     stays = Undetected(traffic, config, KNOBS, learns_level=False)
     stays.see(seen_in(traffic, np.random.default_rng(0), level=40.0, clutter=0.0))
-    assert stays.level == pytest.approx(config.vehicle_density * traffic.area.sum())
+    assert stays.level == pytest.approx(config.vehicle_density * traffic.total_area)
 
 
 def test_after_a_pause_everybody_is_undetected_again_and_without_a_map_frames_thin_alike():

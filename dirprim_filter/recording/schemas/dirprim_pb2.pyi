@@ -147,7 +147,7 @@ class Leader(_message.Message):
     def __init__(self, gain: _Optional[_Iterable[float]] = ..., push: _Optional[float] = ..., trust: _Optional[float] = ..., start_rate: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Motion(_message.Message):
-    __slots__ = ("number", "cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "curvature", "first", "following", "count", "course_rate", "strength", "leader", "spread")
+    __slots__ = ("number", "cell", "mode", "visits", "seconds", "course", "bend_east", "bend_north", "course_spread", "log_pace", "gain_east", "gain_north", "log_pace_spread", "path_offset", "path_slope", "path_curvature", "path_spread", "path_direction", "acceleration", "acceleration_east", "acceleration_north", "acceleration_speed", "push", "stretch", "start_rate", "turn_ahead", "curvature", "first", "following", "count", "arrived", "course_rate", "strength", "leader", "spread")
     NUMBER_FIELD_NUMBER: _ClassVar[int]
     CELL_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
@@ -178,6 +178,7 @@ class Motion(_message.Message):
     FIRST_FIELD_NUMBER: _ClassVar[int]
     FOLLOWING_FIELD_NUMBER: _ClassVar[int]
     COUNT_FIELD_NUMBER: _ClassVar[int]
+    ARRIVED_FIELD_NUMBER: _ClassVar[int]
     COURSE_RATE_FIELD_NUMBER: _ClassVar[int]
     STRENGTH_FIELD_NUMBER: _ClassVar[int]
     LEADER_FIELD_NUMBER: _ClassVar[int]
@@ -212,11 +213,12 @@ class Motion(_message.Message):
     first: _containers.RepeatedScalarFieldContainer[int]
     following: _containers.RepeatedScalarFieldContainer[int]
     count: _containers.RepeatedScalarFieldContainer[float]
+    arrived: _containers.RepeatedScalarFieldContainer[float]
     course_rate: float
     strength: float
     leader: Leader
     spread: float
-    def __init__(self, number: _Optional[_Iterable[int]] = ..., cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., curvature: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ..., leader: _Optional[_Union[Leader, _Mapping]] = ..., spread: _Optional[float] = ...) -> None: ...
+    def __init__(self, number: _Optional[_Iterable[int]] = ..., cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., curvature: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., arrived: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ..., leader: _Optional[_Union[Leader, _Mapping]] = ..., spread: _Optional[float] = ...) -> None: ...
 
 class Schedule(_message.Message):
     __slots__ = ("by", "zone", "flow", "pace")
@@ -343,3 +345,39 @@ class PrimitiveMap(_message.Message):
     schedule: Schedule
     refit: Refit
     def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., n_borrowed_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cell: _Optional[_Iterable[int]] = ..., area: _Optional[_Iterable[float]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., ahead: _Optional[_Iterable[int]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., place_free_motion: _Optional[_Union[Motion, _Mapping]] = ..., schedule: _Optional[_Union[Schedule, _Mapping]] = ..., refit: _Optional[_Union[Refit, _Mapping]] = ...) -> None: ...
+
+class MapSummary(_message.Message):
+    __slots__ = ("version", "shared", "tiles", "n_cells", "n_manoeuvres", "traffic")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    SHARED_FIELD_NUMBER: _ClassVar[int]
+    TILES_FIELD_NUMBER: _ClassVar[int]
+    N_CELLS_FIELD_NUMBER: _ClassVar[int]
+    N_MANOEUVRES_FIELD_NUMBER: _ClassVar[int]
+    TRAFFIC_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    shared: PrimitiveMap
+    tiles: _containers.RepeatedCompositeFieldContainer[TileSummary]
+    n_cells: int
+    n_manoeuvres: int
+    traffic: Traffic
+    def __init__(self, version: _Optional[int] = ..., shared: _Optional[_Union[PrimitiveMap, _Mapping]] = ..., tiles: _Optional[_Iterable[_Union[TileSummary, _Mapping]]] = ..., n_cells: _Optional[int] = ..., n_manoeuvres: _Optional[int] = ..., traffic: _Optional[_Union[Traffic, _Mapping]] = ...) -> None: ...
+
+class TileSummary(_message.Message):
+    __slots__ = ("box", "ahead")
+    BOX_FIELD_NUMBER: _ClassVar[int]
+    AHEAD_FIELD_NUMBER: _ClassVar[int]
+    box: Box
+    ahead: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, box: _Optional[_Union[Box, _Mapping]] = ..., ahead: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class Traffic(_message.Message):
+    __slots__ = ("area", "seconds", "begun", "end_rate")
+    AREA_FIELD_NUMBER: _ClassVar[int]
+    SECONDS_FIELD_NUMBER: _ClassVar[int]
+    BEGUN_FIELD_NUMBER: _ClassVar[int]
+    END_RATE_FIELD_NUMBER: _ClassVar[int]
+    area: float
+    seconds: float
+    begun: float
+    end_rate: float
+    def __init__(self, area: _Optional[float] = ..., seconds: _Optional[float] = ..., begun: _Optional[float] = ..., end_rate: _Optional[float] = ...) -> None: ...

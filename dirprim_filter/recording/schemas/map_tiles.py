@@ -14,13 +14,14 @@ from scipy.sparse import csr_array
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.schedule import STEPS_AHEAD, Schedule
+from dirprim_filter.primitives.traffic import Passages
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.motion_columns import encode_manoeuvres, encode_place_free, ranges
 from dirprim_filter.recording.schemas.refit_message import encode_refit
 from tessellation import GridTessellation, VoronoiTessellation
 from tessellation.tiles import Tile, tiles_of
 
-VERSION = 3
+VERSION = 4
 """Of the messages; a map of another version has other tiles."""
 TILE_M = 1000.0
 """Side of a tile, about: a vehicle is on one of them, at most on four, and a city has hundreds."""
@@ -54,7 +55,7 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
         "gain_east": primitive_map.gain[..., 0],
         "gain_north": primitive_map.gain[..., 1],
     }
-    motion, area = primitive_map.motion, tessellation.area
+    motion, area, arrived = primitive_map.motion, tessellation.area, Passages.of(primitive_map).arrived
     of_grid = isinstance(tessellation, GridTessellation)
     tiles = [part for tile in tiles_of(tessellation, TILE_M) for part in _not_too_large(tile, of_grid)] or [_NOTHING]
     begin = np.searchsorted(motion.cell[: motion.n_placed], np.arange(tessellation.n_cells + 1))
@@ -75,7 +76,7 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
             ahead=ahead[i].tolist(),
             cells=_encode_rows(columns, primitive_map.n_rows, tile.cell),
             place_free=place_free,
-            motion=encode_manoeuvres(motion, ranges(begin, tile.cell)[0]),
+            motion=encode_manoeuvres(motion, ranges(begin, tile.cell)[0], arrived),
             place_free_motion=encode_place_free(motion),
             schedule=_encode_schedule(primitive_map.schedule, tile.cell),
             refit=encode_refit(primitive_map.refit) if i == 0 else None,

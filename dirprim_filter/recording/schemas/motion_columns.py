@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, IntArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES, LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.recording.schemas import dirprim_pb2
@@ -27,16 +27,24 @@ KNOBS = ("course_rate", "strength", "spread", "leader")
 COLUMNS = tuple(field.name for field in dirprim_pb2.Motion.DESCRIPTOR.fields if field.name not in KNOBS)
 """What there is of each manoeuvre or transition."""
 INTEGERS = ("number", "cell", "mode", "first", "following")
+OF_TRANSITIONS = ("following", "count")
 ALL = (*INTEGERS, *FLOATS, "count")
 """The attributes of `Motion` that these are, and `number`: which manoeuvres of the map they are of."""
 
 
-def encode_manoeuvres(motion: Motion, number: IntArray) -> dirprim_pb2.Motion:
-    """Some manoeuvres (n,), ascending, and the transitions from them; without what all share."""
+def encode_manoeuvres(motion: Motion, number: IntArray, arrived: FloatArray) -> dirprim_pb2.Motion:
+    """Some manoeuvres (n,), ascending, and the transitions from them; without what all share.
+
+    Args:
+        motion: of the map.
+        number: which.
+        arrived: (z,) of each manoeuvre of a place, how many visits followed that of another.
+    """
     following, first = ranges(motion.first, number)
     columns: dict[str, AnyArray] = {
         "number": number, "cell": motion.cell[number], "mode": motion.mode[number], "first": first[:-1],
         "following": motion.following[following], "count": motion.count[following],
+        "arrived": np.append(arrived, 0.0)[np.minimum(number, arrived.size)],
     }  # fmt: skip
     for name in FLOATS:
         fields = FIELDS.get(name, (name,))
@@ -52,7 +60,7 @@ def ranges(first: IntArray, of: IntArray) -> tuple[IntArray, IntArray]:
 
 def encode_place_free(motion: Motion) -> dirprim_pb2.Motion:
     """The place-free manoeuvres, and what all manoeuvres share."""
-    message = encode_manoeuvres(motion, np.arange(motion.n_placed, len(motion)))
+    message = encode_manoeuvres(motion, np.arange(motion.n_placed, len(motion)), np.zeros(motion.n_placed))
     message.MergeFrom(dirprim_pb2.Motion(
         course_rate=motion.course_rate,
         strength=motion.strength,
@@ -68,13 +76,13 @@ def motion_columns(part: dirprim_pb2.Motion, names: Iterable[str] = ALL) -> dict
     Raises:
         DecodeError: columns of a wrong length.
     """
-    n = {name: len(part.following if name in ("following", "count") else part.cell) for name in ALL}
     columns: dict[str, AnyArray] = {}
     for name in names:
+        n = len(part.following if name in OF_TRANSITIONS else part.cell)
         if name in INTEGERS:
-            columns[name] = ints_of(part, name, n[name])
+            columns[name] = ints_of(part, name, n)
         else:
-            fields = [floats_of(part, field, n[name]) for field in FIELDS.get(name, (name,))]
+            fields = [floats_of(part, field, n) for field in FIELDS.get(name, (name,))]
             columns[name] = np.column_stack(fields) if name in FIELDS else fields[0]
     return columns
 

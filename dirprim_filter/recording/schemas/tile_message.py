@@ -16,20 +16,23 @@ from dirprim_filter.primitives.schedule import N_SLOTS
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import column_of, floats_of, ints_of, parse
 from dirprim_filter.recording.schemas.map_tiles import MODE_COLUMNS, VERSION
-from dirprim_filter.recording.schemas.motion_columns import ALL, COLUMNS, motion_columns
+from dirprim_filter.recording.schemas.motion_columns import ALL, COLUMNS, OF_TRANSITIONS, motion_columns
 
 Columns = dict[str, AnyArray]
 
 
-class Head(NamedTuple):
-    """What is known of a tile before its parameters are read."""
+class TileColumns(NamedTuple):
+    """All that a tile has."""
 
-    at: int  # which message it is
-    cell: IntArray
-    manoeuvre: IntArray
-    n_following: AnyArray  # transitions of each
-    box: FloatArray  # (4,) metres
-    ahead: IntArray
+    cell: IntArray  # (n,) ascending
+    rows: Columns  # (n, m, ...) of its primitives
+    turning: Columns  # (slots, n, own modes) of its schedule; none where all hours are alike
+    area: FloatArray  # (n,) square metres
+    place: FloatArray  # (n, 2) metres, of its generators; none of a grid
+    square: IntArray  # those that it has of the grid, or the region
+    beside: IntArray  # (b,) cells of others, and
+    beside_place: FloatArray  # (b, 2) their generators
+    motion: Columns  # see `manoeuvres_of`
 
 
 def parsed(messages: Iterable[bytes]) -> Iterator[dirprim_pb2.PrimitiveMap]:
@@ -41,9 +44,7 @@ def parsed(messages: Iterable[bytes]) -> Iterator[dirprim_pb2.PrimitiveMap]:
     for data in messages:
         message = dirprim_pb2.PrimitiveMap()
         parse(message, data)
-        if message.version != VERSION:
-            age = "an older" if message.version < VERSION else "a newer"
-            raise DecodeError(f"it is of {age} version, {message.version}; this program reads version {VERSION}")
+        check_version(message.version)
         if message.WhichOneof("tessellation") is None:
             raise DecodeError(
                 f"tile {message.tile}: expected the cells of a grid or of generators, got none that this version knows"
@@ -51,22 +52,63 @@ def parsed(messages: Iterable[bytes]) -> Iterator[dirprim_pb2.PrimitiveMap]:
         yield message
 
 
+def check_version(version: int) -> None:
+    """Whether a message is of the version that this program reads.
+
+    Raises:
+        DecodeError: it is not.
+    """
+    if version != VERSION:
+        age = "an older" if version < VERSION else "a newer"
+        raise DecodeError(f"it is of {age} version, {version}; this program reads version {VERSION}")
+
+
 def n_cells_of(message: dirprim_pb2.PrimitiveMap) -> int:
     """How many cells a tile has."""
     return len(message.grid.square if message.HasField("grid") else message.voronoi.x)
 
 
-def head_of(message: dirprim_pb2.PrimitiveMap, at: int) -> Head:
-    """What the message that comes as number `at` has in it."""
-    box, motion = message.box, manoeuvres_of(message.motion, ("number", "first"))
-    return Head(
-        at=at,
-        cell=ints_of(message, "cell", n_cells_of(message)),
-        manoeuvre=motion["number"],
-        n_following=motion["n_following"].astype(np.int32),
-        box=np.array([box.west, box.south, box.east, box.north]),
-        ahead=ints_of(message, "ahead", len(message.ahead)),
+def numbers_of(message: dirprim_pb2.PrimitiveMap) -> tuple[IntArray, IntArray]:
+    """(n,), (z,) which cells and manoeuvres of the map it has."""
+    cell = ints_of(message, "cell", n_cells_of(message))
+    return cell, ints_of(message.motion, "number", len(message.motion.cell))
+
+
+def columns_of(message: dirprim_pb2.PrimitiveMap, motion: Iterable[str] = ALL) -> TileColumns:
+    """What the message has in it, of its manoeuvres the columns of these names.
+
+    Raises:
+        DecodeError: columns of a wrong length.
+    """
+    check_lengths(message)
+    n, turning, of_generators = n_cells_of(message), {}, message.HasField("voronoi")
+    if message.HasField("schedule"):
+        slots, own = turning_shape(message)
+        for name in ("flow", "pace"):
+            of_cells = floats_of(message.schedule, name, n * slots * own).reshape(n, slots, own)
+            turning[name] = of_cells.swapaxes(0, 1)
+    cells = message.voronoi  # empty of a grid
+    region, n_beside = (cells.region if of_generators else message.grid), len(cells.beside)
+    return TileColumns(
+        cell=ints_of(message, "cell", n),
+        rows=rows_of(message.cells, n, message.n_modes),
+        turning=turning,
+        area=floats_of(message, "area", n),
+        place=places_of(cells, "x", "y", n if of_generators else 0),
+        square=ints_of(region, "square", len(region.square)),
+        beside=ints_of(cells, "beside", n_beside),
+        beside_place=places_of(cells, "beside_x", "beside_y", n_beside),
+        motion=manoeuvres_of(message.motion, motion),
     )
+
+
+def rows_of(part: dirprim_pb2.Primitives, n: int, m: int) -> Columns:
+    """Columns of n rows of m modes, as `PrimitiveMap` and what it holds name them."""
+    rows: Columns = {name: floats_of(part, name, n * m).reshape(n, m) for name in MODE_COLUMNS[:5]}
+    for slope in ("bend", "gain"):
+        axes = [floats_of(part, f"{slope}_{axis}", n * m).reshape(n, m) for axis in ("east", "north")]
+        rows[slope] = np.stack(axes, axis=-1)
+    return rows | {"n_rows": ints_of(part, "n_rows", n)}
 
 
 def manoeuvres_of(motion: dirprim_pb2.Motion, names: Iterable[str] = ALL) -> Columns:
@@ -80,16 +122,6 @@ def manoeuvres_of(motion: dirprim_pb2.Motion, names: Iterable[str] = ALL) -> Col
     if limits[0] != 0 or (limits[1:] < limits[:-1]).any():
         raise DecodeError(f"first: expected ascending numbers from 0 to {limits[-1]}, got others")
     return columns | {"n_following": np.diff(limits)}
-
-
-def centers_of(message: dirprim_pb2.PrimitiveMap) -> FloatArray:
-    """(n, 2) metres, of a tile's cells."""
-    if message.HasField("voronoi"):
-        return places_of(message.voronoi, "x", "y", n_cells_of(message))
-    grid = message.grid
-    row, column = np.divmod(ints_of(grid, "square", n_cells_of(message)), max(grid.n_x, 1))
-    corner = np.array([grid.origin_x, grid.origin_y]) + grid.cell_size * np.column_stack([column, row])
-    return np.asarray(corner + grid.cell_size / 2)
 
 
 def places_of(message: dirprim_pb2.Voronoi, x: str, y: str, n: int) -> FloatArray:
@@ -106,7 +138,7 @@ def check_lengths(message: dirprim_pb2.PrimitiveMap) -> None:
         column_of(part, "n_rows", n_rows)
     for motion in (message.motion, message.place_free_motion):
         for name in COLUMNS:
-            column_of(motion, name, len(motion.following if name in ("following", "count") else motion.cell))
+            column_of(motion, name, len(motion.following if name in OF_TRANSITIONS else motion.cell))
     if message.HasField("schedule"):
         for name in ("flow", "pace"):
             column_of(message.schedule, name, n * int(np.prod(turning_shape(message))))
