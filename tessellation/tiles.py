@@ -1,4 +1,4 @@
-"""Tiles of the ground: which cells are in each square of about a kilometre, and what it takes to locate in it."""
+"""Tiles of the ground: which cells are in each square of about half a kilometre, and what it takes to locate in it."""
 
 from __future__ import annotations
 

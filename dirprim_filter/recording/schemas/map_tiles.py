@@ -23,7 +23,7 @@ from tessellation.tiles import Tile, tiles_of
 
 VERSION = 4
 """Of the messages; a map of another version has other tiles."""
-TILE_M = 1000.0
+TILE_M = 500.0
 """Side of a tile, about: a vehicle is on one of them, at most on four, and a city has hundreds."""
 TILE_CELLS = 4096
 """Cells in a message, at most: some 0.5 MB at three modes, so that a damaged chunk is small and a viewer can page."""
