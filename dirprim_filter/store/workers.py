@@ -113,7 +113,7 @@ class ClusterWorkers:
         who = f"--scheduler {self._address}"
         _, distributed = _dask(who)
         try:
-            client = distributed.Client(self._address, timeout=PATIENCE_S, set_as_default=False)
+            client = distributed.Client(self._address, timeout=PATIENCE_S)
         except (OSError, ValueError) as error:
             raise RecordingError(
                 f"{who}: expected a scheduler of Dask, got: {error}; start one with `dask scheduler`"

@@ -15,9 +15,10 @@ from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.store import Store, learn_from_store, update_map
 from dirprim_filter.store.basis import Basis
 from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import visible_tracks
-from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
+from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, sampled
 from dirprim_filter.store.tiles import Digests, around, tiles_at
 from dirprim_filter.store.withholding import withheld
 
@@ -158,6 +159,25 @@ def test_of_too_many_steps_whole_ways_are_taken_by_their_share(store):
     assert all(np.array_equal(one[kept], other) for one, other in zip(every.ways, some.ways, strict=True))
     (few,) = sampled(store, [EVERYWHERE], most_rows=n // 10, min_vehicles=1)
     assert few.share == 0.0625
+
+
+def test_of_boxes_that_are_read_together_each_has_what_it_has_alone(store, folder):
+    """Of overlapping boxes, of which the busier keep a smaller share; of recordings added after rows were dropped."""
+    add(store, folder, "near", "near again", "far")
+    boxes = [
+        Box(np.array([west, 0.0]), np.array([east, 200.0]), fading)
+        for west, east in ((-200.0, 400.0), (-50.0, 50.0), (0.0, 30.0), (150.0, 550.0))
+        for fading in (None, Fading(half_life_s=20.0, now_ns=60 * 10**9))
+    ]
+    most = sum(sample.ways.way.size for sample in sampled(store, boxes[:1], most_rows=10**9, min_vehicles=1)) // 12
+    shares = []
+    for box, together in zip(boxes, sampled(store, boxes, most_rows=most, min_vehicles=3), strict=True):
+        (alone,) = sampled(store, [box], most_rows=most, min_vehicles=3)
+        assert alone.share == together.share
+        assert alone.ways.way.size > 0
+        assert all(np.array_equal(one, other) for one, other in zip(alone.ways, together.ways, strict=True))
+        shares.append(alone.share)
+    assert len(set(shares)) >= 3
 
 
 def test_where_no_cell_is_nothing_is_fitted_and_of_no_recording_nothing_is_known(store, learned, tmp_path):
