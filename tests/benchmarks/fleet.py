@@ -7,7 +7,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py memory 1000000
     python tests/benchmarks/fleet.py columns 100000000
     python tests/benchmarks/fleet.py workers 16
-    python tests/benchmarks/fleet.py tiled ../shared/data/town03/roundabout.csv
+    python tests/benchmarks/fleet.py tiled ../shared/data/town03/roundabout.csv [--tiles 2]
     python tests/benchmarks/fleet.py year roundabout [--logs 4]
     python tests/benchmarks/fleet.py killing
     python tests/benchmarks/fleet.py known 10000
@@ -210,8 +210,8 @@ def year(scene: str, n_logs: int) -> None:
             )  # fmt: skip
 
 
-def tiled(log: str) -> None:
-    """Held-out log density and energy score of cells laid out whole, and block by block of 128 m.
+def tiled(log: str, n_tiles: int) -> None:
+    """Held-out log density and energy score of cells laid out whole, and in blocks of so many times 128 m.
 
     Half of the vehicles each; both are fitted to the same steps, of which half are enough to be laid out in blocks.
     """
@@ -224,7 +224,7 @@ def tiled(log: str) -> None:
             write_entry(store, fold.train, "log")
             for name, every in found.items():
                 updating.MOST_STEPS = n_steps(store) // (2 if name == "in blocks" else 1)
-                blocks.BLOCK_TILES = 1
+                blocks.BLOCK_TILES = n_tiles
                 learned = learn_from_store(store, min_vehicles=1, rng=np.random.default_rng(0))
                 every.append(scored(learned, fold.test, 0))
                 cells[name] += learned.tessellation.n_cells
@@ -418,11 +418,12 @@ if __name__ == "__main__":
     parser.add_argument("--cells", type=int, default=120)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--logs", type=int, default=4, help="a month")
+    parser.add_argument("--tiles", type=int, default=1, help="of 128 m, side of a block")
     given = parser.parse_args()
     if given.what == "fidelity":
         fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
     elif given.what == "tiled":
-        tiled(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"))
+        tiled(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.tiles)
     elif given.what == "year":
         year(given.of or "roundabout", given.logs)
     elif given.what == "memory":
