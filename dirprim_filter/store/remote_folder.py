@@ -2,13 +2,15 @@
 
 A put is whole or nothing there, so files need no other name while they are written. Other processes may write at any
 time: every request asks the server, no listing is kept. What files of the manifest hold is kept with their ETags, and
-fetched again when these change; recordings are copied to a temporary folder that goes with the process.
+fetched again when these change; recordings are copied. Copies are in a temporary folder that processes of a machine
+share which were given the same opened store; it goes with the one that made it.
 """
 
 from __future__ import annotations
 
 import errno
 import io
+import json
 import shutil
 import tempfile
 import weakref
@@ -34,7 +36,7 @@ class RemoteFolder:
 
     Attributes:
         url: without a slash at its end.
-        opened: copies are kept for as long as this is the same, in whatever process.
+        opened: copies are kept for as long as this is the same, and by all processes alike.
     """
 
     url: str
@@ -98,12 +100,11 @@ class RemoteFolder:
             name: next((str(about[key]) for key in ETAGS if about.get(key)), "")
             for name, about in sorted(self._listed(part).items()) if name.endswith(".json")
         }  # fmt: skip
-        kept = self._kept().read
-        known = kept.get(part, {})
+        known = self._kept().read(part)
         same = {name for name, mark in marks.items() if mark and name in known and known[name][0] == mark}
         new = self.read_some(name for name in marks if name not in same)
         data = {name: known[name][1] if name in same else new[name] for name in marks if name in same | new.keys()}
-        kept[part] = {name: (marks[name], one) for name, one in data.items()}
+        self._kept().keep(part, {name: (marks[name], one) for name, one in data.items()}, write=bool(new))
         return data
 
     def write(self, files: Mapping[str, bytes]) -> None:
@@ -139,7 +140,7 @@ class RemoteFolder:
         """A file, from its copy or else fetched."""
         copies = self._kept().copies()
         copy = copies / PurePosixPath(name).name
-        with suppress(FileNotFoundError):
+        with suppress(OSError):  # there is none
             return copy.open("rb")
         data = self.read(name)
         with suppress(OSError):  # without a copy it is fetched again
@@ -219,20 +220,40 @@ class RemoteFile(NamedTuple):
         return self.folder.open(self.name)
 
 
+Marked = dict[str, tuple[str, bytes]]
+"""By names of files: ETags and contents."""
+
+
 class _Kept:
     """What this process keeps of a remote folder."""
 
     def __init__(self, opened: str) -> None:
         self.opened = opened
-        self.read: dict[str, dict[str, tuple[str, bytes]]] = {}  # by folders and names: ETags and contents
-        self._copies: Path | None = None
+        self._read: dict[str, Marked] = {}
 
     def copies(self) -> Path:
-        """The folder of copies of files."""
-        if self._copies is None:
-            self._copies = Path(tempfile.mkdtemp(prefix="dirprim-store-"))
-            weakref.finalize(self, shutil.rmtree, self._copies, ignore_errors=True)
-        return self._copies
+        """The folder of copies; others may remove it at any time."""
+        folder = Path(tempfile.gettempdir()) / f"dirprim-store-{self.opened}"
+        with suppress(OSError):  # it is there, or there is no room: then nothing is copied
+            folder.mkdir(mode=0o700)
+            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        return folder
+
+    def read(self, part: str) -> Marked:
+        """What was kept of a folder in it, by this process or another."""
+        if part not in self._read:
+            with suppress(OSError):  # there is none
+                held = json.loads((self.copies() / f"{part}.json").read_bytes())
+                self._read[part] = {name: (mark, data.encode("latin-1")) for name, (mark, data) in held.items()}
+        return self._read.get(part, {})
+
+    def keep(self, part: str, files: Marked, *, write: bool) -> None:
+        """Keep what is in a folder in it; for other processes if it is to be written."""
+        self._read[part] = files
+        if write:
+            held = {name: (mark, data.decode("latin-1")) for name, (mark, data) in files.items()}
+            with suppress(OSError), new_file(self.copies() / f"{part}.json") as file:  # else they fetch it themselves
+                file.write(json.dumps(held).encode())
 
 
 _known: dict[str, _Kept] = {}
