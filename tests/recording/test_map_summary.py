@@ -1,5 +1,7 @@
 """A map's summary: by it tiles are read without the others, wherever they stand; without it maps are read whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_map_file import assert_equal, by_hour, some_map
@@ -83,6 +85,16 @@ def test_the_summary_has_the_sums_of_all_manoeuvres(tmp_path):
     assert summary.totals.seconds >= made.motion.seconds[: made.motion.n_placed].sum()
 
 
+def test_of_a_map_without_transitions_nothing_is_known_of_traffic_in_any_part(tmp_path):
+    made = some_map(N_CELLS)
+    nothing = np.zeros(len(made.motion) + 1, np.int64)
+    motion = replace(made.motion, first=nothing, following=nothing[:0], count=made.motion.count[:0])
+    save_map(replace(made, motion=motion), tmp_path / "map.mcap")
+    save_map(made, tmp_path / "control.mcap")
+    assert part_of(tmp_path / "map.mcap", [2]).part.traffic is None
+    assert part_of(tmp_path / "control.mcap", [2]).part.traffic is not None
+
+
 def test_without_a_summary_a_map_is_read_whole(tmp_path):
     made = some_map(N_CELLS)
     write(tmp_path / "map.mcap", None, encode_tiles(made))
@@ -90,6 +102,20 @@ def test_without_a_summary_a_map_is_read_whole(tmp_path):
     assert_equal(open_map(tmp_path / "map.mcap"), made)
     with pytest.raises(RecordingError, match=r"map\.mcap: has no summary"):
         part_of(tmp_path / "map.mcap", [0])
+
+
+def test_a_map_whose_summary_is_damaged_is_read_whole(tmp_path):
+    made, path = some_map(N_CELLS), tmp_path / "map.mcap"
+    save_map(made, path)
+    with MapFile(path) as opened:
+        (file,) = opened._messages._summaries.by_file()
+        (chunk,) = (chunk for chunk in file.outline.chunks if not file.is_beside(chunk))
+        assert opened.is_large
+    data = bytearray(path.read_bytes())
+    data[chunk.end - 8] ^= 0xFF
+    path.write_bytes(data)
+    assert_equal(open_map(path), made)
+    assert_equal(load_map(path), made)
 
 
 def set_number(part, name, value):
