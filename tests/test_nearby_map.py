@@ -196,13 +196,13 @@ def test_a_part_is_as_the_whole_but_for_its_numbers(city_map, city_file):
     np.testing.assert_allclose(ours.later(ours.present, 0.3), ours.present, rtol=1e-9)  # as many come as go
 
 
-def along_a_diagonal(city_map, by_tiles, *, p, sight=None, holds_sight=True, forgets=False):
+def along_a_diagonal(city_map, by_tiles, *, p, sight=None, holds_sight=True, forgets=False, every=1):
     """By how much, in proportion, a part's first detections and level differ from those of the whole; the worst."""
     config, worst, rng = TrackingConfig(detection_probability=p), np.zeros(2), np.random.default_rng(0)
     centers, knobs = city_map.tessellation.centers, FilterConfig()
     beyond = np.empty((0, 4)) if sight is None or not holds_sight else sight.boxes
     whole, ours = Undetected(Traffic.of(city_map), config, knobs, sight=sight), None
-    for place in np.linspace(centers.min(axis=0), centers.max(axis=0), 60):
+    for i, place in enumerate(np.linspace(centers.min(axis=0), centers.max(axis=0), 60)):
         held = nearby_map._on(by_tiles.box, np.vstack([np.tile(place, 2), beyond]), 60.0)
         part = Traffic.of(by_tiles.part(held))
         ours = ours or Undetected(part, config, knobs, sight=sight)
@@ -214,19 +214,22 @@ def along_a_diagonal(city_map, by_tiles, *, p, sight=None, holds_sight=True, for
             of.advance(dt_s)
         expected, found = (of.first_detections(centers[near]) for of in (whole, ours))
         seen = centers[near][rng.random(near.sum()) < 0.05]
-        for of in (whole, ours):
+        for of in (whole, ours) if i % every == 0 else ():
             of.see(seen)
         off = np.max(np.abs(found / expected - 1.0), initial=0.0), abs(ours.level / whole.level - 1.0)
         worst = np.maximum(worst, off)
     return worst
 
 
-@pytest.mark.parametrize("p", [0.9, 0.5])
-def test_undetected_vehicles_of_a_part_are_those_of_the_whole(city_map, city_file, p):
-    """To some thousandths, at 10 Hz where journeys take 10 s; if the last frames were forgotten, not at all."""
+@pytest.mark.parametrize(("p", "every", "tolerance"), [(0.9, 1, 3e-3), (0.5, 1, 3e-3), (0.9, 20, 0.2)])
+def test_undetected_vehicles_of_a_part_are_those_of_the_whole(city_map, city_file, p, every, tolerance):
+    """To some thousandths, at 10 Hz where journeys take 10 s; if the last frames were forgotten, not at all.
+
+    Where one frame in 20 has detections of a kind, vehicles come from beyond what is held before the next.
+    """
     with MapFile(city_file) as by_tiles:
-        assert (along_a_diagonal(city_map, by_tiles, p=p) < 3e-3).all()
-        assert (along_a_diagonal(city_map, by_tiles, p=p, forgets=True) > 0.1).all()
+        assert (along_a_diagonal(city_map, by_tiles, p=p, every=every) < tolerance).all()
+        assert (along_a_diagonal(city_map, by_tiles, p=p, every=every, forgets=True) > 0.2).all()
 
 
 def test_what_is_in_sight_is_held_so_that_undetected_vehicles_are_those_of_the_whole(city_map, city_file):

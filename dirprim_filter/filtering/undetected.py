@@ -28,6 +28,8 @@ FORGOTTEN = 1e-9
 """Share of the vehicles in sight that the frames which are remembered left undetected, or less."""
 MOST_FRAMES = 300
 """Frames remembered at most, where few vehicles in sight are detected."""
+MOST_S = 60.0
+"""Seconds without a frame of such detections, labelled or not, after which those before it are not remembered."""
 
 
 class Undetected:
@@ -58,7 +60,7 @@ class Undetected:
         self._n_expected = 1.0 / (config.vehicle_density * area) if area > 0 else 1.0
         self._sight = sight
         n_frames = min(np.log(FORGOTTEN) / np.log1p(-config.detection_probability), MOST_FRAMES)
-        self._past: deque[tuple[float, bool]] = deque(maxlen=2 * int(np.ceil(n_frames)))  # seconds, or a frame
+        self._past: deque[float] = deque(maxlen=int(np.ceil(n_frames)))  # of each frame the seconds after it
         self._share: FloatArray
         self._begin()
         self._seen = self._seen_of(traffic)
@@ -75,8 +77,8 @@ class Undetected:
             return
         known = self._share
         self._share, self._seen = traffic.present.copy(), self._seen_of(traffic)
-        for dt_s, is_frame in self._past:
-            self._share = (1.0 - self._seen) * self._share if is_frame else traffic.later(self._share, dt_s)
+        for dt_s in self._past:
+            self._share = traffic.later((1.0 - self._seen) * self._share, dt_s)
         at = renumbered(traffic.number, former.number)
         stays = np.flatnonzero(at >= 0)
         self._share[stays] = known[at[stays]]
@@ -87,7 +89,10 @@ class Undetected:
             self._begin()
         elif self._traffic is not None:
             self._share = self._traffic.later(self._share, dt_s)
-            self._past.append((dt_s, False))
+            if self._past:
+                self._past[-1] += dt_s
+                if self._past[-1] > MOST_S:  # traffic is as before the first frame, almost
+                    self._past.clear()
 
     def first_detections(self, position: FloatArray) -> FloatArray:
         """(n, 2) -> (n,) expected density of first detections there in this frame, per square metre."""
@@ -108,7 +113,7 @@ class Undetected:
                 self._n_found = found + float((self.level * per_level / any_cause).sum())
         expected = self._density(per_level)
         self._share = (1.0 - self._seen) * self._share
-        self._past.append((0.0, True))
+        self._past.append(0.0)
         self._anywhere *= 1.0 - self._config.detection_probability
         return expected
 
