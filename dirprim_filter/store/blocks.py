@@ -7,7 +7,6 @@ it. All blocks' cells together are the map's.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,10 +16,11 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives.assembly import Layout
 from dirprim_filter.primitives.learning import REACH_M, lay_out
 from dirprim_filter.store.fading import Fading
+from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import MOST_STEPS
-from dirprim_filter.store.recorded_ways import Box, sampled
+from dirprim_filter.store.recorded_ways import Box, recordings_at, sampled
 from dirprim_filter.store.store import Store
-from dirprim_filter.store.tiles import HALO_M, TILE_SQUARES, Tile
+from dirprim_filter.store.tiles import HALO_M, TILE_SQUARES, Tile, Whereabouts
 from dirprim_filter.store.workers import Workers
 from tessellation import GridTessellation, VoronoiTessellation
 
@@ -41,20 +41,21 @@ class LaidOut(NamedTuple):
     covered: FloatArray  # (m, 2) metres, a place in each square that cells cover
 
 
-def blocks_of(tiles: Iterable[Tile]) -> list[Tile]:
-    """The blocks that tiles lie in, in order."""
-    return sorted({(east // BLOCK_TILES, north // BLOCK_TILES) for east, north in tiles})
+def blocks_of(there: Whereabouts) -> list[Tile]:
+    """The blocks that recordings have steps in, in order."""
+    return sorted({(east, north) for east, north in (there.tile // BLOCK_TILES).tolist()})
 
 
 def laid_out_in_blocks(
-    store: Store, blocks: list[Tile], *, workers: Workers, min_vehicles: int, fading: Fading | None, seed: int,
-    **options: Any,
+    store: Store, blocks: list[Tile], there: Whereabouts, *, workers: Workers, min_vehicles: int,
+    fading: Fading | None, seed: int, **options: Any,
 ) -> Layout:  # fmt: skip
     """The cells of all blocks.
 
     Args:
         store: of recordings.
         blocks: of its tiles.
+        there: its recordings.
         workers: who lay them out.
         min_vehicles: places that fewer passed the same way have none.
         fading: by which older ways are left out.
@@ -67,7 +68,9 @@ def laid_out_in_blocks(
         OSError: one cannot be read.
     """
     work = partial(_laid_out, store=store, min_vehicles=min_vehicles, fading=fading, seed=seed, options=options)
-    done = sorted((part for part in workers.each(work, blocks) if part is not None), key=lambda part: part.block)
+    lattice = store.config.lattice
+    tasks = [(block, recordings_at([_box(block, lattice, fading)], there, lattice)) for block in blocks]
+    done = sorted((part for part in workers.each(work, tasks) if part is not None), key=lambda part: part.block)
     if not done:
         raise ValueError(
             f"{store.path}: expected places that {min_vehicles} vehicles passed the same way, got none; add "
@@ -83,14 +86,25 @@ def laid_out_in_blocks(
     return Layout(cells, float(softness[n_cells.argmax()]))
 
 
-def _laid_out(
-    block: Tile, *, store: Store, min_vehicles: int, fading: Fading | None, seed: int, options: dict[str, Any]
-) -> LaidOut | None:
-    """None of a block without places that so many passed."""
-    side_m = BLOCK_TILES * TILE_SQUARES * store.config.lattice.square_m
+def _side_m(lattice: Lattice) -> float:
+    return BLOCK_TILES * TILE_SQUARES * lattice.square_m
+
+
+def _box(block: Tile, lattice: Lattice, fading: Fading | None) -> Box:
+    side_m = _side_m(lattice)
     low = np.array(block) * side_m
-    box = Box(low - HALO_M, low + side_m + HALO_M, fading)
-    (sample,) = sampled(store, [box], most_rows=MOST_STEPS, min_vehicles=min_vehicles)
+    return Box(low - HALO_M, low + side_m + HALO_M, fading)
+
+
+def _laid_out(
+    task: tuple[Tile, list[tuple[int, str]]], *, store: Store, min_vehicles: int, fading: Fading | None, seed: int,
+    options: dict[str, Any],
+) -> LaidOut | None:  # fmt: skip
+    """A block, by its recordings; None of one without places that so many passed."""
+    block, recordings = task
+    side_m, box = _side_m(store.config.lattice), _box(block, store.config.lattice, fading)
+    (sample,) = sampled(store, [box], most_rows=MOST_STEPS, min_vehicles=min_vehicles, recordings=recordings)
+    low = np.array(block) * side_m
     position = sample.ways.position
     here = position[_is_inside(position, low, side_m)]
     if not len(here):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -14,10 +14,10 @@ from dirprim_filter.primitives.refit import Counted, Refit
 from dirprim_filter.store.basis import Basis
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.lattice import Lattice
-from dirprim_filter.store.recorded_ways import Box, Sample, sampled
+from dirprim_filter.store.recorded_ways import Box, recordings_at, sampled
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.tile_fit import Finished, TileFit
-from dirprim_filter.store.tiles import HALO_M, TILE_SQUARES, Tile, around, ends_of, tiles_at
+from dirprim_filter.store.tiles import HALO_M, TILE_SQUARES, Tile, Whereabouts, around, tiles_at
 
 READ_TILES = 4
 """Side of the squares of tiles whose recordings are read once for all of them."""
@@ -28,6 +28,7 @@ class Square(NamedTuple):
 
     tiles: list[Tile]
     changed: set[Tile]  # of them, those where it is of interest what no cell covers
+    recordings: list[tuple[int, str]]  # see `recordings_at`
 
 
 class Fitted(NamedTuple):
@@ -48,11 +49,9 @@ class Fitting(NamedTuple):
     ends: dict[Tile, int]  # see `ends_of`
 
     @classmethod
-    def of(cls, learned: PrimitiveMap, refit: Refit, counted: Counted, store: Store) -> Self:
+    def of(cls, learned: PrimitiveMap, refit: Refit, counted: Counted, store: Store, ends: dict[Tile, int]) -> Self:
         """Of a map, and the store that its tiles are fitted to."""
-        homes = _homes(learned, store.config.lattice)
-        ends = ends_of(store.recorded(), store.entries(), store.archived())
-        return cls(Basis.of(learned, refit), homes, store, counted, ends)
+        return cls(Basis.of(learned, refit), _homes(learned, store.config.lattice), store, counted, ends)
 
     @property
     def halo_m(self) -> float:
@@ -72,7 +71,11 @@ class Fitting(NamedTuple):
         """The tiles that have cells, and what none covers in those that changed."""
         found, n_rows, n_outside = {}, 0, 0
         lattice, cells = self.store.config.lattice, self.basis.own.cells
-        for tile, sample in zip(square.tiles, self._samples(square.tiles), strict=True):
+        samples = sampled(
+            self.store, self._boxes(square.tiles), most_rows=self.counted.most_rows,
+            min_vehicles=self.counted.min_vehicles, recordings=square.recordings,
+        )  # fmt: skip
+        for tile, sample in zip(square.tiles, samples, strict=True):
             if tile in self.homes:
                 fit = TileFit.of(self.basis, self.homes[tile], tile, sample, fading=self._fading(tile))
                 found[tile] = fit.finished(self.basis, self.counted)
@@ -82,14 +85,25 @@ class Fitting(NamedTuple):
                 n_rows += len(here)
         return Fitted(found, n_rows, n_outside)
 
-    def _samples(self, tiles: list[Tile]) -> Iterator[Sample]:
-        """What vehicles did in and around each."""
+    def squares(self, tiles: Iterable[Tile], changed: set[Tile], there: Whereabouts) -> list[Square]:
+        """Tiles whose recordings are read together, in order, and those that changed."""
+        found: defaultdict[Tile, list[Tile]] = defaultdict(list)
+        for east, north in sorted(tiles):
+            found[east // READ_TILES, north // READ_TILES].append((east, north))
+        lattice = self.store.config.lattice
+        return [
+            Square(some, changed & set(some), recordings_at(self._boxes(some), there, lattice))
+            for some in found.values()
+        ]
+
+    def _boxes(self, tiles: list[Tile]) -> list[Box]:
+        """In and around each."""
         side_m, halo_m = self._side_m, self.halo_m
         boxes = []
         for tile in tiles:
             low, fading = np.array(tile) * side_m, self._fading(tile)
             boxes.append(Box(low - halo_m, low + side_m + halo_m, fading and fading.slowly))
-        return sampled(self.store, boxes, most_rows=self.counted.most_rows, min_vehicles=self.counted.min_vehicles)
+        return boxes
 
     def _fading(self, tile: Tile) -> Fading | None:
         """How vehicles age there: a place ages as it is seen anew."""
@@ -97,14 +111,6 @@ class Fitting(NamedTuple):
             return None
         end_ns = max((self.ends[near] for near in around({tile}, self.rings) & self.ends.keys()), default=0)
         return Fading(half_life_s=self.counted.half_life_s, now_ns=self.counted.now_ns).until(end_ns)
-
-
-def squares_of(tiles: Iterable[Tile], changed: set[Tile]) -> list[Square]:
-    """Tiles whose recordings are read together, in order."""
-    found: defaultdict[Tile, list[Tile]] = defaultdict(list)
-    for east, north in sorted(tiles):
-        found[east // READ_TILES, north // READ_TILES].append((east, north))
-    return [Square(each, changed & set(each)) for each in found.values()]
 
 
 def _homes(learned: PrimitiveMap, lattice: Lattice) -> dict[Tile, IntArray]:

@@ -22,7 +22,7 @@ from dirprim_filter.store.steps import WHEN, unpacked_when
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.table import read_summary
 from dirprim_filter.store.tallies import Tally
-from dirprim_filter.store.tiles import TILE_SQUARES
+from dirprim_filter.store.tiles import Whereabouts
 from dirprim_filter.tracks import Tracks
 
 WAYS_EACH = 1 << 32
@@ -70,11 +70,6 @@ class Box(NamedTuple):
     high: FloatArray  # (2,)
     fading: Fading | None  # by which ways are left out
 
-    def meets(self, tiles: IntArray, lattice: Lattice) -> bool:
-        """Whether it has ground in common with one of some tiles, (t, 2)."""
-        side_m = TILE_SQUARES * lattice.square_m
-        return bool(((tiles * side_m < self.high) & ((tiles + 1) * side_m > self.low)).all(axis=1).any())
-
 
 EVERYWHERE = Box(np.full(2, -np.inf), np.full(2, np.inf), None)
 
@@ -86,27 +81,42 @@ class Sample(NamedTuple):
     share: float  # of the ways, beside what age leaves
 
 
-def sampled(store: Store, boxes: Sequence[Box], *, most_rows: int, min_vehicles: int) -> Iterator[Sample]:
+def recordings_at(boxes: Sequence[Box], there: Whereabouts, lattice: Lattice) -> list[tuple[int, str]]:
+    """Number and name of the recordings that boxes are learned from."""
+    low, high = (np.stack([getattr(box, name) for box in boxes]) for name in ("low", "high"))
+    return there.near(low.min(axis=0), high.max(axis=0), lattice)
+
+
+def sampled(
+    store: Store, boxes: Sequence[Box], *, most_rows: int, min_vehicles: int,
+    recordings: Sequence[tuple[int, str]] | None = None,
+) -> Iterator[Sample]:  # fmt: skip
     """The rows in boxes where at least so many vehicles passed: of all ways or, where they are many, of a share.
 
     The share is the largest power of a half that leaves no more rows than `most_rows`: it depends on the recordings
     that have steps in the tiles of the box, and on nothing else. Recordings are read once for all boxes, and rows in
     several of them held once.
 
+    Args:
+        store: of recordings.
+        boxes: of ground.
+        most_rows: of each.
+        min_vehicles: that passed a place the same way, at least.
+        recordings: as of `recordings_at`; left out, they are looked up.
+
     Raises:
         RecordingError: a recording is damaged.
         OSError: one cannot be read.
     """
-    lattice, recorded = store.config.lattice, store.recorded()
-    gathered, passed = _Gathered(boxes, most_rows), [Tally.none(1, 1)]
-    for i, rows in enumerate(sorted(recorded)):
-        tiles = np.array(recorded[rows], np.int64).reshape(-1, 2)
-        if any(box.meets(tiles, lattice) for box in boxes):
-            summary = read_summary(store.recording(rows))
-            gathered.add(_rows_of(summary.steps, lattice, i, rows))
-            passed.append(summary.passed)
-            if len(passed) > SUMMED_AT_ONCE:
-                passed = [Tally.total(passed)]
+    lattice, gathered, passed = store.config.lattice, _Gathered(boxes, most_rows), [Tally.none(1, 1)]
+    if recordings is None:
+        recordings = recordings_at(boxes, Whereabouts.of_all(store.recorded()), lattice)
+    for i, rows in recordings:
+        summary = read_summary(store.recording(rows))
+        gathered.add(_rows_of(summary.steps, lattice, i, rows))
+        passed.append(summary.passed)
+        if len(passed) > SUMMED_AT_ONCE:
+            passed = [Tally.total(passed)]
     by_place = Tally.total(passed)
     return (gathered.sample(k, by_place, lattice, min_vehicles) for k in range(len(boxes)))
 

@@ -39,6 +39,28 @@ def around(tiles: Iterable[Tile], rings: int) -> set[Tile]:
     return {(east + i, north + j) for east, north in tiles for i in beside for j in beside}
 
 
+class Whereabouts(NamedTuple):
+    """Which recordings have steps in which tiles."""
+
+    name: list[str]  # of all recordings, in order
+    tile: IntArray  # (t, 2)
+    of: IntArray  # (t,) the number of the recording
+
+    @classmethod
+    def of_all(cls, recorded: Mapping[str, list[list[int]]]) -> Self:
+        """Of what counts in a store, see `Store.recorded`."""
+        name = sorted(recorded)
+        tile = [each for one in name for each in recorded[one]]
+        of = np.repeat(np.arange(len(name)), [len(recorded[one]) for one in name])
+        return cls(name, np.array(tile, np.int64).reshape(-1, 2), of)
+
+    def near(self, low: FloatArray, high: FloatArray, lattice: Lattice) -> list[tuple[int, str]]:
+        """Number and name of the recordings with steps in tiles that a box meets: its corners (2,), (2,), metres."""
+        side_m = TILE_SQUARES * lattice.square_m
+        meets = ((self.tile * side_m < high) & ((self.tile + 1) * side_m > low)).all(axis=1)
+        return [(i, self.name[i]) for i in np.unique(self.of[meets]).tolist()]
+
+
 def ends_of(
     recorded: Mapping[str, list[list[int]]], entries: Iterable[Entry], archived: Mapping[str, str]
 ) -> dict[Tile, int]:

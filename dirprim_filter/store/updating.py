@@ -9,7 +9,7 @@ whatever order recordings came and went.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from dirprim_filter.primitives.refit import N_SPREADS, Counted, Refit
 from dirprim_filter.primitives.schedule import By
 from dirprim_filter.store.blocks import blocks_of, laid_out_in_blocks
 from dirprim_filter.store.fading import Fading
-from dirprim_filter.store.fitting import Fitted, Fitting, squares_of
+from dirprim_filter.store.fitting import Fitted, Fitting, Square
 from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, Learned, learn_from_visible, share_of_steps
 from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, sampled
 from dirprim_filter.store.refitted import refitted
@@ -31,7 +31,7 @@ from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import as_leader_sums
 from dirprim_filter.store.table import Counts, read_counts
 from dirprim_filter.store.tile_fit import Finished
-from dirprim_filter.store.tiles import Digests, Tile, around
+from dirprim_filter.store.tiles import Digests, Tile, Whereabouts, around, ends_of
 from dirprim_filter.store.workers import InProcess, Workers
 
 logger = logging.getLogger(__name__)
@@ -90,14 +90,16 @@ def learn_from_store(
     if fading is not None:
         since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
     slowly, counts = since and since.slowly, _counts(store)
-    blocks = blocks_of((east, north) for tiles in store.recorded().values() for east, north in tiles)
+    recorded = store.recorded()
+    there = Whereabouts.of_all(recorded)
+    blocks = blocks_of(there)
     by_search = options.get("tessellation", "joint") in ("joint", "voronoi") and options.get("n_cells") is None
     if share_of_steps(counts.whens, store.config.lattice, slowly) < 1.0 and len(blocks) > 1 and by_search:
         said = {name: options[name] for name in LAID_OUT_BY if name in options}
         options = {name: value for name, value in options.items() if name not in WHERE}
         options["tessellation"] = laid_out_in_blocks(
-            store, blocks, workers=workers, min_vehicles=min_vehicles, fading=slowly, seed=int(rng.integers(1 << 31)),
-            **said,
+            store, blocks, there, workers=workers, min_vehicles=min_vehicles, fading=slowly,
+            seed=int(rng.integers(1 << 31)), **said,
         )  # fmt: skip
     if not workers.in_process:
         options = {name: value for name, value in options.items() if name not in CALLED}
@@ -117,11 +119,11 @@ def learn_from_store(
         counted = replace(counted, half_life_s=fading.half_life_s, now_ns=fading.now_ns)
     if strengths is not None:
         counted = replace(counted, slot_strength=np.array(strengths[:2]), slot_share=strengths.share)
-    fitting = Fitting.of(learned, learned.refit, counted, store)
+    fitting = Fitting.of(learned, learned.refit, counted, store, _ends(store, recorded))
     every = set(fitting.homes)
-    done = _fitted(fitting, every, set(), workers, fitted)
+    done = _fitted(fitting, fitting.squares(every, set(), there), workers, fitted)
     usual = Deviations.together(tile.deviations for tile in done.tiles.values()).usual_squares()
-    digests = Digests.of(store.recorded())
+    digests = Digests.of(recorded)
     counted = replace(counted, usual_square=usual, tile=digests.tile, digest=digests.digest)
     return _refitted(learned, learned.refit, counted, done.tiles, every)
 
@@ -176,14 +178,16 @@ def update_map(
             f"{store.path}: expected a store that counts as {refit.counted.by}, as the map's, got {_counts_by(store)}; "
             "take the store that the map was learned from, or learn from this one"
         )
-    digests = Digests.of(store.recorded())
+    recorded = store.recorded()
+    digests = Digests.of(recorded)
     changed = digests.changed(Digests(refit.counted.tile, refit.counted.digest))
     if not changed:
         return Updated(primitive_map, 0, 0, 0.0)
-    fitting = Fitting.of(primitive_map, refit, refit.counted, store)
+    fitting = Fitting.of(primitive_map, refit, refit.counted, store, _ends(store, recorded))
     stale = set(fitting.homes) & around(changed, fitting.rings)
     beside = set(fitting.homes) & around(stale, fitting.rings)
-    done = _fitted(fitting, beside, changed, workers or InProcess(), progress)
+    squares = fitting.squares(beside | changed, changed, Whereabouts.of_all(recorded))
+    done = _fitted(fitting, squares, workers or InProcess(), progress)
     counted = replace(refit.counted, tile=digests.tile, digest=digests.digest)
     n_cells = sum(fitting.homes[tile].size for tile in stale)
     logger.info("%d tiles have other recordings; %d cells are fitted anew", len(changed), n_cells)
@@ -195,17 +199,19 @@ def _counts_by(store: Store) -> str:
     return f"configuration {store.config.digest} in frame {store.frame!r}"
 
 
-def _fitted(
-    fitting: Fitting, tiles: set[Tile], changed: set[Tile], workers: Workers, progress: Progress | None
-) -> Fitted:
+def _ends(store: Store, recorded: Mapping[str, list[list[int]]]) -> dict[Tile, int]:
+    return ends_of(recorded, store.entries(), store.archived())
+
+
+def _fitted(fitting: Fitting, squares: list[Square], workers: Workers, progress: Progress | None) -> Fitted:
     """Tiles, and what no cell covers in those that changed."""
     found, n_rows, n_outside = {}, 0, 0
-    squares = squares_of(tiles | changed, changed)
+    n_tiles = len(fitting.homes.keys() & {tile for square in squares for tile in square.tiles})
     for done in workers.each(fitting.fitted, squares):
         found.update(done.tiles)
         n_rows, n_outside = n_rows + done.n_rows, n_outside + done.n_outside
         if progress is not None:
-            progress(len(found), len(tiles))
+            progress(len(found), n_tiles)
     return Fitted(dict(sorted(found.items())), n_rows, n_outside)
 
 

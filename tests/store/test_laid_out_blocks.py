@@ -7,7 +7,7 @@ from streets import store_of, street
 from dirprim_filter import Tracks, write_tracks
 from dirprim_filter.store import blocks, updating
 from dirprim_filter.store.blocks import blocks_of, laid_out_in_blocks
-from dirprim_filter.store.tiles import TILE_SQUARES
+from dirprim_filter.store.tiles import TILE_SQUARES, Whereabouts
 from dirprim_filter.store.updating import learn_from_store, update_map
 from dirprim_filter.store.workers import InProcess
 
@@ -43,26 +43,28 @@ def learned(store, **options):
 
 
 def blocks_in(store):
-    return blocks_of(tuple(tile) for tiles in store.recorded().values() for tile in tiles)
+    there = Whereabouts.of_all(store.recorded())
+    return blocks_of(there), there
 
 
 def test_blocks_are_those_of_tiles():
-    assert blocks_of([(0, 0), (7, 7), (8, 0), (-1, -9)]) == [(-1, -2), (0, 0), (1, 0)]
+    there = Whereabouts.of_all({"one": [[0, 0], [7, 7]], "other": [[8, 0], [-1, -9]]})
+    assert blocks_of(there) == [(-1, -2), (0, 0), (1, 0)]
 
 
 def test_each_block_has_its_own_cells_whoever_lays_them_out_in_whatever_order(store, small_blocks):
-    every = blocks_in(store)
+    every, there = blocks_in(store)
     assert len(every) == 3
-    whole, again = (laid_out_in_blocks(store, every, workers=each, **HOW) for each in (InProcess(), Backwards()))
+    whole, again = (laid_out_in_blocks(store, every, there, workers=each, **HOW) for each in (InProcess(), Backwards()))
     centers = whole.cells.centers
     np.testing.assert_array_equal(centers, again.cells.centers)
     np.testing.assert_array_equal(whole.cells.region.square, again.cells.region.square)
     assert whole.softness == again.softness
     for block in every:
-        alone = laid_out_in_blocks(store, [block], workers=InProcess(), **HOW).cells.centers
+        alone = laid_out_in_blocks(store, [block], there, workers=InProcess(), **HOW).cells.centers
         np.testing.assert_array_equal(centers[(centers // TILE_SQUARES == block).all(axis=1)], alone)
     with pytest.raises(ValueError, match="expected places that 1000 vehicles passed the same way, got none"):
-        laid_out_in_blocks(store, every, workers=InProcess(), **HOW | {"min_vehicles": 1000})
+        laid_out_in_blocks(store, every, there, workers=InProcess(), **HOW | {"min_vehicles": 1000})
 
 
 def test_nothing_is_lost_by_blocks(store, small_blocks, monkeypatch):
@@ -74,7 +76,8 @@ def test_nothing_is_lost_by_blocks(store, small_blocks, monkeypatch):
 
     tiled = learned(store)
     assert update_map(tiled, store).n_cells == 0
-    alone = laid_out_in_blocks(store, blocks_in(store)[:1], workers=InProcess(), **HOW)
+    every, there = blocks_in(store)
+    alone = laid_out_in_blocks(store, every[:1], there, workers=InProcess(), **HOW)
     one = learned(store, tessellation=alone.cells)
     monkeypatch.setattr(updating, "MOST_STEPS", 10**9)
     monkeypatch.setattr(updating, "laid_out_in_blocks", None)
