@@ -87,9 +87,12 @@ class Learned(NamedTuple):
 
 def learn_from_visible(
     visible: Visible, sums: LeaderSums, *, min_vehicles: int, fading: Fading | None, by: By | None, zone: str,
-    rng: np.random.Generator, **options: Any,
+    rng: np.random.Generator, fitted_anew: bool = False, **options: Any,
 ) -> Learned:  # fmt: skip
-    """As `learn_from_summary`, of pseudo-vehicles and the sums that the response to leaders is learned from."""
+    """As `learn_from_summary`, of pseudo-vehicles and the sums that the response to leaders is learned from.
+
+    Of a map whose cells are `fitted_anew` afterwards, if they can be, nothing is left out before.
+    """
     tracks, hour = visible
     if not len(tracks):
         raise ValueError(
@@ -100,7 +103,7 @@ def learn_from_visible(
     seen = float(sums.acceleration.weight.sum()) >= min_vehicles
     leader = sums.response() if seen else LeaderResponse.none()
     learned = replace(learned, motion=replace(learned.motion, leader=leader))
-    if min_vehicles == 1 and by is None and fading is None:
+    if by is None and ((min_vehicles == 1 and fading is None) or (fitted_anew and learned.refit is not None)):
         return Learned(learned, None)
     visits = Visits.of(TrackRows.thinned(tracks, interval_s=0.0), learned.tessellation)
     mode = modes_of(learned, visits)

@@ -142,7 +142,9 @@ def _chosen(
 ) -> Learned:
     """Cells and all that held-out vehicles choose."""
     (everywhere,) = sampled(store, [whole], most_rows=MOST_STEPS, min_vehicles=min_vehicles)
-    return learn_from_visible(everywhere.ways.visible(), sums, min_vehicles=min_vehicles, rng=rng, **options)
+    visible = everywhere.ways.visible()
+    del everywhere
+    return learn_from_visible(visible, sums, min_vehicles=min_vehicles, rng=rng, fitted_anew=True, **options)
 
 
 def update_map(
