@@ -63,11 +63,12 @@ def test_steps_tell_how_many_of_how_many():
             reported.progress(18, -0.625)
         with learning_progress() as reported:
             reported.stage(3)
+            reported.tiles(3, 7)
         with working("reading y"):
             pass
     assert "4 of 4 chunks" in text_of(shown)
     assert re.search(r"cells \(1 of 4\): 18, log density 0.625, round 1, at most \d+ s left", text_of(shown))
-    assert "how vehicles go on (4 of 4)" in text_of(shown)
+    assert "how vehicles go on (4 of 4): 3 of 7 tiles" in text_of(shown)
     assert "reading y" in text_of(shown)
 
 
@@ -76,7 +77,7 @@ def test_a_pipe_gets_nothing(capsys):
     assert list(with_progress(frames, what="x", end_ns=1)) == frames
     with step_progress("x", "y") as tell, learning_progress() as learned, working("z"):
         assert tell is None
-        assert learned == (None, None)
+        assert learned == (None, None, None)
     assert capsys.readouterr().err == ""
 
 
