@@ -141,15 +141,13 @@ class _Gathered:
             while self._n[k] > self._most:
                 self._share[k] *= 0.5
                 self._n[k] = sum(np.count_nonzero(self._taken(part, k)) for part in self._parts)
-        if self._n_held > 2 * max(self._n_needed, self._most):
+        if self._n_held > min(2 * max(self._n_needed, self._most), self._n.sum()):
             self._drop()
 
     def _drop(self) -> None:
         """What no box takes any more."""
-        self._parts = [
-            part.some(np.logical_or.reduce([self._taken(part, k) for k in range(len(self._boxes))]))
-            for part in self._parts
-        ]
+        for i, part in enumerate(self._parts):  # in place, lest there be two of all
+            self._parts[i] = part.some(np.logical_or.reduce([self._taken(part, k) for k in range(len(self._boxes))]))
         self._n_held = self._n_needed = sum(part.way.size for part in self._parts)
 
     def _taken(self, ways: WayRows, k: int) -> BoolArray:
