@@ -67,24 +67,6 @@ class Fitting(NamedTuple):
     def _side_m(self) -> float:
         return TILE_SQUARES * self.store.config.lattice.square_m
 
-    def fitted(self, square: Square) -> Fitted:
-        """The tiles that have cells, and what none covers in those that changed."""
-        found, n_rows, n_outside = {}, 0, 0
-        lattice, cells = self.store.config.lattice, self.basis.own.cells
-        samples = sampled(
-            self.store, self._boxes(square.tiles), most_rows=self.counted.most_rows,
-            min_vehicles=self.counted.min_vehicles, recordings=square.recordings,
-        )  # fmt: skip
-        for tile, sample in zip(square.tiles, samples, strict=True):
-            if tile in self.homes:
-                fit = TileFit.of(self.basis, self.homes[tile], tile, sample, fading=self._fading(tile))
-                found[tile] = fit.finished(self.basis, self.counted)
-            if tile in square.changed:
-                here = sample.ways.position[(tiles_at(sample.ways.position, lattice) == tile).all(axis=1)]
-                n_outside += int(np.count_nonzero(cells.cell_of(here) < 0))
-                n_rows += len(here)
-        return Fitted(found, n_rows, n_outside)
-
     def squares(self, tiles: Iterable[Tile], changed: set[Tile], there: Whereabouts) -> list[Square]:
         """Tiles whose recordings are read together, in order, and those that changed."""
         found: defaultdict[Tile, list[Tile]] = defaultdict(list)
@@ -92,25 +74,45 @@ class Fitting(NamedTuple):
             found[east // READ_TILES, north // READ_TILES].append((east, north))
         lattice = self.store.config.lattice
         return [
-            Square(some, changed & set(some), recordings_at(self._boxes(some), there, lattice))
+            Square(some, changed & set(some), recordings_at(self.boxes(some), there, lattice))
             for some in found.values()
         ]
 
-    def _boxes(self, tiles: list[Tile]) -> list[Box]:
+    def boxes(self, tiles: list[Tile]) -> list[Box]:
         """In and around each."""
         side_m, halo_m = self._side_m, self.halo_m
         boxes = []
         for tile in tiles:
-            low, fading = np.array(tile) * side_m, self._fading(tile)
+            low, fading = np.array(tile) * side_m, self.fading(tile)
             boxes.append(Box(low - halo_m, low + side_m + halo_m, fading and fading.slowly))
         return boxes
 
-    def _fading(self, tile: Tile) -> Fading | None:
+    def fading(self, tile: Tile) -> Fading | None:
         """How vehicles age there: a place ages as it is seen anew."""
         if not self.counted.half_life_s:
             return None
         end_ns = max((self.ends[near] for near in around({tile}, self.rings) & self.ends.keys()), default=0)
         return Fading(half_life_s=self.counted.half_life_s, now_ns=self.counted.now_ns).until(end_ns)
+
+
+def fitted_square(square: Square, fitting: Fitting) -> Fitted:
+    """The tiles that have cells, and what none covers in those that changed."""
+    found, n_rows, n_outside = {}, 0, 0
+    store, basis, counted = fitting.store, fitting.basis, fitting.counted
+    samples = sampled(
+        store, fitting.boxes(square.tiles), most_rows=counted.most_rows, min_vehicles=counted.min_vehicles,
+        recordings=square.recordings,
+    )  # fmt: skip
+    for tile, sample in zip(square.tiles, samples, strict=True):
+        if tile in fitting.homes:
+            fit = TileFit.of(basis, fitting.homes[tile], tile, sample, fading=fitting.fading(tile))
+            found[tile] = fit.finished(basis, counted)
+        if tile in square.changed:
+            position = sample.ways.position
+            here = position[(tiles_at(position, store.config.lattice) == tile).all(axis=1)]
+            n_outside += int(np.count_nonzero(basis.own.cells.cell_of(here) < 0))
+            n_rows += len(here)
+    return Fitted(found, n_rows, n_outside)
 
 
 def _homes(learned: PrimitiveMap, lattice: Lattice) -> dict[Tile, IntArray]:

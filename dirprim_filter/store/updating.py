@@ -23,7 +23,7 @@ from dirprim_filter.primitives.refit import N_SPREADS, Counted, Refit
 from dirprim_filter.primitives.schedule import By
 from dirprim_filter.store.blocks import blocks_of, laid_out_in_blocks
 from dirprim_filter.store.fading import Fading
-from dirprim_filter.store.fitting import Fitted, Fitting, Square
+from dirprim_filter.store.fitting import Fitted, Fitting, Square, fitted_square
 from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, Learned, learn_from_visible, share_of_steps
 from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, sampled
 from dirprim_filter.store.refitted import refitted
@@ -209,7 +209,7 @@ def _fitted(fitting: Fitting, squares: list[Square], workers: Workers, progress:
     """Tiles, and what no cell covers in those that changed."""
     found, n_rows, n_outside = {}, 0, 0
     n_tiles = len(fitting.homes.keys() & {tile for square in squares for tile in square.tiles})
-    for done in workers.each(fitting.fitted, squares):
+    for done in workers.each(fitted_square, squares, fitting):
         found.update(done.tiles)
         n_rows, n_outside = n_rows + done.n_rows, n_outside + done.n_outside
         if progress is not None:

@@ -26,6 +26,10 @@ ALLOWED_FAILURES = 10
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
+LARGE = {"distributed.admin.large-graph-warning-threshold": "10 GiB"}
+"""What is shared is large, and sent once."""
+
+
 class Workers(Protocol):
     """Does tasks.
 
@@ -35,8 +39,14 @@ class Workers(Protocol):
 
     in_process: bool
 
-    def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
-        """The result of every task, in the order in which they are done."""
+    def each(self, work: Callable[..., Result], tasks: Sequence[Task], *shared: Any) -> Iterator[Result]:
+        """The result of every task, in the order in which they are done.
+
+        Args:
+            work: called with a task, and with what is shared.
+            tasks: small.
+            shared: what all tasks take; each worker is sent it once.
+        """
         ...
 
 
@@ -45,9 +55,9 @@ class InProcess:
 
     in_process = True
 
-    def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+    def each(self, work: Callable[..., Result], tasks: Sequence[Task], *shared: Any) -> Iterator[Result]:
         """The results in the order of the tasks."""
-        return map(work, tasks)
+        return (work(task, *shared) for task in tasks)
 
 
 class LocalWorkers:
@@ -64,7 +74,7 @@ class LocalWorkers:
             raise ValueError(f"workers: expected at least 1, got {n}")
         self._n = n
 
-    def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+    def each(self, work: Callable[..., Result], tasks: Sequence[Task], *shared: Any) -> Iterator[Result]:
         """The results as they come.
 
         Raises:
@@ -76,7 +86,7 @@ class LocalWorkers:
         dask, distributed = _dask(f"--workers {self._n}")
         settings = {
             "distributed.scheduler.allowed-failures": ALLOWED_FAILURES, "distributed.nanny.environ": ONE_THREAD,
-            "distributed.worker.daemon": False,
+            "distributed.worker.daemon": False, **LARGE,
         }  # fmt: skip
         with (
             dask.config.set(settings),
@@ -86,7 +96,7 @@ class LocalWorkers:
             ) as cluster,
             distributed.Client(cluster) as client,
         ):  # fmt: skip
-            yield from _results(client, work, tasks, f"--workers {self._n}")
+            yield from _results(client, f"--workers {self._n}", work, tasks, *shared)
 
 
 class ClusterWorkers:
@@ -101,7 +111,7 @@ class ClusterWorkers:
     def __init__(self, address: str) -> None:
         self._address = address
 
-    def each(self, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+    def each(self, work: Callable[..., Result], tasks: Sequence[Task], *shared: Any) -> Iterator[Result]:
         """The results as they come.
 
         Raises:
@@ -111,14 +121,14 @@ class ClusterWorkers:
         if not tasks:
             return
         who = f"--scheduler {self._address}"
-        _, distributed = _dask(who)
+        dask, distributed = _dask(who)
         try:
             client = distributed.Client(self._address, timeout=PATIENCE_S)
         except (OSError, ValueError) as error:
             raise RecordingError(
                 f"{who}: expected a scheduler of Dask, got: {error}; start one with `dask scheduler`"
             ) from error
-        with client:
+        with client, dask.config.set(LARGE):
             try:
                 client.wait_for_workers(1, timeout=PATIENCE_S)
             except TimeoutError as error:
@@ -126,12 +136,16 @@ class ClusterWorkers:
                     f"{who}: expected workers, none came in {PATIENCE_S} s; start some with `dask worker "
                     f"{self._address} --nthreads 1`"
                 ) from error
-            yield from _results(client, work, tasks, who)
+            yield from _results(client, who, work, tasks, *shared)
 
 
-def _results(client: Any, work: Callable[[Task], Result], tasks: Sequence[Task], who: str) -> Iterator[Result]:
+def _results(
+    client: Any, who: str, work: Callable[..., Result], tasks: Sequence[Task], *shared: Any
+) -> Iterator[Result]:
     _, distributed = _dask(who)
-    futures = client.map(work, tasks, retries=RETRIES, pure=False)
+    # Tasks themselves, so that what is shared is made again if the workers that have it die.
+    held = [client.submit(_itself, each, retries=RETRIES, pure=False) for each in shared]
+    futures = client.map(work, tasks, *([each] * len(tasks) for each in held), retries=RETRIES, pure=False)
     for future in distributed.as_completed(futures):
         try:
             result = future.result()
@@ -144,6 +158,10 @@ def _results(client: Any, work: Callable[[Task], Result], tasks: Sequence[Task],
             raise RecordingError(f"{who}: the scheduler was lost; what is done counts; run again") from error
         future.release()
         yield result
+
+
+def _itself(each: Result) -> Result:
+    return each
 
 
 def workers_for(n_tasks: int, asked: int | None, scheduler: str | None = None) -> Workers:
