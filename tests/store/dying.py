@@ -5,7 +5,7 @@ import signal
 
 
 def once_killed(task, shared):
-    """The task's number and the sum of what is shared; of number 1 the process dies, the first time that it is asked."""
+    """The task's number and the sum of what is shared; of number 1 the process dies, the first time it is asked."""
     path, number = task
     if number == 1 and not path.exists():
         path.touch()
