@@ -22,6 +22,7 @@ from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.refit import N_SPREADS, Counted, Refit
 from dirprim_filter.primitives.schedule import By
 from dirprim_filter.store.blocks import blocks_of, laid_out_in_blocks
+from dirprim_filter.store.by_hour import Strengths
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.fitting import Fitted, Fitting, Square, fitted_square
 from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, Learned, learn_from_visible, share_of_steps
@@ -47,6 +48,8 @@ CALLED = ("progress", "stage")
 """Those that other processes cannot call."""
 
 Progress = Callable[[int, int], None]
+Recorded = Mapping[str, list[list[int]]]
+"""See `Store.recorded`."""
 
 
 class Updated(NamedTuple):
@@ -89,12 +92,10 @@ def learn_from_store(
     since = None
     if fading is not None:
         since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
-    slowly, counts = since and since.slowly, _counts(store)
-    recorded = store.recorded()
+    slowly, counts, recorded = since and since.slowly, _counts(store), store.recorded()
     there = Whereabouts.of_all(recorded)
-    blocks = blocks_of(there)
-    by_search = options.get("tessellation", "joint") in ("joint", "voronoi") and options.get("n_cells") is None
-    if share_of_steps(counts.whens, store.config.lattice, slowly) < 1.0 and len(blocks) > 1 and by_search:
+    blocks, known = blocks_of(there), share_of_steps(counts.whens, store.config.lattice, slowly)
+    if known < 1.0 and len(blocks) > 1 and _is_searched(**options):
         said = {name: options[name] for name in LAID_OUT_BY if name in options}
         options = {name: value for name, value in options.items() if name not in WHERE}
         options["tessellation"] = laid_out_in_blocks(
@@ -111,21 +112,33 @@ def learn_from_store(
     learned, strengths = chosen
     if learned.refit is None:
         return learned
+    counted = _counted(store, recorded, min_vehicles, fading, strengths)
+    fitting = Fitting.of(learned, learned.refit, counted, store, _ends(store, recorded))
+    every = set(fitting.homes)
+    done = _fitted(fitting, fitting.squares(every, set(), there), workers, fitted)
+    usual = Deviations.together(tile.deviations for tile in done.tiles.values()).usual_squares()
+    return _refitted(learned, learned.refit, replace(counted, usual_square=usual), done.tiles, every)
+
+
+def _is_searched(*, tessellation: object = "joint", n_cells: int | None = None, **_: object) -> bool:
+    """Whether it is learned where cells are, and how many."""
+    return isinstance(tessellation, str) and tessellation in ("joint", "voronoi") and n_cells is None
+
+
+def _counted(
+    store: Store, recorded: Recorded, min_vehicles: int, fading: Fading | None, strengths: Strengths | None
+) -> Counted:
+    """Before it is known what is usual of manoeuvres."""
+    digests = Digests.of(recorded)
     counted = Counted(
-        by=_counts_by(store), min_vehicles=min_vehicles, most_rows=MOST_ROWS,
-        usual_square=np.zeros(N_SPREADS), tile=np.empty((0, 2), np.int64), digest=np.empty(0, np.int64),
+        by=_counts_by(store), min_vehicles=min_vehicles, most_rows=MOST_ROWS, usual_square=np.zeros(N_SPREADS),
+        tile=digests.tile, digest=digests.digest,
     )  # fmt: skip
     if fading is not None:
         counted = replace(counted, half_life_s=fading.half_life_s, now_ns=fading.now_ns)
     if strengths is not None:
         counted = replace(counted, slot_strength=np.array(strengths[:2]), slot_share=strengths.share)
-    fitting = Fitting.of(learned, learned.refit, counted, store, _ends(store, recorded))
-    every = set(fitting.homes)
-    done = _fitted(fitting, fitting.squares(every, set(), there), workers, fitted)
-    usual = Deviations.together(tile.deviations for tile in done.tiles.values()).usual_squares()
-    digests = Digests.of(recorded)
-    counted = replace(counted, usual_square=usual, tile=digests.tile, digest=digests.digest)
-    return _refitted(learned, learned.refit, counted, done.tiles, every)
+    return counted
 
 
 def _counts(store: Store) -> Counts:
@@ -201,7 +214,7 @@ def _counts_by(store: Store) -> str:
     return f"configuration {store.config.digest} in frame {store.frame!r}"
 
 
-def _ends(store: Store, recorded: Mapping[str, list[list[int]]]) -> dict[Tile, int]:
+def _ends(store: Store, recorded: Recorded) -> dict[Tile, int]:
     return ends_of(recorded, store.entries(), store.archived())
 
 
