@@ -50,13 +50,13 @@ def learned(store, **options):
 
 def test_the_map_is_the_same_whoever_fits_it(folder, tmp_path, cluster):
     store = store_of(tmp_path / "store", folder, "both")
-    here, told = learned(store), []
-    there = learned(store, workers=LocalWorkers(2), fitted=lambda *done: told.append(done), stage=told.append)
+    here, reported = learned(store), []
+    there = learned(store, workers=LocalWorkers(2), fitted=lambda *done: reported.append(done), stage=reported.append)
     assert bytes_of(there, tmp_path / "there.mcap") == bytes_of(here, tmp_path / "here.mcap")
-    n = told[-1][1]
-    assert [of for _, of in told] == [n] * len(told)
-    assert [done for done, _ in told] == sorted({done for done, _ in told})
-    assert told[-1] == (n, n)
+    n = reported[-1][1]
+    assert [of for _, of in reported] == [n] * len(reported)
+    assert [done for done, _ in reported] == sorted({done for done, _ in reported})
+    assert reported[-1] == (n, n)
     add(store, folder, "near")
     anew, by_cluster = (
         update_map(here, store, workers=each) for each in (None, ClusterWorkers(cluster.scheduler_address))
