@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Self
 
 import numpy as np
 
 from tessellation._arrays import FloatArray, IntArray, as_floats
 from tessellation._kernels import Locator
+from tessellation._pickling import from_fields
 from tessellation.blocks import BLOCK_SQUARES
 from tessellation.locate import cells_of, grid_locator
 
@@ -54,6 +57,10 @@ class GridTessellation:
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "square", square)
         object.__setattr__(self, "locator", grid_locator(origin, self.cell_size, self.n_x, self.n_y, square))
+
+    def __reduce__(self) -> tuple[partial[Self], tuple[()]]:
+        """Without its rasters: see `_pickling`."""
+        return from_fields(self)
 
     @classmethod
     def covering(cls, position: FloatArray, *, cell_size: float) -> GridTessellation:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Self
 
 import numpy as np
 
 from tessellation._arrays import BoolArray, FloatArray, IntArray
 from tessellation._kernels import HEADER, LONGEST_LIST, Locator, PixelArray
+from tessellation._pickling import from_fields
 from tessellation.locate import locator_of
 from tessellation.part import PartOfCells
 from tessellation.protocols import OUTSIDE, Tessellation
@@ -28,6 +30,10 @@ class LocatedPart(PartOfCells):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "locator", renumbered(locator_of(self.whole), self.number))
+
+    def __reduce__(self) -> tuple[partial[Self], tuple[()]]:
+        """Without its rasters: see `_pickling`."""
+        return from_fields(self)
 
     @classmethod
     def of(cls, whole: Tessellation, cells: IntArray, area: FloatArray | None = None) -> Self:

@@ -1,11 +1,15 @@
 """What every division of the plane into cells keeps, whatever its shape."""
 
+import pickle
+from dataclasses import fields, is_dataclass
+
 import numpy as np
 import pytest
 
 from hexagons import Hexagons
 from tessellation import OUTSIDE, GridTessellation, Tessellation, VoronoiTessellation
 from tessellation.locate import cells_of, locator_of
+from tessellation.located_part import LocatedPart
 
 
 def data(seed=0, n=400):
@@ -22,6 +26,16 @@ def voronoi(position):
 
 def lloyd(position):
     return VoronoiTessellation.lloyd(position, n_cells=40, rng=np.random.default_rng(1), reach=4.0)
+
+
+def part(position):
+    return LocatedPart.of(voronoi(position), np.arange(0, 50, 2))
+
+
+def made_of(cells):
+    """Bytes of the arrays that a tessellation is made from, and of those that these are made from."""
+    given = [getattr(cells, field.name) for field in fields(cells) if field.init]
+    return sum(g.nbytes if isinstance(g, np.ndarray) else made_of(g) if is_dataclass(g) else 8 for g in given)
 
 
 def hexagons(position):
@@ -175,3 +189,17 @@ def test_large_batches_on_threads_are_located_as_one_by_one(twin):
     found = cells.cell_of(position)
     some = np.arange(0, len(position), 499)
     np.testing.assert_array_equal(found[some], [cells.cell_of(position[i]) for i in some])
+
+
+@pytest.mark.parametrize("twin", [grid, voronoi, lloyd, part])
+def test_what_is_sent_to_another_process_answers_the_same_and_holds_no_raster(twin):
+    cells = twin(data(n=4000))
+    sent = pickle.dumps(cells)
+    rasters = sum(np.asarray(column).nbytes for column in cells.locator)
+    assert len(sent) < made_of(cells) + 2000
+    assert rasters > 2000  # else the bound says nothing
+    again = pickle.loads(sent)  # noqa: S301
+    np.testing.assert_array_equal(again.cell_of(scattered()), cells.cell_of(scattered()))
+    np.testing.assert_array_equal(again.area, cells.area)
+    for ours, theirs in zip(again.locator, cells.locator, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
