@@ -14,7 +14,8 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives.assembly import Layout
-from dirprim_filter.primitives.learning import REACH_M, lay_out
+from dirprim_filter.primitives.choice import REACH_M
+from dirprim_filter.primitives.learning import lay_out
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.learning import MOST_STEPS

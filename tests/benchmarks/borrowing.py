@@ -15,16 +15,16 @@ import numpy as np
 from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.evaluation.density import rows_to_judge
 from dirprim_filter.evaluation.splits import split
-from dirprim_filter.primitives import learning
+from dirprim_filter.primitives import choice
 
 
 def scores(train, test, n_layouts):
     """Log densities of the held-out rows, and of the map its cells and borrowed modes."""
-    learning.N_LAYOUTS, before = n_layouts, learning.N_LAYOUTS
+    choice.N_LAYOUTS, before = n_layouts, choice.N_LAYOUTS
     try:
         learned = learn_primitives(train, rng=np.random.default_rng(0))
     finally:
-        learning.N_LAYOUTS = before
+        choice.N_LAYOUTS = before
     borrowed = learned.direction.weight[:-1, learned.n_own_modes : learned.n_own_modes + learned.n_borrowed_modes]
     return learned.log_density(test.position, test.direction, test.speed), learned.tessellation.n_cells, borrowed
 
@@ -39,7 +39,7 @@ def main():
     if given.vehicles:
         some = np.random.default_rng(given.seed).permutation(np.unique(rows.vehicle))[: given.vehicles]
         rows = rows[np.isin(rows.vehicle, some)]
-    found = {0: [], learning.N_LAYOUTS: []}
+    found = {0: [], choice.N_LAYOUTS: []}
     vehicle, n_cells, share, modes = [], [], [], []
     for fold in split(rows, by="vehicle", n_folds=4, rng=np.random.default_rng(0)):
         vehicle.append(fold.test.track_id)

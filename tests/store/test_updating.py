@@ -7,7 +7,8 @@ import pytest
 from streets import FAR_M, add, bytes_of, store_of, street, summed
 
 from dirprim_filter import Tracks, learn_primitives, load_map, save_map, write_tracks
-from dirprim_filter.primitives.learning import Leaning, _learned
+from dirprim_filter.primitives.choice import Leaning
+from dirprim_filter.primitives.learning import _learned
 from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, modes_of
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.schedule import Schedule
