@@ -8,7 +8,7 @@ what is usual, and cells that know little on the place-free primitive, by streng
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -41,6 +41,7 @@ def learn_primitives(
     tracks: Tracks | Iterable[Tracks],
     *,
     tessellation: CellsRule | Tessellation | Layout = "joint",
+    lenders: Sequence[Layout] | None = None,
     cell_size: float | None = None,
     n_cells: int | None = None,
     modes: ModesRule = "bic",
@@ -57,6 +58,7 @@ def learn_primitives(
         tessellation: "joint" for Voronoi cells learned together with the primitives, "voronoi" for such by positions
             alone, "grid" for square cells where there are data, or cells that are given: each learns from what is in
             it alone, or of a `Layout` from what is beside it too.
+        lenders: other cells, of which cells that are given borrow; left out, even ones.
         cell_size: metres, side of the grid's cells, or of squares as many as there shall be Voronoi cells; learned from
             held-out vehicles if absent.
         n_cells: about how many cells there shall be, instead of `cell_size`.
@@ -89,7 +91,9 @@ def learn_primitives(
     )
     begin(1)
     few = rows.some(TRIAL_ROWS, rng=rng)
-    candidates = [[layout, *other_layouts(rows, layout, recipe, rng=rng)] for layout in layouts]
+    candidates = [
+        [layout, *(other_layouts(rows, layout, recipe, rng=rng) if lenders is None else lenders)] for layout in layouts
+    ]
     (layout, *others), recipe, lean = choose(few, candidates, recipe, free, rng=rng)
     begin(2)
     learned = _learned(rows, [layout, *others], recipe, free, lean)
@@ -119,8 +123,8 @@ def lay_out(
     primitive: Literal["curved", "flat"] = "curved",
     config: LearningConfig | None = None,
     rng: np.random.Generator,
-) -> Layout:
-    """The cells that `learn_primitives` chooses, and how much they learn from beside them; arguments as there.
+) -> list[Layout]:
+    """The cells that `learn_primitives` chooses, and those that they borrow from; arguments as there.
 
     Raises:
         ValueError: as there.
@@ -133,10 +137,10 @@ def lay_out(
     free = fit_place_free(rows, config)
     recipe = _first_recipe(modes, primitive, free, config)
     layouts = layouts_of(rows, tessellation, recipe, free, cell_size=cell_size, n_cells=None, progress=None, rng=rng)
-    if len(layouts) == 1:
-        return layouts[0]
-    few = rows.some(TRIAL_ROWS, rng=rng)
-    return choose(few, [[layout] for layout in layouts], recipe, free, rng=rng)[0][0]
+    if len(layouts) > 1:
+        few = rows.some(TRIAL_ROWS, rng=rng)
+        layouts, _, _ = choose(few, [[layout] for layout in layouts], recipe, free, rng=rng)
+    return [layouts[0], *other_layouts(rows, layouts[0], recipe, rng=rng)]
 
 
 def _first_recipe(modes: ModesRule, primitive: str, free: PlaceFree, config: LearningConfig) -> Recipe:

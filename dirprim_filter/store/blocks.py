@@ -1,7 +1,8 @@
 """Where cells are, block by block: of more steps than can be learned from at once, each block's by themselves.
 
 A block is laid out from what vehicles did in it and within `HALO_M` around it, and keeps the cells whose centres lie in
-it. All blocks' cells together are the map's.
+it. All blocks' cells together are the map's. What held-out vehicles choose for all of them is chosen at some places,
+of all vehicles there: of few vehicles everywhere it would be chosen for cells that know little.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dirprim_filter.primitives.choice import REACH_M
 from dirprim_filter.primitives.learning import lay_out
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.lattice import Lattice
-from dirprim_filter.store.learning import MOST_STEPS
+from dirprim_filter.store.learning import MOST_STEPS, PLACE_M
 from dirprim_filter.store.recorded_ways import Box, recordings_at, sampled
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.tiles import HALO_M, TILE_SQUARES, Tile, Whereabouts
@@ -37,9 +38,12 @@ class LaidOut(NamedTuple):
     """A block."""
 
     block: Tile
-    centers: FloatArray  # (k, 2) metres, of its cells
-    softness: float
+    layouts: list[tuple[FloatArray, float]]  # centres (k, 2), metres, and softness: of its cells, and to borrow from
     covered: FloatArray  # (m, 2) metres, a place in each square that cells cover
+
+    def layout(self, i: int) -> tuple[FloatArray, float]:
+        """The i-th; its own cells where it has no others to borrow from."""
+        return self.layouts[i] if i < len(self.layouts) else self.layouts[0]
 
 
 def blocks_of(there: Whereabouts) -> list[Tile]:
@@ -50,8 +54,8 @@ def blocks_of(there: Whereabouts) -> list[Tile]:
 def laid_out_in_blocks(
     store: Store, blocks: list[Tile], there: Whereabouts, *, workers: Workers, min_vehicles: int,
     fading: Fading | None, seed: int, **options: Any,
-) -> Layout:  # fmt: skip
-    """The cells of all blocks.
+) -> list[Layout]:  # fmt: skip
+    """The cells of all blocks, and layouts of others to borrow from.
 
     Args:
         store: of recordings.
@@ -77,14 +81,34 @@ def laid_out_in_blocks(
             f"{store.path}: expected places that {min_vehicles} vehicles passed the same way, got none; add "
             "recordings, or ask for fewer vehicles"
         )
-    softness, of = np.unique([part.softness for part in done], return_inverse=True)
-    n_cells = np.bincount(of, [len(part.centers) for part in done])
-    cells = VoronoiTessellation.covering(
-        np.concatenate([part.covered for part in done]), generators=np.concatenate([part.centers for part in done]),
-        reach=REACH_M,
-    )  # fmt: skip
-    logger.info("%d cells laid out in %d blocks", cells.n_cells, len(done))
-    return Layout(cells, float(softness[n_cells.argmax()]))
+    covered = np.concatenate([part.covered for part in done])
+    every = range(max(len(part.layouts) for part in done))
+    layouts = [_together([part.layout(i) for part in done], covered) for i in every]
+    logger.info("%d cells laid out in %d blocks", layouts[0].cells.n_cells, len(done))
+    return layouts
+
+
+def _together(parts: list[tuple[FloatArray, float]], covered: FloatArray) -> Layout:
+    """Centres of all blocks, and the softness of most."""
+    centers, softness = zip(*parts, strict=True)
+    found, of = np.unique(softness, return_inverse=True)
+    n_cells = np.bincount(of, [len(some) for some in centers])
+    cells = VoronoiTessellation.covering(covered, generators=np.concatenate(centers), reach=REACH_M)
+    return Layout(cells, float(found[n_cells.argmax()]))
+
+
+def drawn_places(centers: FloatArray, fading: Fading | None, *, share: float, rng: np.random.Generator) -> list[Box]:
+    """Places drawn evenly of those where cells are.
+
+    Args:
+        centers: (n, 2) of the cells, metres.
+        fading: by which older ways are left out.
+        share: of the places; one at least.
+        rng: draws them.
+    """
+    places = np.unique(np.floor(centers / PLACE_M), axis=0)
+    drawn = places[np.sort(rng.permutation(len(places))[: max(1, int(share * len(places)))])]
+    return [Box(place * PLACE_M, (place + 1) * PLACE_M, fading) for place in drawn]
 
 
 def _side_m(lattice: Lattice) -> float:
@@ -112,9 +136,9 @@ def _laid_out(
         return None
     rng = np.random.default_rng((seed, block[0] + SEED, block[1] + SEED))
     found = lay_out(sample.ways.visible().tracks, rng=rng, **options)
-    centers = found.cells.centers
+    layouts = [(each.cells.centers[_is_inside(each.cells.centers, low, side_m)], each.softness) for each in found]
     covered = GridTessellation.covering(here, cell_size=REACH_M).centers
-    return LaidOut(block, centers[_is_inside(centers, low, side_m)], found.softness, covered)
+    return LaidOut(block, layouts, covered)
 
 
 def _is_inside(position: FloatArray, low: FloatArray, side_m: float) -> Any:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.leader_learning import LeaderSums
@@ -32,6 +32,11 @@ logger = logging.getLogger(__name__)
 MIN_VEHICLES = 5
 MOST_STEPS = 1_000_000
 """Of pseudo-vehicles drawn evenly from all hours: more tell next to nothing new."""
+MOST_BY_HOUR = 200_000
+"""Of them by which it is chosen how strongly hours lean on all day."""
+PLACE_M = 256.0
+"""Side of the places where held-out vehicles choose, of all vehicles there: of a share of the vehicles everywhere they
+would choose for cells that know little."""
 BLOCK_STEPS = 200_000
 """At a time become pseudo-vehicles."""
 GOLDEN = 0.6180339887498949
@@ -105,7 +110,10 @@ def learn_from_visible(
     learned = replace(learned, motion=replace(learned.motion, leader=leader))
     if by is None and ((min_vehicles == 1 and fading is None) or (fitted_anew and learned.refit is not None)):
         return Learned(learned, None)
-    visits = Visits.of(TrackRows.thinned(tracks, interval_s=0.0), learned.tessellation)
+    rows = TrackRows.thinned(tracks, interval_s=0.0)
+    if fitted_anew and learned.refit is not None:  # then visits are for strengths alone
+        rows = rows[at_some_places(rows.position, MOST_BY_HOUR, rng=rng)]
+    visits = Visits.of(rows, learned.tessellation)
     mode = modes_of(learned, visits)
     if min_vehicles > 1:
         learned = withheld(learned, visits, mode, min_vehicles)
@@ -120,6 +128,16 @@ def learn_from_visible(
     return Learned(replace(learned, schedule=schedule), strengths)
 
 
+def at_some_places(position: FloatArray, most: int, *, rng: np.random.Generator) -> BoolArray:
+    """(n,) all rows of places drawn evenly, until there are so many; one place at least. (n, 2) metres."""
+    if len(position) <= most:
+        return np.ones(len(position), np.bool_)
+    places, place = np.unique(np.floor(position / PLACE_M), axis=0, return_inverse=True)
+    order = rng.permutation(len(places))
+    n_rows = np.cumsum(np.bincount(place)[order])
+    return np.isin(place, order[: max(1, int(np.searchsorted(n_rows, most, side="right")))])
+
+
 def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Visible:
     """Pseudo-vehicles, where at least so many vehicles passed each place each way; of older ones as many as count.
 
@@ -131,7 +149,7 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
         raise ValueError("summary: expected at least one vehicle, got none; add a recording first")
     hour, _, _ = unpacked_when(whens.key[:, 0], summary.lattice)
     share = np.ones(hour.size) if fading is None else fading.share(hour)
-    share *= share_of_steps(whens, summary.lattice, fading)
+    share *= min(1.0, MOST_STEPS / max(n_steps_left(whens, summary.lattice, fading), 1.0))
     n_ways, end_ns = 0, 0
     parts: list[Tracks] = []
     hours: list[IntArray] = []
@@ -151,12 +169,12 @@ def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading
     return Visible(tracks, np.concatenate(hours)[rows])
 
 
-def share_of_steps(whens: Tally, lattice: Lattice, fading: Fading | None) -> float:
-    """Of the steps that age leaves, those that are learned from; `whens` as of `Summary`."""
+def n_steps_left(whens: Tally, lattice: Lattice, fading: Fading | None) -> float:
+    """How many steps age leaves; `whens` as of `Summary`."""
     count = whens.value[:, 0].astype(np.float64)
     if fading is not None:
         count *= fading.share(unpacked_when(whens.key[:, 0], lattice)[0])
-    return min(1.0, MOST_STEPS / max(float(count.sum()), 1.0))
+    return float(count.sum())
 
 
 def _shown(tracks: Tracks, shown: BoolArray, begin_ns: int) -> Tracks:

@@ -57,6 +57,15 @@ class WayRows(NamedTuple):
         return Visible(tracks, self.hour[np.unique(self.way, return_index=True)[1]])
 
     @classmethod
+    def together(cls, parts: Sequence[WayRows]) -> WayRows:
+        """Of places that do not overlap."""
+        if len(parts) == 1:
+            return parts[0]
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        order = np.argsort(columns[2])  # by number
+        return cls(*(column[order] for column in columns))
+
+    @classmethod
     def none(cls) -> WayRows:
         """No row."""
         whole, floats = np.empty(0, np.int64), np.empty(0)

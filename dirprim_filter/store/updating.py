@@ -21,12 +21,12 @@ from dirprim_filter.primitives.motion_learning import Deviations
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.refit import N_SPREADS, Counted, Refit
 from dirprim_filter.primitives.schedule import By
-from dirprim_filter.store.blocks import blocks_of, laid_out_in_blocks
+from dirprim_filter.store.blocks import blocks_of, drawn_places, laid_out_in_blocks
 from dirprim_filter.store.by_hour import Strengths
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.fitting import Fitted, Fitting, Square, fitted_square
-from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, Learned, learn_from_visible, share_of_steps
-from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, sampled
+from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, Learned, learn_from_visible, n_steps_left
+from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, WayRows, sampled
 from dirprim_filter.store.refitted import refitted
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import as_leader_sums
@@ -69,9 +69,9 @@ def learn_from_store(
     """Learn a map that `update_map` can keep up to date.
 
     Where cells are, and all that held-out vehicles choose, is learned from all recordings, of `MOST_STEPS` steps
-    drawn evenly; where there are more, and of more than one kilometre, cells are laid out block by block. What cells
-    hold is then fitted tile by tile, each from its own and the surrounding tiles' recordings, and ages from when the
-    last of these ended.
+    drawn evenly. Where there are more, cells are laid out block by block, and held-out vehicles choose at so many
+    places as have half of these steps. What cells hold is then fitted tile by tile, each from its own and the
+    surrounding tiles' recordings, and ages from when the last of these ended.
 
     Args:
         store: of recordings.
@@ -94,21 +94,25 @@ def learn_from_store(
         since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
     slowly, counts, recorded = since and since.slowly, _counts(store), store.recorded()
     there = Whereabouts.of_all(recorded)
-    blocks, known = blocks_of(there), share_of_steps(counts.whens, store.config.lattice, slowly)
-    if known < 1.0 and len(blocks) > 1 and _is_searched(**options):
+    chosen_at, n_steps = [EVERYWHERE._replace(fading=slowly)], n_steps_left(counts.whens, store.config.lattice, slowly)
+    if n_steps > MOST_STEPS and _is_searched(**options):
         said = {name: options[name] for name in LAID_OUT_BY if name in options}
         options = {name: value for name, value in options.items() if name not in WHERE}
-        options["tessellation"] = laid_out_in_blocks(
-            store, blocks, there, workers=workers, min_vehicles=min_vehicles, fading=slowly,
+        layout, *options["lenders"] = laid_out_in_blocks(
+            store, blocks_of(there), there, workers=workers, min_vehicles=min_vehicles, fading=slowly,
             seed=int(rng.integers(1 << 31)), **said,
         )  # fmt: skip
+        options["tessellation"] = layout
+        # Half of what can be learned from at once, on average: some places have more.
+        share = 0.5 * MOST_STEPS / n_steps
+        chosen_at = drawn_places(layout.cells.centers, slowly, share=share, rng=rng)
     if not workers.in_process:
         options = {name: value for name, value in options.items() if name not in CALLED}
     choose = partial(
         _chosen, store=store, sums=as_leader_sums(counts.leader), min_vehicles=min_vehicles, fading=since, by=by,
         zone=zone, rng=rng, **options,
     )  # fmt: skip
-    (chosen,) = workers.each(choose, [EVERYWHERE._replace(fading=slowly)])
+    (chosen,) = workers.each(choose, [chosen_at])
     learned, strengths = chosen
     if learned.refit is None:
         return learned
@@ -151,12 +155,11 @@ def _counts(store: Store) -> Counts:
 
 
 def _chosen(
-    whole: Box, *, store: Store, sums: LeaderSums, min_vehicles: int, rng: np.random.Generator, **options: Any
+    places: list[Box], *, store: Store, sums: LeaderSums, min_vehicles: int, rng: np.random.Generator, **options: Any
 ) -> Learned:
-    """Cells and all that held-out vehicles choose."""
-    (everywhere,) = sampled(store, [whole], most_rows=MOST_STEPS, min_vehicles=min_vehicles)
-    visible = everywhere.ways.visible()
-    del everywhere
+    """All that held-out vehicles choose, cells too unless they are given."""
+    samples = sampled(store, places, most_rows=MOST_STEPS // len(places), min_vehicles=min_vehicles)
+    visible = WayRows.together([sample.ways for sample in samples]).visible()
     return learn_from_visible(visible, sums, min_vehicles=min_vehicles, rng=rng, fitted_anew=True, **options)
 
 

@@ -7,7 +7,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py memory 1000000
     python tests/benchmarks/fleet.py columns 100000000
     python tests/benchmarks/fleet.py workers 16
-    python tests/benchmarks/fleet.py tiled ../shared/data/town03/roundabout.csv [--tiles 2]
+    python tests/benchmarks/fleet.py tiled ../shared/data/town03/roundabout.csv [--tiles 2 --seeds 4]
     python tests/benchmarks/fleet.py year roundabout [--logs 4]
     python tests/benchmarks/fleet.py killing
     python tests/benchmarks/fleet.py known 10000
@@ -210,29 +210,41 @@ def year(scene: str, n_logs: int) -> None:
             )  # fmt: skip
 
 
-def tiled(log: str, n_tiles: int) -> None:
+def tiled(log: str, n_tiles: int, n_seeds: int) -> None:
     """Held-out log density and energy score of cells laid out whole, and in blocks of so many times 128 m.
 
-    Half of the vehicles each; both are fitted to the same steps, of which half are enough to be laid out in blocks.
+    Half of the vehicles each; by each seed borders lie elsewhere. In blocks held-out vehicles choose at half of the
+    places. Layouts differ by chance as well: how much of the difference that may be, its standard error says.
     """
     tracks = read_csv(log).tracks if log.endswith(".csv") else read_tracks(log)
+    blocks.BLOCK_TILES, counted = n_tiles, updating.n_steps_left
     found: dict[str, list[np.ndarray]] = {"whole": [], "in blocks": []}
-    cells = dict.fromkeys(found, 0)
-    for fold in split(tracks, by=honest_split(tracks), n_folds=2, rng=np.random.default_rng(0)):
-        with tempfile.TemporaryDirectory() as folder:
-            store = Store.create(Path(folder) / "store", StoreConfig())
-            write_entry(store, fold.train, "log")
-            for name, every in found.items():
-                updating.MOST_STEPS = n_steps(store) // (2 if name == "in blocks" else 1)
-                blocks.BLOCK_TILES = n_tiles
-                learned = learn_from_store(store, min_vehicles=1, rng=np.random.default_rng(0))
-                every.append(scored(learned, fold.test, 0))
-                cells[name] += learned.tessellation.n_cells
-    rows = np.mean(found["whole"], axis=0)
-    for name, scores in found.items():
-        mean = np.mean(scores, axis=0)
-        worse = " ".join(f"{s:g} s {mean[1 + i] / rows[1 + i] - 1:+.1%}" for i, s in enumerate(HORIZONS_S))
-        print(f"{log}, {name}: {cells[name]} cells; log density {mean[0]:.3f} ({mean[0] - rows[0]:+.3f}); {worse}")
+    for seed in range(n_seeds):
+        away = np.random.default_rng(seed).uniform(0.0, 128.0 * n_tiles, 2)
+        moved = replace(tracks, position=tracks.position + away)
+        for fold in split(moved, by=honest_split(moved), n_folds=2, rng=np.random.default_rng(0)):
+            with tempfile.TemporaryDirectory() as folder:
+                store = Store.create(Path(folder) / "store", StoreConfig())
+                write_entry(store, fold.train, "log")
+                updating.MOST_STEPS = n_steps(store)
+                for name, every in found.items():
+                    more = 1.0 if name == "in blocks" else 0.0  # than are learned from at once
+                    updating.n_steps_left = lambda *given, more=more: counted(*given) + more
+                    learned = learn_from_store(store, min_vehicles=1, rng=np.random.default_rng(seed))
+                    every.append(np.append(scored(learned, fold.test, 0), learned.tessellation.n_cells))
+        whole, tiles = (np.array(each) for each in found.values())
+        gain = tiles[:, 0] - whole[:, 0]
+        worse = " ".join(f"{s:g} s {each - 1:+.1%}" for s, each in zip(HORIZONS_S, ratio(tiles, whole), strict=True))
+        print(
+            f"{log}, {seed + 1} seeds: {whole[:, -1].mean():.0f} cells, {tiles[:, -1].mean():.0f} in blocks; log "
+            f"density {whole[:, 0].mean():.3f}, {gain.mean():+.3f} in blocks, standard error of the difference "
+            f"{gain.std(ddof=1) / np.sqrt(gain.size):.3f}; energy score {worse}", flush=True,
+        )  # fmt: skip
+
+
+def ratio(tiles: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Of the mean energy scores."""
+    return tiles[:, 1:-1].mean(axis=0) / whole[:, 1:-1].mean(axis=0)
 
 
 def everywhere(store: Store) -> Tracks:
@@ -423,7 +435,7 @@ if __name__ == "__main__":
     if given.what == "fidelity":
         fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
     elif given.what == "tiled":
-        tiled(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.tiles)
+        tiled(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.tiles, given.seeds)
     elif given.what == "year":
         year(given.of or "roundabout", given.logs)
     elif given.what == "memory":

@@ -5,8 +5,10 @@ import pytest
 from streets import store_of, street
 
 from dirprim_filter import Tracks, write_tracks
+from dirprim_filter.primitives.borrowing import N_LAYOUTS
 from dirprim_filter.store import blocks, updating
-from dirprim_filter.store.blocks import blocks_of, laid_out_in_blocks
+from dirprim_filter.store.blocks import blocks_of, drawn_places, laid_out_in_blocks
+from dirprim_filter.store.learning import PLACE_M, at_some_places
 from dirprim_filter.store.tiles import TILE_SQUARES, Whereabouts
 from dirprim_filter.store.updating import learn_from_store, update_map
 from dirprim_filter.store.workers import InProcess
@@ -55,14 +57,16 @@ def test_blocks_are_those_of_tiles():
 def test_each_block_has_its_own_cells_whoever_lays_them_out_in_whatever_order(store, small_blocks):
     every, there = blocks_in(store)
     assert len(every) == 3
-    whole, again = (laid_out_in_blocks(store, every, there, workers=each, **HOW) for each in (InProcess(), Backwards()))
-    centers = whole.cells.centers
-    np.testing.assert_array_equal(centers, again.cells.centers)
-    np.testing.assert_array_equal(whole.cells.region.square, again.cells.region.square)
-    assert whole.softness == again.softness
-    for block in every:
-        alone = laid_out_in_blocks(store, [block], there, workers=InProcess(), **HOW).cells.centers
-        np.testing.assert_array_equal(centers[(centers // TILE_SQUARES == block).all(axis=1)], alone)
+    layouts, again = (laid_out_in_blocks(store, every, there, workers=w, **HOW) for w in (InProcess(), Backwards()))
+    assert len(layouts) == 1 + N_LAYOUTS  # those to borrow from too
+    for i, (one, other) in enumerate(zip(layouts, again, strict=True)):
+        centers = one.cells.centers
+        np.testing.assert_array_equal(centers, other.cells.centers)
+        np.testing.assert_array_equal(one.cells.region.square, other.cells.region.square)
+        assert one.softness == other.softness > 0
+        for block in every:
+            alone = laid_out_in_blocks(store, [block], there, workers=InProcess(), **HOW)[i].cells.centers
+            np.testing.assert_array_equal(centers[(centers // TILE_SQUARES == block).all(axis=1)], alone)
     with pytest.raises(ValueError, match="expected places that 1000 vehicles passed the same way, got none"):
         laid_out_in_blocks(store, every, there, workers=InProcess(), **HOW | {"min_vehicles": 1000})
 
@@ -77,14 +81,42 @@ def test_nothing_is_lost_by_blocks(store, small_blocks, monkeypatch):
     tiled = learned(store)
     assert update_map(tiled, store).n_cells == 0
     every, there = blocks_in(store)
-    alone = laid_out_in_blocks(store, every[:1], there, workers=InProcess(), **HOW)
+    alone, *_ = laid_out_in_blocks(store, every[:1], there, workers=InProcess(), **HOW)
     one = learned(store, tessellation=alone.cells)
-    monkeypatch.setattr(updating, "MOST_STEPS", 10**9)
     monkeypatch.setattr(updating, "laid_out_in_blocks", None)
+    with pytest.raises(TypeError):  # cells were laid out in blocks
+        learned(store)
+    monkeypatch.setattr(updating, "MOST_STEPS", 10**9)
     whole = learned(store)
     assert whole.tessellation.n_cells != tiled.tessellation.n_cells
     assert density(tiled) > density(whole) - 0.1
     assert density(one) < density(whole) - 0.5
+
+
+def test_held_out_vehicles_choose_at_some_places():
+    """Squares where cells are, drawn evenly."""
+    centers = np.array([[10.0, 10.0], [300.0, 10.0], [310.0, 20.0], [-5.0, 500.0]])
+
+    def drawn(share, seed=0):
+        return drawn_places(centers, None, share=share, rng=np.random.default_rng(seed))
+
+    places = drawn(1.0)
+    assert [tuple(place.low / PLACE_M) for place in places] == [(-1.0, 1.0), (0.0, 0.0), (1.0, 0.0)]
+    assert all((place.high - place.low == PLACE_M).all() for place in places)
+    assert len(drawn(0.01)) == 1
+    assert {tuple(drawn(0.5, seed)[0].low) for seed in range(40)} == {tuple(place.low) for place in places}
+
+
+def test_strengths_of_hours_are_chosen_by_all_rows_of_some_places():
+    position = np.random.default_rng(1).uniform(-2000.0, 2000.0, (20_000, 2))
+    place = [tuple(each) for each in np.floor(position / PLACE_M)]
+    assert at_some_places(position, 20_000, rng=np.random.default_rng(0)).all()
+    some = at_some_places(position, 5000, rng=np.random.default_rng(0))
+    assert 4800 < some.sum() <= 5000  # a place has 80
+    chosen = {each for each, taken in zip(place, some, strict=True) if taken}
+    assert [each in chosen for each in place] == some.tolist()
+    busy = np.zeros((1000, 2))
+    assert at_some_places(busy, 10, rng=np.random.default_rng(0)).all()  # one place at least
 
 
 def test_given_cells_and_numbers_of_cells_are_not_laid_out_in_blocks(store, small_blocks, monkeypatch):
