@@ -12,6 +12,8 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.store.lattice import Lattice, square_of, unpacked
 from dirprim_filter.store.manifest import Entry
+from dirprim_filter.store.steps import PASSED_SQUARES
+from dirprim_filter.store.tallies import Tally
 
 TILE_SQUARES = 128
 """Side of a tile, a multiple of `steps.PASSED_SQUARES`: vehicles are counted within one."""
@@ -26,6 +28,12 @@ def tiles_of(state: IntArray) -> IntArray:
     _, row = np.unique(square_of(state), return_index=True)
     east, north, _, _ = unpacked(state[row])
     return np.unique(np.column_stack([east, north]) // TILE_SQUARES, axis=0)
+
+
+def traffic_of(passed: Tally) -> Tally:
+    """How many vehicles passed places in each tile, summed over its places and ways; `passed` as of `Summary`."""
+    east, north, _, _ = unpacked(passed.key[:, 0])
+    return Tally.of(np.column_stack([east, north]) // (TILE_SQUARES // PASSED_SQUARES), passed.value)
 
 
 def tiles_at(position: FloatArray, lattice: Lattice) -> IntArray:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dirprim_filter.primitives.assembly import Layout
 from dirprim_filter.primitives.leader_learning import LeaderSums
 from dirprim_filter.primitives.motion_learning import Deviations
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -31,8 +32,9 @@ from dirprim_filter.store.refitted import refitted
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import as_leader_sums
 from dirprim_filter.store.table import Counts, read_counts
+from dirprim_filter.store.tallies import Tally
 from dirprim_filter.store.tile_fit import Finished
-from dirprim_filter.store.tiles import Digests, Tile, Whereabouts, around, ends_of
+from dirprim_filter.store.tiles import Digests, Tile, Whereabouts, around, ends_of, traffic_of
 from dirprim_filter.store.workers import InProcess, Workers
 
 logger = logging.getLogger(__name__)
@@ -92,20 +94,18 @@ def learn_from_store(
     since = None
     if fading is not None:
         since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
-    slowly, counts, recorded = since and since.slowly, _counts(store), store.recorded()
+    slowly, recorded, (counts, traffic) = since and since.slowly, store.recorded(), _counts(store)
     there = Whereabouts.of_all(recorded)
     chosen_at, n_steps = [EVERYWHERE._replace(fading=slowly)], n_steps_left(counts.whens, store.config.lattice, slowly)
     if n_steps > MOST_STEPS and _is_searched(**options):
-        said = {name: options[name] for name in LAID_OUT_BY if name in options}
-        options = {name: value for name, value in options.items() if name not in WHERE}
-        layout, *options["lenders"] = laid_out_in_blocks(
-            store, blocks_of(there), there, workers=workers, min_vehicles=min_vehicles, fading=slowly,
-            seed=int(rng.integers(1 << 31)), **said,
+        lay_out = partial(
+            laid_out_in_blocks, store, blocks_of(traffic, n_steps), there, workers=workers, min_vehicles=min_vehicles,
+            fading=slowly, seed=int(rng.integers(1 << 31)),
         )  # fmt: skip
-        options["tessellation"] = layout
+        options = _laid_out(lay_out, **options)
         # Half of what can be learned from at once, on average: some places have more.
-        share = 0.5 * MOST_STEPS / n_steps
-        chosen_at = drawn_places(layout.cells.centers, slowly, share=share, rng=rng)
+        share, centers = 0.5 * MOST_STEPS / n_steps, options["tessellation"].cells.centers
+        chosen_at = drawn_places(centers, slowly, share=share, rng=rng)
     if not workers.in_process:
         options = {name: value for name, value in options.items() if name not in CALLED}
     choose = partial(
@@ -126,7 +126,14 @@ def learn_from_store(
 
 def _is_searched(*, tessellation: object = "joint", n_cells: int | None = None, **_: object) -> bool:
     """Whether it is learned where cells are, and how many."""
-    return isinstance(tessellation, str) and tessellation in ("joint", "voronoi") and n_cells is None
+    return isinstance(tessellation, str) and n_cells is None
+
+
+def _laid_out(lay_out: Callable[..., list[Layout]], **options: Any) -> dict[str, Any]:
+    """The options of `learn_primitives` once it is known where cells are."""
+    cells, *lenders = lay_out(**{name: options[name] for name in LAID_OUT_BY if name in options})
+    rest = {name: value for name, value in options.items() if name not in WHERE}
+    return rest | {"tessellation": cells, "lenders": lenders}
 
 
 def _counted(
@@ -145,13 +152,14 @@ def _counted(
     return counted
 
 
-def _counts(store: Store) -> Counts:
-    """Beside steps, of all recordings."""
-    total = Counts.none()
+def _counts(store: Store) -> tuple[Counts, Tally]:
+    """Beside steps and places, of all recordings; and `tiles.traffic_of` all."""
+    total, traffic = Counts.none(), Tally.none(2, 1)
     for rows in store.rows():
         counts = read_counts(store.recording(rows), store.config.lattice)
         total = Counts.total([total, counts._replace(passed=total.passed)])
-    return total
+        traffic += traffic_of(counts.passed)
+    return total, traffic
 
 
 def _chosen(
