@@ -75,15 +75,17 @@ def _remote(pattern: str) -> list[LogFile]:
     try:
         files, path = fsspec.core.url_to_fs(pattern)
         files.invalidate_cache()  # of an earlier listing in this process
-        paths = files.glob(path) if glob.has_magic(pattern) else [path]
-        about: list[dict[str, Any]] = [files.info(one) for one in paths]
+        # All at once: each asked for by itself, s3fs goes through all of its listing.
+        about: dict[str, dict[str, Any]] = (
+            files.glob(path, detail=True) if glob.has_magic(pattern) else {path: files.info(path)}
+        )
     except FileNotFoundError as error:
         raise FileNotFoundError(errno.ENOENT, "No such file", pattern) from error
     except Exception as error:  # of the scheme's own package
         raise RecordingError(f"{pattern}: expected a URL that fsspec can ask: {error}; copy the logs here") from error
     return [
         LogFile(url=files.unstrip_protocol(path), size=int(info.get("size") or 0), mark=_mark(info))
-        for path, info in zip(paths, about, strict=True) if info.get("type") != "directory"
+        for path, info in about.items() if info.get("type") != "directory"
     ]  # fmt: skip
 
 
