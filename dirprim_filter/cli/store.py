@@ -84,13 +84,18 @@ def add(
 
 
 def _opened_or_made(folder: Path, given: dict[str, object]) -> Store:
+    from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.store.config import StoreConfig
     from dirprim_filter.store.store import Store
 
     if not Store.is_at(folder):
         config: StoreConfig = replace(StoreConfig(), **given)  # type: ignore[arg-type]
         _ = config.reading  # that it can be read so is asked before anything is made
-        return Store.create(folder, config)
+        try:
+            return Store.create(folder, config)
+        except RecordingError:
+            if not Store.is_at(folder):  # nor has another process made it by now
+                raise
     found = Store.open(folder)
     found.check_config(replace(found.config, **given))  # type: ignore[arg-type]
     return found

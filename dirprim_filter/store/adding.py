@@ -1,4 +1,8 @@
-"""Adding logs to a store: each is summarised by itself, in this process or by workers, and then counted."""
+"""Adding logs to a store: each is summarised and counted by itself, in this process or by workers.
+
+Who does it asks the store once whether another has done it, and writes the recording, then the entry of the manifest:
+so a log that was finished is not read again, whoever dies, and nothing half counts.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,6 @@ from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import square_of
 from dirprim_filter.store.log_files import LogFile
 from dirprim_filter.store.manifest import Entry
-from dirprim_filter.store.receipts import Receipt
 from dirprim_filter.store.steps import HERE
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import Summary
@@ -26,6 +29,20 @@ from dirprim_filter.store.tiles import tiles_of
 from dirprim_filter.store.workers import InProcess, Workers
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
+
+
+class Receipt(NamedTuple):
+    """What came of a log.
+
+    Attributes:
+        log: it.
+        entry: in the manifest; None where the log cannot be counted.
+        error: why it cannot, in one line; empty where it can.
+    """
+
+    log: LogFile
+    entry: Entry | None
+    error: str
 
 
 class Added(NamedTuple):
@@ -54,61 +71,70 @@ def add_logs(
         logs: see `log_files.find_logs`.
         workers: who summarise them; left out, this process.
         progress: called with how many are done, and of how many.
+
+    Raises:
+        ValueError: the store is in the memory of this process, and workers are others.
+        RecordingError: the store cannot be read or written; what is done counts.
     """
+    workers = workers or InProcess()
+    store.check_seen_by(workers)
     store.tidy()
     known, there = store.entries_of(log.url for log in logs), store.recording_sizes().keys() | store.archived().keys()
     new = [log for log in logs if not store.holds(known.get(log.url), log, there)]
     receipts: list[Receipt] = []
-    rest = list(new)
-
-    def count(receipt: Receipt) -> None:
-        if receipt.entry is not None:
-            try:
-                store.record(receipt.entry, receipt.frame)
-            except ValueError as error:
-                receipt = receipt._replace(entry=None, error=str(error))
-        store.drop_receipt(receipt.log.url)
-        receipts.append(receipt)
-        if progress is not None:
-            progress(len(receipts), len(new))
-
-    summarise = partial(summarise_log, store=store)
-    while rest and store.frame is None:  # the first log in order of names says which frame is the store's
-        count(summarise(rest.pop(0)))
-    for receipt in (workers or InProcess()).each(summarise, rest):
-        count(receipt)
-    store.tidy()  # of workers that were killed
+    try:
+        for receipt in _receipts(store, new, workers):
+            receipts.append(receipt)
+            if progress is not None:
+                progress(len(receipts), len(new))
+    finally:
+        counted = {receipt.log.url: receipt.entry.rows for receipt in receipts if receipt.entry is not None}
+        store.drop(*(known[url].rows for url, rows in counted.items() if url in known and known[url].rows != rows))
+    if new:
+        store.tidy()  # of workers that were killed
     return Added(len(logs) - len(new), sorted(receipts, key=lambda receipt: receipt.log.url))
 
 
-def summarise_log(log: LogFile, *, store: Store) -> Receipt:
-    """Write the summary of a log, unless that of the same rows is there; a log that was finished is not opened.
+def _receipts(store: Store, logs: list[LogFile], workers: Workers) -> Iterator[Receipt]:
+    """Of all logs, as they are done; those of this process come until the frame of the store is known."""
+    rest, frame = list(logs), store.frame if logs else None
+    while rest and frame is None:  # the first log in order of names says which it is
+        yield summarise_log(rest.pop(0), store=store, frame=None)
+        frame = store.frame
+    yield from workers.each(partial(summarise_log, store=store, frame=frame), rest)
+
+
+def summarise_log(log: LogFile, *, store: Store, frame: str | None) -> Receipt:
+    """Write the summary of a log and count it; a log that was finished is not opened.
 
     What is wrong with the log, the receipt says: errors do not stop others.
+
+    Args:
+        log: it.
+        store: where.
+        frame: of the store, which needs not be asked for then; None where it is unknown.
     """
     try:
-        return _left(log, store) or _summarised(log, store)
+        before = store.entry_of(log.url)
+        if before is None or not (store.holds(before, log, {before.rows}) and store.has_recording(before.rows)):
+            return Receipt(log, _counted(log, store, frame, before), "")
+        return Receipt(log, before, "")
     except (RecordingError, OSError, ValueError) as error:
-        return Receipt(log, None, "", _one_line(log, error))
+        return Receipt(log, None, _one_line(log, error))
     finally:
         drop_copy(log.url)
 
 
-def _left(log: LogFile, store: Store) -> Receipt | None:
-    """What a worker left that was killed before the log was counted; None where it is not of this log as it is now."""
-    receipt = store.left(log.url)
-    if receipt is None or receipt.entry is None:
-        return None
-    rows = receipt.entry.rows
-    return receipt if store.holds(receipt.entry, log, {rows}) and store.has_recording(rows) else None
-
-
-def _summarised(log: LogFile, store: Store) -> Receipt:
+def _counted(log: LogFile, store: Store, frame: str | None, before: Entry | None) -> Entry:
+    """The entry of a log, in the place of the one before."""
     config, read = store.config, _read(log, store.config)
+    if read.frame != frame:
+        store.check_frame(log.url, read.frame)
     rows = hash_of_rows(read.tracks)
+    if before is not None and before.rows != rows:
+        store.check_single(before)
     summary = Summary.of(read.tracks, lattice=config.lattice, frame=read.frame)
-    if not store.has_recording(rows):
-        store.write_recording(rows, summary)
+    store.write_recording(rows, summary)
     entry = Entry(
         url=log.url, size=log.size, mark=log.mark, rows=rows, n_rows=len(read.tracks),
         n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
@@ -116,9 +142,8 @@ def _summarised(log: LogFile, store: Store) -> Receipt:
         tiles=tiles_of(summary.steps.key[:, HERE]).tolist(), config=config.digest,
         status="damaged" if read.losses.damage or read.losses.lost else "whole",
     )  # fmt: skip
-    receipt = Receipt(log, entry, read.frame, "")
-    store.leave(receipt)
-    return receipt
+    store.record(entry)
+    return entry
 
 
 def _read(log: LogFile, config: StoreConfig) -> TrackResult:

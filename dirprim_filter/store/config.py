@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from typing import Any, Self
 
 from dirprim_filter.recording.reader import FieldMapping, Origin, ReadOptions, TimeSource
 from dirprim_filter.store.lattice import Lattice
 
-FORMAT = 3
-"""Of stores."""
+FORMAT, BEFORE = 4, 3
+"""Of stores; before, the frame stood in the file of how they are read and counted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,11 +58,17 @@ class StoreConfig:
             TypeError: other fields.
             ValueError: a number that is out of range, or another version of stores.
         """
-        if version != FORMAT:
+        if version not in (BEFORE, FORMAT):
             raise ValueError(f"format {version}")
         return cls(**(said | {"lattice": Lattice(**said["lattice"])}))
 
     @property
     def digest(self) -> str:
         """Sixteen hexadecimal digits: the same for the same configuration."""
-        return hashlib.sha256(json.dumps(self.to_json(), sort_keys=True).encode()).hexdigest()[:16]
+        return _digest(self)
+
+
+@lru_cache
+def _digest(config: StoreConfig) -> str:
+    """Asked for with each of many logs."""
+    return hashlib.sha256(json.dumps(config.to_json(), sort_keys=True).encode()).hexdigest()[:16]

@@ -6,6 +6,7 @@ nothing half, whoever is killed and whenever.
 
 from __future__ import annotations
 
+import errno
 import glob
 import os
 import socket
@@ -30,6 +31,11 @@ class Folder(Protocol):
 
     def __str__(self) -> str:
         """As users know it."""
+        ...
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether other processes see it."""
         ...
 
     def is_free(self) -> bool:
@@ -62,6 +68,10 @@ class Folder(Protocol):
 
     def write(self, files: Mapping[str, bytes]) -> None:
         """Files by their names, each in the place of any other."""
+        ...
+
+    def create(self, name: str, data: bytes) -> bool:
+        """Write a file unless it is there; -> whether it was written: of many who do so at once, by one alone."""
         ...
 
     def new_file(self, name: str) -> AbstractContextManager[BinaryIO]:
@@ -110,9 +120,16 @@ class LocalFolder:
         """Its path."""
         return str(self.path)
 
+    @property
+    def is_shared(self) -> bool:
+        """As all files are."""
+        return True
+
     def is_free(self) -> bool:
-        """It is not there, or empty."""
-        return not self.path.exists() or (self.path.is_dir() and not any(self.path.iterdir()))
+        """It is not there, or empty but for what others begin to write."""
+        return not self.path.exists() or (
+            self.path.is_dir() and all(path.name.endswith(PART) for path in self.path.iterdir())
+        )
 
     def make(self, *parts: str) -> None:
         """With the folders that it is in."""
@@ -154,6 +171,15 @@ class LocalFolder:
             with self.new_file(name) as file:
                 file.write(data)
 
+    def create(self, name: str, data: bytes) -> bool:
+        """By a link, which is refused where a file is."""
+        try:
+            with new_file(self.path / name, unless_there=True) as file:
+                file.write(data)
+        except FileExistsError:
+            return False
+        return True
+
     def new_file(self, name: str) -> AbstractContextManager[BinaryIO]:
         """Under another name until it is whole."""
         (self.path / name).parent.mkdir(exist_ok=True)  # stores are older than some of their folders
@@ -178,17 +204,36 @@ class LocalFolder:
 
 
 @contextmanager
-def new_file(path: Path) -> Iterator[BinaryIO]:
-    """A file that takes its name when it is whole, in the place of any other; an exception leaves nothing."""
+def new_file(path: Path, *, unless_there: bool = False) -> Iterator[BinaryIO]:
+    """A file that takes its name when it is whole, in the place of any other; an exception leaves nothing.
+
+    Raises:
+        FileExistsError: there is another, in whose place it shall not be.
+    """
     part = path.with_name(f".{_owner()}-{uuid4().hex}{PART}")
     try:
         with part.open("xb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
+        if unless_there and _has_taken(path, part):
+            return
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def _has_taken(path: Path, part: Path) -> bool:
+    """Whether a file has another's name now as well; not on a disk without links, where the name is free."""
+    try:
+        path.hardlink_to(part)
+    except FileExistsError:
+        raise
+    except OSError:
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, "File exists", str(path)) from None
+        return False
+    return True
 
 
 def _owner() -> str:

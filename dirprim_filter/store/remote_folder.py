@@ -46,6 +46,11 @@ class RemoteFolder:
         """Its URL."""
         return self.url
 
+    @property
+    def is_shared(self) -> bool:
+        """All schemes but one are of a server or a disk."""
+        return not self.url.startswith("memory://")
+
     def is_free(self) -> bool:
         """Object stores know no empty folders."""
         with self._asking("") as (files, path):
@@ -111,6 +116,21 @@ class RemoteFolder:
         """By one request each, many at a time."""
         with self._asking("", "written") as (there, path):
             there.pipe({f"{path}/{name}": data for name, data in files.items()})
+
+    def create(self, name: str, data: bytes) -> bool:
+        """By a put on that condition; of a server that knows none, if the file was not there just before."""
+        with self._asking(name, "written") as (files, path):
+            try:
+                files.pipe_file(path, data, mode="create")
+            except FileExistsError:
+                return False
+            except OSError as error:  # s3fs says nothing more of a condition that does not hold
+                if files.exists(path):
+                    return False
+                if error.errno not in (errno.EINVAL, errno.ENOSYS):
+                    raise
+                files.pipe_file(path, data)
+        return True
 
     @contextmanager
     def new_file(self, name: str) -> Iterator[BinaryIO]:

@@ -1,14 +1,15 @@
 """A store: a folder, here or far away, of summaries, one for each recording, and a manifest of their logs.
 
-    STORE/store.json                  how logs are read and counted, and the frame of their positions
+    STORE/store.json                  how logs are read and counted
+    STORE/frame.json                  the frame of their positions, from the first on
     STORE/logs/HASH-OF-URL.json       the manifest
     STORE/recordings/HASH-OF-ROWS.parquet
-    STORE/receipts/HASH-OF-URL.json   of logs that are finished and not yet in the manifest
     STORE/archives/HASH.json          which recordings count together, as recordings/HASH.parquet
 
 What counts are the archives, and of the recordings that the manifest names those that are in none, each once. A
 recording is written before the manifest or an archive names it, and every file is there when it is whole (`folder`): so
-whatever is killed, nothing half counts.
+whatever is killed, nothing half counts. How logs are read and counted, and their frame, are written once: of two who
+begin at the same time, the second is refused or follows the first.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from dirprim_filter.store.config import FORMAT, StoreConfig
 from dirprim_filter.store.folder import Folder, LocalFolder, folder_at
 from dirprim_filter.store.log_files import LogFile
 from dirprim_filter.store.manifest import MANIFEST, Entry
-from dirprim_filter.store.receipts import RECEIPTS, Receipt
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import write_summary
+from dirprim_filter.store.workers import Workers
 
 if TYPE_CHECKING:
     from dirprim_filter.store.remote_folder import RemoteFile
 
-CONFIG_FILE, RECORDINGS = "store.json", "recordings"
-PARTS = (MANIFEST, RECORDINGS, RECEIPTS, ARCHIVES)
+CONFIG_FILE, FRAME_FILE, RECORDINGS = "store.json", "frame.json", "recordings"
+PARTS = (MANIFEST, RECORDINGS, ARCHIVES)
 ROWS = ".parquet"
 MERGED_AT_ONCE = 8
 """Recordings, whose files are held in memory."""
@@ -82,12 +83,13 @@ class Store:
             OSError: it cannot be made.
         """
         folder = folder_at(path)
-        if not folder.is_free():
-            raise RecordingError(f"{folder}: expected a store or an empty folder, found other files; choose another")
-        folder.make(MANIFEST, RECORDINGS, RECEIPTS)
-        store = cls(folder=folder, config=config)
-        store._write_config(None)
-        return store
+        said = json.dumps({"format": FORMAT, "config": config.to_json()}, sort_keys=True, indent=1).encode()
+        if folder.is_free():
+            folder.make("")
+            if folder.create(CONFIG_FILE, said):
+                folder.make(MANIFEST, RECORDINGS)
+                return cls(folder=folder, config=config)
+        raise RecordingError(f"{folder}: expected a store or an empty folder, found other files; choose another")
 
     @staticmethod
     def is_at(path: str | PathLike[str]) -> bool:
@@ -105,8 +107,18 @@ class Store:
 
     @property
     def frame(self) -> str | None:
-        """Of all positions; None while there is no recording."""
-        frame = json.loads(self.folder.read(CONFIG_FILE))["frame"]
+        """Of all positions; None while there is no recording. Once it is known it stays.
+
+        Raises:
+            RecordingError: its file is damaged.
+        """
+        found = self.folder.read_some([FRAME_FILE, CONFIG_FILE])
+        try:
+            if FRAME_FILE in found:
+                return str(json.loads(found[FRAME_FILE])["frame"])
+            frame = json.loads(found[CONFIG_FILE]).get("frame")  # of stores of before
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise RecordingError(f"{self._named(FRAME_FILE)}: expected a frame, got {error!r}; restore it") from error
         return None if frame is None else str(frame)
 
     def entries(self) -> list[Entry]:
@@ -164,20 +176,6 @@ class Store:
         with self.folder.new_file(_recording(rows)) as file:
             write_summary(summary, file)
 
-    def leave(self, receipt: Receipt) -> None:
-        """Keep what came of a log until it counts, in the place of what was kept of it; of one that cannot, nothing."""
-        if receipt.entry is not None:
-            self.folder.write({Receipt.file_of(receipt.log.url): receipt.to_json()})
-
-    def left(self, url: str) -> Receipt | None:
-        """What was kept so; None of other logs."""
-        found = self.folder.read_some([Receipt.file_of(url)])
-        return next((Receipt.from_json(data, self._named(name)) for name, data in found.items()), None)
-
-    def drop_receipt(self, url: str) -> None:
-        """Keep nothing more of what came of a log."""
-        self.folder.remove(Receipt.file_of(url))
-
     def holds(self, entry: Entry | None, log: LogFile, there: Container[str]) -> bool:
         """Whether an entry is of a log as it is now, counted as this store counts, and its recording is there.
 
@@ -191,21 +189,9 @@ class Store:
             and (entry.url, entry.size, entry.mark) == (log.url, log.size, log.mark)
         )  # fmt: skip
 
-    def record(self, entry: Entry, frame: str) -> None:
-        """Count a log whose recording is written.
-
-        Raises:
-            ValueError: positions in another frame than those of the store, or of an archived log another version.
-        """
-        self.check_frame(entry.url, frame)
-        replaced = self.entry_of(entry.url)
-        if replaced is not None and replaced.rows != entry.rows:
-            self._check_single(replaced)
+    def record(self, entry: Entry) -> None:
+        """Count a log, in the place of what was counted of it, whose recording is written and its frame checked."""
         self._write(entry)
-        if entry.rows in self.archived():
-            self.folder.remove(_recording(entry.rows))
-        if replaced is not None and replaced.rows != entry.rows:
-            self._drop(replaced.rows)
 
     def archive(self, archive: Archive, summary: Summary) -> None:
         """Let recordings count together, and no longer by themselves."""
@@ -221,8 +207,9 @@ class Store:
         """
         ours = self.frame
         if ours is None:
-            self._write_config(frame)
-        elif ours != frame:
+            self.folder.create(FRAME_FILE, json.dumps({"frame": frame}).encode())
+            ours = self.frame  # of who came first
+        if ours != frame:
             raise ValueError(
                 f"{url}: expected positions in frame {ours!r} as in the rest of the store, got {frame!r}; use another "
                 "store, or another --frame or --origin for this one from its first log on"
@@ -248,16 +235,16 @@ class Store:
         ends = {rows for archive in empty for rows in archive.recordings}
         for entry in gone:
             if entry.rows not in left | ends:
-                self._check_single(entry)
+                self.check_single(entry)
         for archive in empty:
             self.folder.remove(archive.file)
             self.folder.remove(_recording(archive.name))
         self.folder.remove(*(Entry.file_of(entry.url) for entry in gone))
-        self._drop(*(entry.rows for entry in gone))
+        self.drop(*(entry.rows for entry in gone))
         return gone
 
-    def _check_single(self, entry: Entry) -> None:
-        """Whether a log can be taken out by itself.
+    def check_single(self, entry: Entry) -> None:
+        """Whether a log can be taken out, or another be counted in its place.
 
         Raises:
             ValueError: it is archived.
@@ -311,20 +298,29 @@ class Store:
             if ours != theirs:
                 raise ValueError(f"{self.path}: expected {field.name} {ours}, as its logs are counted, got {theirs}")
 
+    def check_seen_by(self, workers: Workers) -> None:
+        """Whether workers see what this process does.
+
+        Raises:
+            ValueError: they do not.
+        """
+        if not (workers.in_process or self.folder.is_shared):
+            raise ValueError(
+                f"{self.path}: is in the memory of this process, and --workers and --scheduler see nothing of it; use "
+                "--workers 1, or a store in a folder"
+            )
+
     def tidy(self) -> None:
-        """Remove what killed processes left, but for receipts of logs that do not count yet."""
+        """Remove what killed processes left."""
         self.folder.remove_parts(*PARTS, ".")
         if archived := self.archived():
             self.folder.remove(*map(_recording, sorted(archived.keys() & self.recording_sizes().keys())))
-        found = self.folder.read_all(RECEIPTS)
-        left = {name: Receipt.from_json(data, self._named(name)) for name, data in found.items()}
-        counted = self.entries_of(receipt.log.url for receipt in left.values())
-        self.folder.remove(*(name for name, r in left.items() if counted.get(r.log.url) == r.entry))
 
-    def _drop(self, *recordings: str) -> None:
+    def drop(self, *recordings: str) -> None:
         """Remove recordings that do not count by themselves, or no more."""
-        counts = self.recorded()
-        self.folder.remove(*(_recording(rows) for rows in recordings if rows not in counts))
+        if recordings:
+            counts = self.recorded()
+            self.folder.remove(*(_recording(rows) for rows in recordings if rows not in counts))
 
     def _named(self, name: str) -> str:
         """A file of it, as users know it."""
@@ -333,10 +329,6 @@ class Store:
     def _write(self, *entries: Entry) -> None:
         """Put entries into the manifest, in the place of what was there of their logs."""
         self.folder.write({Entry.file_of(entry.url): entry.to_json() for entry in entries})
-
-    def _write_config(self, frame: str | None) -> None:
-        said = {"format": FORMAT, "config": self.config.to_json(), "frame": frame}
-        self.folder.write({CONFIG_FILE: json.dumps(said, sort_keys=True, indent=1).encode()})
 
 
 def _recording(rows: str) -> str:

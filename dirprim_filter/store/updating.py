@@ -88,9 +88,10 @@ def learn_from_store(
             cannot be refitted the map is learned as a whole.
 
     Raises:
-        ValueError: as for `learn_from_summary`.
+        ValueError: as for `learn_from_summary`, or workers see nothing of the store.
     """
     workers = workers or InProcess()
+    store.check_seen_by(workers)
     since = None
     if fading is not None:
         since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
@@ -188,10 +189,13 @@ def update_map(
         The map: the same where nothing changed, and the same whatever order recordings were added and forgotten in.
 
     Raises:
-        ValueError: a map that was not learned from a store, or of one that counts otherwise or in another frame.
+        ValueError: a map that was not learned from a store, or of one that counts otherwise or in another frame; or
+            workers see nothing of the store.
         RecordingError: a recording is damaged.
         OSError: one cannot be read.
     """
+    workers = workers or InProcess()
+    store.check_seen_by(workers)
     refit = primitive_map.refit
     turns = primitive_map.schedule is not None
     if refit is None or refit.counted is None or turns != (refit.counted.slot_strength.size > 0):
@@ -213,7 +217,7 @@ def update_map(
     stale = set(fitting.homes) & around(changed, fitting.rings)
     beside = set(fitting.homes) & around(stale, fitting.rings)
     squares = fitting.squares(beside | changed, changed, Whereabouts.of_all(recorded))
-    done = _fitted(fitting, squares, workers or InProcess(), progress)
+    done = _fitted(fitting, squares, workers, progress)
     counted = replace(refit.counted, tile=digests.tile, digest=digests.digest)
     n_cells = sum(fitting.homes[tile].size for tile in stale)
     logger.info("%d tiles have other recordings; %d cells are fitted anew", len(changed), n_cells)

@@ -2,6 +2,7 @@
 
 import logging
 import urllib.request
+from collections import Counter
 
 import pytest
 
@@ -24,3 +25,17 @@ def object_store(monkeypatch):
     there.mkdir("bucket")
     yield there
     played.stop()
+
+
+@pytest.fixture
+def requests(object_store, monkeypatch):
+    """How many of each kind this process asked for."""
+    kind, asked = type(object_store), Counter()
+    call = kind._call_s3
+
+    async def counting(files, method, *given, **options):
+        asked[method] += 1
+        return await call(files, method, *given, **options)
+
+    monkeypatch.setattr(kind, "_call_s3", counting)
+    return asked

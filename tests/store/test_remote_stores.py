@@ -2,27 +2,24 @@
 
 import pickle
 import sys
-from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from streets import bytes_of, summed
+from streets import bytes_of
 
 from dirprim_filter import write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
 from dirprim_filter.store import Store, learn_from_store
-from dirprim_filter.store import remote_folder as remote
 from dirprim_filter.store.adding import add_logs, failures
 from dirprim_filter.store.compacting import compacted
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.folder import LocalFolder, folder_at
 from dirprim_filter.store.log_files import find_logs
-from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
 from dirprim_filter.store.table import read_summary
-from dirprim_filter.store.workers import LocalWorkers
+from dirprim_filter.store.workers import InProcess, LocalWorkers
 from situations import ring_traffic
 
 URL = "s3://bucket/city/fleet"
@@ -36,20 +33,6 @@ def logs(tmp_path_factory):
         tracks = ring_traffic(np.random.default_rng(seed), n_vehicles=4, n_rows=30)
         write_tracks(tracks, folder / f"{seed}.mcap")
     return folder
-
-
-@pytest.fixture
-def requests(object_store, monkeypatch):
-    """How many of each kind this process asked for."""
-    kind, asked = type(object_store), Counter()
-    call = kind._call_s3
-
-    async def counting(files, method, *given, **options):
-        asked[method] += 1
-        return await call(files, method, *given, **options)
-
-    monkeypatch.setattr(kind, "_call_s3", counting)
-    return asked
 
 
 @pytest.fixture
@@ -126,7 +109,7 @@ def test_stores_merge_both_ways_and_compact_alike(here, there, logs, tmp_path):
     assert empty.merge(there) == 3
     assert files(empty) == files(whole)
     there.forget(*(entry.url for entry in there.entries()))
-    assert [name for name in files(there) if name != "store.json"] == []
+    assert sorted(files(there)) == ["frame.json", "store.json"]
 
 
 @pytest.mark.parametrize("after", [False, True], ids=["refused", "connection lost after it"])
@@ -159,7 +142,7 @@ def test_a_put_that_fails_leaves_nothing_that_counts(there, logs, object_store, 
             break
         assert all("connection reset" in line for line in lines)
         assert len(lines) == 1
-    assert n == 4  # a recording, a receipt, an entry
+    assert n == 3  # a recording, an entry
     added(there, logs, 1)
     whole = files(there)
     assert whole.keys() - before.keys()
@@ -183,74 +166,6 @@ def test_what_others_write_is_seen_at_once(there, logs, object_store):
     digests.add(other.digest)
     assert len(digests) == 3
     assert len(other.entries()) == 1
-
-
-def test_many_known_logs_take_one_request_each_and_no_more_while_they_stay(there, logs, tmp_path, requests):
-    """Control: an entry that changed is fetched again."""
-    n_logs = 120
-    (entry,) = added(there, logs, 0).entries()
-    known = []
-    for i in range(n_logs):
-        path = tmp_path / f"{i}.mcap"
-        path.touch()
-        known.append(replace(entry, url=str(path), size=0, mark=str(path.stat().st_mtime_ns)))
-    there.folder.write({one.file_of(one.url): one.to_json() for one in known})
-    store, found = Store.open(URL), find_logs([str(tmp_path / "*.mcap")])
-    requests.clear()
-    assert add_logs(store, found).known == n_logs
-    few = 20
-    assert requests.pop("get_object") <= n_logs + 1
-    assert requests.total() <= few
-    requests.clear()
-    assert len(store.entries()) == n_logs + 1
-    assert requests.pop("get_object") == n_logs + 1
-    assert requests.total() <= 1  # to list them
-    requests.clear()
-    assert len(store.entries()) == n_logs + 1
-    assert requests.total() <= 1
-    there.folder.write({known[5].file_of(known[5].url): replace(known[5], n_rows=1).to_json()})
-    requests.clear()
-    assert sum(one.n_rows for one in store.entries()) == n_logs * entry.n_rows + 1
-    assert requests.pop("get_object") == 1
-    assert requests.total() <= 1
-
-
-def test_a_recording_is_fetched_once_by_a_process_and_leaves_nothing(there, logs, requests, tmp_path, monkeypatch):
-    """Control: where the disk has no room for copies it is fetched each time, and all else is the same."""
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    added(there, logs, 0, 1, 2)
-    fetched = {}
-    for spare in (0.0, 1.0):
-        monkeypatch.setattr(remote, "SPARE", spare)
-        store = Store.open(URL)
-        sampled(store, [EVERYWHERE], most_rows=10**9, min_vehicles=1)
-        requests.clear()
-        for _ in range(2):
-            sampled(pickle.loads(pickle.dumps(store)), [EVERYWHERE], most_rows=10**9, min_vehicles=1)  # noqa: S301
-        fetched[spare] = requests["get_object"]
-    assert fetched == {0.0: 0, 1.0: 6}
-    remote._known.clear()
-    assert not list(tmp_path.glob("dirprim-*"))
-
-
-def test_processes_that_are_given_a_store_share_what_one_fetched(there, logs, requests, tmp_path, monkeypatch):
-    """Control: who opens it anew fetches all."""
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    added(there, logs, 0, 1, 2)
-    store = Store.open(URL)
-    everything = [summed(store), store.entries()]
-    first = remote._known.pop(URL)  # from here on it is another process
-    requests.clear()
-    given = pickle.loads(pickle.dumps(store))  # noqa: S301
-    assert [summed(given), given.entries()] == everything
-    assert requests["get_object"] == 0
-    del first
-    assert not list(tmp_path.glob("dirprim-*"))  # who made the copies is gone, and all goes on
-    assert summed(given) == everything[0]
-    again = Store.open(URL)
-    requests.clear()
-    assert [summed(again), again.entries()] == everything
-    assert requests["get_object"] == 6
 
 
 def test_workers_add_to_a_remote_store(here, there, logs):
@@ -307,6 +222,26 @@ def test_any_protocol_of_fsspec_serves_and_file_is_a_folder(logs, tmp_path):
     store.forget(store.entries()[0].url)
     with pytest.raises(RecordingError, match="expected a store or an empty folder, found other files"):
         Store.create("memory://some", StoreConfig())
+
+
+def test_workers_of_other_processes_do_not_see_this_ones_memory_and_that_is_said(logs, tmp_path, capsys):
+    """Controls: in this process all goes well, as in a folder by workers."""
+    url, log, grid = "memory://workers/fleet", str(logs / "0.mcap"), ["--tessellation", "grid", "--cell-size", "10"]
+    options = [*grid, "--min-vehicles", "2", "--force", "-o", str(tmp_path / "map.mcap")]
+    assert run(["store", "add", url, log]) == run(["learn", url, *options]) == 0
+    capsys.readouterr()
+    for command in (
+        ["store", "add", url, str(logs / "1.mcap"), "--workers", "2"], ["learn", url, *options, "--workers", "2"],
+        ["update", str(tmp_path / "map.mcap"), url, "--workers", "2"],
+        ["update", str(tmp_path / "map.mcap"), url, "--scheduler", "tcp://127.0.0.1:1"],
+    ):  # fmt: skip
+        assert run(command) == 1
+        reported = capsys.readouterr().err
+        assert reported.startswith(f"error: {url}: is in the memory of this process, and --workers and --scheduler see")
+        assert reported.count("\n") == 1
+    assert run(["update", str(tmp_path / "map.mcap"), url]) == 0
+    Store.open(url).check_seen_by(InProcess())
+    Store.create(tmp_path / "fleet", StoreConfig()).check_seen_by(LocalWorkers(2))
 
 
 @pytest.mark.parametrize(

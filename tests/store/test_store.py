@@ -20,7 +20,6 @@ from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import NONE, Lattice
 from dirprim_filter.store.learning import is_passed
 from dirprim_filter.store.log_files import find_logs
-from dirprim_filter.store.manifest import Entry
 from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import Summary
@@ -217,12 +216,13 @@ def test_another_tool_counts_the_same(full):
 @pytest.mark.parametrize(
     ("file", "text"),
     [("store.json", "{}"), ("store.json", "[1]"), ("store.json", '{"config": {}, "format": 9}'), ("logs/x.json", "[]"),
+     ("frame.json", "{}"), ("frame.json", ""),
      ("logs/x.json", '{"url": 3}')],
 )  # fmt: skip
 def test_damaged_files_of_a_store_are_named(full, file, text):
     (full.path / file).write_text(text)
     with pytest.raises(RecordingError, match=file):
-        Store.open(full.path).entries()
+        _ = Store.open(full.path).entries(), Store.open(full.path).frame
 
 
 def test_an_entry_names_no_file_outside_of_the_store(full):
@@ -293,79 +293,71 @@ def test_a_killed_worker_loses_nothing(tmp_path):
 
 
 class DyingScheduler:
-    """Workers whose scheduler dies after one task."""
+    """Workers whose scheduler dies after one task, or after all but before the client hears of them."""
+
+    in_process = False
+
+    def __init__(self, *, after_all):
+        self.after_all = after_all
 
     def each(self, work, tasks):
-        yield work(tasks[0])
+        done = work(tasks[0])
+        if self.after_all:
+            for task in tasks[1:]:
+                work(task)
+        else:
+            yield done
         raise ConnectionError("the scheduler died")
 
 
-def test_after_the_scheduler_died_no_finished_log_is_opened_again(full, logs, opened):
+@pytest.mark.parametrize("after_all", [False, True])
+def test_after_the_scheduler_died_no_finished_log_is_opened_again(full, logs, opened, after_all):
     whole, found = files(full), find_logs([str(logs / "*.mcap")])
     for log in found:
         full.forget(log.url)
     with pytest.raises(ConnectionError):
-        add_logs(full, found, workers=DyingScheduler())
+        add_logs(full, found, workers=DyingScheduler(after_all=after_all))
     done = {entry.url for entry in full.entries()}
+    assert len(done) == (3 if after_all else 1)
     opened.clear()
-    assert add_logs(full, found).known == len(done) > 0
+    assert add_logs(full, found).known == len(done)
     assert set(opened) == {log.url for log in found} - done
     assert files(full) == whole
 
 
-def test_a_task_that_is_done_again_opens_no_log_that_it_finished(full, logs, opened, tmp_path):
+def test_a_task_that_is_done_again_opens_no_log_that_it_finished(full, logs, opened):
     """Controls: another version of the log, a log without a mark, and one whose recording is gone are read again."""
+    frame = full.frame
     full.forget(str(logs / "0.mcap"))
     (log,) = find_logs([str(logs / "0.mcap")])
-    first = adding.summarise_log(log, store=full)
+    first = adding.summarise_log(log, store=full, frame=frame)
     assert opened == [log.url]
-    assert adding.summarise_log(log, store=full) == first
+    assert adding.summarise_log(log, store=full, frame=frame) == first
     assert opened == [log.url]
     later, unmarked = replace(log, mark="later"), replace(log, mark="")
-    assert adding.summarise_log(later, store=full).entry == replace(first.entry, mark="later")
+    assert adding.summarise_log(later, store=full, frame=frame).entry == replace(first.entry, mark="later")
     for _ in range(2):
-        assert adding.summarise_log(unmarked, store=full).entry.mark == ""
+        assert adding.summarise_log(unmarked, store=full, frame=frame).entry.mark == ""
     assert opened == [log.url] * 4
-    adding.summarise_log(log, store=full)
+    adding.summarise_log(log, store=full, frame=frame)
     full.recording(first.entry.rows).unlink()
-    assert adding.summarise_log(log, store=full) == first
+    assert adding.summarise_log(log, store=full, frame=frame) == first
     assert opened == [log.url] * 6
     assert full.recording(first.entry.rows).exists()
 
 
-class DyingClient:
-    """Workers that do all tasks, and the client dies before it hears of them."""
-
-    def each(self, work, tasks):
-        for task in tasks:
-            work(task)
-        raise KeyboardInterrupt
-        yield
-
-
-def test_what_workers_finished_counts_after_everything_was_killed(full, logs, opened):
-    whole, found = files(full), find_logs([str(logs / "*.mcap")])
-    for log in found:
-        full.forget(log.url)
-    with pytest.raises(KeyboardInterrupt):
-        add_logs(full, found, workers=DyingClient())
-    assert not full.entries()
-    assert sorted(opened) == [log.url for log in found]
-    add_logs(full, found)
-    assert len(opened) == len(found)
-    assert files(full) == whole  # and nothing is left over
-
-
-def test_a_receipt_that_was_counted_is_tidied_away_and_a_damaged_one_named(full, logs, opened):
-    (log,) = find_logs([str(logs / "0.mcap")])
-    before = files(full)
-    adding.summarise_log(log, store=full)
-    assert len(files(full)) == len(before) + 1
-    assert add_logs(full, [log]).known == 1
-    assert files(full) == before
-    (full.path / "receipts" / Entry.name_of(log.url)).write_text('{"entry": {}}')
-    with pytest.raises(RecordingError, match=r"receipts/.*: expected what came of a log"):
-        add_logs(full, [log])
+def test_logs_that_changed_leave_nothing_of_what_they_were_though_a_later_one_cannot_be_asked_for(full, tmp_path):
+    """The recording of a log before is removed at the end, whatever ends it; one that others hold stays."""
+    log, copy = tmp_path / "log.mcap", tmp_path / "copy.mcap"
+    write_tracks(traffic(7), log)
+    copy.write_bytes(log.read_bytes())
+    add_logs(full, find_logs([str(log), str(copy)]))
+    for path, seed in ((log, 8), (copy, 9)):
+        write_tracks(traffic(seed), path, force=True)
+        os.utime(path, ns=(seed, seed))
+        with pytest.raises(ConnectionError):
+            add_logs(full, find_logs([str(path)]), workers=DyingScheduler(after_all=False))
+        assert full.recording(hash_of_rows(traffic(7))).exists() == (path == log)
 
 
 def test_config_refuses_what_differs(store):
