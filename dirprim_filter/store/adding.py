@@ -92,6 +92,7 @@ def add_logs(
         store.drop(*(known[url].rows for url, rows in counted.items() if url in known and known[url].rows != rows))
     if new:
         store.tidy()  # of workers that were killed
+    store.gather(anew=bool(new))
     return Added(len(logs) - len(new), sorted(receipts, key=lambda receipt: receipt.log.url))
 
 

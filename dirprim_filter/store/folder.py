@@ -66,6 +66,10 @@ class Folder(Protocol):
         """All files of a folder in it whose names end in .json, by their names and in order of them."""
         ...
 
+    def gather(self, part: str, *, anew: bool) -> None:
+        """Let `read_all` be fast for others; `anew` if files came or went since this process read them all."""
+        ...
+
     def write(self, files: Mapping[str, bytes]) -> None:
         """Files by their names, each in the place of any other."""
         ...
@@ -164,6 +168,9 @@ class LocalFolder:
     def read_all(self, part: str) -> dict[str, bytes]:
         """One after the other."""
         return self.read_some(sorted(f"{part}/{path.name}" for path in (self.path / part).glob("*.json")))
+
+    def gather(self, part: str, *, anew: bool) -> None:
+        """It is."""
 
     def write(self, files: Mapping[str, bytes]) -> None:
         """One after the other."""

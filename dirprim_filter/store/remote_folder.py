@@ -1,16 +1,16 @@
 """A folder far away: what fsspec finds under a URL, such as a prefix of an object store.
 
 A put is whole or nothing there, so files need no other name while they are written. Other processes may write at any
-time: every request asks the server, no listing is kept. What files of the manifest hold is kept with their ETags, and
-fetched again when these change; recordings are copied. Copies are in a temporary folder that processes of a machine
-share which were given the same opened store; it goes with the one that made it.
+time: every request asks the server, no listing is kept. What files of the manifest hold is kept by their marks, and
+fetched again when these change: from the bundle that lies beside their folder, as far as it has them; recordings are
+copied. Copies are in a temporary folder that processes of a machine share which were given the same opened store; it
+goes with the one that made it.
 """
 
 from __future__ import annotations
 
 import errno
 import io
-import json
 import shutil
 import tempfile
 import weakref
@@ -22,10 +22,17 @@ from typing import Any, BinaryIO, NamedTuple
 from uuid import uuid4
 
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
+from dirprim_filter.store.bundle import LARGEST, Marked, bundled, lacking, unbundled
 from dirprim_filter.store.folder import new_file
 
-ETAGS = ("ETag", "etag")
-"""What file systems call it. A time would not do: of two changes within its resolution it misses one."""
+ETAGS, TIMES = ("ETag", "etag"), ("LastModified", "last_modified", "updated")
+"""What file systems call them; both are a file's mark. Of two changes within its resolution a time misses one, and an
+ETag may be that of the contents: while a file is listed and fetched it may be another, and later what it was again."""
+BUNDLE = ".bundle"
+FEW, SHARE = 100, 0.05
+"""Files, of all: that so many are to be fetched each by itself is no reason to write their bundle anew."""
+MANY = 500
+"""Files: so many take longer to be fetched than ten times as many to be listed."""
 SPARE = 0.25
 """Of the disk with the temporary folder: where less is free, no more copies are kept."""
 
@@ -83,34 +90,29 @@ class RemoteFolder:
             return bytes(files.cat_file(path, start=0))  # else s3fs asks for its size first
 
     def read_some(self, names: Iterable[str]) -> dict[str, bytes]:
-        """By one request each, many at a time."""
+        """By one request each, ten at a time; of a great many of one folder those that are neither kept nor bundled."""
         names = list(names)
-        if not names:
-            return {}
-        with self._asking("") as (files, path):
-            got = files.cat_ranges([f"{path}/{name}" for name in names], 0, None, on_error="return")
-        found = {}
-        for name, one in zip(names, got, strict=True):
-            if isinstance(one, FileNotFoundError):  # it may go at any time
-                continue
-            with self._asking(name):
-                if isinstance(one, BaseException):
-                    raise one
-            found[name] = bytes(one)
-        return found
+        parts = {name.partition("/")[0] for name in names}
+        if len(names) <= MANY or len(parts) > 1:
+            return self._fetched(names)
+        held = self.read_all(parts.pop())
+        return {name: held[name] for name in names if name in held}
 
     def read_all(self, part: str) -> dict[str, bytes]:
         """Listed, and of those fetched that are new or changed."""
-        marks = {
-            name: next((str(about[key]) for key in ETAGS if about.get(key)), "")
-            for name, about in sorted(self._listed(part).items()) if name.endswith(".json")
-        }  # fmt: skip
-        known = self._kept().read(part)
-        same = {name for name, mark in marks.items() if mark and name in known and known[name][0] == mark}
-        new = self.read_some(name for name in marks if name not in same)
-        data = {name: known[name][1] if name in same else new[name] for name in marks if name in same | new.keys()}
-        self._kept().keep(part, {name: (marks[name], one) for name, one in data.items()}, write=bool(new))
-        return data
+        return {name: data for name, (_, data) in self._held(part).items()}
+
+    def gather(self, part: str, *, anew: bool) -> None:
+        """By their bundle, where it lacks many, or has many that are gone."""
+        marks = self._marks(part) if anew else {name: mark for name, (mark, _) in self._kept().read(part).items()}
+        if not (anew or marks):
+            return
+        there = self._bundle(part)
+        apart = len(lacking(there, marks)) + len(there.keys() - marks.keys())
+        if apart > max(FEW, SHARE * len(marks)):
+            data = bundled(self._held(part))
+            if data is not None:
+                self.write({part + BUNDLE: data})
 
     def write(self, files: Mapping[str, bytes]) -> None:
         """By one request each, many at a time."""
@@ -174,11 +176,61 @@ class RemoteFolder:
         """What is known of the files of a folder in it, by their names."""
         with self._asking(part) as (files, path):
             try:
-                found = files.find(path, detail=True)
+                found = files.ls(path, detail=True)  # of an empty folder s3fs needs fewer requests than to find
             except FileNotFoundError:
                 return {}
-        names = {place: place.rpartition(f"{path}/")[2] for place in found}
-        return {f"{part}/{names[place]}": about for place, about in found.items() if "/" not in names[place]}
+        return {f"{part}/{PurePosixPath(about['name']).name}": about for about in found if about["type"] == "file"}
+
+    def _marks(self, part: str) -> dict[str, str]:
+        """Of the files of a folder in it whose names end in .json, in order of these; empty where there is no ETag."""
+        marks = {}
+        for name, about in sorted(self._listed(part).items()):
+            if name.endswith(".json"):
+                etag, time = (next((str(about[key]) for key in keys if about.get(key)), "") for keys in (ETAGS, TIMES))
+                marks[name] = etag and f"{etag} {time}"
+        return marks
+
+    def _held(self, part: str) -> Marked:
+        """The files of a folder in it, kept for the next time, and those fetched that are not kept already."""
+        marks, known = self._marks(part), self._kept().read(part)
+        fetched = lacking(known, marks)
+        if len(fetched) > FEW:
+            bundle = self._bundle(part)
+            known = known | {name: bundle[name] for name in fetched & bundle.keys()}
+            fetched = lacking(known, marks)
+        new = self._fetched(sorted(fetched))
+        held = {
+            name: (mark, new[name]) if name in fetched else known[name] for name, mark in marks.items()
+            if name not in fetched or name in new
+        }  # fmt: skip
+        self._kept().keep(part, held, write=held != self._kept().read(part))
+        return held
+
+    def _fetched(self, names: list[str]) -> dict[str, bytes]:
+        """Those of some files that are there."""
+        if not names:
+            return {}
+        with self._asking("") as (files, path):
+            got = files.cat_ranges([f"{path}/{name}" for name in names], 0, None, on_error="return")
+        found = {}
+        for name, one in zip(names, got, strict=True):
+            if isinstance(one, FileNotFoundError):  # it may go at any time
+                continue
+            with self._asking(name):
+                if isinstance(one, BaseException):
+                    raise one
+            found[name] = bytes(one)
+        return found
+
+    def _bundle(self, part: str) -> Marked:
+        """The bundle of a folder in it; empty where there is none."""
+        with suppress(FileNotFoundError), self._asking(part + BUNDLE) as (files, path):
+            try:
+                return unbundled(bytes(files.cat_file(path, start=0, end=LARGEST)))
+            except OSError as error:
+                if error.errno != errno.EINVAL:  # as an empty file is refused, which has no range
+                    raise
+        return {}
 
     def _kept(self) -> _Kept:
         kept = _known.get(self.url)
@@ -240,10 +292,6 @@ class RemoteFile(NamedTuple):
         return self.folder.open(self.name)
 
 
-Marked = dict[str, tuple[str, bytes]]
-"""By names of files: ETags and contents."""
-
-
 class _Kept:
     """What this process keeps of a remote folder."""
 
@@ -263,17 +311,16 @@ class _Kept:
         """What was kept of a folder in it, by this process or another."""
         if part not in self._read:
             with suppress(OSError):  # there is none
-                held = json.loads((self.copies() / f"{part}.json").read_bytes())
-                self._read[part] = {name: (mark, data.encode("latin-1")) for name, (mark, data) in held.items()}
+                self._read[part] = unbundled((self.copies() / (part + BUNDLE)).read_bytes())
         return self._read.get(part, {})
 
     def keep(self, part: str, files: Marked, *, write: bool) -> None:
         """Keep what is in a folder in it; for other processes if it is to be written."""
         self._read[part] = files
-        if write:
-            held = {name: (mark, data.decode("latin-1")) for name, (mark, data) in files.items()}
-            with suppress(OSError), new_file(self.copies() / f"{part}.json") as file:  # else they fetch it themselves
-                file.write(json.dumps(held).encode())
+        data = bundled(files) if write else None
+        if data is not None:
+            with suppress(OSError), new_file(self.copies() / (part + BUNDLE)) as file:  # else they fetch it themselves
+                file.write(data)
 
 
 _known: dict[str, _Kept] = {}

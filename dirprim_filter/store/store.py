@@ -241,6 +241,7 @@ class Store:
             self.folder.remove(_recording(archive.name))
         self.folder.remove(*(Entry.file_of(entry.url) for entry in gone))
         self.drop(*(entry.rows for entry in gone))
+        self.gather()
         return gone
 
     def check_single(self, entry: Entry) -> None:
@@ -285,6 +286,7 @@ class Store:
         self.folder.write({archive.file: archive.to_json() for archive in archives})
         new = [entry for entry in theirs if entry.url not in mine]
         self._write(*new)
+        self.gather()
         return len(new)
 
     def check_config(self, asked: StoreConfig) -> None:
@@ -315,6 +317,10 @@ class Store:
         self.folder.remove_parts(*PARTS, ".")
         if archived := self.archived():
             self.folder.remove(*map(_recording, sorted(archived.keys() & self.recording_sizes().keys())))
+
+    def gather(self, *, anew: bool = True) -> None:
+        """Let others read the manifest fast; `anew` if entries came or went."""
+        self.folder.gather(MANIFEST, anew=anew)
 
     def drop(self, *recordings: str) -> None:
         """Remove recordings that do not count by themselves, or no more."""
