@@ -15,6 +15,7 @@ import numpy as np
 
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.store.archive import Archive
+from dirprim_filter.store.knots import Knots
 from dirprim_filter.store.lattice import NONE
 from dirprim_filter.store.pseudo_tracks import kinds_in_ways
 from dirprim_filter.store.recorded_ways import rank_of
@@ -82,11 +83,13 @@ def _archived(store: Store, month: str, recordings: list[str], n_vehicles: int) 
     at_place = passed.value[:, 0].astype(np.float64)
     share = min(1.0, n_vehicles * float(at_place.sum() / (at_place @ at_place)))
     total = Summary.total(thinned(read_summary(store.recording(rows)), rows, share) for rows in recordings)
+    knots = Knots.of(total.steps, total.lattice)
+    total = replace(total, steps=knots.steps(total.lattice))
     archive = Archive(
         name=total.digest, month=month, share=share, recordings=recordings,
         tiles=tiles_of(total.steps.key[:, HERE]).tolist(),
     )  # fmt: skip
-    store.archive(archive, total)
+    store.archive(archive, knots, total)
     return archive
 
 

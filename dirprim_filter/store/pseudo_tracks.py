@@ -43,7 +43,7 @@ def pseudo_tracks(steps: Tally, lattice: Lattice) -> tuple[Tracks, IntArray]:
     step_ns = unpacked_when(key[order, WHEN], lattice)[2] * TICK_NS
     lasts = np.where(np.diff(way, prepend=way[:1]) == 0, step_ns, APART_NS)
     tracks = Tracks(
-        track_id=way, time_ns=np.cumsum(lasts) - lasts[0], position=position[order], direction=direction[order],
+        track_id=way, time_ns=np.cumsum(lasts) - lasts[:1], position=position[order], direction=direction[order],
         speed=speed[order],
     )  # fmt: skip
     return tracks, kind[order]

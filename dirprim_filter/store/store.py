@@ -26,10 +26,11 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.store.archive import ARCHIVES, Archive
 from dirprim_filter.store.config import FORMAT, StoreConfig
 from dirprim_filter.store.folder import Folder, LocalFolder, folder_at
+from dirprim_filter.store.knots import Knots
 from dirprim_filter.store.log_files import LogFile
 from dirprim_filter.store.manifest import MANIFEST, Entry
 from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.table import write_summary
+from dirprim_filter.store.table import write_knots, write_summary
 from dirprim_filter.store.workers import Workers
 
 if TYPE_CHECKING:
@@ -193,9 +194,10 @@ class Store:
         """Count a log, in the place of what was counted of it, whose recording is written and its frame checked."""
         self._write(entry)
 
-    def archive(self, archive: Archive, summary: Summary) -> None:
-        """Let recordings count together, and no longer by themselves."""
-        self.write_recording(archive.name, summary)
+    def archive(self, archive: Archive, knots: Knots, summary: Summary) -> None:
+        """Let recordings count together, and no longer by themselves: as a summary, whose steps follow from knots."""
+        with self.folder.new_file(_recording(archive.name)) as file:
+            write_knots(knots, summary, file)
         self.folder.write({archive.file: archive.to_json()})
         self.folder.remove(*map(_recording, archive.recordings))
 

@@ -7,12 +7,13 @@ Columns, a row for each step, place or sum:
         long the step is, in 50 ms.
     east, north, direction, speed: of a step, bins of its state; of "passed", square and way; of "leader", `east` is the
         number of the sum.
-    count: of a step, 1; of "passed", vehicles; of "leader", recordings.
+    count: of a step, 1, or how many steps on the row below is; of "passed", vehicles; of "leader", recordings.
     sum_east, ..., sum_speed: at the first step of those alike, see `Summary.steps`; of "leader", `sum_east` is the sum.
     spread_east, ..., spread_speed: there, how many are alike times the sum of squares, less the square of the sum.
 
 Steps are alike where the steps before and after them are, too: `Summary.steps` has one key for all of them. Here they
 stand in the order of ways that they can be chained into (see `pseudo_tracks`): a state is mostly near the one above.
+Of an archive there are knots alone (see `knots`), each with what it is by itself: no spreads.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ import numpy as np
 
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.errors import MissingExtraError, RecordingError
+from dirprim_filter.store.knots import Knots
 from dirprim_filter.store.lattice import NONE, Lattice, packed, unpacked
 from dirprim_filter.store.pseudo_tracks import kinds_in_ways
 from dirprim_filter.store.steps import BEFORE, HERE, WHEN, packed_when, tally_in_order, unpacked_when
@@ -39,10 +41,11 @@ if TYPE_CHECKING:
     from dirprim_filter.store.remote_folder import RemoteFile
 
 FORMAT = b"dirprim_summary"
-VERSION = 2
+VERSION, OF_KNOTS = 2, 3
+"""Of tables of all steps, and of knots."""
 KINDS = ("step", "passed", "leader")
 MOST_ROWS = 50_000_000
-"""Of a file: what says more is not believed."""
+"""Of a file, and steps that its rows stand for: what says more is not believed."""
 STATE = ("east", "north", "direction", "speed")
 SUMS = ("count", *(f"sum_{name}" for name in STATE))
 SPREADS = tuple(f"spread_{name}" for name in STATE)
@@ -54,6 +57,8 @@ ENCODING = {
     **dict.fromkeys(STATE[:2], "DELTA_BINARY_PACKED"), **dict.fromkeys((*STATE[2:], *SUMS[1:]), "BYTE_STREAM_SPLIT"),
 }  # fmt: skip
 """Of columns whose values are mostly near the ones above, and of small numbers; the others have dictionaries."""
+OF_EACH = (*STATE, *SUMS)
+"""Columns of knots, which are far apart, byte by byte: high bytes are alike."""
 
 
 def write_summary(summary: Summary, file: Any) -> None:
@@ -62,20 +67,43 @@ def write_summary(summary: Summary, file: Any) -> None:
     Raises:
         MissingExtraError: pyarrow is not installed.
     """
+    pq, table = _table(summary, _of_steps(summary), VERSION)
+    pq.write_table(
+        table, file, compression="zstd", compression_level=9, column_encoding=ENCODING,
+        use_dictionary=[name for name in ("kind", *COLUMNS) if name not in ENCODING],
+    )  # fmt: skip
+
+
+def write_knots(knots: Knots, summary: Summary, file: Any) -> None:
+    """Write a summary whose steps follow from knots to an open file, in few bytes: the same for the same of both.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+    """
+    keys = (knots.begins, *unpacked_when(knots.when, summary.lattice), *unpacked(knots.state))
+    columns = [*keys, knots.apart, *knots.parts.T]
+    pq, table = _table(summary, dict(zip(COLUMNS, columns, strict=False)), OF_KNOTS)
+    with pq.ParquetWriter(
+        file, table.schema, compression="zstd", compression_level=19, write_statistics=False, store_schema=False,
+        column_encoding=dict.fromkeys(OF_EACH, "BYTE_STREAM_SPLIT"),
+        use_dictionary=[name for name in ("kind", *COLUMNS) if name not in OF_EACH],
+    ) as writer:  # fmt: skip
+        writer.write_table(table)
+        writer.add_key_value_metadata(table.schema.metadata)  # which is else written with the schema alone
+
+
+def _table(summary: Summary, steps: dict[str, IntArray], version: int) -> tuple[Any, Any]:
+    """Of pyarrow the module for files, and the table of a summary, of whose steps there are some columns."""
     pa, pq = _pyarrow()
-    parts = {"step": _of_steps(summary), "passed": _of_passed(summary.passed), "leader": _of_leader(summary.leader)}
+    parts = {"step": steps, "passed": _of_passed(summary.passed), "leader": _of_leader(summary.leader)}
     lengths = [len(next(iter(parts[kind].values()))) for kind in KINDS]
     none = np.zeros(max(lengths), np.int64)
     columns: dict[str, Any] = {"kind": pa.array(np.repeat(KINDS, lengths)).dictionary_encode()}
     for name in COLUMNS:
         column = np.concatenate([parts[kind].get(name, none[:n]) for kind, n in zip(KINDS, lengths, strict=True)])
         columns[name] = pa.array(column, pa.int64() if name in WIDE else pa.int32())
-    about = {"version": VERSION, "lattice": asdict(summary.lattice), "frame": summary.frame}
-    table = pa.table(columns).replace_schema_metadata({FORMAT: json.dumps(about, sort_keys=True)})
-    pq.write_table(
-        table, file, compression="zstd", compression_level=9, column_encoding=ENCODING,
-        use_dictionary=[name for name in ("kind", *COLUMNS) if name not in ENCODING],
-    )  # fmt: skip
+    about = {"version": version, "lattice": asdict(summary.lattice), "frame": summary.frame}
+    return pq, pa.table(columns).replace_schema_metadata({FORMAT: json.dumps(about, sort_keys=True)})
 
 
 class Counts(NamedTuple):
@@ -106,10 +134,10 @@ def read_summary(path: str | PathLike[str] | RemoteFile) -> Summary:
     """
     with _opened(path, COLUMNS) as (about, of):
         lattice, counts = Lattice(**about["lattice"]), _counts(about, of)
+        steps = (_filled if about["version"] == OF_KNOTS else _steps)(lattice, of["step"])
         return Summary(
-            lattice=lattice, frame=str(about["frame"]), steps=_steps(lattice, of["step"]), passed=counts.passed,
-            leader=counts.leader,
-        )  # fmt: skip
+            lattice=lattice, frame=str(about["frame"]), steps=steps, passed=counts.passed, leader=counts.leader
+        )
 
 
 def read_counts(path: str | PathLike[str] | RemoteFile, lattice: Lattice) -> Counts:
@@ -152,13 +180,13 @@ def _opened(
             if isinstance(error, OSError) and error.errno is not None:  # of the disk; pyarrow's own have no number
                 raise
             raise RecordingError(
-                f"{path}: expected statistics of a recording, version {VERSION}, got {error}; forget the log and add "
-                "it again"
+                f"{path}: expected statistics of a recording, version {VERSION} or {OF_KNOTS}, got {error}; forget the "
+                "log and add it again"
             ) from error
 
 
 def _check(version: object, n_rows: int) -> None:
-    if version != VERSION or n_rows > MOST_ROWS:
+    if version not in {VERSION, OF_KNOTS} or n_rows > MOST_ROWS:
         raise ValueError(f"a table of version {version} with {n_rows} rows")
 
 
@@ -182,6 +210,16 @@ def _steps(lattice: Lattice, step: dict[str, IntArray]) -> Tally:
     sums = tally_in_order(when, state, begins, np.column_stack([step[name] for name in (*SUMS, *SPREADS)]))
     squares = (sums.value[:, 5:] + sums.value[:, 1:5] ** 2) // sums.value[:, :1]
     return Tally(key=sums.key, value=np.column_stack([sums.value[:, :5], squares]))
+
+
+def _filled(lattice: Lattice, step: dict[str, IntArray]) -> Tally:
+    knots = Knots(
+        step["begins"] != 0, packed_when(step["hour"], step["fold"], step["ticks"], lattice),
+        packed(*(step[name] for name in STATE)), np.column_stack([step[f"sum_{name}"] for name in STATE]),
+        step["count"],
+    )  # fmt: skip
+    knots.check(lattice, MOST_ROWS)
+    return knots.steps(lattice)
 
 
 def _of_steps(summary: Summary) -> dict[str, IntArray]:

@@ -70,14 +70,18 @@ def test_months_that_are_over_are_made_one_each(full):
     assert march.month == "1970-03"
 
 
-def test_where_all_vehicles_are_kept_the_same_is_learned(full):
-    before = map_of(full)
+def test_where_all_vehicles_are_kept_nearly_the_same_is_learned(full):
+    """Steps are given back within a part of a degree and of a metre per second: some hundredths of a nat."""
+    rows = Tracks.concatenate([replace(traffic(seed), time_ns=traffic(seed).time_ns + seed) for seed in range(5)])
+
+    def density():
+        return map_of(full).log_density(rows.position, rows.direction, rows.speed).mean()
+
+    before = density()
     assert all(archive.share == 1.0 for archive in compacted(full, n_vehicles=1000))
-    after = map_of(full)
-    np.testing.assert_array_equal(after.direction.weight, before.direction.weight)
-    np.testing.assert_array_equal(after.motion.count, before.motion.count)
+    assert density() == pytest.approx(before, abs=0.05)
     assert all(archive.share < 1.0 for archive in compacted(full, before_ns=91 * DAY_NS, n_vehicles=1))
-    assert map_of(full).direction.weight.tobytes() != before.direction.weight.tobytes()
+    assert density() < before - 0.05
 
 
 def test_it_is_the_same_one_by_one_and_at_once_and_in_whatever_order_logs_came(full, logs, tmp_path):
