@@ -13,13 +13,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from dirprim_filter.arrays import IntArray
+from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.store.archive import Archive
 from dirprim_filter.store.knots import Knots
-from dirprim_filter.store.lattice import NONE
+from dirprim_filter.store.lattice import NONE, Lattice, unpacked
 from dirprim_filter.store.pseudo_tracks import kinds_in_ways
 from dirprim_filter.store.recorded_ways import rank_of
-from dirprim_filter.store.steps import BEFORE, HERE, WHEN, tally_in_order
+from dirprim_filter.store.steps import BEFORE, HERE, WHEN, tally_in_order, unpacked_when
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import read_counts, read_summary
@@ -28,6 +28,8 @@ from dirprim_filter.store.tiles import tiles_of
 
 VEHICLES = 35
 """Of a month: a year of so many takes 1 MB for each kilometre of lanes."""
+GATE_SQUARES = 8
+"""Ways that begin, and end, within so many of the lattice's squares are alike."""
 
 
 def compacted(
@@ -98,8 +100,22 @@ def thinned(summary: Summary, rows: str, share: float) -> Summary:
     kind = kinds_in_ways(summary.steps, summary.lattice)
     key, value = summary.steps.key[kind], _of_each(summary.steps, kind)
     begins = key[:, BEFORE] == NONE
-    kept = rank_of(np.cumsum(begins) - 1, rows) < share
+    kept = (rank_of(_places(key, begins, summary.lattice), rows) < share)[np.cumsum(begins) - 1]
     return replace(summary, steps=tally_in_order(key[kept, WHEN], key[kept, HERE], begins[kept], value[kept]))
+
+
+def _places(key: IntArray, begins: BoolArray, lattice: Lattice) -> IntArray:
+    """(w,) of ways by their hours, by where they begin, and by where they end: so as many are kept of each turn.
+
+    (n, 4) of the steps of ways, (n,) the first of each.
+    """
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], begins.size)[: first.size] - 1
+    hour, fold, _ = unpacked_when(key[first, WHEN], lattice)
+    (*begin, _, _), (*end, _, _) = (unpacked(key[at, HERE]) for at in (first, last))
+    places = np.empty(first.size, np.int64)
+    places[np.lexsort((fold, *(square // GATE_SQUARES for square in (*end, *begin)), hour))] = np.arange(first.size)
+    return places
 
 
 def _of_each(steps: Tally, kind: IntArray) -> IntArray:

@@ -8,7 +8,7 @@ from streets import summed
 
 from dirprim_filter import write_tracks
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.store import learn_from_summary
+from dirprim_filter.store import compacting, learn_from_summary
 from dirprim_filter.store.adding import add_logs, failures
 from dirprim_filter.store.compacting import compacted, month_of, thinned
 from dirprim_filter.store.config import StoreConfig
@@ -133,6 +133,34 @@ def test_who_is_kept_is_drawn_evenly():
     assert np.abs(np.array(found) - 0.3).max() < 4 * error
     made = crossing(1000)
     assert abs(share_going_north(Summary.of(made[made.track_id < 100])) - 0.3) > 4 * error
+
+
+def turning(seed, n=150):
+    """Of n vehicles that come from one place about four tenths, in no order, leave 24 m to the north of the others."""
+    made = crossing(1000)
+    made = made[made.track_id >= 1000 - n]
+    goes = np.random.default_rng(seed).random(1000)[made.track_id] < 0.4
+    north = np.where(goes, 3.0 * np.clip(made.position[:, 0] - 16.0, 0.0, 8.0), 0.0)
+    return replace(made, position=made.position + np.column_stack([np.zeros(len(made)), north]))
+
+
+def off_by(summary, i):
+    """The share that leaves in the north, of a tenth that is kept, less that of all, in fair standard errors."""
+    share, n = [], []
+    for some in (summary, thinned(summary, f"{i * 197:08x}{ROWS[8:]}", 0.1)):
+        tracks, _ = pseudo_tracks(some.steps, some.lattice)
+        ends = np.append(tracks.first_rows[1:], len(tracks)) - 1
+        share.append(np.mean(tracks.position[ends, 1] > 12.0))
+        n.append(ends.size)
+    return (share[1] - share[0]) / np.sqrt(share[0] * (1 - share[0]) / n[1])
+
+
+def test_as_many_are_kept_of_each_turn(monkeypatch):
+    """Their shares are nearer to those of all than a draw by chance would be; and so it is not by where they begin."""
+    summaries = [Summary.of(turning(i)) for i in range(20)]
+    assert np.sqrt(np.mean([off_by(summary, i) ** 2 for i, summary in enumerate(summaries)])) < 0.6
+    monkeypatch.setattr(compacting, "_places", lambda key, begins, lattice: np.arange(np.count_nonzero(begins)))
+    assert np.sqrt(np.mean([off_by(summary, i) ** 2 for i, summary in enumerate(summaries)])) > 0.8
 
 
 def test_logs_of_archives_are_known_and_copies_of_them_count_once(full, logs, tmp_path):
