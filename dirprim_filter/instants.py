@@ -53,6 +53,13 @@ class Instants(NamedTuple):
         """(n,) the instant of each row."""
         return np.repeat(np.arange(self.first.size - 1), np.diff(self.first))
 
+    def some(self, instant: IntArray) -> Instants:
+        """Those that are chosen, (m,), in their order."""
+        count = np.diff(self.first)[instant]
+        first = np.append(0, np.cumsum(count))
+        row = np.repeat(self.first[instant] - first[:-1], count) + np.arange(first[-1])
+        return Instants(self.state[row], self.vehicle[row], first)
+
     def rows_of(self, instant: IntArray, vehicle: IntArray) -> IntArray:
         """(m,) the row of each vehicle at each instant, -1 where it is not there. (m,), (m,)."""
         wide = 1 + max(int(self.vehicle.max(initial=0)), int(np.max(vehicle, initial=0)))

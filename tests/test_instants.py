@@ -6,14 +6,18 @@ from dirprim_filter.instants import LONGEST_UNSEEN_S, Instants
 from dirprim_filter.tracks import Tracks
 
 
-def test_who_was_last_seen_a_moment_ago_is_there_and_nothing_later_tells():
-    rng = np.random.default_rng(0)
+def seen_at_random(rng):
     n = 300
-    tracks = Tracks(
+    return Tracks(
         track_id=rng.integers(0, 6, n), time_ns=rng.choice(5_000_000_000, n, replace=False),
         position=rng.normal(0, 50, (n, 2)), direction=rng.uniform(-3, 3, n), speed=rng.uniform(0, 9, n),
         group=rng.integers(0, 3, n),
     )  # fmt: skip
+
+
+def test_who_was_last_seen_a_moment_ago_is_there_and_nothing_later_tells():
+    rng = np.random.default_rng(0)
+    tracks = seen_at_random(rng)
     group, time_ns = rng.integers(0, 4, 50), rng.integers(-(10**9), 6 * 10**9, 50)
     found = Instants.of(tracks, group, time_ns)
     n_there = 0
@@ -37,3 +41,14 @@ def test_who_was_last_seen_a_moment_ago_is_there_and_nothing_later_tells():
         n_there += len(expected)
     assert n_there > 50
     assert found.rows_of(np.array([0, 3]), np.array([99, 98])).tolist() == [-1, -1]
+
+
+def test_some_instants_are_those_that_were_asked_for_alone():
+    rng = np.random.default_rng(1)
+    tracks, group, time_ns = seen_at_random(rng), rng.integers(0, 4, 50), rng.integers(0, 5 * 10**9, 50)
+    every = Instants.of(tracks, group, time_ns)
+    for chosen in (np.array([7, 3, 3, 49]), np.empty(0, np.int64), np.arange(50)):
+        some, alone = every.some(chosen), Instants.of(tracks, group[chosen], time_ns[chosen])
+        for ours, theirs in zip(some, alone, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+    assert every.some(np.array([0])).first[-1] < every.first[-1]

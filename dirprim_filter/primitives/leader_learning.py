@@ -58,15 +58,20 @@ class LeaderSums(NamedTuple):
     started: FloatArray  # (4,) of these, where it drove `AHEAD_S` later
 
     @classmethod
-    def of(cls, tracks: Tracks) -> Self:
-        """The sums of a log: of every vehicle and the nearest one ahead, `EVERY_S`."""
-        group, time_ns = _grid(tracks)
-        now = Instants.of(tracks, group, time_ns)
-        later = Instants.of(tracks, group, time_ns + int(AHEAD_S * 1e9))
-        speed, row = now.state[:, 3], later.rows_of(now.instant, now.vehicle)
+    def of(cls, tracks: Tracks, fold: IntArray | None = None) -> Self:
+        """The sums of a log: of every vehicle and the nearest one ahead, `EVERY_S`.
+
+        Args:
+            tracks: of the log.
+            fold: (n_tracks,) of each vehicle, see `folds_of`; left out, it is looked up.
+        """
+        fold = folds_of(tracks, N_FOLDS) if fold is None else fold
+        instants, at, then = _now_and_later(tracks)
+        now = instants.some(at)
+        speed, row = now.state[:, 3], instants.rows_of(then[now.instant], now.vehicle)
         seen = np.empty((len(now.state), 3))
         _leader.ahead_of_each(now.state, now.first, seen)
-        gained = np.where(row >= 0, np.append(later.state[:, 3], 0.0)[row] - speed, np.nan)
+        gained = np.where(row >= 0, np.append(instants.state[:, 3], 0.0)[row] - speed, np.nan)
         stands = speed < STANDING_BELOW
         follows = (seen[:, 0] < FAR_M) & ~stands & np.isfinite(gained)
         feature = np.empty((int(follows.sum()), N_FEATURES))
@@ -79,9 +84,7 @@ class LeaderSums(NamedTuple):
         pace = np.where(near, np.digitize(seen[:, 1], [STANDING_BELOW, SLOW]), N_PACES)
         starts = waits & (speed + gained >= STANDING_BELOW)
         return cls(
-            Regression.of(
-                feature, gained[follows] / AHEAD_S, 1.0 / count[pair], folds_of(tracks, N_FOLDS)[driver], N_FOLDS
-            ),
+            Regression.of(feature, gained[follows] / AHEAD_S, 1.0 / count[pair], fold[driver], N_FOLDS),
             np.bincount(pace[waits], minlength=N_PACES + 1).astype(np.float64),
             np.bincount(pace[starts], minlength=N_PACES + 1).astype(np.float64),
         )
@@ -143,6 +146,18 @@ def _solved(acceleration: Regression) -> FloatArray:
     """(1, p) gains; the ridge of each is in units of its own mean square, that of the constant next to none."""
     square = np.diagonal(acceleration.xx[0]) / max(float(acceleration.weight[0]), 1e-9)
     return acceleration.solved(RIDGE * (square + 1e-9) * np.append(1e-6, np.ones(square.size - 1)))
+
+
+def _now_and_later(tracks: Tracks) -> tuple[Instants, IntArray, IntArray]:
+    """Instants; which of them drivers are looked at, (i,), and which is `AHEAD_S` later, (i,): most are both."""
+    group, time_ns = _grid(tracks)
+    group, time_ns = np.append(group, group), np.append(time_ns, time_ns + int(AHEAD_S * 1e9))
+    order = np.lexsort((time_ns, group))
+    group, time_ns = group[order], time_ns[order]
+    new = np.append(True, (np.diff(group) != 0) | (np.diff(time_ns) != 0))[: order.size]
+    number = np.empty(order.size, np.int64)
+    number[order] = np.cumsum(new) - 1
+    return Instants.of(tracks, group[new], time_ns[new]), number[: number.size // 2], number[number.size // 2 :]
 
 
 def _grid(tracks: Tracks) -> tuple[IntArray, IntArray]:

@@ -15,7 +15,6 @@ from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives import _sorting
 from dirprim_filter.primitives._filling import at_steps, time_to_next
-from dirprim_filter.primitives.leader_learning import folds_of
 from dirprim_filter.primitives.visits import LONGEST_GAP_NS
 from dirprim_filter.store.lattice import NONE, Lattice, packed, unpacked
 from dirprim_filter.store.tallies import Tally, ranked, summed_by
@@ -85,13 +84,17 @@ def unpacked_when(when: IntArray, lattice: Lattice) -> tuple[IntArray, IntArray,
     return when // (lattice.n_folds * N_TICKS), when // N_TICKS % lattice.n_folds, when % N_TICKS
 
 
-def tally_steps(tracks: Tracks, lattice: Lattice) -> tuple[Tally, Tally]:
+def tally_steps(tracks: Tracks, lattice: Lattice, fold: IntArray) -> tuple[Tally, Tally]:
     """What a recording's vehicles did from step to step, and how many vehicles passed each place each way.
+
+    Args:
+        tracks: of the recording.
+        lattice: that is counted on.
+        fold: (n_tracks,) of each vehicle, see `folds_of`.
 
     Returns:
         `Summary.steps` and `Summary.passed`.
     """
-    fold = folds_of(tracks, lattice.n_folds)
     blocks, passed = [], [Tally.none(1, 1)]
     for seen in Instants.blocks(tracks):
         here, parts = lattice.states(seen.position, seen.direction, seen.speed)

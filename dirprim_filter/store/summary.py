@@ -11,7 +11,7 @@ import numpy as np
 
 from dirprim_filter.arrays import ArrayValue, FloatArray
 from dirprim_filter.primitives.leader import N_FEATURES, N_PACES
-from dirprim_filter.primitives.leader_learning import N_FOLDS, LeaderSums
+from dirprim_filter.primitives.leader_learning import N_FOLDS, LeaderSums, folds_of
 from dirprim_filter.primitives.motion_sums import Regression
 from dirprim_filter.store.lattice import Lattice
 from dirprim_filter.store.steps import WHEN, tally_steps
@@ -50,8 +50,10 @@ class Summary(ArrayValue):
     def of(cls, tracks: Tracks, *, lattice: Lattice | None = None, frame: str = "") -> Self:
         """The summary of a recording. Recordings share no vehicle: an id in two of them is two vehicles."""
         lattice = lattice or Lattice()
-        steps, passed = tally_steps(tracks, lattice)
-        return cls(lattice=lattice, frame=frame, steps=steps, passed=passed, leader=_as_tally(LeaderSums.of(tracks)))
+        fold = folds_of(tracks, lattice.n_folds)
+        steps, passed = tally_steps(tracks, lattice, fold)
+        leader = LeaderSums.of(tracks, fold if lattice.n_folds == N_FOLDS else None)
+        return cls(lattice=lattice, frame=frame, steps=steps, passed=passed, leader=_as_tally(leader))
 
     @classmethod
     def none(cls, *, lattice: Lattice | None = None, frame: str = "") -> Self:
