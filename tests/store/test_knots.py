@@ -191,7 +191,8 @@ def test_archives_of_all_steps_are_still_read(tmp_path, monkeypatch, summary):
         url="log", size=0, mark="0", rows=ROWS, n_rows=1, n_vehicles=1, start_ns=0, end_ns=1, n_squares=0, tiles=tiles,
         config=store.config.digest, status="whole",
     )  # fmt: skip
-    store.record(entry, "")
+    store.check_frame("log", "")
+    store.record(entry)
     with monkeypatch.context() as patch:
         patch.setattr(Store, "archive", of_all_steps)
         (archive,) = compacted(store, before_ns=40 * 86400 * 10**9)
