@@ -18,7 +18,7 @@ from dirprim_filter.store.pseudo_tracks import pseudo_tracks
 from dirprim_filter.store.steps import TICK_NS, WHEN, tally_in_order, unpacked_when
 from dirprim_filter.store.tallies import Tally
 
-WITHIN = (0.3, np.radians(0.5), 0.3)
+WITHIN = (0.25, np.radians(0.4), 0.2)
 """Metres, radians and m/s, by which a step that is left out may be off."""
 MOST_STEPS = 256
 """From a knot to the next."""
