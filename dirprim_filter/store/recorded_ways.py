@@ -92,8 +92,7 @@ class Sample(NamedTuple):
 
 def recordings_at(boxes: Sequence[Box], there: Whereabouts, lattice: Lattice) -> list[tuple[int, str]]:
     """Number and name of the recordings that boxes are learned from."""
-    low, high = (np.stack([getattr(box, name) for box in boxes]) for name in ("low", "high"))
-    return there.near(low.min(axis=0), high.max(axis=0), lattice)
+    return sorted({near for box in boxes for near in there.near(box.low, box.high, lattice)})
 
 
 def sampled(

@@ -27,7 +27,7 @@ from dirprim_filter.store.by_hour import Strengths
 from dirprim_filter.store.fading import Fading
 from dirprim_filter.store.fitting import Fitted, Fitting, Square, fitted_square
 from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, Learned, learn_from_visible, n_steps_left
-from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, WayRows, sampled
+from dirprim_filter.store.recorded_ways import EVERYWHERE, Box, WayRows, recordings_at, sampled
 from dirprim_filter.store.refitted import refitted
 from dirprim_filter.store.store import Store
 from dirprim_filter.store.summary import as_leader_sums
@@ -95,8 +95,8 @@ def learn_from_store(
     since = None
     if fading is not None:
         since = fading.until(max((entry.end_ns for entry in store.entries()), default=0))
-    slowly, recorded, (counts, traffic) = since and since.slowly, store.recorded(), _counts(store)
-    there = Whereabouts.of_all(recorded)
+    slowly, recorded = since and since.slowly, store.recorded()
+    there, (counts, traffic) = Whereabouts.of_all(recorded), _counts(store, recorded)
     chosen_at, n_steps = [EVERYWHERE._replace(fading=slowly)], n_steps_left(counts.whens, store.config.lattice, slowly)
     if n_steps > MOST_STEPS and _is_searched(**options):
         lay_out = partial(
@@ -113,7 +113,7 @@ def learn_from_store(
         _chosen, store=store, sums=as_leader_sums(counts.leader), min_vehicles=min_vehicles, fading=since, by=by,
         zone=zone, rng=rng, **options,
     )  # fmt: skip
-    (chosen,) = workers.each(choose, [chosen_at])
+    (chosen,) = workers.each(choose, [(chosen_at, recordings_at(chosen_at, there, store.config.lattice))])
     learned, strengths = chosen
     if learned.refit is None:
         return learned
@@ -153,10 +153,10 @@ def _counted(
     return counted
 
 
-def _counts(store: Store) -> tuple[Counts, Tally]:
+def _counts(store: Store, recorded: Recorded) -> tuple[Counts, Tally]:
     """Beside steps and places, of all recordings; and `tiles.traffic_of` all."""
     total, traffic = Counts.none(), Tally.none(2, 1)
-    for rows in store.rows():
+    for rows in sorted(recorded):
         counts = read_counts(store.recording(rows), store.config.lattice)
         total = Counts.total([total, counts._replace(passed=total.passed)])
         traffic += traffic_of(counts.passed)
@@ -164,10 +164,14 @@ def _counts(store: Store) -> tuple[Counts, Tally]:
 
 
 def _chosen(
-    places: list[Box], *, store: Store, sums: LeaderSums, min_vehicles: int, rng: np.random.Generator, **options: Any
-) -> Learned:
-    """All that held-out vehicles choose, cells too unless they are given."""
-    samples = sampled(store, places, most_rows=MOST_STEPS // len(places), min_vehicles=min_vehicles)
+    task: tuple[list[Box], list[tuple[int, str]]], *, store: Store, sums: LeaderSums, min_vehicles: int,
+    rng: np.random.Generator, **options: Any,
+) -> Learned:  # fmt: skip
+    """All that held-out vehicles choose at some places, by their recordings; cells too unless they are given."""
+    places, recordings = task
+    samples = sampled(
+        store, places, most_rows=MOST_STEPS // len(places), min_vehicles=min_vehicles, recordings=recordings
+    )
     visible = WayRows.together([sample.ways for sample in samples]).visible()
     return learn_from_visible(visible, sums, min_vehicles=min_vehicles, rng=rng, fitted_anew=True, **options)
 

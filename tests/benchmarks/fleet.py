@@ -7,6 +7,7 @@ Decides: the lattice of `store.lattice.Lattice`. Its peer is the map learned fro
     python tests/benchmarks/fleet.py memory 1000000
     python tests/benchmarks/fleet.py columns 100000000
     python tests/benchmarks/fleet.py workers 16
+    python tests/benchmarks/fleet.py cluster 64 [--log-s .4]
     python tests/benchmarks/fleet.py tiled ../shared/data/town03/roundabout.csv [--tiles 2 --seeds 4]
     python tests/benchmarks/fleet.py year roundabout [--logs 4]
     python tests/benchmarks/fleet.py killing
@@ -35,12 +36,12 @@ from dirprim_filter.evaluation.forecast_methods import futures_of
 from dirprim_filter.evaluation.splits import honest_split, split, thinned
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.simulation.traffic import simulate
-from dirprim_filter.store import blocks, updating
+from dirprim_filter.store import adding, blocks, updating
 from dirprim_filter.store.adding import add_logs, hash_of_rows
 from dirprim_filter.store.compacting import compacted
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.learning import MIN_VEHICLES, MOST_STEPS, learn_from_summary
-from dirprim_filter.store.log_files import find_logs
+from dirprim_filter.store.log_files import LogFile, find_logs
 from dirprim_filter.store.manifest import Entry
 from dirprim_filter.store.recorded_ways import EVERYWHERE, sampled
 from dirprim_filter.store.steps import HERE
@@ -49,7 +50,7 @@ from dirprim_filter.store.summary import Summary
 from dirprim_filter.store.table import read_counts
 from dirprim_filter.store.tiles import tiles_of
 from dirprim_filter.store.updating import learn_from_store, update_map
-from dirprim_filter.store.workers import LocalWorkers
+from dirprim_filter.store.workers import ClusterWorkers, LocalWorkers
 from dirprim_filter.tracks import Tracks
 from tessellation import VoronoiTessellation
 
@@ -346,6 +347,50 @@ def workers(n_logs: int) -> None:
     )
 
 
+def cluster(n_workers: int, log_s: float) -> None:
+    """How busy so many workers would be, by a scheduler and a client that are real and logs that are not.
+
+    A log takes a worker so many seconds, in which it sleeps; then it counts what is known beforehand. Workers are
+    threads of this process, eight of each of Dask's, so that a few cores do: what they do besides sleeping, they do one
+    after the other.
+    """
+    import dask
+    import distributed
+
+    tracks, n_logs = read_tracks(ROOT / "recordings" / "roundabout_track.mcap"), int(20 * n_workers)
+    with tempfile.TemporaryDirectory() as folder:
+        first, *rest = (Path(folder) / f"{i:05}.mcap" for i in range(n_logs + 1))
+        write_tracks(tracks[:100], first)
+        for log in rest:
+            log.touch()
+        store = Store.create(Path(folder) / "store", StoreConfig())
+        add_logs(store, find_logs([str(first)]))
+        (entry,) = store.entries()
+
+        def counted(log: LogFile, store: Store, frame: str | None, before: Entry | None) -> Entry:
+            time.sleep(log_s)
+            made = replace(entry, url=log.url, size=log.size, mark=log.mark)
+            store.record(made)
+            return made
+
+        adding._counted = counted
+        quiet = {"distributed.worker.profile.enabled": False}  # of all threads, which are those of all workers
+        with (
+            dask.config.set(quiet),
+            distributed.LocalCluster(
+                n_workers=n_workers // 8, threads_per_worker=8, processes=False, dashboard_address=None
+            ) as workers,
+        ):
+            began, busy = time.perf_counter(), time.process_time()
+            done = add_logs(store, find_logs([f"{folder}/*.mcap"]), workers=ClusterWorkers(workers.scheduler_address))
+            took, busy = time.perf_counter() - began, time.process_time() - busy
+    best = log_s * n_logs / n_workers
+    print(
+        f"{len(done.receipts)} logs of {log_s:g} s by {n_workers} workers: {took:.1f} s, at best {best:.1f}: "
+        f"{best / took:.0%}; all else together {busy / n_logs * 1e3:.1f} ms of processor time a log"
+    )
+
+
 def children_s() -> float:
     """Processor time of the processes that this one started and that ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -430,13 +475,17 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "what",
-        choices=["fidelity", "speed", "memory", "columns", "workers", "killing", "known", "update", "year", "tiled"],
+        choices=[
+            *("fidelity", "speed", "memory", "columns", "workers", "cluster"),
+            *("killing", "known", "update", "year", "tiled"),
+        ],
     )
     parser.add_argument("of", nargs="?")
     parser.add_argument("--cells", type=int, default=120)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--logs", type=int, default=4, help="a month")
     parser.add_argument("--tiles", type=int, default=1, help="of 128 m, side of a block")
+    parser.add_argument("--log-s", type=float, default=0.4, help="that a worker takes for a log")
     given = parser.parse_args()
     if given.what == "fidelity":
         fidelity(given.of or str(ROOT / "recordings" / "roundabout_learn.mcap"), given.cells, given.seeds)
@@ -450,6 +499,8 @@ if __name__ == "__main__":
         columns(int(given.of or 10_000_000))
     elif given.what == "workers":
         workers(int(given.of or 16))
+    elif given.what == "cluster":
+        cluster(int(given.of or 64), given.log_s)
     elif given.what == "update":
         update(int(given.of or 16))
     elif given.what == "known":
