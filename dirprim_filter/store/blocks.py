@@ -164,18 +164,29 @@ def _of_most(chosen: Sequence[float], n_cells: list[int]) -> float:
     return float(found[np.bincount(of, n_cells).argmax()])
 
 
-def drawn_places(centers: FloatArray, fading: Fading | None, *, share: float, rng: np.random.Generator) -> list[Box]:
-    """Places drawn evenly of those where cells are.
+def drawn_places(
+    centers: FloatArray, traffic: Tally, lattice: Lattice, fading: Fading | None, *, share: float,
+    rng: np.random.Generator,
+) -> list[Box]:  # fmt: skip
+    """Places drawn evenly of those where cells are, until they have their share of the traffic.
 
     Args:
         centers: (n, 2) of the cells, metres.
+        traffic: by tiles, see `tiles.traffic_of`.
+        lattice: of the tiles.
         fading: by which older ways are left out.
-        share: of the places; one at least.
+        share: of all traffic.
         rng: draws them.
     """
     places = np.unique(np.floor(centers / PLACE_M), axis=0)
-    drawn = places[np.sort(rng.permutation(len(places))[: max(1, int(share * len(places)))])]
-    return [Box(place * PLACE_M, (place + 1) * PLACE_M, fading) for place in drawn]
+    passed = dict.fromkeys(map(tuple, places.tolist()), 0)
+    tile_place = np.floor((traffic.key + 0.5) * (TILE_SQUARES * lattice.square_m / PLACE_M))
+    for place, n in zip(map(tuple, tile_place.tolist()), traffic.value[:, 0].tolist(), strict=True):
+        passed[place] = passed.get(place, 0) + n
+    order = rng.permutation(len(places))
+    n_passed = np.cumsum([passed[tuple(place)] for place in places[order].tolist()])
+    n_drawn = int(np.searchsorted(n_passed, share * traffic.value.sum())) + 1
+    return [Box(place * PLACE_M, (place + 1) * PLACE_M, fading) for place in places[np.sort(order[:n_drawn])]]
 
 
 def _box(block: Block, lattice: Lattice, fading: Fading | None) -> Box:

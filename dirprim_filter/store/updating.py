@@ -104,9 +104,8 @@ def learn_from_store(
             fading=slowly, seed=int(rng.integers(1 << 31)),
         )  # fmt: skip
         options = _laid_out(lay_out, **options)
-        # Half of what can be learned from at once, on average: some places have more.
-        share, centers = 0.5 * MOST_STEPS / n_steps, options["tessellation"].cells.centers
-        chosen_at = drawn_places(centers, slowly, share=share, rng=rng)
+        centers, share = options["tessellation"].cells.centers, 0.5 * MOST_STEPS / n_steps  # one of them may have more
+        chosen_at = drawn_places(centers, traffic, store.config.lattice, slowly, share=share, rng=rng)
     if not workers.in_process:
         options = {name: value for name, value in options.items() if name not in CALLED}
     choose = partial(

@@ -140,17 +140,20 @@ def test_nothing_is_lost_by_blocks(store, small_blocks, monkeypatch):
 
 
 def test_held_out_vehicles_choose_at_some_places():
-    """Squares where cells are, drawn evenly."""
+    """Squares where cells are, drawn evenly, until they have their share of the traffic."""
     centers = np.array([[10.0, 10.0], [300.0, 10.0], [310.0, 20.0], [-5.0, 500.0]])
+    traffic = tally({(0, 0): 1, (1, 1): 1, (2, 0): 96, (-1, 3): 1, (9, 9): 1})  # the last is of no cell
 
     def drawn(share, seed=0):
-        return drawn_places(centers, None, share=share, rng=np.random.default_rng(seed))
+        return drawn_places(centers, traffic, Lattice(), None, share=share, rng=np.random.default_rng(seed))
 
-    places = drawn(1.0)
-    assert [tuple(place.low / PLACE_M) for place in places] == [(-1.0, 1.0), (0.0, 0.0), (1.0, 0.0)]
-    assert all((place.high - place.low == PLACE_M).all() for place in places)
-    assert len(drawn(0.01)) == 1
-    assert {tuple(drawn(0.5, seed)[0].low) for seed in range(40)} == {tuple(place.low) for place in places}
+    places = [(-1.0, 1.0), (0.0, 0.0), (1.0, 0.0)]
+    assert [tuple(place.low / PLACE_M) for place in drawn(1.0)] == places
+    assert all((place.high - place.low == PLACE_M).all() for place in drawn(1.0))
+    firsts = {tuple(tuple(place.low / PLACE_M) for place in drawn(0.01, seed)) for seed in range(60)}
+    assert firsts == {(place,) for place in places}
+    for seed in range(20):  # the busy one is among them, however many quiet ones came before
+        assert places[2] in {tuple(place.low / PLACE_M) for place in drawn(0.5, seed)}
 
 
 def test_strengths_of_hours_are_chosen_by_all_rows_of_some_places():
