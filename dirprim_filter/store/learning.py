@@ -129,13 +129,13 @@ def learn_from_visible(
 
 
 def at_some_places(position: FloatArray, most: int, *, rng: np.random.Generator) -> BoolArray:
-    """(n,) all rows of places drawn evenly, until there are so many; one place at least. (n, 2) metres."""
+    """(n,) all rows of places drawn evenly, until there are at least so many. (n, 2) metres."""
     if len(position) <= most:
         return np.ones(len(position), np.bool_)
     places, place = np.unique(np.floor(position / PLACE_M), axis=0, return_inverse=True)
     order = rng.permutation(len(places))
     n_rows = np.cumsum(np.bincount(place)[order])
-    return np.isin(place, order[: max(1, int(np.searchsorted(n_rows, most, side="right")))])
+    return np.isin(place, order[: int(np.searchsorted(n_rows, most)) + 1])
 
 
 def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Visible:
