@@ -11,6 +11,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracking import normalised_squared
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, assigned
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
@@ -30,11 +31,13 @@ class RowErrors(NamedTuple):
     Attributes:
         cluster: (n,) str, of whom: the group, where there are several, else the vehicle.
         squared: (n,) square metres; NaN without an estimate.
+        normalised: (n,) the same in units of the covariance.
         is_hidden: (n,) whether the vehicle was out of sight.
     """
 
     cluster: AnyArray
     squared: FloatArray
+    normalised: FloatArray
     is_hidden: BoolArray
 
 
@@ -62,10 +65,11 @@ def row_errors(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales
     """The errors of each row of the truth, pooled over all groups; arguments as of `report`."""
     rows, truth, is_hidden = _pooled(worlds)
     row, column = assigned(rows, truth, with_ids=with_ids, scales=scales)
-    squared = np.full(len(truth), np.nan)
-    squared[row] = ((rows.position[column] - truth.position[row]) ** 2).sum(axis=1)
+    off = rows.position[column] - truth.position[row]
+    squared, normalised = np.full((2, len(truth)), np.nan)
+    squared[row], normalised[row] = (off**2).sum(axis=1), normalised_squared(off, rows.covariance[column])
     names = truth.group.astype(np.str_) if len(worlds) > 1 else world_names(truth.track_id, truth.group)
-    return RowErrors(cluster=names, squared=squared, is_hidden=is_hidden)
+    return RowErrors(cluster=names, squared=squared, normalised=normalised, is_hidden=is_hidden)
 
 
 def _pooled(worlds: Sequence[TrackedWorld]) -> tuple[TrackedRows, Tracks, BoolArray]:
