@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
@@ -67,6 +68,11 @@ class Mechanism:
     patched: Mapping[str, Any] = field(default_factory=dict)
     strip: Callable[[Any], None] | None = None
     white: bool = False
+
+    @property
+    def changes_map(self) -> bool:
+        """Whether the map is learned again."""
+        return bool(self.learning or self.patched)
 
 
 def without_births(bayes: Any) -> None:
@@ -122,33 +128,45 @@ STATISTICS = {
 """Of the run without a mechanism beside that with all: a share of errors, nat, HOTA, and a share of rows."""
 
 
-def run(scene: str, seed: int) -> dict[str, Outcome]:
-    """A scene with all on, and without each mechanism that can matter there."""
+PARTS = ("tracking", "learning")
+"""Of the mechanisms: those of a map that is learned once, and those for which it is learned again."""
+
+
+def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
+    """A scene with all on, and without each mechanism of a part that can matter there."""
     situation = SCENES[scene](seed)
-    found = {ON: situation.outcome(situation.learned(), Mechanism())}
+    if part == "tracking":
+        found = {ON: situation.tracked(situation.learned(), Mechanism())}
+        for name, off in MECHANISMS.items():
+            if not off.changes_map and (not off.scenes or scene in off.scenes):
+                found[name] = situation.tracked(situation.learned(), off)
+        return found
+    if scene not in LEARNED:
+        return {}
+    found = {ON: situation.tracked(situation.learned(), Mechanism()) | situation.forecast(situation.learned())}
+    found["leaders"] = situation.forecast(situation.learned(), alone=True)
     for name, off in MECHANISMS.items():
-        if off.scenes and scene not in off.scenes:
-            continue
-        with ExitStack() as meanwhile:
-            for what, value in off.patched.items():
-                meanwhile.enter_context(patch(what, value))
-            is_same = not (off.learning or off.patched)
-            learned = situation.learned() if is_same else situation.relearned(**off.learning)
-        found[name] = situation.outcome(learned, off)
+        if off.changes_map:
+            with ExitStack() as meanwhile:
+                for what, value in off.patched.items():
+                    meanwhile.enter_context(patch(what, value))
+                learned = situation.relearned(**off.learning)
+            found[name] = situation.tracked(learned, Mechanism()) | situation.forecast(learned)
     return found
 
 
-def kept_run(task: tuple[str, int, Path | None]) -> tuple[str, int, dict[str, Outcome]]:
+def kept_run(task: tuple[str, str, int, Path | None]) -> tuple[str, dict[str, Outcome]]:
     """The same, from where it was kept, or kept there."""
-    scene, seed, folder = task
-    path = None if folder is None else folder / f"{scene.replace(' ', '_')}_{seed}.npz"
+    scene, part, seed, folder = task
+    path = None if folder is None else folder / f"{scene.replace(' ', '_')}_{part}_{seed}.npz"
     if path is not None and path.exists():
-        return scene, seed, ablation_scenes.unpacked(path)
-    found = run(scene, seed)
+        return scene, ablation_scenes.unpacked(path)
+    began = time.perf_counter()
+    found = run(scene, part, seed)
     if path is not None:
         ablation_scenes.pack(path, found)
-    sys.stderr.write(f"{scene}, seed {seed}\n")
-    return scene, seed, found
+    sys.stderr.write(f"{scene}, {part}, seed {seed}: {time.perf_counter() - began:.0f} s\n")
+    return scene, found
 
 
 def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval | None:
@@ -196,6 +214,7 @@ def main() -> None:
     """Run, and print a table for each scene."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", action="append", choices=list(SCENES), help="may be repeated; default: all")
+    parser.add_argument("--part", action="append", choices=PARTS, help="may be repeated; default: both")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--kept", type=Path, help="folder of what is done already")
@@ -207,11 +226,16 @@ def main() -> None:
     absent = {scene: why for scene in chosen if (why := ablation_scenes.absent(scene))}
     for scene, why in absent.items():
         sys.stderr.write(f"{scene}: left out, no {why}\n")
-    tasks = [(scene, seed, given.kept) for seed, scene in product(range(given.seeds), chosen) if scene not in absent]
+    parts = given.part or PARTS
+    tasks = [
+        (scene, part, seed, given.kept)
+        for part, seed, scene in product(parts, range(given.seeds), chosen) if scene not in absent
+    ]  # fmt: skip
     done: dict[str, list[dict[str, Outcome]]] = {}
     with ProcessPoolExecutor(given.processes) as pool:
-        for scene, _, found in pool.map(kept_run, tasks):
-            done.setdefault(scene, []).append(found)
+        for scene, found in pool.map(kept_run, tasks):
+            if found:
+                done.setdefault(scene, []).append(found)
     table = {scene: dict(rows(seeds)) for scene, seeds in done.items()}
     if given.json:
         sys.stdout.write(json.dumps({"seeds": given.seeds, "rows": table}) + "\n")

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray
+from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.experiment import held_out
 from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.evaluation.forecast_methods import futures_in_worlds, futures_of
@@ -29,8 +30,7 @@ NEEDS = {
     "roundabout": "town03", "intersection": "town03", "misbehaviour": "town03", "Lankershim": "lankershim",
     "Mcity": "mcity_roadside", "autoferry": "autoferry",
 }  # fmt: skip
-MOST_TRACKED = 40
-"""Vehicles of a town's seed."""
+ALONE = FilterConfig(interaction="none")
 LOST_M = 3.0
 N_SAMPLES = 100
 HORIZONS_S = (1.0, 5.0)
@@ -81,20 +81,20 @@ class Simulated:
     Attributes:
         train: to learn from.
         test: to track.
+        cases: the same vehicles at their own times, to forecast.
         among: all vehicles, for leaders of forecasts.
         experiment: how the sensor reports.
         seed: of the run.
         given: a map that was learned elsewhere.
-        with_forecasts: whether forecasts and densities are judged too.
     """
 
     train: Tracks
     test: Tracks
+    cases: Tracks
     among: Tracks
     experiment: TrackingExperiment
     seed: int
     given: PrimitiveMap | None = None
-    with_forecasts: bool = True
     _learned: PrimitiveMap | None = field(default=None, init=False)
 
     def relearned(self, **options: Any) -> PrimitiveMap:
@@ -112,8 +112,8 @@ class Simulated:
         """The same for every variant."""
         return [Scene.of(world, self.experiment, detect, seed=self.seed) for world in self.test.worlds()]
 
-    def outcome(self, learned: PrimitiveMap, off: Any) -> Outcome:
-        """What is reached without a mechanism."""
+    def tracked(self, learned: PrimitiveMap, off: Any) -> Outcome:
+        """Errors of tracking without a mechanism."""
         experiment = replace(self.experiment, filter=replace(self.experiment.filter, **off.filter))
         scenes = [scene._replace(tracking=replace(scene.tracking, **off.tracking)) for scene in self.scenes]
 
@@ -124,20 +124,17 @@ class Simulated:
             return made
 
         worlds = followed(scenes, make, experiment, seed=self.seed).filtered
-        found = tracked(worlds, with_ids=experiment.with_ids, experiment=experiment)
-        if self.with_forecasts and (off.learning or off.patched or off.filter.keys() <= {"interaction"}):
-            found |= self._forecast(learned, alone=off.filter.get("interaction") == "none")
-        return found
+        return errors_of(worlds, with_ids=experiment.with_ids, experiment=experiment)
 
-    def _forecast(self, learned: PrimitiveMap, *, alone: bool) -> Outcome:
-        """Energies of forecasts, and the log density of motion."""
-        cases = Cases.of(self.test, horizons_s=HORIZONS_S, among=self.among)
+    def forecast(self, learned: PrimitiveMap, *, alone: bool = False) -> Outcome:
+        """Energies of forecasts, without leaders or with them, and the log density of motion."""
+        cases = Cases.of(self.cases, horizons_s=HORIZONS_S, among=self.among)
         sample = (futures_of if alone else futures_in_worlds)(learned, HORIZONS_S)
         energy = score_cases(sample(cases, N_SAMPLES, np.random.default_rng(self.seed)), cases.later)
         energy = energy[..., SCORES.index("energy")]
         has_groups = np.unique(self.among.group).size > 1
         names = cases.group.astype(np.str_) if has_groups else cases.name
-        moving = self.test[self.test.speed > 0.5]
+        moving = self.cases[self.cases.speed > 0.5]
         log_p = learned.log_density(moving.position, moving.direction, moving.speed)
         whose = (moving.group if has_groups else moving.track_id).astype(np.str_)
         return {
@@ -146,7 +143,7 @@ class Simulated:
         }
 
 
-def tracked(worlds: list[TrackedWorld], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
+def errors_of(worlds: list[TrackedWorld], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
     """Errors by row with ids; HOTA of each group without."""
     scales = experiment.scales
     errors = row_errors(worlds, with_ids=with_ids, scales=scales)
@@ -179,22 +176,28 @@ def log_of(path: str) -> Tracks:
 
 
 def town(name: str) -> Callable[[int], Simulated]:
-    """Nine tenths of a town's vehicles to learn from, of the others some to track."""
+    """Nine tenths of a town's vehicles to learn from, the others to track: all from the same instant on, as none knows
+    of another. Whom they followed is not tracked, so none responds to a leader."""
 
     def make(seed: int) -> Simulated:
-        log, rng = log_of(f"town03/{name}.csv"), np.random.default_rng([seed, 0])
-        train, test = held_out(log, share=0.9, rng=rng)
-        some = test[np.isin(test.vehicle, rng.permutation(test.n_tracks)[:MOST_TRACKED])]
-        return Simulated(train, some, log, TrackingExperiment(), seed)
+        log = log_of(f"town03/{name}.csv")
+        train, test = held_out(log, share=0.9, rng=np.random.default_rng([seed, 0]))
+        return Simulated(train, at_once(test), test, log, TrackingExperiment(filter=ALONE), seed)
 
     return make
+
+
+def at_once(tracks: Tracks) -> Tracks:
+    """The same vehicles, each from time 0 on."""
+    _, first = np.unique(tracks.vehicle, return_index=True)
+    return Tracks.concatenate([replace(tracks, time_ns=tracks.time_ns - tracks.time_ns[first][tracks.vehicle])])
 
 
 def lankershim(seed: int) -> Simulated:
     """Groups of a real junction."""
     log = log_of("lankershim/lankershim.csv")
     train, test = held_out(log, share=0.9, rng=np.random.default_rng([seed, 0]))
-    return Simulated(train, test, log, TrackingExperiment(), seed)
+    return Simulated(train, test, test, log, TrackingExperiment(), seed)
 
 
 DENSE = TrackingExperiment.of(
@@ -218,7 +221,7 @@ def dense(name: str, demand: float) -> Callable[[int], Simulated]:
         from dirprim_filter.simulation.traffic import simulate
 
         traffic = simulate(name, duration_s=20.0, seed=2 + seed, rate_hz=10.0, demand=demand)
-        return Simulated(traffic, traffic, traffic, DENSE, seed, dense_map(name, demand), with_forecasts=False)
+        return Simulated(traffic, traffic, traffic, traffic, DENSE, seed, dense_map(name, demand))
 
     return make
 
@@ -228,11 +231,11 @@ def misbehaviour(seed: int) -> Simulated:
     from dirprim_filter.simulation.misbehaviour import KINDS, misbehaving
 
     situation = town("roundabout" if seed % 2 else "intersection")(seed)
-    test, rng = situation.test, np.random.default_rng([seed, 2])
+    test, rng = situation.cases, np.random.default_rng([seed, 2])
     kind = rng.permutation(np.arange(test.n_tracks) % len(KINDS))[test.vehicle]
     parts = [misbehaving(test[kind == i], kind=name, rng=rng) for i, name in enumerate(KINDS)]
     return replace(
-        situation, test=Tracks.concatenate(parts), experiment=TrackingExperiment(gap_s=0.0), with_forecasts=False
+        situation, test=at_once(Tracks.concatenate(parts)), experiment=TrackingExperiment(gap_s=0.0, filter=ALONE)
     )
 
 
