@@ -10,7 +10,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.figures import figure_lines, number, row
+from dirprim_filter.cli.figures import figure_lines, number
 from dirprim_filter.cli.options import Force, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import as_json as json_text
@@ -19,14 +19,9 @@ from dirprim_filter.cli.results import check_plot
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.scores import ScoreTable
 
-WHOLE = {
-    "distance": "T-GOSPA, m", "localisation": "  localisation, m2", "missed": "  missed, m2", "false": "  false, m2",
-    "switch": "  switches, m2",
-}  # fmt: skip
-"""The parts of T-GOSPA, of which `distance` is the metric."""
 SMOOTHED = " smoothed"
 """Ends the name of what a smoother wrote."""
-JSON_FORMAT, JSON_VERSION = "dirprim score", 1
+JSON_FORMAT, JSON_VERSION = "dirprim score", 2
 
 
 @reads_logs
@@ -49,10 +44,6 @@ def score(
     ] = False,
     cutoff: Annotated[float, typer.Option(help="Cut-off of GOSPA, metres.")] = 5.0,
     similarity: Annotated[float, typer.Option(help="Distance at which similarity reaches 0, metres.")] = 5.0,
-    t_gospa: Annotated[
-        bool, typer.Option("--t-gospa", help="Also compute T-GOSPA: for small scenes; seconds to minutes.")
-    ] = False,
-    penalty: Annotated[float, typer.Option(help="Penalty of T-GOSPA on a switch, metres.")] = 2.0,
     reading: Reading = Reading(),
     plot: Plot = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures and settings as JSON.")] = False,
@@ -83,10 +74,7 @@ def score(
             for name, path in _names(estimates).items()
             for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]
         }
-        table = score_rows(
-            rows, log.tracks, with_ids=with_ids, scales=scales, penalty_m=penalty if t_gospa else None,
-            progress=progress,
-        )  # fmt: skip
+        table = score_rows(rows, log.tracks, with_ids=with_ids, scales=scales, progress=progress)
     for found in table.scores:
         if found.left_out:
             path = _names(estimates)[found.name.removesuffix(SMOOTHED)]
@@ -124,11 +112,7 @@ def score_object(table: ScoreTable, estimates: list[Path], truth: Path, reading:
 
     files = {name: {"path": str(path), "sha256": checksum(path)} for name, path in _names(estimates).items()}
     result = asdict(table)
-    result["scores"] = [
-        found | files[found["name"].removesuffix(SMOOTHED)] | {"t_gospa": t_gospa and t_gospa._asdict()}
-        for found in result["scores"]
-        for t_gospa in [found["t_gospa"]]
-    ]
+    result["scores"] = [found | files[found["name"].removesuffix(SMOOTHED)] for found in result["scores"]]
     return {
         "format": JSON_FORMAT, "format_version": JSON_VERSION, "version": version("dirprim-filter"),
         "truth": {"path": str(truth), "sha256": checksum(truth)},
@@ -148,10 +132,6 @@ def score_text(table: ScoreTable, truth: str) -> str:
         "",
         *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
     ]
-    wholes = [found.t_gospa for found in table.scores if found.t_gospa is not None]
-    if wholes:
-        width = max(16, *map(len, names))
-        lines += [row(head, [number(getattr(whole, part)) for whole in wholes], width) for part, head in WHOLE.items()]
     lines += [
         "",
         *(

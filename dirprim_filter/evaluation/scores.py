@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dirprim_filter.evaluation.metrics.trajectory_gospa import TrajectoryGospa, trajectory_gospa
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
@@ -24,7 +23,6 @@ class Score:
         left_out: how many were not: the truth does not hold their instants.
         n_tracks: how many tracks they are of.
         report: the figures.
-        t_gospa: T-GOSPA, where it was asked for.
     """
 
     name: str
@@ -32,7 +30,6 @@ class Score:
     left_out: int
     n_tracks: int
     report: TrackingReport
-    t_gospa: TrajectoryGospa | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +42,6 @@ class ScoreTable:
         n_rows: of the truth.
         with_ids: whether estimates were assigned to vehicles by id.
         scales: of the metrics.
-        penalty_m: T-GOSPA's, metres; None where it was not asked for.
         scores: of each tracker.
     """
 
@@ -54,7 +50,6 @@ class ScoreTable:
     n_rows: int
     with_ids: bool
     scales: Scales
-    penalty_m: float | None
     scores: tuple[Score, ...]
 
 
@@ -64,7 +59,6 @@ def score_rows(
     *,
     with_ids: bool,
     scales: Scales,
-    penalty_m: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ScoreTable:
     """Score what trackers wrote, by name.
@@ -74,11 +68,10 @@ def score_rows(
         truth: where vehicles were.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         scales: of the metrics.
-        penalty_m: T-GOSPA's price of a switch, metres; None: no T-GOSPA.
         progress: called with the number of results scored, and their total.
 
     Raises:
-        ValueError: a result has no row at any instant of the truth, a length is not positive, or T-GOSPA is too large.
+        ValueError: a result has no row at any instant of the truth or a length is not positive.
     """
     steps = StepCount(len(results), progress)
     scores = []
@@ -88,14 +81,9 @@ def score_rows(
             raise ValueError(
                 f"{name}: expected rows at instants of the truth, {_span(truth)}, got none; its own are {_span(rows)}"
             )
-        t_gospa = None
-        if penalty_m is not None:
-            comparison = scales.comparison(kept, truth)
-            t_gospa = trajectory_gospa(comparison, cutoff_m=scales.cutoff_m, penalty_m=penalty_m)
         scores.append(
             Score(
-                name=name, n_rows=len(kept), left_out=len(rows) - len(kept), t_gospa=t_gospa,
-                n_tracks=kept.n_tracks,
+                name=name, n_rows=len(kept), left_out=len(rows) - len(kept), n_tracks=kept.n_tracks,
                 report=TrackingReport.of(kept, truth, is_hidden=None, with_ids=with_ids, scales=scales),
             )
         )  # fmt: skip
@@ -103,7 +91,7 @@ def score_rows(
     return ScoreTable(
         n_groups=int(np.unique(truth.group).size),
         n_vehicles=truth.n_tracks, n_rows=len(truth),
-        with_ids=with_ids, scales=scales, penalty_m=penalty_m, scores=tuple(scores),
+        with_ids=with_ids, scales=scales, scores=tuple(scores),
     )  # fmt: skip
 
 

@@ -138,19 +138,18 @@ def test_score_tells_people_and_machines_the_same_and_draws(truth, tracked, tmp_
     other, plot = tmp_path / "other.csv", tmp_path / "plot.png"
     assert dirprim("export", worse, "-o", other) == DONE
     capsys.readouterr()
-    options = ("score", tracked, worse, other, "--truth", truth, "--t-gospa")
+    options = ("score", tracked, worse, other, "--truth", truth)
     assert dirprim(*options, "--plot", plot) == DONE
     text = capsys.readouterr().out
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert dirprim(*options, "--json") == DONE
     reported = json.loads(capsys.readouterr().out)
-    assert (reported["format"], reported["format_version"]) == ("dirprim score", 1)
+    assert (reported["format"], reported["format_version"]) == ("dirprim score", 2)
     assert [found["name"] for found in reported["scores"]] == ["tracked.mcap", "worse.mcap", "other.csv"]
     assert len(reported["truth"]["sha256"]) == 64
     lines = {line[:22].strip(): line[22:].split() for line in text.splitlines()[2:]}
     for head, name in (("HOTA", "hota"), ("RMSE, m", "rmse"), ("RMSE in gaps, m", "hidden_rmse"), ("MOTA", "mota")):
         assert lines[head] == [f"{found['report'][name]:.3f}" for found in reported["scores"]]
-    assert lines["T-GOSPA, m"][0] == f"{reported['scores'][0]['t_gospa']['distance']:.3f}"
     first, second, third = reported["scores"]
     assert second["report"] == third["report"]
     assert first["report"]["hota"] > second["report"]["hota"] + 0.1

@@ -30,13 +30,13 @@ def best_pairs(row: IntArray, column: IntArray, gain: FloatArray) -> IntArray:
         return useful
     if useful.size <= FEW_PAIRS:
         return np.sort(_best(useful, row, column, gain))
-    component = components(row[useful], column[useful])
+    component = _components(row[useful], column[useful])
     order = np.argsort(component, kind="stable")
     parts = np.split(useful[order], np.flatnonzero(np.diff(component[order])) + 1)
     return np.sort(np.concatenate([part if part.size == 1 else _best(part, row, column, gain) for part in parts]))
 
 
-def components(row: IntArray, column: IntArray) -> IntArray:
+def _components(row: IntArray, column: IntArray) -> IntArray:
     """(p,) the connected component of each pair, in the graph whose edges the pairs are."""
     rows, i = np.unique(row, return_inverse=True)
     columns, j = np.unique(column, return_inverse=True)
