@@ -52,7 +52,9 @@ def score(
     """Score what trackers wrote against the truth, a column for each file.
 
     Every group of the truth is a world of its own. The options that choose a part of a log are about the truth;
-    estimates of other instants and groups are left out and counted.
+    estimates of other groups, and of instants at which the truth is not known, are left out and counted. Between rows
+    of a vehicle at most 1 s (or 2.5 of its usual intervals) apart the truth is interpolated, at the truth's own
+    instants, or, if estimates are of others, at those of all files together.
 
     Example: dirprim score tracks.mcap other.csv --truth recordings/roundabout_track.mcap
     """
@@ -79,7 +81,7 @@ def score(
         if found.left_out:
             path = _names(estimates)[found.name.removesuffix(SMOOTHED)]
             typer.echo(
-                f"{path}: left out {counted(found.left_out, 'row')} of instants or groups that the truth does not hold",
+                f"{path}: left out {counted(found.left_out, 'row')} of groups or instants without a truth",
                 err=True,
             )
     if plot is not None:
@@ -125,18 +127,31 @@ def score_text(table: ScoreTable, truth: str) -> str:
     matched = "vehicles by their ids" if table.with_ids else "vehicles by their places"
     groups = f" in {counted(table.n_groups, 'group')}, each by itself" if table.n_groups > 1 else ""
     names = [found.name for found in table.scores]
-    lines = [
-        f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
-        f"{matched}; similarity is 0 from {table.scales.similarity_m:g} m, "
-        f"GOSPA's cut-off is {table.scales.cutoff_m:g} m",
-        "",
-        *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
-    ]
-    lines += [
-        "",
-        *(
-            f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')}"
-            for found in table.scores
-        ),
-    ]
-    return "\n".join(lines)
+    return "\n".join(
+        [
+            f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
+            f"{matched}; similarity is 0 from {table.scales.similarity_m:g} m, "
+            f"GOSPA's cut-off is {table.scales.cutoff_m:g} m",
+            _judged_line(table),
+            "",
+            *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
+            "",
+            *(
+                f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')} at "
+                f"{counted(found.n_instants, 'instant')}"
+                for found in table.scores
+            ),
+        ]
+    )
+
+
+def _judged_line(table: ScoreTable) -> str:
+    """At which instants, and whether the truth is interpolated there."""
+    whose = "the estimates'" if table.at_results else "the truth's"
+    instants = f"judged at {whose} {counted(table.n_instants, 'instant')}"
+    if not table.n_interpolated:
+        return f"{instants}, row by row"
+    return (
+        f"{instants}; {table.n_interpolated} of the truth's rows are interpolated, between rows of a vehicle at most "
+        f"{table.longest_gap_s:g} s apart"
+    )

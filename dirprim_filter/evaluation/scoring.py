@@ -10,7 +10,8 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, VehicleErrors, errors_by_vehicle
+from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.tracks import Tracks
 
 
@@ -24,7 +25,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackedWorld:
-    """A group as it was, and as it was tracked: what is believed at every instant of the truth."""
+    """A group as it was, and as it was tracked: the estimates at every instant of the truth."""
 
     truth: Truth
     estimates: EstimateList
@@ -33,19 +34,34 @@ class TrackedWorld:
 def report(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> TrackingReport:
     """The figures of one group, or pooled over all: each row and each instant counts as in any other group.
 
+    Where vehicles of a group have rows at different instants, the truth is interpolated: see `judged_truth`. An
+    interpolated row is hidden where both its neighbours are.
+
     Args:
         worlds: groups, at least one.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         scales: of the metrics.
     """
-    believed = [world.estimates.all() for world in worlds]
-    groups = [world.truth.tracks.group[0] for world in worlds]
-    rows = TrackedRows.of(Estimates.concatenate(believed), group=np.repeat(groups, [len(part) for part in believed]))
-    order = np.argsort(np.concatenate([world.truth.tracks.time_ns for world in worlds]), kind="stable")
+    rows, truth, interpolated = _joined(worlds)
     return TrackingReport.of(
-        rows,
-        Tracks.concatenate([world.truth.tracks for world in worlds]),  # in order of time
-        is_hidden=np.concatenate([world.truth.is_hidden for world in worlds])[order],
-        with_ids=with_ids,
-        scales=scales,
+        rows, truth.tracks, is_hidden=truth.is_hidden, with_ids=with_ids, scales=scales, interpolated=interpolated
     )
+
+
+def vehicle_errors(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> VehicleErrors:
+    """The errors of each vehicle of all groups, of one run of one method; the arguments are those of `report`."""
+    rows, truth, _ = _joined(worlds)
+    return errors_by_vehicle(rows, truth.tracks, is_hidden=truth.is_hidden, with_ids=with_ids, scales=scales)
+
+
+def _joined(worlds: Sequence[TrackedWorld]) -> tuple[TrackedRows, Truth, float]:
+    """All groups' estimates, their truth in order of time, and the share of it that is interpolated."""
+    estimates = [world.estimates.all() for world in worlds]
+    groups = [world.truth.tracks.group[0] for world in worlds]
+    rows = TrackedRows.of(Estimates.concatenate(estimates), group=np.repeat(groups, [len(part) for part in estimates]))
+    judged = [judged_truth(world.truth.tracks) for world in worlds]
+    is_hidden = [of.both(world.truth.is_hidden) for of, world in zip(judged, worlds, strict=True)]
+    order = np.argsort(np.concatenate([of.tracks.time_ns for of in judged]), kind="stable")
+    tracks = Tracks.concatenate([of.tracks for of in judged])
+    n_interpolated = sum(of.n_interpolated for of in judged)
+    return rows, Truth(tracks=tracks, is_hidden=np.concatenate(is_hidden)[order]), n_interpolated / len(tracks)

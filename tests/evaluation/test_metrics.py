@@ -15,6 +15,7 @@ from dirprim_filter.evaluation.metrics.error_kinds import ErrorKinds, error_kind
 from dirprim_filter.evaluation.metrics.gospa import gospa
 from dirprim_filter.evaluation.metrics.hota import hota
 from dirprim_filter.evaluation.metrics.identity import identity_f1
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.tracks import Tracks
 
 CUTOFF_M = 4.0
@@ -31,10 +32,11 @@ def comparison_of(truth, estimated, *, reach_m=6.0, groups=(None, None)):
         group=np.zeros(n, np.int64) if groups[0] is None else groups[0],
     )  # fmt: skip
     names, when, u, v = zip(*estimated, strict=True) if estimated else ((),) * 4
-    return Comparison.of(
-        tracks, track_id=np.array(names, dtype=np.str_), time_ns=np.array(when, dtype=np.int64),
-        position=np.column_stack([u, v]) if names else np.empty((0, 2)), group=groups[1], reach_m=reach_m,
+    rows = TrackedRows(
+        track_id=np.array(names, dtype=np.str_), time_ns=np.array(when, dtype=np.int64),
+        position=np.column_stack([u, v]) if names else np.empty((0, 2)), group=() if groups[1] is None else groups[1],
     )  # fmt: skip
+    return Comparison.of(tracks, rows, reach_m=reach_m)
 
 
 def traffic(seed, *, n_vehicles=7, n_instants=40, side=25.0):
