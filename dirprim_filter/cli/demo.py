@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dirprim_filter.arrays import FloatArray
-    from dirprim_filter.estimates import EstimateSink
-    from dirprim_filter.evaluation.tracking import TrackingScore
+    from dirprim_filter.estimates import Estimates, EstimateSink
+    from dirprim_filter.evaluation.tracking_report import TrackingReport
     from dirprim_filter.filtering import Tracker
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.tracks import Tracks
@@ -99,14 +99,15 @@ def _track_three_ways(
     *,
     seed: int,
     force: bool,
-) -> dict[str, TrackingScore]:
+) -> dict[str, TrackingReport]:
     """Track with the prior, writing and drawing everything; then with constant velocity, and place-free; score all."""
     import numpy as np
 
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import FilterConfig
     from dirprim_filter.estimates import EstimateList
-    from dirprim_filter.evaluation.tracking import score
+    from dirprim_filter.evaluation.tracked_rows import TrackedRows
+    from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
     from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
     from dirprim_filter.filtering.manoeuvre import acceleration_density
     from dirprim_filter.forecasting import Forecaster
@@ -131,7 +132,11 @@ def _track_three_ways(
         tracker = Tracker(learned, config=config, with_innovations=True, rng=np.random.default_rng(seed))
         _replay(log, tracker, [written, shown, forecaster, believed, moment])
         estimates = believed.all()
-        scores = {"with the prior": score(estimates, truth)}
+
+        def score(found: Estimates) -> TrackingReport:
+            return TrackingReport.of(TrackedRows.of(found), truth, is_hidden=None, with_ids=True, scales=Scales())
+
+        scores = {"with the prior": score(estimates)}
         rivals: dict[str, Tracker] = {
             "place-free": Tracker(learned.without_places(), config=config, rng=np.random.default_rng(seed)),
             "constant velocity": Tracker(
@@ -143,7 +148,7 @@ def _track_three_ways(
         for name, rival in rivals.items():
             kept = EstimateList()
             _replay(log, rival, [kept])
-            scores[name] = score(kept.all(), truth)
+            scores[name] = score(kept.all())
         shown.log_report("\n".join([*_table(scores, markdown=True), "", run_report(said, {}, title="Made with")]))
     if moment.frame is not None:
         ids = [str(name) for name in moment.frame.estimates.track_id]
@@ -170,13 +175,13 @@ def _center(learned: PrimitiveMap) -> FloatArray:
     return center
 
 
-def _table(scores: Mapping[str, TrackingScore], *, markdown: bool = False) -> list[str]:
+def _table(scores: Mapping[str, TrackingReport], *, markdown: bool = False) -> list[str]:
     import numpy as np
 
     heads = ("tracking", "position RMSE [m]", "direction RMSE [deg]", "speed RMSE [m/s]", "NEES (2 is right)")
     rows = [
         (
-            name, f"{s.position_rmse:.3f}", f"{np.rad2deg(s.direction_rmse):.1f}", f"{s.speed_rmse:.2f}",
+            name, f"{s.rmse:.3f}", f"{np.rad2deg(s.direction_rmse):.1f}", f"{s.speed_rmse:.2f}",
             f"{s.nees:.2f}",
         )
         for name, s in scores.items()
@@ -191,13 +196,13 @@ def _table(scores: Mapping[str, TrackingScore], *, markdown: bool = False) -> li
 
 
 def _print_result(
-    learned: PrimitiveMap, scores: Mapping[str, TrackingScore], outputs: Mapping[str, Path], folder: Path
+    learned: PrimitiveMap, scores: Mapping[str, TrackingReport], outputs: Mapping[str, Path], folder: Path
 ) -> None:
     n_modes = (learned.own_weight > 0).sum(axis=1)
     first = next(iter(scores.values()))
     typer.echo(
         f"\nlearned: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area.mean()) ** 0.5:.3g} m, "
-        f"{n_modes.mean():.1f} modes each; tracked: {first.n_vehicles} vehicles, {first.n_rows} estimates\n"
+        f"{n_modes.mean():.1f} modes each; tracked: {first.reported:.0%} of the vehicles' rows\n"
     )
     for line in _table(scores):
         typer.echo(line)

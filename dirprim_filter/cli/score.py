@@ -10,7 +10,7 @@ import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.figures import figure_lines, number, row
+from dirprim_filter.cli.figures import figure_lines, number
 from dirprim_filter.cli.options import Force, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import as_json as json_text
@@ -19,14 +19,9 @@ from dirprim_filter.cli.results import check_plot
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.scores import ScoreTable
 
-WHOLE = {
-    "distance": "T-GOSPA, m", "localisation": "  localisation, m2", "missed": "  missed, m2", "false": "  false, m2",
-    "switch": "  switches, m2",
-}  # fmt: skip
-"""The parts of T-GOSPA, of which `distance` is the metric."""
 SMOOTHED = " smoothed"
 """Ends the name of what a smoother wrote."""
-JSON_FORMAT, JSON_VERSION = "dirprim score", 1
+JSON_FORMAT, JSON_VERSION = "dirprim score", 2
 
 
 @reads_logs
@@ -49,10 +44,6 @@ def score(
     ] = False,
     cutoff: Annotated[float, typer.Option(help="Cut-off of GOSPA, metres.")] = 5.0,
     similarity: Annotated[float, typer.Option(help="Distance at which similarity reaches 0, metres.")] = 5.0,
-    t_gospa: Annotated[
-        bool, typer.Option("--t-gospa", help="Also compute T-GOSPA: for small scenes; seconds to minutes.")
-    ] = False,
-    penalty: Annotated[float, typer.Option(help="Penalty of T-GOSPA on a switch, metres.")] = 2.0,
     reading: Reading = Reading(),
     plot: Plot = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures and settings as JSON.")] = False,
@@ -61,7 +52,9 @@ def score(
     """Score what trackers wrote against the truth, a column for each file.
 
     Every group of the truth is a world of its own. The options that choose a part of a log are about the truth;
-    estimates of other instants and groups are left out and counted.
+    estimates of other groups, and of instants at which the truth is not known, are left out and counted. Between rows
+    of a vehicle at most 1 s (or 2.5 of its usual intervals) apart the truth is interpolated, at the truth's own
+    instants, or, if estimates are of others, at those of all files together.
 
     Example: dirprim score tracks.mcap other.csv --truth recordings/roundabout_track.mcap
     """
@@ -83,15 +76,12 @@ def score(
             for name, path in _names(estimates).items()
             for is_smoothed in (False, True)[: 1 + (smoothed and path.suffix.lower() not in FORMATS)]
         }
-        table = score_rows(
-            rows, log.tracks, with_ids=with_ids, scales=scales, penalty_m=penalty if t_gospa else None,
-            progress=progress,
-        )  # fmt: skip
+        table = score_rows(rows, log.tracks, with_ids=with_ids, scales=scales, progress=progress)
     for found in table.scores:
         if found.left_out:
             path = _names(estimates)[found.name.removesuffix(SMOOTHED)]
             typer.echo(
-                f"{path}: left out {counted(found.left_out, 'row')} of instants or groups that the truth does not hold",
+                f"{path}: left out {counted(found.left_out, 'row')} of groups or instants without a truth",
                 err=True,
             )
     if plot is not None:
@@ -124,11 +114,7 @@ def score_object(table: ScoreTable, estimates: list[Path], truth: Path, reading:
 
     files = {name: {"path": str(path), "sha256": checksum(path)} for name, path in _names(estimates).items()}
     result = asdict(table)
-    result["scores"] = [
-        found | files[found["name"].removesuffix(SMOOTHED)] | {"t_gospa": t_gospa and t_gospa._asdict()}
-        for found in result["scores"]
-        for t_gospa in [found["t_gospa"]]
-    ]
+    result["scores"] = [found | files[found["name"].removesuffix(SMOOTHED)] for found in result["scores"]]
     return {
         "format": JSON_FORMAT, "format_version": JSON_VERSION, "version": version("dirprim-filter"),
         "truth": {"path": str(truth), "sha256": checksum(truth)},
@@ -141,22 +127,31 @@ def score_text(table: ScoreTable, truth: str) -> str:
     matched = "vehicles by their ids" if table.with_ids else "vehicles by their places"
     groups = f" in {counted(table.n_groups, 'group')}, each by itself" if table.n_groups > 1 else ""
     names = [found.name for found in table.scores]
-    lines = [
-        f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
-        f"{matched}; similarity is 0 from {table.scales.similarity_m:g} m, "
-        f"GOSPA's cut-off is {table.scales.cutoff_m:g} m",
-        "",
-        *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
-    ]
-    wholes = [found.t_gospa for found in table.scores if found.t_gospa is not None]
-    if wholes:
-        width = max(16, *map(len, names))
-        lines += [row(head, [number(getattr(whole, part)) for whole in wholes], width) for part, head in WHOLE.items()]
-    lines += [
-        "",
-        *(
-            f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')}"
-            for found in table.scores
-        ),
-    ]
-    return "\n".join(lines)
+    return "\n".join(
+        [
+            f"{truth}: {counted(table.n_vehicles, 'vehicle')}{groups}, {counted(table.n_rows, 'row')}; errors of "
+            f"{matched}; similarity is 0 from {table.scales.similarity_m:g} m, "
+            f"GOSPA's cut-off is {table.scales.cutoff_m:g} m",
+            _judged_line(table),
+            "",
+            *figure_lines(names, lambda i, figure: number(getattr(table.scores[i].report, figure))),
+            "",
+            *(
+                f"{found.name}: {counted(found.n_tracks, 'track')}, {counted(found.n_rows, 'row')} at "
+                f"{counted(found.n_instants, 'instant')}"
+                for found in table.scores
+            ),
+        ]
+    )
+
+
+def _judged_line(table: ScoreTable) -> str:
+    """At which instants, and whether the truth is interpolated there."""
+    whose = "the estimates'" if table.at_results else "the truth's"
+    instants = f"judged at {whose} {counted(table.n_instants, 'instant')}"
+    if not table.n_interpolated:
+        return f"{instants}, row by row"
+    return (
+        f"{instants}; {table.n_interpolated} of the truth's rows are interpolated, between rows of a vehicle at most "
+        f"{table.longest_gap_s:g} s apart"
+    )

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dirprim_filter.evaluation.metrics.trajectory_gospa import TrajectoryGospa, trajectory_gospa
 from dirprim_filter.evaluation.steps import StepCount
-from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
+from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.tracks import Tracks
 
 
@@ -21,18 +21,18 @@ class Score:
     Attributes:
         name: what it is called.
         n_rows: how many of its rows were compared.
-        left_out: how many were not: the truth does not hold their instants.
+        left_out: how many were not: the truth is not known at their instants.
         n_tracks: how many tracks they are of.
+        n_instants: at how many instants they are.
         report: the figures.
-        t_gospa: T-GOSPA, where it was asked for.
     """
 
     name: str
     n_rows: int
     left_out: int
     n_tracks: int
+    n_instants: int
     report: TrackingReport
-    t_gospa: TrajectoryGospa | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,19 +42,25 @@ class ScoreTable:
     Attributes:
         n_groups: of the truth, each a world of its own.
         n_vehicles: of the truth.
-        n_rows: of the truth.
+        n_rows: of the truth at the instants that were judged, interpolated ones included.
+        n_interpolated: of these rows.
+        longest_gap_s: seconds between two rows of a vehicle, above which none was interpolated.
+        n_instants: how many instants were judged.
+        at_results: whether they are those of the results, else the truth's own: see `judged_truth`.
         with_ids: whether estimates were assigned to vehicles by id.
         scales: of the metrics.
-        penalty_m: T-GOSPA's, metres; None where it was not asked for.
         scores: of each tracker.
     """
 
     n_groups: int
     n_vehicles: int
     n_rows: int
+    n_interpolated: int
+    longest_gap_s: float
+    n_instants: int
+    at_results: bool
     with_ids: bool
     scales: Scales
-    penalty_m: float | None
     scores: tuple[Score, ...]
 
 
@@ -64,47 +70,52 @@ def score_rows(
     *,
     with_ids: bool,
     scales: Scales,
-    penalty_m: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ScoreTable:
     """Score what trackers wrote, by name.
 
     Args:
         results: what each says, in the groups of the truth.
-        truth: where vehicles were.
+        truth: where vehicles were, at instants of the results or at others.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         scales: of the metrics.
-        penalty_m: T-GOSPA's price of a switch, metres; None: no T-GOSPA.
         progress: called with the number of results scored, and their total.
 
     Raises:
-        ValueError: a result has no row at any instant of the truth, a length is not positive, or T-GOSPA is too large.
+        ValueError: a result has no row at an instant at which the truth is known.
     """
     steps = StepCount(len(results), progress)
+    judged = judged_truth(truth, list(results.values()))
+    n_rows = len(judged.tracks)
     scores = []
     for name, rows in results.items():
-        kept = rows.at_instants_of(truth)
+        kept = rows.at_instants_of(judged.tracks)
         if len(kept) == 0:
             raise ValueError(
-                f"{name}: expected rows at instants of the truth, {_span(truth)}, got none; its own are {_span(rows)}"
+                f"{name}: expected rows at instants at which the truth is known, {_span(truth)}, got none; its own are "
+                f"{_span(rows)}"
             )
-        t_gospa = None
-        if penalty_m is not None:
-            comparison = scales.comparison(kept, truth)
-            t_gospa = trajectory_gospa(comparison, cutoff_m=scales.cutoff_m, penalty_m=penalty_m)
+        report = TrackingReport.of(
+            kept, judged.tracks, is_hidden=None, with_ids=with_ids, scales=scales,
+            interpolated=judged.n_interpolated / n_rows,
+        )  # fmt: skip
         scores.append(
             Score(
-                name=name, n_rows=len(kept), left_out=len(rows) - len(kept), t_gospa=t_gospa,
-                n_tracks=kept.n_tracks,
-                report=TrackingReport.of(kept, truth, is_hidden=None, with_ids=with_ids, scales=scales),
+                name=name, n_rows=len(kept), left_out=len(rows) - len(kept), n_tracks=kept.n_tracks,
+                n_instants=_n_instants(kept), report=report,
             )
         )  # fmt: skip
         steps.add()
     return ScoreTable(
-        n_groups=int(np.unique(truth.group).size),
-        n_vehicles=truth.n_tracks, n_rows=len(truth),
-        with_ids=with_ids, scales=scales, penalty_m=penalty_m, scores=tuple(scores),
+        n_groups=int(np.unique(truth.group).size), n_vehicles=judged.tracks.n_tracks, n_rows=n_rows,
+        n_interpolated=judged.n_interpolated, longest_gap_s=judged.longest_gap_s,
+        n_instants=_n_instants(judged.tracks), at_results=judged.at_results, with_ids=with_ids, scales=scales,
+        scores=tuple(scores),
     )  # fmt: skip
+
+
+def _n_instants(rows: TrackedRows | Tracks) -> int:
+    return int(instant_numbers(rows)[0].max(initial=-1)) + 1
 
 
 def _span(rows: TrackedRows | Tracks) -> str:

@@ -11,8 +11,8 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking import normalised_squared
-from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, assigned
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport, errors_by_row
+from dirprim_filter.evaluation.truth import judged_truth
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
 
@@ -43,7 +43,7 @@ class RowErrors(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackedWorld:
-    """A group as it was, and as it was tracked: what is believed at every instant of the truth."""
+    """A group as it was, and as it was tracked: the estimates at every instant of the truth."""
 
     truth: Truth
     estimates: EstimateList
@@ -52,31 +52,37 @@ class TrackedWorld:
 def report(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> TrackingReport:
     """The figures of one group, or pooled over all: each row and each instant counts as in any other group.
 
+    Where vehicles of a group have rows at different instants, the truth is interpolated: see `judged_truth`. An
+    interpolated row is hidden where both its neighbours are.
+
     Args:
         worlds: groups, at least one.
         with_ids: assign estimates to vehicles by id; else by GOSPA's assignment.
         scales: of the metrics.
     """
-    rows, truth, is_hidden = _pooled(worlds)
-    return TrackingReport.of(rows, truth, is_hidden=is_hidden, with_ids=with_ids, scales=scales)
+    rows, truth, interpolated = _joined(worlds)
+    return TrackingReport.of(
+        rows, truth.tracks, is_hidden=truth.is_hidden, with_ids=with_ids, scales=scales, interpolated=interpolated
+    )
 
 
 def row_errors(worlds: Sequence[TrackedWorld], *, with_ids: bool, scales: Scales) -> RowErrors:
-    """The errors of each row of the truth, pooled over all groups; arguments as of `report`."""
-    rows, truth, is_hidden = _pooled(worlds)
-    row, column = assigned(rows, truth, with_ids=with_ids, scales=scales)
-    off = rows.position[column] - truth.position[row]
-    squared, normalised = np.full((2, len(truth)), np.nan)
-    squared[row], normalised[row] = (off**2).sum(axis=1), normalised_squared(off, rows.covariance[column])
-    names = truth.group.astype(np.str_) if len(worlds) > 1 else world_names(truth.track_id, truth.group)
-    return RowErrors(cluster=names, squared=squared, normalised=normalised, is_hidden=is_hidden)
+    """The errors of each row of the truth, of one run of one method; the arguments are those of `report`."""
+    rows, truth, _ = _joined(worlds)
+    squared, normalised = errors_by_row(rows, truth.tracks, with_ids=with_ids, scales=scales)
+    group = truth.tracks.group
+    names = group.astype(np.str_) if len(worlds) > 1 else world_names(truth.tracks.track_id, group)
+    return RowErrors(cluster=names, squared=squared, normalised=normalised, is_hidden=truth.is_hidden)
 
 
-def _pooled(worlds: Sequence[TrackedWorld]) -> tuple[TrackedRows, Tracks, BoolArray]:
-    """Estimates, the truth in order of time, and which of its rows are hidden."""
-    believed = [world.estimates.all() for world in worlds]
+def _joined(worlds: Sequence[TrackedWorld]) -> tuple[TrackedRows, Truth, float]:
+    """All groups' estimates, their truth in order of time, and the share of it that is interpolated."""
+    estimates = [world.estimates.all() for world in worlds]
     groups = [world.truth.tracks.group[0] for world in worlds]
-    rows = TrackedRows.of(Estimates.concatenate(believed), group=np.repeat(groups, [len(part) for part in believed]))
-    order = np.argsort(np.concatenate([world.truth.tracks.time_ns for world in worlds]), kind="stable")
-    is_hidden = np.concatenate([world.truth.is_hidden for world in worlds])[order]
-    return rows, Tracks.concatenate([world.truth.tracks for world in worlds]), is_hidden
+    rows = TrackedRows.of(Estimates.concatenate(estimates), group=np.repeat(groups, [len(part) for part in estimates]))
+    judged = [judged_truth(world.truth.tracks) for world in worlds]
+    is_hidden = [of.both(world.truth.is_hidden) for of, world in zip(judged, worlds, strict=True)]
+    order = np.argsort(np.concatenate([of.tracks.time_ns for of in judged]), kind="stable")
+    tracks = Tracks.concatenate([of.tracks for of in judged])
+    n_interpolated = sum(of.n_interpolated for of in judged)
+    return rows, Truth(tracks=tracks, is_hidden=np.concatenate(is_hidden)[order]), n_interpolated / len(tracks)

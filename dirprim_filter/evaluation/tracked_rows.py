@@ -12,6 +12,10 @@ from dirprim_filter.track_ids import as_texts, as_track_ids, check_not_repeated,
 from dirprim_filter.tracks import Tracks, as_times, check_lengths
 
 
+def _left_out() -> FloatArray:
+    return np.empty(0)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackedRows:
     """Where a tracker says that vehicles are, a row for each track and instant.
@@ -21,8 +25,10 @@ class TrackedRows:
         time_ns: (n,) int64, nanoseconds.
         position: (n, 2) metres.
         group: (n,) int64. Left out: all 0.
-        covariance: (n, 2, 2) square metres; NaN where unknown. Left out: nowhere known.
-        unseen_s: (n,) seconds since the vehicle was last measured; NaN where unknown. Left out: nowhere known.
+        covariance: (n, 2, 2) square metres; NaN where unknown, as in the next three. Left out: nowhere known, likewise.
+        direction: (n,) course over ground, radians.
+        speed: (n,) m/s.
+        unseen_s: (n,) seconds since the vehicle was last measured.
 
     Raises:
         ValueError: shapes that do not fit, or a track with two rows at one time.
@@ -32,8 +38,10 @@ class TrackedRows:
     time_ns: IntArray
     position: FloatArray
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    covariance: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
-    unseen_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    covariance: FloatArray = field(default_factory=_left_out)
+    direction: FloatArray = field(default_factory=_left_out)
+    speed: FloatArray = field(default_factory=_left_out)
+    unseen_s: FloatArray = field(default_factory=_left_out)
 
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.time_ns))
@@ -42,13 +50,10 @@ class TrackedRows:
             "time_ns": as_times("time_ns", self.time_ns),
             "position": as_floats("position", self.position, "n 2"),
         }
-        for name, unknown in (
-            ("group", np.zeros(n, np.int64)),
-            ("covariance", np.full((n, 2, 2), np.nan)),
-            ("unseen_s", np.full(n, np.nan)),
-        ):
-            given = np.asarray(getattr(self, name), unknown.dtype)
-            columns[name] = given if given.size else unknown
+        columns["group"] = np.asarray(self.group, np.int64) if np.size(self.group) else np.zeros(n, np.int64)
+        for name in ("covariance", "direction", "speed", "unseen_s"):
+            given = np.asarray(getattr(self, name), np.float64)
+            columns[name] = given if given.size else np.full((n, 2, 2) if name == "covariance" else n, np.nan)
         check_lengths(columns)
         for name, column in columns.items():
             object.__setattr__(self, name, column)
@@ -68,18 +73,28 @@ class TrackedRows:
 
     @classmethod
     def of(cls, estimates: Estimates, *, group: IntArray | int = 0) -> TrackedRows:
-        """The rows of estimates, of the groups that are given."""
+        """The rows of estimates, of the groups that are given.
+
+        Bare detections know no motion: they have a direction without a resultant and a speed without a deviation.
+        """
+        is_known = (estimates.direction_resultant > 0.0) | (estimates.speed_std > 0.0)
         return cls(
             track_id=estimates.track_id, time_ns=estimates.time_ns, position=estimates.position,
             group=np.broadcast_to(np.asarray(group, np.int64), len(estimates)), covariance=estimates.covariance,
-            unseen_s=estimates.unseen_s,
+            direction=np.where(is_known, estimates.direction, np.nan),
+            speed=np.where(is_known, estimates.speed, np.nan), unseen_s=estimates.unseen_s,
         )  # fmt: skip
 
     def at_instants_of(self, truth: Tracks) -> TrackedRows:
         """The rows of the instants that the truth holds, group by group."""
-        instants = np.stack([np.r_[truth.group, self.group], np.r_[truth.time_ns, self.time_ns]], axis=1)
-        instant = np.unique(instants, axis=0, return_inverse=True)[1].ravel()
-        return self[np.isin(instant[len(truth) :], instant[: len(truth)])]
+        of_truth, own = instant_numbers(truth, self)
+        return self[np.isin(own, of_truth)]
+
+
+def instant_numbers(*rows: Tracks | TrackedRows) -> list[IntArray]:
+    """(n,) of each, the instant of each row as a number among those of all, in order of group and time."""
+    number = vehicle_numbers(np.concatenate([of.time_ns for of in rows]), np.concatenate([of.group for of in rows]))
+    return np.split(number, np.cumsum([len(of) for of in rows])[:-1])
 
 
 def names_in_group(track_id: AnyArray, group: IntArray) -> AnyArray:

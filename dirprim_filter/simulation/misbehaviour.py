@@ -33,9 +33,10 @@ def misbehaving(tracks: Tracks, *, kind: Kind, rng: np.random.Generator) -> Trac
 
     Args:
         tracks: how they drove.
-        kind: "stops dead": brakes by 6 m/s^2 and stands; "creeps": brakes likewise to a quarter of its speed; "turns round":
-            turns back to the left on a circle of 5 m radius and drives back beside its own path; "drives against": its
-            whole path in the opposite direction; "jumps": is 2 m to the left from one row to the next, and goes on.
+        kind: "stops dead": brakes by 6 m/s^2 and stands; "creeps": brakes likewise, to a quarter of its speed; "turns
+            round": turns back to the left on a circle of 5 m radius and drives back beside its own path; "drives
+            against": its whole path in the opposite direction; "jumps": is 2 m to the left from one row to the next,
+            and goes on.
         rng: when.
 
     Raises:

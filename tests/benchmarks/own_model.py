@@ -13,7 +13,7 @@ import numpy as np
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList
-from dirprim_filter.evaluation.tracking import coverage, normalised_squared
+from dirprim_filter.evaluation.tracking_report import coverage, normalised_squared
 from dirprim_filter.filtering import ParticleFilter
 from dirprim_filter.filtering.smoothing import Smoother
 from situations import one_cell_map

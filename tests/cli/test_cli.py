@@ -15,7 +15,8 @@ import pytest
 from dirprim_filter import Tracks, cli, load_map, read_estimates, read_tracks, save_map, write_tracks
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.main import run
-from dirprim_filter.evaluation.tracking import score
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.recording.scan import scan
 
 DONE, FAILED, USAGE, INPUT_LOST = 0, 1, 2, 3
@@ -52,6 +53,12 @@ def log(files, tmp_path):
 @pytest.fixture
 def learned(files, tmp_path):
     return Path(copy(files / "map.mcap", tmp_path))
+
+
+def report(estimates, truth):
+    """Errors by id; a csv of tracks knows no groups."""
+    truth = replace(truth, group=np.zeros(len(truth), np.int64))
+    return TrackingReport.of(TrackedRows.of(estimates), truth, is_hidden=None, with_ids=True, scales=Scales())
 
 
 def csv_of(tracks, path, *, noise_m=0.0, rng=None):
@@ -155,7 +162,7 @@ def test_the_way_from_a_table_to_tracked_vehicles(few, tmp_path, capsys):
     estimates = read_estimates(tmp_path / "out.mcap")
     assert set(estimates.track_id) == set(few.track_id)
     assert len(estimates) == len(few)
-    assert score(estimates, few).position_rmse < 0.5 * np.sqrt(2)  # better than what was measured
+    assert report(estimates, few).rmse < 0.5 * np.sqrt(2)  # better than what was measured
     assert capsys.readouterr().err == ""
 
 
@@ -454,9 +461,9 @@ def test_lankershim_from_table_to_estimates(real_data, tmp_path):
         )
         == DONE
     )
-    result = score(read_estimates(tmp_path / "out.mcap"), truth)
-    assert result.n_rows == some.sum()  # every vehicle, at every time
-    assert result.position_rmse < 0.5 * np.sqrt(2)
+    result = report(read_estimates(tmp_path / "out.mcap"), truth[some])
+    assert result.reported == 1.0  # every vehicle, at every time
+    assert result.rmse < 0.5 * np.sqrt(2)
 
 
 @pytest.mark.parametrize(
@@ -473,7 +480,7 @@ def test_logs_of_asam_osi_straight_away(name, real_data, tmp_path, capsys):
     assert dirprim("learn", log, "-o", tmp_path / "map.mcap", *GRID) == DONE
     assert dirprim("track", log, "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap") == DONE
     truth = read_tracks(log)
-    assert score(read_estimates(tmp_path / "out.mcap"), truth).n_vehicles == truth.n_tracks
+    assert set(read_estimates(tmp_path / "out.mcap").track_id) == set(truth.track_id)
 
 
 def test_the_demo(tmp_path, short_recordings, monkeypatch, capsys):

@@ -12,7 +12,6 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
-from dirprim_filter.evaluation.tracking import score as errors
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.recording.tables.estimate_table import write_estimates
 from dirprim_filter.recording.tables.tracked_table import read_tracked_rows
@@ -66,6 +65,12 @@ def same(a, b, names):
     return all(np.array_equal(getattr(a, name), getattr(b, name), equal_nan=name != "track_id") for name in names)
 
 
+def rmse_of(estimates, tracks):
+    """Of estimates of the very rows of tracks."""
+    assert (estimates.time_ns == tracks.time_ns).all()
+    return np.sqrt(((estimates.position - tracks.position) ** 2).sum(axis=1).mean())
+
+
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_exported_estimates_come_back_to_the_last_digit(truth, tracked, tmp_path, capsys, suffix):
     out = tmp_path / f"out.{suffix}"
@@ -73,7 +78,7 @@ def test_exported_estimates_come_back_to_the_last_digit(truth, tracked, tmp_path
     estimates = read_estimates(tracked)
     assert capsys.readouterr().out == f"{out}: 6 tracks, {len(estimates)} rows\n"
     rows = read_tracked_rows(out, truth=read_tracks(truth))
-    columns = ("track_id", "time_ns", "position", "covariance", "unseen_s", "group")
+    columns = ("track_id", "time_ns", "position", "covariance", "direction", "speed", "unseen_s", "group")
     assert same(rows, TrackedRows.of(estimates), columns)
     assert not same(rows, TrackedRows.of(replace(estimates, unseen_s=estimates.unseen_s + 1e-15)), columns)
 
@@ -138,19 +143,18 @@ def test_score_tells_people_and_machines_the_same_and_draws(truth, tracked, tmp_
     other, plot = tmp_path / "other.csv", tmp_path / "plot.png"
     assert dirprim("export", worse, "-o", other) == DONE
     capsys.readouterr()
-    options = ("score", tracked, worse, other, "--truth", truth, "--t-gospa")
+    options = ("score", tracked, worse, other, "--truth", truth)
     assert dirprim(*options, "--plot", plot) == DONE
     text = capsys.readouterr().out
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert dirprim(*options, "--json") == DONE
     reported = json.loads(capsys.readouterr().out)
-    assert (reported["format"], reported["format_version"]) == ("dirprim score", 1)
+    assert (reported["format"], reported["format_version"]) == ("dirprim score", 2)
     assert [found["name"] for found in reported["scores"]] == ["tracked.mcap", "worse.mcap", "other.csv"]
     assert len(reported["truth"]["sha256"]) == 64
     lines = {line[:22].strip(): line[22:].split() for line in text.splitlines()[2:]}
     for head, name in (("HOTA", "hota"), ("RMSE, m", "rmse"), ("RMSE in gaps, m", "hidden_rmse"), ("MOTA", "mota")):
         assert lines[head] == [f"{found['report'][name]:.3f}" for found in reported["scores"]]
-    assert lines["T-GOSPA, m"][0] == f"{reported['scores'][0]['t_gospa']['distance']:.3f}"
     first, second, third = reported["scores"]
     assert second["report"] == third["report"]
     assert first["report"]["hota"] > second["report"]["hota"] + 0.1
@@ -167,7 +171,7 @@ def test_errors_are_of_the_ids_where_they_are_the_logs(truth, tracked, tmp_path,
         assert dirprim("score", path, "--truth", truth, "--json", *options) == DONE
         return json.loads(capsys.readouterr().out)["scores"][0]["report"]["rmse"]
 
-    expected = errors(estimates, read_tracks(truth)).position_rmse
+    expected = rmse_of(estimates, read_tracks(truth))
     assert rmse(tracked, "--ids") == pytest.approx(expected, abs=1e-12)
     assert rmse(swapped) == rmse(tracked) == pytest.approx(expected, rel=0.05)
     assert rmse(swapped, "--ids") > 5.0
@@ -199,7 +203,7 @@ def test_groups_are_worlds_and_rows_say_which_they_are_of(ring, tmp_path, capsys
     assert (reported["n_groups"], reported["n_vehicles"]) == (2, 6)
     one, other = (found["report"] for found in reported["scores"])
     assert one["reported"] == other["reported"] == 1.0
-    assert one["rmse"] == pytest.approx(errors(own, few).position_rmse)
+    assert one["rmse"] == pytest.approx(rmse_of(own, few))
     for name in ("hota", "idf1", "mota", "gospa", "rmse"):
         assert one[name] == pytest.approx(other[name])
     assert one["idf1"] == 1.0
@@ -217,11 +221,9 @@ def test_groups_are_worlds_and_rows_say_which_they_are_of(ring, tmp_path, capsys
 
 
 def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):
-    early = write_log(
-        replace(read_estimates(tracked), time_ns=read_estimates(tracked).time_ns + 7), tmp_path / "e.mcap"
-    )
-    half = read_estimates(tracked)
-    half = write_log(replace(half, time_ns=half.time_ns + 7 * (half.time_ns > 2e9)), tmp_path / "half.mcap")
+    own = read_estimates(tracked)
+    early = write_log(replace(own, time_ns=own.time_ns + 1_000_000_000_000), tmp_path / "e.mcap")
+    half = write_log(replace(own, time_ns=own.time_ns + 5_000_000_000), tmp_path / "half.mcap")
     twice = tmp_path / "twice.csv"
     twice.write_text("time_s,track_id,x_m,y_m\n0,1,0,0\n0,1,1,1\n")
     boxes = tmp_path / "boxes.txt"
@@ -229,7 +231,7 @@ def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):
     beyond = tmp_path / "beyond.txt"
     beyond.write_text("1,1,-1,-1,-1,-1,1,2,3,0\n99999,1,-1,-1,-1,-1,1,2,3,0\n")
     for path, message in (
-        (early, "expected rows at instants of the truth"),
+        (early, "expected rows at instants at which the truth is known, 0 to "),
         (twice, "has two rows at 0 ns"),
         (boxes, "give positions in the plane, not boxes of an image"),
         (beyond, "line 2: expected a frame from 1 to"),
@@ -240,7 +242,34 @@ def test_what_cannot_be_scored_is_one_line(truth, tracked, tmp_path, capsys):
         assert error.count("\n") == 1
         assert message in error
     assert dirprim("score", half, "--truth", truth) == DONE
-    assert "rows of instants or groups that the truth does not hold" in capsys.readouterr().err
+    assert "rows of groups or instants without a truth" in capsys.readouterr().err
+
+
+def test_a_truth_at_other_instants_is_interpolated_and_the_output_says_so(truth, tracked, tmp_path, capsys):
+    """Such is a truth by satellite beside a sensor's frames."""
+    tracks = read_tracks(truth)
+    between = tracks.time_ns + 30_000_000
+    rtk = tmp_path / "rtk.mcap"
+    step = 0.03 * tracks.speed[:, None] * np.column_stack([np.cos(tracks.direction), np.sin(tracks.direction)])
+    write_tracks(replace(tracks, time_ns=between, position=tracks.position + step), rtk)
+    reports = []
+    for path in (truth, rtk):
+        assert dirprim("score", tracked, "--truth", path, "--ids") == DONE
+        text = capsys.readouterr().out.splitlines()
+        assert dirprim("score", tracked, "--truth", path, "--ids", "--json") == DONE
+        table = json.loads(capsys.readouterr().out)
+        reports.append((text[1], table, table["scores"][0]["report"]))
+    (line, _, own), (line_of_rtk, table, other) = reports
+    n = np.unique(tracks.time_ns).size
+    assert line == f"judged at the truth's {n} instants, row by row"
+    assert line_of_rtk == (
+        f"judged at the estimates' {n - 1} instants; {len(tracks) - 6} of the truth's rows are interpolated, between "
+        "rows of a vehicle at most 1 s apart"
+    )
+    assert (table["at_results"], table["n_interpolated"], table["scores"][0]["left_out"]) == (True, len(tracks) - 6, 6)
+    assert (own["interpolated"], other["interpolated"], other["reported"]) == (0.0, 1.0, 1.0)
+    for name in ("rmse", "hota", "mota", "nees", "speed_rmse"):
+        assert other[name] == pytest.approx(own[name], rel=0.03, abs=0.03), name
 
 
 def test_what_was_smoothed_is_scored_and_exported_beside(truth, ring_map, tmp_path, capsys):

@@ -1,23 +1,21 @@
 """The field's metrics against its reference implementations, and against all there is to choose from."""
 
 from datetime import datetime
-from itertools import combinations, groupby, permutations, product
+from itertools import groupby, permutations
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 from stonesoup.metricgenerator.ospametric import GOSPAMetric
 from stonesoup.types.state import State
 from trackeval.metrics import CLEAR, HOTA, Identity
 
-from dirprim_filter.evaluation.metrics import trajectory_gospa as trajectory_gospa_module
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.metrics.error_kinds import ErrorKinds, error_kinds
 from dirprim_filter.evaluation.metrics.gospa import gospa
 from dirprim_filter.evaluation.metrics.hota import hota
 from dirprim_filter.evaluation.metrics.identity import identity_f1
-from dirprim_filter.evaluation.metrics.trajectory_gospa import trajectory_gospa
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.tracks import Tracks
 
 CUTOFF_M = 4.0
@@ -34,10 +32,11 @@ def comparison_of(truth, estimated, *, reach_m=6.0, groups=(None, None)):
         group=np.zeros(n, np.int64) if groups[0] is None else groups[0],
     )  # fmt: skip
     names, when, u, v = zip(*estimated, strict=True) if estimated else ((),) * 4
-    return Comparison.of(
-        tracks, track_id=np.array(names, dtype=np.str_), time_ns=np.array(when, dtype=np.int64),
-        position=np.column_stack([u, v]) if names else np.empty((0, 2)), group=groups[1], reach_m=reach_m,
+    rows = TrackedRows(
+        track_id=np.array(names, dtype=np.str_), time_ns=np.array(when, dtype=np.int64),
+        position=np.column_stack([u, v]) if names else np.empty((0, 2)), group=() if groups[1] is None else groups[1],
     )  # fmt: skip
+    return Comparison.of(tracks, rows, reach_m=reach_m)
 
 
 def traffic(seed, *, n_vehicles=7, n_instants=40, side=25.0):
@@ -251,9 +250,6 @@ def test_gospa_and_its_parts_are_stone_soups_and_instants_add_up():
         compared += 1
         total += expected["distance"] ** 2
         truths, found = truths + points(truth, k=k), found + points(estimated, k=k)
-        if len(truth) and len(estimated):  # of a single instant T-GOSPA is GOSPA
-            whole = trajectory_gospa(comparison_of(points(truth), points(estimated)), cutoff_m=CUTOFF_M)
-            assert whole.distance == pytest.approx(expected["distance"], abs=1e-7)
     assert compared == 35
     assert gospa(comparison_of(truths, found), cutoff_m=CUTOFF_M).distance ** 2 == pytest.approx(total)
 
@@ -268,124 +264,3 @@ def test_lengths_are_positive_and_within_the_reach(metric):
             gospa(comparison, cutoff_m=length)
     with pytest.raises(ValueError, match="reach_m: expected a positive distance"):
         comparison_of(points([[0, 0]]), points([[0, 0]]), reach_m=0.0)
-
-
-# T-GOSPA
-
-PENALTY_M = 1.5
-
-
-def arrays(rows, n_instants):
-    """(number of names, instants, 2), NaN where there is none."""
-    names = list(dict.fromkeys(row[0] for row in rows))
-    place = np.full((len(names), n_instants, 2), np.nan)
-    for name, k, x, y in rows:
-        place[names.index(name), k] = x, y
-    return place
-
-
-def costs(truth, estimated, n_instants):
-    """(n + 1, m + 1, k): what it costs to give i to j; the last is nobody."""
-    a, b = arrays(truth, n_instants), arrays(estimated, n_instants)
-    here, there = np.isfinite(a[..., 0]), np.isfinite(b[..., 0])
-    half = 0.5 * CUTOFF_M**2
-    out = np.zeros((len(a) + 1, len(b) + 1, n_instants))
-    out[:-1, -1], out[-1, :-1] = half * here, half * there
-    for i, j, k in np.ndindex(len(a), len(b), n_instants):
-        both = here[i, k] and there[j, k]
-        squared = ((a[i, k] - b[j, k]) ** 2).sum()
-        out[i, j, k] = min(squared, CUTOFF_M**2) if both else half * (here[i, k] + there[j, k])
-    return out
-
-
-def by_dynamic_programming(truth, estimated, n_instants):
-    """Square of the metric over assignments of 0 and 1: the cheapest of all sequences of all assignments."""
-    cost = costs(truth, estimated, n_instants)
-    n, m = cost.shape[0] - 1, cost.shape[1] - 1
-    options = [
-        dict(zip(chosen, given, strict=True))
-        for size in range(min(n, m) + 1) for chosen in combinations(range(n), size)
-        for given in permutations(range(m), size)
-    ]  # fmt: skip
-
-    def at(option, k):
-        alone = sum(cost[-1, j, k] for j in range(m) if j not in option.values())
-        return alone + sum(cost[i, option.get(i, m), k] for i in range(n))
-
-    def turn(a, b):
-        return 0.5 * PENALTY_M**2 * len(set(a.items()) ^ set(b.items()))
-
-    turns = np.array([[turn(a, b) for a in options] for b in options])
-    best = np.array([at(option, 0) for option in options])
-    for k in range(1, n_instants):
-        best = (best + turns).min(axis=1) + [at(option, k) for option in options]
-    return best.min()
-
-
-def by_the_papers_program(truth, estimated, n_instants):
-    """Square of the metric by the linear program as it is printed, all pairs at all instants."""
-    cost = costs(truth, estimated, n_instants)
-    n, m = cost.shape[0] - 1, cost.shape[1] - 1
-    number = np.arange(cost.size).reshape(cost.shape)
-    size = n * m * (n_instants - 1)
-    equal, limits = [], []
-    for k in range(n_instants):
-        for members in [number[i, :, k] for i in range(n)] + [number[:, j, k] for j in range(m)]:
-            row = np.zeros(cost.size + size)
-            row[members] = 1.0
-            equal.append(row)
-    for e, (i, j, k) in enumerate(product(range(n), range(m), range(n_instants - 1))):
-        for sign in (1.0, -1.0):
-            row = np.zeros(cost.size + size)
-            row[number[i, j, k]], row[number[i, j, k + 1]], row[cost.size + e] = sign, -sign, -1.0
-            limits.append(row)
-    price = np.concatenate([cost.ravel(), np.full(size, 0.5 * PENALTY_M**2)])
-    found = linprog(
-        price, A_ub=np.array(limits), b_ub=np.zeros(len(limits)), A_eq=np.array(equal), b_eq=np.ones(len(equal))
-    )
-    return found.fun
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_trajectory_gospa_is_the_papers_program_and_the_cheapest_of_all_sequences(seed):
-    n_instants = 7
-    truth, estimated = traffic(seed, n_vehicles=3, n_instants=n_instants, side=7.0)
-    names = list(dict.fromkeys(row[0] for row in estimated))[:4]
-    estimated = [row for row in estimated if row[0] in names]
-    got = trajectory_gospa(comparison_of(truth, estimated), cutoff_m=CUTOFF_M, penalty_m=PENALTY_M)
-    assert got.distance**2 == pytest.approx(by_the_papers_program(truth, estimated, n_instants), abs=1e-7)
-    best = by_dynamic_programming(truth, estimated, n_instants)
-    assert got.distance**2 == pytest.approx(best, abs=1e-7)  # the program may be cheaper; of these scenes it is not
-    assert got.localisation + got.missed + got.false + got.switch == pytest.approx(got.distance**2)
-    without = by_dynamic_programming(truth, estimated[1:], n_instants)
-    assert without != pytest.approx(best, abs=1e-3)
-
-
-def test_without_switches_trajectory_gospa_is_the_sum_of_gospa_and_a_switch_costs_its_price():
-    rng = np.random.default_rng(4)
-    truth = [(f"v{i}", k, 9.0 * i + 0.3 * k, 0.0) for k in range(30) for i in range(4)]
-    estimated = [
-        ("t" + name, k, *(np.array(at) + rng.normal(0, 0.5, 2))) for name, k, *at in truth if rng.random() < 0.9
-    ]
-    comparison = comparison_of(truth, estimated)
-    whole, apart = (
-        trajectory_gospa(comparison, cutoff_m=CUTOFF_M, penalty_m=PENALTY_M),
-        gospa(comparison, cutoff_m=CUTOFF_M),
-    )
-    assert whole.distance == pytest.approx(apart.distance)
-    assert (whole.localisation, whole.missed, whole.false, whole.switch) == pytest.approx((*apart[:3], 0.0))
-    swap = {"tv0": "tv1", "tv1": "tv0"}
-    swapped = [(swap.get(name, name) if k >= 15 else name, k, *at) for name, k, *at in estimated]
-    comparison = comparison_of(truth, swapped)
-    assert gospa(comparison, cutoff_m=CUTOFF_M).distance == pytest.approx(apart.distance)
-    turned = trajectory_gospa(comparison, cutoff_m=CUTOFF_M, penalty_m=PENALTY_M)
-    assert turned.switch == pytest.approx(2 * PENALTY_M**2)
-    assert turned.distance**2 == pytest.approx(apart.distance**2 + 2 * PENALTY_M**2)
-
-
-def test_a_program_too_large_is_refused_in_one_line(monkeypatch):
-    monkeypatch.setattr(trajectory_gospa_module, "MAX_ASSIGNMENTS", 100)
-    with pytest.raises(ValueError, match=r"T-GOSPA: expected at most 100 assignments, got .* score a shorter part"):
-        trajectory_gospa(comparison_of(*traffic(0)), cutoff_m=CUTOFF_M)
-    with pytest.raises(ValueError, match="penalty_m: expected a positive distance"):
-        trajectory_gospa(comparison_of(*traffic(0)), cutoff_m=CUTOFF_M, penalty_m=0.0)

@@ -12,7 +12,8 @@ from rrd_files import rows_of
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import colors
 from dirprim_filter.estimates import EstimateList, Innovations, TrackedFrame
-from dirprim_filter.evaluation.tracking import score
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording.playback import Playback
@@ -63,7 +64,8 @@ def test_nees_is_the_scores_and_nis_the_trackers(
             kept.write(frame)
         sink.log_run({"command": "track", "config": '{"n_particles": 50}'}, {"frames": "5"})
     rows = [v for _, v in rows_of(tmp_path / "run.rrd", "/metrics/consistency", "Scalars:scalars")]
-    assert np.mean([row[0] for row in rows]) == pytest.approx(score(kept.all(), scene_tracks).nees)
+    report = TrackingReport.of(TrackedRows.of(kept.all()), scene_tracks, is_hidden=None, with_ids=True, scales=Scales())
+    assert np.mean([row[0] for row in rows]) == pytest.approx(report.nees)
     assert [row[1:].tolist() for row in rows] == [[4.0, 2.0]] * 5
     innovation = [v.tolist() for _, v in rows_of(tmp_path / "run.rrd", "/metrics/innovation", "Scalars:scalars")]
     assert innovation == [[1.0, 1.0]] * 5

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from dirprim_filter.arrays import FloatArray, IntArray, as_floats
-from dirprim_filter.track_ids import as_track_ids, vehicle_numbers
+from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.evaluation.tracked_rows import TrackedRows, instant_numbers
+from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
 
@@ -36,6 +37,20 @@ class Pairs(NamedTuple):
         return np.maximum(0.0, 1.0 - self.distance / similarity_m)
 
 
+class Companions(NamedTuple):
+    """Vehicles and tracks that are near each other at some instant.
+
+    Attributes:
+        vehicle: (c,) its number.
+        track: (c,) its number.
+        of_pair: (p,) which of them each pair of rows is of.
+    """
+
+    vehicle: IntArray
+    track: IntArray
+    of_pair: IntArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
     """Vehicles and tracks of one world or of several; nothing of one world is near anything of another.
@@ -57,56 +72,36 @@ class Comparison:
     reach_m: float
 
     @classmethod
-    def of(
-        cls,
-        truth: Tracks,
-        *,
-        track_id: npt.ArrayLike,
-        time_ns: npt.ArrayLike,
-        position: npt.ArrayLike,
-        group: npt.ArrayLike | None = None,
-        reach_m: float = 5.0,
-    ) -> Comparison:
+    def of(cls, truth: Tracks, rows: TrackedRows, *, reach_m: float = 5.0) -> Comparison:
         """Compare estimates with a truth, in which each group is a world.
 
         Args:
             truth: where vehicles were.
-            track_id: (m,) of the estimates.
-            time_ns: (m,) nanoseconds.
-            position: (m, 2) metres.
-            group: (m,) of the truth's; left out, all 0.
+            rows: where a tracker says they were.
             reach_m: metres, the farthest that any metric looks.
 
         Raises:
-            ValueError: shapes that do not fit, or the reach is not positive.
+            ValueError: the reach is not positive.
         """
         if not reach_m > 0:
             raise ValueError(f"reach_m: expected a positive distance in metres, got {reach_m}")
-        place = as_floats("position", position, "m 2")
-        times = np.asarray(time_ns, dtype=np.int64)
-        groups = np.zeros(len(place), np.int64) if group is None else np.asarray(group, dtype=np.int64)
-        n = len(truth)
-        moments = np.stack([np.r_[truth.group, groups], np.r_[truth.time_ns, times]], axis=1)
-        instant = np.unique(moments, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
-        row_instant, column_instant = instant[:n], instant[n:]
+        row_instant, column_instant = instant_numbers(truth, rows)
         return cls(
-            vehicle=truth.vehicle,
-            track=vehicle_numbers(as_track_ids(track_id), groups),
-            row_instant=row_instant,
-            column_instant=column_instant,
-            near=_near(truth.position, row_instant, place, column_instant, reach_m),
-            reach_m=reach_m,
-        )
+            vehicle=truth.vehicle, track=vehicle_numbers(rows.track_id, rows.group), row_instant=row_instant,
+            column_instant=column_instant, reach_m=reach_m,
+            near=_near(truth.position, row_instant, rows.position, column_instant, reach_m),
+        )  # fmt: skip
 
     @property
     def n_vehicles(self) -> int:
         """How many vehicles there are."""
         return int(self.vehicle.max(initial=-1)) + 1
 
-    @property
-    def n_tracks(self) -> int:
-        """How many tracks there are."""
-        return int(self.track.max(initial=-1)) + 1
+    def companions(self, pairs: Pairs) -> Companions:
+        """The vehicles and tracks of pairs of rows."""
+        n_tracks = int(self.track.max(initial=0)) + 1
+        both, of_pair = np.unique(self.vehicle[pairs.row] * n_tracks + self.track[pairs.column], return_inverse=True)
+        return Companions(both // n_tracks, both % n_tracks, of_pair.astype(np.int64))
 
     def within(self, limit_m: float) -> Pairs:
         """The pairs that are less than `limit_m` apart.

@@ -44,40 +44,34 @@ class ErrorKinds(NamedTuple):
 def error_kinds(comparison: Comparison, clear: ClearMot) -> ErrorKinds:
     """Divide the errors that CLEAR MOT counts; near is what may be matched."""
     row, column, _ = clear.matches
-    found, estimated = (_contains(n.size, of) for n, of in ((comparison.vehicle, row), (comparison.track, column)))
-    instant = comparison.row_instant
+    vehicle, instant = comparison.vehicle, comparison.row_instant
     first, last = np.full(comparison.n_vehicles, NEVER), np.full(comparison.n_vehicles, -1)
-    np.minimum.at(first, comparison.vehicle[row], instant[row])
-    np.maximum.at(last, comparison.vehicle[row], instant[row])
-    first, last = first[comparison.vehicle], last[comparison.vehicle]
-    late, early = (instant < first) & (first < NEVER), (instant > last) & (last >= 0)
-    inside = ~found & ~late & ~early
-    row_is_near, column_is_near = (
-        _contains(instant.size, clear.valid.row),
-        _contains(estimated.size, clear.valid.column),
-    )
+    np.minimum.at(first, vehicle[row], instant[row])
+    np.maximum.at(last, vehicle[row], instant[row])
+    late = (instant < first[vehicle]) & (last[vehicle] >= 0)
+    early = (instant > last[vehicle]) & (last[vehicle] >= 0)
+    missed = ~_contains(instant.size, row) & ~late & ~early
+    false = ~_contains(comparison.track.size, column)
+    merged = int((missed & _contains(instant.size, clear.valid.row)).sum())
+    duplicate = int((false & _contains(false.size, clear.valid.column)).sum())
     swaps = _swaps(comparison, row, column)
     return ErrorKinds(
-        late_start=int(late.sum()), early_end=int(early.sum()), merged=int((inside & row_is_near).sum()),
-        overlooked=int((inside & ~row_is_near).sum()), duplicate=int((~estimated & column_is_near).sum()),
-        ghost=int((~estimated & ~column_is_near).sum()), swaps=swaps, breaks=clear.switches - swaps,
+        late_start=int(late.sum()), early_end=int(early.sum()), merged=merged, overlooked=int(missed.sum()) - merged,
+        duplicate=duplicate, ghost=int(false.sum()) - duplicate, swaps=swaps, breaks=clear.switches - swaps,
     )  # fmt: skip
 
 
 def _contains(n: int, places: IntArray) -> BoolArray:
     """(n,) which of the places are named."""
-    named = np.zeros(n, np.bool_)
-    named[places] = True
-    return named
+    return np.bincount(places, minlength=n) > 0
 
 
 def _swaps(comparison: Comparison, row: IntArray, column: IntArray) -> int:
     """How many of the matches (p,) are the first of a vehicle with a track that was last matched to another vehicle."""
     vehicle, track, instant = comparison.vehicle[row], comparison.track[column], comparison.row_instant[row]
-    track_before = _before(vehicle, instant, track)
-    vehicle_before = _before(track, instant, vehicle)
-    is_switch = (track_before >= 0) & (track_before != track)
-    return int((is_switch & (vehicle_before >= 0) & (vehicle_before != vehicle)).sum())
+    track_before, vehicle_before = _before(vehicle, instant, track), _before(track, instant, vehicle)
+    is_other = [(before >= 0) & (before != now) for before, now in ((track_before, track), (vehicle_before, vehicle))]
+    return int((is_other[0] & is_other[1]).sum())
 
 
 def _before(of: IntArray, instant: IntArray, value: IntArray) -> IntArray:

@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.evaluation.metrics.comparison import Comparison, Pairs
+from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.metrics.matching import best_pairs
 
 THRESHOLDS = np.arange(0.05, 0.99, 0.05)
@@ -48,35 +47,18 @@ def hota(comparison: Comparison, *, similarity_m: float = 5.0) -> Hota:
     if not (n_rows and n_columns):
         return Hota(0.0, 0.0, 0.0, 1.0)
     similarity = near.similarity(similarity_m)
-    both, of_pair = _identities(comparison, near)
-    n_own = (
-        np.bincount(comparison.vehicle)[both // comparison.n_tracks]
-        + np.bincount(comparison.track)[both % comparison.n_tracks]
-    )
-    alignment = _alignment(comparison, near, similarity, of_pair, n_own)
+    vehicle, track, of_pair = comparison.companions(near)
+    n_own = np.bincount(comparison.vehicle)[vehicle] + np.bincount(comparison.track)[track]
+    # of each vehicle and track, how much of their time they share, as an intersection over union
+    of_row = np.bincount(near.row, similarity, minlength=n_rows)[near.row]
+    of_column = np.bincount(near.column, similarity, minlength=n_columns)[near.column]
+    shared = np.bincount(of_pair, similarity / (of_row + of_column - similarity), minlength=vehicle.size)
+    alignment = shared / (n_own - shared)
     chosen = best_pairs(near.row, near.column, alignment[of_pair] * similarity)
     matched = similarity[chosen] >= THRESHOLDS[:, None] - EPSILON
     n_matched = matched.sum(axis=1)
     deta = n_matched / (n_rows + n_columns - n_matched)
-    n_together = np.stack([np.bincount(of_pair[chosen[mask]], minlength=both.size) for mask in matched])
+    n_together = np.stack([np.bincount(of_pair[chosen[mask]], minlength=vehicle.size) for mask in matched])
     assa = (n_together**2 / (n_own - n_together)).sum(axis=1) / np.maximum(1, n_matched)
     loca = np.maximum(LEAST, matched @ similarity[chosen]) / np.maximum(LEAST, n_matched)
     return Hota(float(np.sqrt(deta * assa).mean()), float(deta.mean()), float(assa.mean()), float(loca.mean()))
-
-
-def _identities(comparison: Comparison, near: Pairs) -> tuple[IntArray, IntArray]:
-    """Each pair of a vehicle and a track that are ever near, as one number, and which of them each pair of rows is."""
-    key = comparison.vehicle[near.row] * comparison.n_tracks + comparison.track[near.column]
-    both, of_pair = np.unique(key, return_inverse=True)
-    return both, of_pair.astype(np.int64)
-
-
-def _alignment(
-    comparison: Comparison, near: Pairs, similarity: FloatArray, of_pair: IntArray, n_own: IntArray
-) -> FloatArray:
-    """Of each pair of identities, how much of their time they share, as an intersection over union."""
-    of_row = np.bincount(near.row, similarity, minlength=comparison.vehicle.size)
-    of_column = np.bincount(near.column, similarity, minlength=comparison.track.size)
-    together = similarity / (of_row[near.row] + of_column[near.column] - similarity)
-    shared = np.bincount(of_pair, together, minlength=n_own.size)
-    return shared / (n_own - shared)

@@ -20,8 +20,7 @@ def identity_f1(comparison: Comparison, *, similarity_m: float = 5.0) -> float:
     """
     near = comparison.within(similarity_m)
     near = near.chosen(near.similarity(similarity_m) >= MATCH_FROM)
-    key = comparison.vehicle[near.row] * comparison.n_tracks + comparison.track[near.column]
-    both, n_together = np.unique(key, return_counts=True)
-    gain = n_together.astype(np.float64)
-    n_true = gain[best_pairs(both // max(comparison.n_tracks, 1), both % max(comparison.n_tracks, 1), gain)].sum()
+    vehicle, track, of_pair = comparison.companions(near)
+    gain = np.bincount(of_pair).astype(np.float64)
+    n_true = gain[best_pairs(vehicle, track, gain)].sum()
     return float(2.0 * n_true / max(1, comparison.vehicle.size + comparison.track.size))

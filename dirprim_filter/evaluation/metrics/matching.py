@@ -30,28 +30,23 @@ def best_pairs(row: IntArray, column: IntArray, gain: FloatArray) -> IntArray:
         return useful
     if useful.size <= FEW_PAIRS:
         return np.sort(_best(useful, row, column, gain))
-    component = components(row[useful], column[useful])
+    component = _components(row[useful], column[useful])
     order = np.argsort(component, kind="stable")
     parts = np.split(useful[order], np.flatnonzero(np.diff(component[order])) + 1)
     return np.sort(np.concatenate([part if part.size == 1 else _best(part, row, column, gain) for part in parts]))
 
 
-def components(row: IntArray, column: IntArray) -> IntArray:
+def _components(row: IntArray, column: IntArray) -> IntArray:
     """(p,) the connected component of each pair, in the graph whose edges the pairs are."""
-    rows, i = np.unique(row, return_inverse=True)
-    columns, j = np.unique(column, return_inverse=True)
-    n = rows.size + columns.size
-    graph = coo_array((np.ones(row.size, np.int8), (i, rows.size + j)), shape=(n, n))
-    label = connected_components(graph, directed=False)[1]
-    return label[i].astype(np.int64)
+    i, j = (np.unique(of, return_inverse=True)[1] for of in (row, column))
+    n = int(i.max() + j.max()) + 2
+    graph = coo_array((np.ones(row.size, np.int8), (i, i.max() + 1 + j)), shape=(n, n))
+    return connected_components(graph, directed=False)[1][i].astype(np.int64)
 
 
 def _best(part: IntArray, row: IntArray, column: IntArray, gain: FloatArray) -> IntArray:
-    rows, i = np.unique(row[part], return_inverse=True)
-    columns, j = np.unique(column[part], return_inverse=True)
-    worth = np.zeros((rows.size, columns.size))
-    worth[i, j] = gain[part]
-    pair = np.full(worth.shape, -1, np.int64)
-    pair[i, j] = part
+    i, j = (np.unique(of[part], return_inverse=True)[1] for of in (row, column))
+    worth, pair = np.zeros((i.max() + 1, j.max() + 1)), np.full((i.max() + 1, j.max() + 1), -1, np.int64)
+    worth[i, j], pair[i, j] = gain[part], part
     chosen = pair[linear_sum_assignment(worth, maximize=True)]
     return chosen[chosen >= 0]

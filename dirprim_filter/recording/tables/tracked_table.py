@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,12 @@ from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
 COVARIANCE = ("covariance_xx_m2", "covariance_xy_m2", "covariance_yy_m2")
-DIRECT = ("track_id", "time_ns", "group", "unseen_s")
-"""Columns that `TrackedRows` has under the same name."""
+NAMES = {
+    "track_id": "track_id", "time_ns": "time_ns", "group": "group", "unseen_s": "unseen_s", "course_rad": "direction",
+    "speed_mps": "speed",
+}  # fmt: skip
+"""Columns of a table, and what `TrackedRows` calls them."""
+OPTIONAL = (*COVARIANCE, "course_rad", "speed_mps", "unseen_s")
 MOT_COLUMNS = 10
 NOWHERE = -1.0
 """A coordinate that MOTChallenge leaves out."""
@@ -32,8 +37,9 @@ def read_tracked_rows(
     """What a tracker says, in the groups of a truth.
 
     A row is of the group that its column `group` or its id, as `group/id`, says, or of the only one. A `.csv` or
-    `.parquet` needs the columns `time_s` (in parquet `time_ns`), `track_id`, `x_m` and `y_m`; the covariance and
-    `unseen_s` are read where they are there. A `.txt` numbers the instants of the truth from 1 as its frames.
+    `.parquet` needs the columns `time_s` (in parquet `time_ns`), `track_id`, `x_m` and `y_m`; the covariance,
+    `course_rad`, `speed_mps` and `unseen_s` are read where they are there. A `.txt` numbers the instants of the truth
+    from 1 as its frames.
 
     Args:
         path: a .csv, .parquet or .txt, else an MCAP log that `dirprim track` wrote.
@@ -55,8 +61,7 @@ def read_tracked_rows(
         columns = _of_mot(Path(path), truth)
     else:
         rows = TrackedRows.of(read_estimates(path, smoothed=smoothed))
-        columns = {"track_id": rows.track_id, "time_ns": rows.time_ns, "position": rows.position,
-                   "covariance": rows.covariance, "unseen_s": rows.unseen_s}  # fmt: skip
+        columns = {field.name: getattr(rows, field.name) for field in fields(rows) if field.name != "group"}
     if "group" not in columns:
         columns["group"] = _groups(Path(path), as_texts(np.asarray(columns["track_id"])), truth, one_of_many)
     try:
@@ -92,7 +97,7 @@ def _of_csv(path: Path) -> dict[str, AnyArray]:
     text = DelimitedText(path)
     line, names = text.header()
     check_header(path, line, names)
-    place = {name: names.index(name) for name in (*REQUIRED, "group", *COVARIANCE, "unseen_s") if name in names}
+    place = {name: names.index(name) for name in (*REQUIRED, "group", *OPTIONAL) if name in names}
     blocks = [_block(block, place) for block in text.blocks(n_cells=len(names), has_header=True)]
     return _joined({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
 
@@ -114,7 +119,7 @@ def _block(block: Block, place: dict[str, int]) -> dict[str, AnyArray]:
 def _of_parquet(path: Path) -> dict[str, AnyArray]:
     table = ArrowTable(path)
     table.require(("time_ns", *REQUIRED[1:]))
-    floats = ("x_m", "y_m", *COVARIANCE, "unseen_s")
+    floats = ("x_m", "y_m", *OPTIONAL)
     columns = {name: table.floats(name) for name in floats if name in table.names}
     columns |= {name: table.whole_numbers(name) for name in ("time_ns", "group") if name in table.names}
     return _joined(columns | {"track_id": table.texts("track_id")})
@@ -122,7 +127,7 @@ def _of_parquet(path: Path) -> dict[str, AnyArray]:
 
 def _joined(columns: dict[str, AnyArray]) -> dict[str, AnyArray]:
     """Columns of numbers made into those of `TrackedRows`."""
-    made: dict[str, AnyArray] = {name: columns[name] for name in DIRECT if name in columns}
+    made: dict[str, AnyArray] = {name: columns[key] for key, name in NAMES.items() if key in columns}
     made["position"] = np.column_stack([columns["x_m"], columns["y_m"]])
     if all(name in columns for name in COVARIANCE):
         xx, xy, yy = (np.asarray(columns[name], np.float64) for name in COVARIANCE)

@@ -1,0 +1,203 @@
+"""The truth at the instants that are judged: clocks of vehicles change no figure, and nothing is made up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dirprim_filter.estimates import EstimateList, Estimates
+from dirprim_filter.evaluation.experiment import evaluate_tracking
+from dirprim_filter.evaluation.scores import score_rows
+from dirprim_filter.evaluation.scoring import TrackedWorld, Truth, report, row_errors
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
+from dirprim_filter.evaluation.truth import judged_truth
+from dirprim_filter.simulation.sensor import detect
+from dirprim_filter.tracks import Tracks
+from situations import ring_traffic
+
+STEP_NS = 100_000_000
+N_VEHICLES, N = 6, 80
+FIGURES = ("hota", "mota", "rmse", "direction_rmse", "speed_rmse", "reported", "idf1")
+
+
+def where(vehicle, seconds):
+    """Position, direction and speed of vehicles that drive in circles of their own, some 25 m apart."""
+    pace, radius = 6.0 + vehicle, 12.0 + vehicle
+    angle = vehicle + pace / radius * seconds
+    center = np.column_stack([40.0 * (vehicle % 3), 40.0 * (vehicle // 3)])
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    return center + radius[:, None] * around, angle + 0.5 * np.pi, pace
+
+
+def truth_of(offset_ns=0):
+    """Rows at 10 Hz of each vehicle, by clocks with offsets (N_VEHICLES,)."""
+    vehicle = np.repeat(np.arange(N_VEHICLES), N)
+    offset = np.broadcast_to(np.asarray(offset_ns, np.int64), N_VEHICLES)
+    time_ns = np.tile(np.arange(N) * STEP_NS, N_VEHICLES) + offset[vehicle]
+    position, direction, speed = where(vehicle, time_ns * 1e-9)
+    return Tracks(track_id=vehicle, time_ns=time_ns, position=position, direction=direction, speed=speed)
+
+
+def tracked_at(time_ns):
+    """All vehicles at times within the truth, as a tracker says: errs by its own sines, loses one, swaps two."""
+    vehicle = np.repeat(np.arange(N_VEHICLES), len(time_ns))
+    when = np.tile(time_ns, N_VEHICLES)
+    seconds = when * 1e-9
+    position, direction, speed = where(vehicle, seconds)
+    off = 0.6 * np.column_stack([np.sin(seconds + vehicle), np.cos(1.7 * seconds - vehicle)])
+    name = np.where((seconds > 4.0) & (vehicle < 2), 1 - vehicle, vehicle)
+    rows = TrackedRows(
+        track_id=name, time_ns=when, position=position + off, direction=direction + 0.1 * np.sin(seconds),
+        speed=speed + 0.5,
+    )  # fmt: skip
+    return rows[(vehicle != 4) | (seconds < 3.0) | (seconds > 5.0)]
+
+
+def scored(rows, truth, **others):
+    return score_rows({"it": rows} | others, truth, with_ids=False, scales=Scales())
+
+
+def figures(found):
+    return np.array([getattr(found, name) for name in FIGURES])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clocks_of_vehicles_change_no_figure(seed):
+    """Neither where the tracker follows the asynchronous rows, nor in frames between them; row by row all is wrong."""
+    frames = np.arange(N) * STEP_NS
+    synchronous = scored(tracked_at(frames), truth_of()).scores[0].report
+    offset = np.random.default_rng(seed).integers(-STEP_NS, STEP_NS, N_VEHICLES)
+    truth = truth_of(offset)
+    rows = tracked_at(np.unique(truth.time_ns))
+    for found, at_results in ((scored(rows, truth), False), (scored(tracked_at(frames), truth), True)):
+        assert found.at_results == at_results
+        assert found.n_interpolated > 0.7 * found.n_rows
+        np.testing.assert_allclose(figures(found.scores[0].report), figures(synchronous), atol=0.02)
+        assert found.scores[0].report.switches == synchronous.switches
+    naive = TrackingReport.of(rows, truth, is_hidden=None, with_ids=False, scales=Scales())
+    assert naive.mota < -1.0 < 0.5 < synchronous.mota
+    assert naive.hota < 0.6 * synchronous.hota
+
+
+def test_frames_are_judged_as_they_are_to_the_last_digit():
+    """With misses, with a vehicle that is away for long, and with results at some of the instants."""
+    truth = truth_of()
+    truth = truth[(truth.track_id != 2) | (truth.time_ns < 2e9) | (truth.time_ns > 4e9)]
+    judged = judged_truth(truth, [tracked_at(np.unique(truth.time_ns))])
+    assert judged.tracks is truth
+    rows = tracked_at(np.unique(truth.time_ns)[::2])
+    table = scored(rows, truth)
+    row_by_row = TrackingReport.of(rows, truth, is_hidden=None, with_ids=False, scales=Scales())
+    assert repr(table.scores[0].report) == repr(row_by_row)  # NaN as well
+    assert (table.at_results, table.n_interpolated, table.n_instants, table.scores[0].n_instants) == (False, 0, N, 40)
+    assert table.scores[0].report.reported < 0.55  # a missing estimate is a miss
+
+
+def of_one(times_s, *, group=0, track_id="a"):
+    times_s = np.asarray(times_s, np.float64)
+    n = times_s.size
+    return Tracks(
+        track_id=np.full(n, track_id), time_ns=(times_s * 1e9).astype(np.int64), group=np.full(n, group),
+        position=np.column_stack([10.0 * times_s, -times_s]), direction=np.zeros(n), speed=2.0 * times_s,
+    )  # fmt: skip
+
+
+def asked_at(times_s, *, group=0):
+    n = len(times_s)
+    return TrackedRows(
+        track_id=np.full(n, "t"), time_ns=(np.asarray(times_s) * 1e9).astype(np.int64), position=np.zeros((n, 2)),
+        group=np.full(n, group),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("times_s", "longest_s", "known_s"),
+    [
+        ([0.0, 0.1, 0.2, 0.3, 1.3, 2.4], 1.0, [0.05, 0.2, 0.7, 1.2]),  # a second is bridged, 1.1 s are not
+        ([0.0, 2.0, 4.0, 6.0, 11.0, 16.1], 5.0, [0.05, 0.2, 0.7, 1.2, 2.0, 8.0]),  # nor are 5.1 s, but 5 s
+        ([3.0], 1.0, []),
+    ],
+)
+def test_between_rows_too_far_apart_there_is_no_truth_and_beyond_them_neither(times_s, longest_s, known_s):
+    asked = asked_at([-0.1, 0.05, 0.2, 0.7, 1.2, 2.0, 8.0, 14.05, 14.2])
+    judged = judged_truth(of_one(times_s), [asked])
+    assert judged.longest_gap_s == pytest.approx(longest_s)
+    if not known_s:
+        assert (judged.at_results, judged.tracks.time_ns.tolist()) == (False, [3_000_000_000])
+        return
+    np.testing.assert_allclose(judged.tracks.time_ns * 1e-9, known_s)
+    np.testing.assert_allclose(judged.tracks.position[:, 0], 10.0 * np.array(known_s), atol=1e-9)
+    np.testing.assert_allclose(judged.tracks.speed, 2.0 * np.array(known_s), atol=1e-9)
+    assert set(judged.tracks.track_id) == {"a"}
+
+
+def test_directions_turn_the_shorter_way_round():
+    truth = replace(of_one([0.0, 1.0, 2.0]), direction=[3.0, -3.0, 3.0])
+    got = judged_truth(truth, [asked_at([0.25, 1.5])]).tracks
+    half = np.pi - 3.0
+    np.testing.assert_allclose(got.direction, [3.0 + 0.5 * half, np.pi])
+
+
+def test_groups_know_nothing_of_each_others_instants():
+    """One group is in frames, the other is not; a result of the first is judged at the truth's own instants."""
+    one = of_one(np.arange(10) / 4, group=1)
+    others = [of_one(np.arange(10) / 4 + offset, group=2, track_id=name) for offset, name in ((0.0, "a"), (0.125, "b"))]
+    truth = Tracks.concatenate([one, *others])
+    judged = judged_truth(truth, [asked_at(np.arange(8) / 4, group=1)])
+    assert not judged.at_results
+    assert np.bincount(judged.tracks.group).tolist() == [0, 10, 20 + 18]  # of each other's 10 instants 9 are within
+    assert judged_truth(truth, [asked_at([0.05], group=1)]).at_results
+    assert not judged_truth(truth, [asked_at([0.05], group=3), asked_at([-1.0, 0.0], group=1)]).at_results
+
+
+def test_results_that_are_scored_together_are_judged_at_the_instants_of_all():
+    truth = truth_of()
+    one, other = (tracked_at(np.arange(2, 70) * STEP_NS + shift) for shift in (30_000_000, 60_000_000))
+    both = scored(one, truth, other=other)
+    assert (both.n_instants, [of.n_instants for of in both.scores]) == (136, [68, 68])
+    alone = scored(one, truth).scores[0].report
+    assert both.scores[0].report.reported == pytest.approx(0.5 * alone.reported, rel=1e-9)
+    assert both.scores[0].report.rmse == pytest.approx(alone.rmse)
+
+
+def test_an_interpolated_row_is_hidden_where_both_its_neighbours_are():
+    truth = Tracks.concatenate([of_one(np.arange(6) / 4), of_one(np.arange(6) / 4 + 0.125, track_id="b")])
+    hidden = (truth.track_id == "a") & (truth.time_ns >= 500_000_000) & (truth.time_ns <= 750_000_000)
+    judged = judged_truth(truth)
+    is_hidden = judged.both(hidden)
+    assert (judged.tracks.time_ns[is_hidden] * 1e-9).tolist() == [0.5, 0.625, 0.75]
+    assert set(judged.tracks.track_id[is_hidden]) == {"a"}
+    n = len(judged.tracks)
+    known = np.ones(n)
+    estimates = Estimates(
+        track_id=judged.tracks.track_id, time_ns=judged.tracks.time_ns, direction=judged.tracks.direction,
+        position=judged.tracks.position + np.where(is_hidden, 3.0, 1.0)[:, None] * [0.0, 1.0],
+        covariance=np.tile(np.eye(2), (n, 1, 1)), direction_resultant=known, speed=known, speed_std=known,
+        effective_sample_size=known, log_evidence=known,
+    )  # fmt: skip
+    world = TrackedWorld(truth=Truth(tracks=truth, is_hidden=hidden), estimates=EstimateList(estimates))
+    got = report([world], with_ids=True, scales=Scales())
+    assert (got.reported, got.interpolated) == (1.0, pytest.approx(10 / 22))
+    assert (got.seen_rmse, got.hidden_rmse) == pytest.approx((1.0, 3.0))
+    found = row_errors([world], with_ids=True, scales=Scales())
+    assert set(found.cluster) == {"a", "b"}
+    assert found.squared == pytest.approx(np.where(is_hidden, 9.0, 1.0))
+    np.testing.assert_array_equal(found.is_hidden, is_hidden)
+
+
+def test_an_experiment_on_asynchronous_traffic_scores_as_one_in_frames(ring_map):
+    """To the spread of runs, of some 2 % each; row by row each instant has one vehicle, and the others were ghosts."""
+    in_frames = ring_traffic(np.random.default_rng(8), n_vehicles=4, n_rows=80)
+    offset = np.random.default_rng(0).integers(0, STEP_NS, 4)
+    asynchronous = replace(in_frames, time_ns=in_frames.time_ns + offset[in_frames.track_id])
+    experiment = TrackingExperiment(n_seeds=1, gap_s=2.0, with_ids=False, methods=("constant velocity",))
+    one, other = (
+        evaluate_tracking(tracks, experiment, sensor=detect, primitive_map=ring_map).methods[0].reports[0]
+        for tracks in (in_frames, asynchronous)
+    )
+    assert (one.interpolated, other.interpolated > 0.7) == (0.0, True)
+    assert other.hota == pytest.approx(one.hota, abs=0.1)
+    assert other.mota == pytest.approx(one.mota, abs=0.1)
+    assert other.seen_rmse == pytest.approx(one.seen_rmse, rel=0.2)
