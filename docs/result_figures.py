@@ -5,48 +5,20 @@ from __future__ import annotations
 import json
 import re
 import statistics
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
-Figure = float | list[float | None] | None
-"""A number, or a number and what stands beside it."""
+Figure = float | dict[str, float | None] | str | None
+"""A number; a difference with its interval, `value`, `low` and `high`; a mean with its `deviation`; or a text."""
 Entries = Callable[[str], Mapping[str, Any]]
 """The output of a command as the table's rows: each row's name, and what its figures are read from."""
 
 
-def methods(output: str) -> dict[str, Any]:
-    """The methods of an `evaluate` command's JSON, each with that of the last, by which it may be divided."""
-    methods = json.loads(output)["methods"]
-    return {method["name"]: method | {"last": methods[-1]} for method in methods}
-
-
-def quantities(output: str) -> dict[str, Any]:
-    """Directions and speeds of `evaluate density`, all methods of each."""
-    methods = json.loads(output)["methods"]
-    return {
-        name: {method["name"]: method[name] for method in methods if method[name]}
-        for name in ("direction", "speed", "joint")
-    }
-
-
-def observations(output: str) -> dict[str, Any]:
-    """The two observations of `evaluate cues`, each with the prior."""
-    table = json.loads(output)["table"]
-    return {
-        name: table[key] | {"prior": table["prior"]}
-        for name, key in (("cell before", "cell_before"), ("own course", "own_course"))
-    }
-
-
-def of_key(*names: str) -> Callable[[Any], Figure]:
-    """A figure by the keys that lead to it."""
-
-    def read(entry: Any) -> Figure:
-        for name in names:
-            entry = entry[name]
-        return None if entry is None else float(entry)
-
-    return read
+def trackers(output: str) -> dict[str, Any]:
+    """The methods of `evaluate tracking`, each with the comparison of the first to it."""
+    table = json.loads(output)
+    beside = {found["other"]: found for found in table["comparisons"]}
+    return {method["name"]: method | {"against": beside.get(method["name"], {})} for method in table["methods"]}
 
 
 def rows_of(output: str) -> dict[str, Any]:
@@ -54,43 +26,29 @@ def rows_of(output: str) -> dict[str, Any]:
     return dict(json.loads(output)["rows"])
 
 
+def of_key(*names: str, times: float = 1.0) -> Callable[[Any], Figure]:
+    """A figure by the keys that lead to it; nothing where there is none."""
+
+    def read(entry: Any) -> Figure:
+        for name in names:
+            entry = entry.get(name) if isinstance(entry, Mapping) else None
+        if isinstance(entry, Mapping):
+            return {name: None if entry[name] is None else times * entry[name] for name in ("value", "low", "high")}
+        return entry if entry is None or isinstance(entry, str) else times * float(entry)
+
+    return read
+
+
 def mean_of(figure: str) -> Callable[[Any], Figure]:
     """A figure of a tracking method: mean and deviation of the seeds that have it."""
 
     def read(method: Any) -> Figure:
-        return _mean_and_deviation(report[figure] for report in method["reports"])
+        known = [report[figure] for report in method["reports"] if report[figure] is not None]
+        if len(known) < 2:
+            return known[0] if known else None
+        return {"value": statistics.fmean(known), "deviation": statistics.stdev(known)}
 
     return read
-
-
-def most_in_a_group(figure: str) -> Callable[[Any], Figure]:
-    """The greatest of the groups of all seeds."""
-    return lambda method: max(report[figure] for seed in method["by_group"] for report in seed)
-
-
-def coverages(method: Any) -> Figure:
-    """The least and the greatest share of the truth in the 90 % region, over the horizons."""
-    shares = [horizon["coverage_90"] for horizon in method["horizons"]]
-    return [min(shares), max(shares)]
-
-
-def energy(horizon_s: float, *, to_last: bool) -> Callable[[Any], Figure]:
-    """The energy score at a horizon: with its standard error, or over that of the last method."""
-
-    def read(method: Any) -> Figure:
-        own, last = (
-            next((h for h in of["horizons"] if h["horizon_s"] == horizon_s), None) for of in (method, method["last"])
-        )
-        if own is None or last is None:
-            return None
-        return own["energy"] / last["energy"] if to_last else [own["energy"], own["energy_se"]]
-
-    return read
-
-
-def density(method: str) -> Callable[[Any], Figure]:
-    """Mean density, and mean log density."""
-    return lambda entry: [entry[method]["mean"], entry[method]["mean_log"]] if method in entry else None
 
 
 def printed(**patterns: str) -> Entries:
@@ -111,8 +69,19 @@ def group(number: int) -> Callable[[Any], Figure]:
     return lambda groups: float(groups[number].replace(",", "")) if number < len(groups) else None
 
 
-def _mean_and_deviation(values: Iterable[float | None]) -> Figure:
-    known = [value for value in values if value is not None]
-    if not known:
-        return None
-    return [statistics.fmean(known), statistics.stdev(known)] if len(known) > 1 else known[0]
+def shown(figure: Figure, digits: int) -> str:
+    """A figure as the page shows it: a difference is bold where its interval does not hold 0."""
+    if figure is None or isinstance(figure, str):
+        return figure or ""
+    if not isinstance(figure, Mapping):
+        return f"{figure:,.{digits}f}"
+    value = figure["value"]
+    if value is None:
+        return ""
+    if "deviation" in figure:
+        return f"{value:,.{digits}f} ± {figure['deviation']:,.{digits}f}"
+    low, high = figure["low"], figure["high"]
+    if low is None or high is None:
+        return f"{value:+,.{digits}f}"
+    text = f"{value:+,.{digits}f}"
+    return f"{f'**{text}**' if low > 0 or high < 0 else text} ({low:+,.{digits}f} to {high:+,.{digits}f})"
