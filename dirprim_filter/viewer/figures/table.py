@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dirprim_filter.evaluation.cues import CueTable
-from dirprim_filter.evaluation.density import DensityScore, DensityTable
+from dirprim_filter.evaluation.density import DensityScore, DensityTable, clusters
+from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.viewer.figures.page import DOTS_PER_INCH, LARGE, NORMAL, SMALL, dress, open_frame
 from dirprim_filter.viewer.layers import FOCUS_COLOR, OTHER_COLOR
 
@@ -21,9 +22,9 @@ ROW_HEIGHT = 0.3
 
 
 def density_table_figure(table: DensityTable) -> Figure:
-    """Table I: for each method the mean density and the mean log density of what held-out vehicles did.
+    """Table I: for each method the mean log density, with its interval, and the mean density of held-out motion.
 
-    Whiskers are one standard deviation of the folds' means. Our methods are coloured, the baselines grey.
+    Our methods are coloured, the baselines grey.
     """
     blocks: list[tuple[str, str, list[DensityScore | None]]] = [
         ("Direction", "1/rad", [row.direction for row in table.methods]),
@@ -33,16 +34,15 @@ def density_table_figure(table: DensityTable) -> Figure:
     depth = ROW_HEIGHT * (len(table.methods) + 1)
     figure = Figure(figsize=(11.0, 2.0 * depth + 1.9), dpi=DOTS_PER_INCH, layout="constrained")
     panels = figure.subplots(2, len(blocks), sharey=True)
-    for column, (title, unit, scores) in enumerate(blocks):
-        of_mean = [None if score is None else (score.mean, score.fold_std) for score in scores]
-        of_log = [None if score is None else (score.mean_log, score.fold_log_std) for score in scores]
-        best = max((score.mean_log for score in scores if score is not None), default=0.0)
-        upper, lower = panels[:, column]
-        _draw_scores(upper, table, of_mean, least=0.0)
-        _draw_scores(lower, table, of_log, least=best - WORST_SHOWN)
-        upper.set(xlabel=f"mean density [{unit}]", xlim=(-0.05 * upper.get_xlim()[1], None))
-        lower.set(xlabel=f"mean log density [nat], density in {unit}")
-        lower.set_xlim(left=max(lower.get_xlim()[0], best - 1.05 * WORST_SHOWN))
+    for (title, unit, scores), (upper, lower) in zip(blocks, panels.T, strict=True):
+        best = max((score.mean_log.value for score in scores if score is not None), default=0.0)
+        logs = [None if score is None else score.mean_log for score in scores]
+        _draw_scores(upper, table, logs, least=best - WORST_SHOWN)
+        means = [None if score is None else _without_interval(score.mean) for score in scores]
+        _draw_scores(lower, table, means, least=0.0)
+        upper.set(xlabel=f"mean log density [nat], density in {unit}")
+        upper.set_xlim(left=max(upper.get_xlim()[0], best - 1.05 * WORST_SHOWN))
+        lower.set(xlabel=f"mean density [{unit}]", xlim=(-0.05 * lower.get_xlim()[1], None))
         upper.set_title(title, loc="left", fontsize=LARGE)
     for axes in panels[:, 0]:
         axes.set_yticks(range(len(table.methods)), [row.name for row in table.methods], fontsize=NORMAL)
@@ -50,10 +50,14 @@ def density_table_figure(table: DensityTable) -> Figure:
     folds = f"{table.n_folds} {'fold' if table.n_folds == 1 else 'folds'}"
     figure.suptitle(
         f"{table.n_held_out:,} rows held out by {table.split_by} of {table.n_rows:,} rows and {table.n_vehicles:,} "
-        f"vehicles, in {folds}; right is better, whiskers: deviation of folds",
+        f"vehicles, in {folds}; right is better, whiskers: 95 % over {clusters(table)}",
         fontsize=NORMAL,
     )
     return figure
+
+
+def _without_interval(value: float) -> Interval:
+    return Interval(value, value, value, 0)
 
 
 def cue_table_figure(table: CueTable) -> Figure:
@@ -80,16 +84,16 @@ def cue_table_figure(table: CueTable) -> Figure:
     return figure
 
 
-def _draw_scores(axes: Axes, table: DensityTable, scores: list[tuple[float, float] | None], *, least: float) -> None:
-    """A dot for each method that has such a score, with its whisker; an arrow for one that is below `least`."""
+def _draw_scores(axes: Axes, table: DensityTable, scores: list[Interval | None], *, least: float) -> None:
+    """A dot for each method that has such a score, with its interval; an arrow for one that is below `least`."""
     for row, (method, score) in enumerate(zip(table.methods, scores, strict=True)):
         if score is None:
             continue
         color = FOCUS_COLOR if method.name.startswith(OURS) else BASELINE_COLOR
-        mean, spread = score
+        mean, half = score.value, np.nan_to_num(score.half_width)
         shown = max(mean, least)
         if mean >= least:
-            axes.errorbar(mean, row, xerr=np.nan_to_num(spread), fmt="o", color=color, markersize=5, linewidth=1.2)
+            axes.errorbar(mean, row, xerr=half, fmt="o", color=color, markersize=5, linewidth=1.2)
         else:
             axes.plot(least, row, "<", color=color, markersize=6)
         label = f"{mean:.3g}" if abs(mean) < 1 else f"{mean:.2f}"
