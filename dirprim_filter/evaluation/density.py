@@ -266,9 +266,9 @@ def _method_score(name: str, judged: Judged, first: Judged, cluster: IntArray) -
         log_p = judged.log_density[quantity]
         of_first = first.log_density.get(quantity, np.full(log_p.shape, np.nan))
         return DensityScore(
-            mean_log=_mean(log_p, cluster),
+            mean_log=mean_over(cluster, log_p),
             mean=float(np.exp(log_p).mean()),
-            behind=_mean(of_first - log_p, cluster),
+            behind=mean_over(cluster, of_first - log_p),
         )
 
     has_speed = "speed" in judged.log_density
@@ -281,7 +281,8 @@ def _method_score(name: str, judged: Judged, first: Judged, cluster: IntArray) -
     )
 
 
-def _mean(value: FloatArray, cluster: IntArray) -> Interval:
+def mean_over(cluster: IntArray, value: FloatArray) -> Interval:
+    """The mean over rows with its interval over clusters. (n,), (n,)."""
     return interval(clustered(cluster, [value, np.ones_like(value)]), mean)
 
 

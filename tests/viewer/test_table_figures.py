@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.container import BarContainer
 
-from dirprim_filter.evaluation.cues import CueTable, ObservationScore
+from dirprim_filter.evaluation.cues import CueTable, ObservationScore, StepScore
 from dirprim_filter.evaluation.density import DensityScore, DensityTable, MethodScore
 from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.viewer.charts import tracking_chart
@@ -54,16 +54,23 @@ def test_whiskers_are_intervals_and_without_one_there_is_a_dot(table: DensityTab
     assert "in 1 fold;" in figure.get_suptitle()
 
 
-def test_cue_bars_are_means_over_steps() -> None:
-    seen = ObservationScore(concentration=9.0, observation=100.0, posterior=150.0, gain=0.6, gain_std=0.1, log_gain=0.4)
+def test_cue_bars_are_mean_log_densities_with_what_the_prior_adds() -> None:
+    def of(value: float) -> Interval:
+        return Interval(value, value - 0.1, value + 0.1, 9)
+
+    seen = ObservationScore(
+        concentration=9.0, log_gain=of(0.4), over_prior=of(0.2), observation=StepScore(of(1.0), 3.0),
+        posterior=StepScore(of(1.4), 5.0),
+    )  # fmt: skip
     table = CueTable(
-        prior=120.0, cell_before=seen, own_course=seen, n_steps=50, n_vehicles=9, split_by="vehicle", n_folds=5
-    )
+        prior=StepScore(of(1.2), 4.0), cell_before=seen, own_course=seen, n_steps=50, n_vehicles=9,
+        split_by="vehicle", n_folds=5,
+    )  # fmt: skip
     panel = cue_table_figure(table).axes[0]
     (bars,) = [c for c in panel.containers if isinstance(c, BarContainer)]
-    np.testing.assert_allclose([bar.get_height() for bar in bars], [2.4, 2.0, 3.0])
-    assert panel.get_ylabel() == "mean density of the truth [1/rad]"
-    assert "+60% per vehicle, +0.40 nat per step" in panel.get_title(loc="left")
+    np.testing.assert_allclose([bar.get_height() for bar in bars], [1.2, 1.0, 1.4])
+    assert panel.get_ylabel() == "mean log density of the truth [nat]"
+    assert "the prior adds +0.40 nat (0.30 to 0.50) a step" in panel.get_title(loc="left")
 
 
 def test_a_chart_of_tracking_has_a_bar_for_each_figure_and_none_for_what_was_not_measured() -> None:

@@ -61,7 +61,7 @@ def _without_interval(value: float) -> Interval:
 
 
 def cue_table_figure(table: CueTable) -> Figure:
-    """Table II: the likelihood that prior, observation and posterior give to what vehicles did next."""
+    """Table II: the log density that prior, observation and posterior give to what vehicles did next."""
     figure = Figure(figsize=(7.0, 3.4), dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     kinds = (
@@ -69,18 +69,20 @@ def cue_table_figure(table: CueTable) -> Figure:
         ("Observed: own course", table.own_course),
     )
     for panel, (title, score) in zip(axes, kinds, strict=True):
-        bars = (("prior", table.prior, OTHER_COLOR), ("observation", score.observation, BASELINE_COLOR),
-                ("posterior", score.posterior, FOCUS_COLOR))  # fmt: skip
+        found = [of.mean_log for of in (table.prior, score.observation, score.posterior)]
         drawn = panel.bar(
-            [b[0] for b in bars], [b[1] / table.n_steps for b in bars], color=[b[2] for b in bars], width=0.6
-        )
+            ["prior", "observation", "posterior"], [log.value for log in found], width=0.6,
+            yerr=np.nan_to_num([log.half_width for log in found]), color=[OTHER_COLOR, BASELINE_COLOR, FOCUS_COLOR],
+        )  # fmt: skip
         panel.bar_label(drawn, fmt="%.2f", fontsize=SMALL, padding=2)
+        gain = score.log_gain
         panel.set_title(
-            f"{title}\n{score.gain:+.0%} per vehicle, {score.log_gain:+.2f} nat per step", loc="left", fontsize=NORMAL
-        )
+            f"{title}\nthe prior adds {gain.value:+.2f} nat ({gain.low:.2f} to {gain.high:.2f}) a step",
+            loc="left", fontsize=NORMAL,
+        )  # fmt: skip
         open_frame(panel)
         panel.tick_params(axis="x", labelsize=NORMAL, length=0)
-    axes[0].set_ylabel("mean density of the truth [1/rad]")
+    axes[0].set_ylabel("mean log density of the truth [nat]")
     return figure
 
 
