@@ -38,24 +38,6 @@ INNER_FOLDS = 4
 Quantity = Literal["direction", "speed", "joint"]
 
 
-class MapModel(NamedTuple):
-    """A map of primitives as a `MotionModel`."""
-
-    learned: PrimitiveMap
-
-    def direction_log_density(self, position: FloatArray, direction: FloatArray) -> FloatArray:
-        """Natural log of p(direction | position), per radian. (n, 2), (n,) -> (n,)."""
-        return self.learned.direction_log_density(position, direction)
-
-    def speed_log_density(self, position: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of the mixture of gammas that holds there, per m/s. (n, 2), (n,) -> (n,)."""
-        return self.learned.speed_log_density(position, speed)
-
-    def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of p(direction, speed | position), per radian and m/s. (n, 2), (n,), (n,) -> (n,)."""
-        return self.learned.log_density(position, direction, speed)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DensityScore:
     """Densities of all held-out rows.
@@ -287,9 +269,9 @@ def mean_over(cluster: IntArray, value: FloatArray) -> Interval:
 
 
 def _learner(**options: Any) -> Fit:
-    return lambda train, _values, rng: MapModel(learn_primitives(train, rng=rng, **options))
+    return lambda train, _values, rng: learn_primitives(train, rng=rng, **options)
 
 
-def _fit_without_map(train: Tracks, _values: tuple[float, ...], rng: np.random.Generator) -> MapModel:
+def _fit_without_map(train: Tracks, _values: tuple[float, ...], rng: np.random.Generator) -> PrimitiveMap:
     one_cell = learn_primitives(train, tessellation="grid", n_cells=1, primitive="flat", rng=rng)
-    return MapModel(one_cell.without_places())
+    return one_cell.without_places()

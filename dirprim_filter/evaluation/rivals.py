@@ -78,7 +78,7 @@ def rivals() -> list[Method]:
             CELL_SIZE, Axis("greatest concentration", start=1e3, factor=3.0, most=1e8), PSEUDO_COUNT,
         )),
         Method("GP", _fit_process, (
-            Axis("length, m", start=10.0, factor=1.5, least=0.1), Axis("noise", start=0.1, factor=1.5, least=1e-4),
+            Axis("length, m", start=10.0, least=0.1), Axis("noise", start=0.1, least=1e-4),
         )),
     ]  # fmt: skip
 
