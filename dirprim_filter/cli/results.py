@@ -42,6 +42,8 @@ def as_json(result: Mapping[str, Any]) -> str:
     """One object; NaN and infinities, which JSON lacks, become null."""
 
     def plain(value: Any) -> Any:
+        if hasattr(value, "_asdict"):
+            value = value._asdict()
         if isinstance(value, dict):
             return {name: plain(inner) for name, inner in value.items()}
         if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""What the prior adds to an observation, and what a turn signal adds to the prior (the paper's Table II and Fig. 8).
+"""What the prior adds to an observation (the paper's Table II).
 
 Source: Senanayake et al. 2020, section IV. A step is a visit of a cell by a held-out vehicle that comes from another
 cell. At each step
@@ -9,12 +9,12 @@ cell. At each step
   in it), as in the paper; and, beside it, around the vehicle's own direction there, as a detector would report it,
 - the posterior is the product of prior and observation (Eq. 4).
 
-The paper does not say how concentrated its observation is. Ours is as good as it can be: of all concentrations it has
-the one that gives the steps of the vehicles which the map was learned from the greatest likelihood.
-
-The likelihood of each is the density that it gives to the truth, summed over steps as in the paper. The gain of the
-posterior over the observation is computed for each vehicle, from its sums, and averaged over vehicles, as the paper
-averages it. Sums of densities are ruled by their largest terms; the mean gain in log density stands beside them.
+What the prior adds is the gain in log density: of the posterior over the observation, nat a step, with its interval
+over vehicles. It is **not** the paper's gain of 54 %, and cannot be made so. The paper compares sums of densities under
+an observation of a fixed concentration that it does not state, for each vehicle. Ours has the concentration that gives
+the steps of the vehicles which the map was learned from the greatest likelihood; and sums of densities are ruled by
+their largest terms, which grow without bound where directions repeat. The mean densities of prior, observation and
+posterior (the paper prints their sums) stand beside, for themselves.
 """
 
 from __future__ import annotations
@@ -26,17 +26,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.distributions import VonMisesMixture, von_mises
-from dirprim_filter.distributions.angles import difference, wrap
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.distributions.product import multiply_mixtures
 from dirprim_filter.distributions.von_mises_mixture import log_weights
-from dirprim_filter.evaluation.density import rows_to_judge
+from dirprim_filter.evaluation.density import mean_over, rows_to_judge
+from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
-from dirprim_filter.primitives.cues import TURN_RIGHT, Cue
+from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.recipe import CellsRule
+from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
 MAX_STEP_S = 2.0
@@ -44,25 +46,35 @@ MAX_STEP_S = 2.0
 ASCENT_STEPS = 30
 
 
+class StepScore(NamedTuple):
+    """What a belief gives to the true directions of all steps.
+
+    Attributes:
+        mean_log: mean natural log of the density, nat, with its interval over vehicles or groups.
+        mean: mean density, per radian.
+    """
+
+    mean_log: Interval
+    mean: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservationScore:
-    """What the prior adds to one kind of observation.
+    """What the prior adds to one kind of observation, and that to the prior.
 
     Attributes:
         concentration: of the observation, mean over steps.
-        observation: sum over all steps of the density that the observation gives to the truth, per radian.
-        posterior: the same of its product with the prior.
-        gain: mean over vehicles of posterior over observation, less 1.
-        gain_std: its standard deviation over vehicles.
         log_gain: mean over steps of log posterior less log observation, nat.
+        over_prior: mean over steps of log posterior less log prior, nat.
+        observation: of the observation alone.
+        posterior: of its product with the prior.
     """
 
     concentration: float
-    observation: float
-    posterior: float
-    gain: float
-    gain_std: float
-    log_gain: float
+    log_gain: Interval
+    over_prior: Interval
+    observation: StepScore
+    posterior: StepScore
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +82,7 @@ class CueTable:
     """Table II.
 
     Attributes:
-        prior: sum over all steps of the density that the map gives to the truth, per radian.
+        prior: of the map alone.
         cell_before: the paper's observation, the most probable direction of the cell before.
         own_course: a stronger one, the vehicle's own direction in the cell before.
         n_steps: steps of all held-out vehicles.
@@ -79,34 +91,13 @@ class CueTable:
         n_folds: how many times.
     """
 
-    prior: float
+    prior: StepScore
     cell_before: ObservationScore
     own_course: ObservationScore
     n_steps: int
     n_vehicles: int
     split_by: SplitBy
     n_folds: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SignalExample:
-    """The paper's example of a turn signal: directions sampled before and after the vehicle signals.
-
-    Attributes:
-        position: (2,) metres, the place.
-        heading: radians, of the vehicle there.
-        target: radians, the heading turned by the cue.
-        rmse_before: radians, of samples of the prior from the target.
-        rmse_after: radians, of samples of the posterior from the target.
-        n_samples: how many of each.
-    """
-
-    position: FloatArray
-    heading: float
-    target: float
-    rmse_before: float
-    rmse_after: float
-    n_samples: int
 
 
 class Steps(NamedTuple):
@@ -145,24 +136,22 @@ def evaluate_cues(
     if by == "random":
         raise ValueError("split_by: expected 'vehicle' or 'group', got 'random': steps need whole vehicles")
     parts: list[Followed] = []
-    n_before = 0
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
     steps = StepCount(len(folds), progress)
     for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
-        learned = learn_primitives(fold.train, tessellation=tessellation, rng=child)
-        followed = _follow(learned, fold)
-        parts.append(followed._replace(vehicle=followed.vehicle + n_before))  # no vehicle is in two folds
-        n_before += fold.test.n_tracks
+        parts.append(_follow(learn_primitives(fold.train, tessellation=tessellation, rng=child), fold))
         steps.add()
-    joined = Followed(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    if joined.vehicle.size == 0:
+    track_id, group, prior, cell_before, own_course = (np.concatenate(column) for column in zip(*parts, strict=True))
+    if prior.size == 0:
         raise ValueError("tracks: expected held-out vehicles that go from one cell to another, got none")
+    vehicle = vehicle_numbers(track_id, group)
+    cluster = group if by == "group" else vehicle
     return CueTable(
-        prior=float(np.exp(joined.prior).sum()),
-        cell_before=_observation_score(joined.cell_before, joined.vehicle),
-        own_course=_observation_score(joined.own_course, joined.vehicle),
-        n_steps=joined.vehicle.size,
-        n_vehicles=np.unique(joined.vehicle).size,
+        prior=_step_score(prior, cluster),
+        cell_before=_observation_score(prior, cell_before, cluster),
+        own_course=_observation_score(prior, own_course, cluster),
+        n_steps=prior.size,
+        n_vehicles=np.unique(vehicle).size,
         split_by=by,
         n_folds=len(folds),
     )
@@ -212,72 +201,11 @@ def most_probable_direction(mixture: VonMisesMixture) -> FloatArray:
     return theta[..., 0]
 
 
-class Choice(NamedTuple):
-    """A place, by its number, a heading in radians, and the weight of the lesser of going on and turning."""
-
-    place: int
-    heading: float
-    weight: float
-
-
-def clearest_choice(mean_direction: FloatArray, weight: FloatArray, turn: float) -> Choice:
-    """Where, and on which heading, going on and turning are both usual.
-
-    The heading is a mode's mean direction, for which a place gives most weight to the lesser of two: directions
-    within 30 degrees of the heading, and within 30 degrees of the heading turned by `turn`.
-
-    Args:
-        mean_direction: (n, M) radians, of the modes of n places.
-        weight: (n, M) how much each counts.
-        turn: radians, counter-clockwise.
-    """
-    turned = difference(mean_direction[:, None, :], mean_direction[:, :, None])
-    ahead = (weight[:, None, :] * (np.abs(turned) < np.pi / 6)).sum(axis=-1)
-    aside = (weight[:, None, :] * (np.abs(difference(turned, np.array(turn))) < np.pi / 6)).sum(axis=-1)
-    lesser = np.minimum(ahead, aside)
-    place, mode = np.unravel_index(np.argmax(lesser), lesser.shape)
-    return Choice(int(place), float(mean_direction[place, mode]), float(lesser[place, mode]))
-
-
-def turn_signal_example(
-    learned: PrimitiveMap, *, cue: Cue = TURN_RIGHT, n_samples: int = 100, rng: np.random.Generator
-) -> SignalExample:
-    """The paper's example, where the map has the clearest choice between going on and turning.
-
-    The place is the centre of a cell, and the heading the direction of a mode in it: the `clearest_choice`.
-
-    Raises:
-        ValueError: the cue has more than one direction, or the map no cells.
-    """
-    turn = np.asarray(cue.turn)
-    if turn.size != 1 or learned.tessellation.n_cells == 0:
-        raise ValueError(f"cue, learned: expected one direction and some cells, got {turn.size} directions")
-    centers = learned.tessellation.centers
-    direction = learned.primitive_at(centers).direction
-    is_sharp = direction.concentration > 1
-    cell, heading, _ = clearest_choice(direction.mean_direction, direction.weight * is_sharp, float(turn[0]))
-    prior = direction[cell]
-    posterior = multiply_mixtures(prior, cue.belief(heading)).mixture
-    target = float(wrap(heading + turn[0]))
-    return SignalExample(
-        position=centers[cell],
-        heading=heading,
-        target=target,
-        rmse_before=_rmse(prior, target, n_samples, rng),
-        rmse_after=_rmse(posterior, target, n_samples, rng),
-        n_samples=n_samples,
-    )
-
-
-def _rmse(belief: VonMisesMixture, target: float, n_samples: int, rng: np.random.Generator) -> float:
-    sampled, _ = belief.sample(n_samples=n_samples, rng=rng)
-    return float(np.sqrt((difference(sampled, np.asarray(target)) ** 2).mean()))
-
-
 class Followed(NamedTuple):
     """The steps of held-out vehicles: (n, ...) each."""
 
-    vehicle: IntArray  # (n,) its number
+    track_id: AnyArray
+    group: IntArray
     prior: FloatArray  # (n,) log density of the truth
     cell_before: FloatArray  # (n, 3) log densities by observation and posterior, and the concentration
     own_course: FloatArray  # (n, 3) the same
@@ -301,24 +229,24 @@ def _follow(learned: PrimitiveMap, fold: Fold) -> Followed:
         return most_probable_direction(learned.primitive_at(tracks.position[row]).direction)
 
     return Followed(
-        vehicle=fold.test.vehicle[steps.row],
+        track_id=fold.test.track_id[steps.row],
+        group=fold.test.group[steps.row],
         prior=prior.log_density(truth),
         cell_before=judged(usual(fold.train, known.before), usual(fold.test, steps.before)),
         own_course=judged(fold.train.direction[known.before], fold.test.direction[steps.before]),
     )
 
 
-def _observation_score(judged: FloatArray, vehicle: IntArray) -> ObservationScore:
-    log_observation, log_posterior, concentration = judged.T
-    _, number = np.unique(vehicle, return_inverse=True)
-    observation = np.bincount(number, weights=np.exp(log_observation))
-    posterior = np.bincount(number, weights=np.exp(log_posterior))
-    gain = posterior / observation - 1.0
+def _observation_score(prior: FloatArray, judged: FloatArray, cluster: IntArray) -> ObservationScore:
+    observation, posterior, concentration = judged.T
     return ObservationScore(
         concentration=float(concentration.mean()),
-        observation=float(observation.sum()),
-        posterior=float(posterior.sum()),
-        gain=float(gain.mean()),
-        gain_std=float(gain.std()),
-        log_gain=float((log_posterior - log_observation).mean()),
+        log_gain=mean_over(cluster, posterior - observation),
+        over_prior=mean_over(cluster, posterior - prior),
+        observation=_step_score(observation, cluster),
+        posterior=_step_score(posterior, cluster),
     )
+
+
+def _step_score(log_density: FloatArray, cluster: IntArray) -> StepScore:
+    return StepScore(mean_over(cluster, log_density), float(np.exp(log_density).mean()))

@@ -1,114 +1,56 @@
 """How much density each method gives to what held-out vehicles did (the paper's Table I).
 
 Source: Senanayake et al. 2020, Table I: the mean density of held-out directions, and of speeds. A mean density grows
-without bound where angles repeat, so the mean log density stands beside it: a proper score, which a method cannot raise
-by being sure of itself. Directions and speeds of one method are those of one model: speed is
+without bound where angles repeat, so the mean log density leads: a proper score, which a method cannot raise by being
+sure of itself. Directions and speeds of one method are those of one model: speed is
 p(speed | position) = sum_m w_m Gamma(speed; m), and jointly p(direction, speed | position).
 
-All methods learn from the same rows and are judged by the same rows. Baselines get the benefit of every doubt: of the
-settings in `DGM_SETTINGS` and `GP_SUBSETS` those are shown that give **the held-out rows**, in hindsight, the greatest
-mean log density and, where it is another one, the greatest mean density; no method of ours is granted that. The
-uninformative speed knows the range of all speeds.
+All methods learn from the same rows and are judged by the same rows. A rival's settings are chosen in each fold by the
+mean log density (of direction and speed, where it has both) of training vehicles, or groups, that are held out from it
+for that; it then learns from all of the training part. The uninformative speed knows the range of all speeds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
-from typing import Any, Literal, NamedTuple, Protocol, get_args, get_type_hints, runtime_checkable
+from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
-from dirprim_filter.config import LearningConfig
-from dirprim_filter.evaluation.baselines.directional_grid_map import DirectionalGridMap
-from dirprim_filter.evaluation.baselines.gaussian_process import DirectionalGaussianProcess
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.evaluation.baselines.uninformative import Uninformative
+from dirprim_filter.evaluation.density_rivals import DirectionModel, Fit, Method, MotionModel, rivals
+from dirprim_filter.evaluation.intervals import Interval, clustered, interval, mean
+from dirprim_filter.evaluation.settings import Choice, choose
 from dirprim_filter.evaluation.splits import Fold, SplitBy, honest_split, split, thinned
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.track_ids import vehicle_numbers
 from dirprim_filter.tracks import Tracks
 
 PRIMITIVE_KINDS: tuple[Any, ...] = get_args(get_type_hints(learn_primitives)["primitive"])
-"""What `learn_primitives` can learn: each is a row of the table."""
-DGM_SETTINGS = tuple(product(LearningConfig().cell_sizes, (100.0, 1e3, 1e4)))
-"""Cell size, metres, and bound of the concentration."""
-GP_ROWS = 500
-GP_SUBSETS: tuple[Literal["random", "informative"], ...] = ("random", "informative")
-"""How the rows of the Gaussian process are chosen."""
+"""What `learn_primitives` can learn, the default first: each is a row of the table."""
+ONE_CELL, WITHOUT_MAP = "one cell", "without the map"
+INNER_FOLDS = 4
+"""A fourth of the training part chooses a rival's settings."""
 
 Quantity = Literal["direction", "speed", "joint"]
 
 
-@runtime_checkable
-class DirectionModel(Protocol):
-    """Whatever predicts directions."""
-
-    def direction_log_density(self, position: FloatArray, direction: FloatArray) -> FloatArray:
-        """Natural log of p(direction | position), per radian. (n, 2), (n,) -> (n,)."""
-        ...
-
-
-@runtime_checkable
-class MotionModel(DirectionModel, Protocol):
-    """Whatever predicts directions and speeds."""
-
-    def speed_log_density(self, position: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of p(speed | position), per m/s. (n, 2), (n,) -> (n,)."""
-        ...
-
-    def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of p(direction, speed | position), per radian and m/s. (n, 2), (n,), (n,) -> (n,)."""
-        ...
-
-
-class MapModel(NamedTuple):
-    """A map of primitives as a `MotionModel`."""
-
-    learned: PrimitiveMap
-
-    def direction_log_density(self, position: FloatArray, direction: FloatArray) -> FloatArray:
-        """Natural log of p(direction | position), per radian. (n, 2), (n,) -> (n,)."""
-        return self.learned.direction_log_density(position, direction)
-
-    def speed_log_density(self, position: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of the mixture of gammas that holds there, per m/s. (n, 2), (n,) -> (n,)."""
-        return self.learned.speed_log_density(position, speed)
-
-    def log_density(self, position: FloatArray, direction: FloatArray, speed: FloatArray) -> FloatArray:
-        """Natural log of p(direction, speed | position), per radian and m/s. (n, 2), (n,), (n,) -> (n,)."""
-        return self.learned.log_density(position, direction, speed)
-
-
-Fit = Callable[[Tracks, np.random.Generator], Mapping[str, DirectionModel]]
-"""Learns from tracks one model for each setting, by the setting's name."""
-
-
-class Method(NamedTuple):
-    """A row of the table."""
-
-    name: str
-    fit: Fit
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DensityScore:
-    """Densities of held-out rows, pooled over the folds.
+    """Densities of all held-out rows.
 
     Attributes:
+        mean_log: mean natural log of the density, nat, with its interval over vehicles or groups.
         mean: mean density.
-        std: its standard deviation over rows.
-        fold_std: the standard deviation of the folds' means; NaN for one fold.
-        mean_log: mean natural log of the density.
-        fold_log_std: the standard deviation of the folds' mean logs; NaN for one fold.
+        behind: mean log density of the first method less this one's, nat, paired; NaN where the first has none.
     """
 
+    mean_log: Interval
     mean: float
-    std: float
-    fold_std: float
-    mean_log: float
-    fold_log_std: float
+    behind: Interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,19 +58,18 @@ class MethodScore:
     """What one method gave to the held-out rows.
 
     Attributes:
-        name: of the method; "..., densest" for the setting of the greatest mean density, where it is not that of
-            the greatest mean log density.
-        setting: which one was best in hindsight; empty for a method that has but one.
+        name: of the method.
         direction: per radian.
         speed: per m/s; None for a method without speeds.
         joint: of direction and speed together, per radian and m/s; None for a method without speeds.
+        settings: what was chosen in each fold, and the range that was searched; empty for what is no rival.
     """
 
     name: str
-    setting: str
     direction: DensityScore
     speed: DensityScore | None
     joint: DensityScore | None
+    settings: tuple[tuple[Choice, ...], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,7 +113,7 @@ def evaluate_density(
         min_speed: m/s; rows that are not faster count for nothing, neither here nor there: their direction is the
             body's. 0.5 in the paper; 0 leaves out the rows at rest.
         interval_s: keep only rows of a vehicle at least so far apart; left out, all.
-        methods: what to compare; left out, `all_methods`.
+        methods: what to compare; left out, `all_methods`. The first is compared with each of the others.
         progress: called with the number of steps done, and their total.
         rng: deals the folds and feeds the methods; what one draws changes no other's.
 
@@ -182,18 +123,22 @@ def evaluate_density(
     kept = rows_to_judge(tracks, min_speed=min_speed, interval_s=interval_s)
     by = split_by or honest_split(kept)
     folds = split(kept, by=by, n_folds=n_folds, rng=rng)
-    chosen = all_methods(max_speed=float(kept.speed.max())) if methods is None else methods
-    children = rng.spawn(len(chosen))
-    steps = StepCount(len(chosen) * len(folds), progress)
+    asked = all_methods(max_speed=float(kept.speed.max())) if methods is None else methods
+    steps = StepCount(len(asked) * len(folds), progress)
+    children = rng.spawn(len(asked))
+    found = [_judged(method, folds, by, child, steps) for method, child in zip(asked, children, strict=True)]
+    group = np.concatenate([fold.test.group for fold in folds])
+    vehicle = vehicle_numbers(np.concatenate([fold.test.track_id for fold in folds]), group)
+    cluster = group if by == "group" else vehicle
     return DensityTable(
         methods=tuple(
-            row for method, child in zip(chosen, children, strict=True) for row in _scores(method, folds, child, steps)
+            _method_score(method.name, judged, found[0], cluster) for method, judged in zip(asked, found, strict=True)
         ),
         split_by=by,
         n_folds=len(folds),
         n_rows=len(kept),
         n_vehicles=kept.n_tracks,
-        n_held_out=sum(len(fold.test) for fold in folds),
+        n_held_out=cluster.size,
     )
 
 
@@ -219,63 +164,74 @@ def all_methods(*, max_speed: float) -> list[Method]:
     return [
         *(Method(f"primitive, {kind}", _learner(primitive=kind)) for kind in PRIMITIVE_KINDS),
         Method("primitive, the paper's", _learner(primitive="flat", tessellation="grid", modes="dbscan")),
-        Method("DGM", _fit_grid_maps),
-        Method("GP", _fit_processes),
-        Method("place-free", _fit_place_free),
-        Method("uninformative", lambda _train, _rng: {"": Uninformative(max_speed=max_speed)}),
+        Method(ONE_CELL, _learner(n_cells=1)),
+        Method(WITHOUT_MAP, _fit_without_map),
+        *rivals(),
+        Method("uninformative", lambda _train, _values, _rng: Uninformative(max_speed=max_speed)),
     ]
 
 
-def _learner(**options: Any) -> Fit:
-    return lambda train, rng: {"": MapModel(learn_primitives(train, rng=rng, **options))}
+def clusters(table: DensityTable) -> str:
+    """What intervals are over."""
+    return "groups" if table.split_by == "group" else "vehicles"
 
 
-def _fit_place_free(train: Tracks, rng: np.random.Generator) -> dict[str, DirectionModel]:
-    one_cell = learn_primitives(train, tessellation="grid", n_cells=1, primitive="flat", rng=rng)
-    return {"": MapModel(one_cell.without_places())}
-
-
-def _fit_grid_maps(train: Tracks, _rng: np.random.Generator) -> dict[str, DirectionModel]:
-    return {
-        f"cells of {size:g} m, concentration up to {bound:g}": DirectionalGridMap.fit(
-            train.position, train.direction, cell_size=size, max_concentration=bound
-        )
-        for size, bound in DGM_SETTINGS
-    }
-
-
-def _fit_processes(train: Tracks, rng: np.random.Generator) -> dict[str, DirectionModel]:
-    return {
-        f"{GP_ROWS} {subset} rows": DirectionalGaussianProcess.fit(
-            train.position, train.direction, n_rows=GP_ROWS, subset=subset, rng=rng
-        )
-        for subset in GP_SUBSETS
-    }
-
-
-def _scores(method: Method, folds: Sequence[Fold], rng: np.random.Generator, steps: StepCount) -> list[MethodScore]:
-    """The rows of one method: its setting that is best in log density, and the densest if that is another."""
-    found: dict[str, list[dict[Quantity, FloatArray]]] = {}
-    for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
-        for setting, model in method.fit(fold.train, child).items():
-            found.setdefault(setting, []).append(_log_densities(model, fold.test))
-        steps.add()
-    direction = {setting: _summary([fold["direction"] for fold in log_p]) for setting, log_p in found.items()}
-    best = max(found, key=lambda setting: direction[setting].mean_log)
-    densest = max(found, key=lambda setting: direction[setting].mean)
-    shown = {method.name: best} | ({f"{method.name}, densest": densest} if densest != best else {})
-    return [_method_score(name, setting, found[setting]) for name, setting in shown.items()]
-
-
-def _method_score(name: str, setting: str, log_p: list[dict[Quantity, FloatArray]]) -> MethodScore:
-    has_speed = "speed" in log_p[0]
-    return MethodScore(
-        name=name,
-        setting=setting,
-        direction=_summary([fold["direction"] for fold in log_p]),
-        speed=_summary([fold["speed"] for fold in log_p]) if has_speed else None,
-        joint=_summary([fold["joint"] for fold in log_p]) if has_speed else None,
+def conclusion(table: DensityTable) -> str:
+    """One sentence: what the first method gains over the same model without the map, and over the best rivals."""
+    rivals = [row for row in table.methods if row.settings]
+    without_map = [row.joint for row in table.methods if row.name == WITHOUT_MAP]
+    gains = [
+        *_gain("", [(score, "the same model without the map") for score in without_map]),
+        *_gain("", [(row.joint, f"the best rival, {row.name}") for row in rivals]),
+        *_gain("in direction alone ", [(row.direction, f"the best rival, {row.name}") for row in rivals]),
+    ]
+    return (
+        f"the map gives held-out motion {', '.join(gains) or 'nothing that is compared'} (95 % over {clusters(table)})"
     )
+
+
+def _gain(of: str, scores: Sequence[tuple[DensityScore | None, str]]) -> list[str]:
+    """The first method's gain over the best of the scores, if there are any."""
+    known = [(score, name) for score, name in scores if score is not None]
+    if not known:
+        return []
+    best, over = max(known, key=lambda scored: scored[0].mean_log.value)
+    value, low, high, _ = best.behind
+    sure = "" if best.behind.is_apart else ", not distinguishable"
+    return [f"{of}{value:+.2f} nat ({low:.2f} to {high:.2f}{sure}) over {over}"]
+
+
+class Judged(NamedTuple):
+    """What one method gave to the held-out rows."""
+
+    log_density: dict[Quantity, FloatArray]  # (n,) each, in order of the folds
+    settings: tuple[tuple[Choice, ...], ...]  # of each fold, if it has any
+
+
+def _judged(method: Method, folds: Sequence[Fold], by: SplitBy, rng: np.random.Generator, steps: StepCount) -> Judged:
+    settings, log_density = [], []
+    for fold, child in zip(folds, rng.spawn(len(folds)), strict=True):
+        chosen = _chosen(method, fold.train, by, child) if method.settings else ()
+        model = method.fit(fold.train, tuple(choice.chosen for choice in chosen), child)
+        log_density.append(_log_densities(model, fold.test))
+        settings.append(chosen)
+        steps.add()
+    joined = {name: np.concatenate([fold[name] for fold in log_density]) for name in log_density[0]}
+    return Judged(joined, tuple(settings) if method.settings else ())
+
+
+def _chosen(method: Method, train: Tracks, by: SplitBy, rng: np.random.Generator) -> tuple[Choice, ...]:
+    """Settings by training vehicles, or groups where these are held out, that are held out once more."""
+    n_parts = {"group": np.unique(train.group).size, "vehicle": train.n_tracks}
+    inner_by = next(kind for kind in (by, "vehicle", "random") if n_parts.get(kind, 2) > 1)
+    inner = split(train, by=inner_by, n_folds=INNER_FOLDS, rng=rng)[0]
+    seed = int(rng.integers(2**63))
+
+    def mean_log_density(values: tuple[float, ...]) -> float:
+        found = _log_densities(method.fit(inner.train, values, np.random.default_rng(seed)), inner.test)
+        return float(found.get("joint", found["direction"]).mean())
+
+    return choose(method.settings, mean_log_density)
 
 
 def _log_densities(model: DirectionModel, test: Tracks) -> dict[Quantity, FloatArray]:
@@ -287,17 +243,35 @@ def _log_densities(model: DirectionModel, test: Tracks) -> dict[Quantity, FloatA
     return found
 
 
-def _summary(log_density: list[FloatArray]) -> DensityScore:
-    """What the folds' rows have been given. log_density: for each fold (n_rows of the fold,)."""
-    density = np.exp(np.concatenate(log_density))
-    return DensityScore(
-        mean=float(density.mean()),
-        std=float(density.std()),
-        fold_std=_std([float(np.exp(fold).mean()) for fold in log_density]),
-        mean_log=float(np.concatenate(log_density).mean()),
-        fold_log_std=_std([float(fold.mean()) for fold in log_density]),
+def _method_score(name: str, judged: Judged, first: Judged, cluster: IntArray) -> MethodScore:
+    def score(quantity: Quantity) -> DensityScore:
+        log_p = judged.log_density[quantity]
+        of_first = first.log_density.get(quantity, np.full(log_p.shape, np.nan))
+        return DensityScore(
+            mean_log=mean_over(cluster, log_p),
+            mean=float(np.exp(log_p).mean()),
+            behind=mean_over(cluster, of_first - log_p),
+        )
+
+    has_speed = "speed" in judged.log_density
+    return MethodScore(
+        name=name,
+        direction=score("direction"),
+        speed=score("speed") if has_speed else None,
+        joint=score("joint") if has_speed else None,
+        settings=judged.settings,
     )
 
 
-def _std(values: Sequence[float]) -> float:
-    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+def mean_over(cluster: IntArray, value: FloatArray) -> Interval:
+    """The mean over rows with its interval over clusters. (n,), (n,)."""
+    return interval(clustered(cluster, [value, np.ones_like(value)]), mean)
+
+
+def _learner(**options: Any) -> Fit:
+    return lambda train, _values, rng: learn_primitives(train, rng=rng, **options)
+
+
+def _fit_without_map(train: Tracks, _values: tuple[float, ...], rng: np.random.Generator) -> PrimitiveMap:
+    one_cell = learn_primitives(train, tessellation="grid", n_cells=1, primitive="flat", rng=rng)
+    return one_cell.without_places()

@@ -16,7 +16,7 @@ from dirprim_filter.evaluation.methods import RAW, SMOOTHED, filters, maps_of
 from dirprim_filter.evaluation.rivals import FittedRival
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
-from dirprim_filter.evaluation.search import Searched
+from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import honest_split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
@@ -85,7 +85,7 @@ class TrackingTable:
     n_vehicles: int
     n_gaps: int
     methods: tuple[MethodResult, ...]
-    settings: tuple[Mapping[str, Mapping[str, Searched]], ...]
+    settings: tuple[Mapping[str, tuple[Choice, ...]], ...]
 
     @property
     def n_groups(self) -> int:
@@ -130,7 +130,7 @@ def evaluate_tracking(
         )  # fmt: skip
 
     groups: list[tuple[int, ...]] = []
-    settings: list[dict[str, Mapping[str, Searched]]] = []
+    settings: list[dict[str, tuple[Choice, ...]]] = []
     n_vehicles = n_gaps = 0
     steps = StepCount(experiment.n_seeds * (2 + len(experiment.methods)), progress)
     for i in range(experiment.n_seeds):

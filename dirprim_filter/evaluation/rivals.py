@@ -6,7 +6,7 @@ a vehicle, given those before it, with the gaps and misses that the filter will 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.search import Searched, best_settings
+from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.filtering import BayesFilter, ConstantTurnUKF, ConstantVelocityKalman, InteractingModels
 from dirprim_filter.filtering.manoeuvre import acceleration_density, pace_density
 from dirprim_filter.tracks import Tracks
@@ -36,17 +36,17 @@ class FittedRival:
 
     Attributes:
         name: of the rival.
-        settings: its parameters, and between which others they were found.
+        settings: its parameters, and between which others they were chosen.
         config: noise of the measurements.
     """
 
     name: Rival
-    settings: Mapping[str, Searched]
+    settings: tuple[Choice, ...]
     config: FilterConfig
 
     def __call__(self) -> BayesFilter:
         """The filter, without beliefs."""
-        return MODELS[self.name](**{name: found.value for name, found in self.settings.items()}, config=self.config)
+        return MODELS[self.name](**{of.name: of.chosen for of in self.settings}, config=self.config)
 
 
 def fitted(name: Rival, seen: Detections, train: Tracks, config: FilterConfig) -> FittedRival:
@@ -68,10 +68,11 @@ def fitted(name: Rival, seen: Detections, train: Tracks, config: FilterConfig) -
         "interacting models": {"straight": pace, "acceleration_density": pace, "turn_density": FIRST_TURN},
     }[name]
 
-    def evidence(settings: Mapping[str, float]) -> float:
-        return log_evidence(MODELS[name](**settings, config=config), seen)
+    def evidence(values: tuple[float, ...]) -> float:
+        return log_evidence(MODELS[name](**dict(zip(start, values, strict=True)), config=config), seen) / len(seen)
 
-    return FittedRival(name=name, settings=best_settings(evidence, start), config=config)
+    axes = [Axis(parameter, value) for parameter, value in start.items()]
+    return FittedRival(name=name, settings=choose(axes, evidence), config=config)
 
 
 def log_evidence(model: BayesFilter, seen: Detections) -> float:

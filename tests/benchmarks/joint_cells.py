@@ -1,9 +1,11 @@
 """Is it worth it to learn cells jointly with the primitives? `python tests/benchmarks/joint_cells.py LOG...`.
 
 Defends `tessellation="joint"` as the default: beside it stand square cells of every size, of which the best is picked
-in hindsight, which flatters them; Voronoi cells by positions alone; joint cells half as many as the best grid has; the
-place-free primitive; and a neural field (torch: see neural_field.py). What is compared is the mean log density of
-direction and speed of held-out vehicles (or groups: `--by group`), rows every 0.5 s, faster than 0.5 m/s.
+in hindsight, which flatters them; Voronoi cells by positions alone; joint cells half as many as the best grid has; flat
+primitives; one cell; the model without the map; and a neural field (torch: see neural_field.py). What is compared is
+the mean log density of direction and speed of held-out vehicles (or groups: `--by group`) of all folds, rows every
+0.5 s, faster than 0.5 m/s. `difference` is that of joint, curved cells less the row's, with its 95 % interval over
+vehicles or groups.
 
 `--moved` learns the joint map again from data moved by (1e6, -1e6) m and from data turned by 90 degrees.
 `--speed` measures fit_jointly instead: 1e5 and 1e6 rows of ring traffic, no log needed.
@@ -25,56 +27,39 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from dirprim_filter import learn_primitives, read_tracks
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.evaluation.density import rows_to_judge
+from dirprim_filter.evaluation.density import mean_over, rows_to_judge
 from dirprim_filter.evaluation.splits import honest_split, split
+from dirprim_filter.track_ids import vehicle_numbers
 from situations import ring_traffic
 
 SIZES = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0)
+JOINT = "joint, curved"
 
 
-def learned(train, test, **options):
-    """Log densities of the held-out rows, the number of cells, seconds."""
-    began = time.perf_counter()
-    m = learn_primitives(train, rng=np.random.default_rng(0), **options)
-    taken = time.perf_counter() - began
-    return m.log_density(test.position, test.direction, test.speed), m.tessellation.n_cells, taken
-
-
-def in_all_folds(folds, **options):
-    """Mean log density over the rows of all folds, with its standard deviation over folds; cells and seconds of one."""
-    log_p, n_cells, taken = zip(*(learned(fold.train, fold.test, **options) for fold in folds), strict=True)
-    return np.concatenate(log_p).mean(), np.std([p.mean() for p in log_p]), np.mean(n_cells), np.mean(taken)
-
-
-FOUND = {}
-"""Every row of the table, for `--json`."""
-
-
-def tell(name, mean, spread, n_cells=None, taken=None):
-    FOUND[name] = {"mean": mean, "deviation": spread, "cells": n_cells, "seconds": taken}
-    cells = f"{n_cells:7.0f}" if n_cells is not None else 7 * " "
-    seconds = f"{taken:7.1f}" if taken is not None else ""
-    print(f"{name:42}{mean:8.3f} +- {spread:5.3f}{cells}{seconds}", flush=True, file=sys.stderr)
-
-
-def best_grid(folds, primitive):
-    """The grid that is best in hindsight."""
-    found = {size: in_all_folds(folds, tessellation="grid", cell_size=size, primitive=primitive) for size in SIZES}
-    size = max(found, key=lambda tried: found[tried][0])
-    tell(f"grid, {primitive}, {size:g} m is best", *found[size])
-    return found[size]
+def in_all_folds(folds, *, without_map=False, **options):
+    """Log densities of the held-out rows of all folds, and the mean number of cells."""
+    log_p, n_cells = [], []
+    for fold in folds:
+        m = learn_primitives(fold.train, rng=np.random.default_rng(0), **options)
+        used = m.without_places() if without_map else m
+        log_p.append(used.log_density(fold.test.position, fold.test.direction, fold.test.speed))
+        n_cells.append(m.tessellation.n_cells)
+    return np.concatenate(log_p), float(np.mean(n_cells))
 
 
 def of_field(folds, by):
     from neural_field import neural_field
 
-    began = time.perf_counter()
-    log_p = []
-    for fold in folds:
-        group = fold.train.group if by == "group" else fold.train.vehicle
-        log_p.append(neural_field(fold.train, group)(fold.test))
-    taken = (time.perf_counter() - began) / len(folds)
-    tell("neural field", np.concatenate(log_p).mean(), np.std([p.mean() for p in log_p]), None, taken)
+    groups = [fold.train.group if by == "group" else fold.train.vehicle for fold in folds]
+    models = (neural_field(fold.train, group) for fold, group in zip(folds, groups, strict=True))
+    return np.concatenate([model(fold.test) for model, fold in zip(models, folds, strict=True)]), None
+
+
+def best_grid(folds, primitive):
+    """The grid that is best in hindsight, by its name."""
+    found = {size: in_all_folds(folds, tessellation="grid", cell_size=size, primitive=primitive) for size in SIZES}
+    size = max(found, key=lambda tried: found[tried][0].mean())
+    return f"grid, {primitive}, {size:g} m is best", found[size]
 
 
 def moved(tracks):
@@ -86,34 +71,48 @@ def turned(tracks):
     return replace(tracks, position=np.column_stack([-y, x]), direction=wrap(tracks.direction + np.pi / 2))
 
 
-def table(logs, by, n_folds, *, also_moved, field):
-    rows = rows_to_judge(read_tracks(logs), min_speed=0.5, interval_s=0.5)
-    by = by or honest_split(rows)
-    folds = split(rows, by=by, n_folds=n_folds, rng=np.random.default_rng(0))
-    about = (
-        f"{' '.join(Path(log).name for log in logs)}: {len(rows):,} rows, {rows.n_tracks} vehicles, held out by {by}"
-    )
-    print(f"{about}\n{'':42}   mean log density  cells seconds", file=sys.stderr)
-    free = [learn_primitives(f.train, tessellation="grid", n_cells=1, primitive="flat", rng=np.random.default_rng(0))
-            for f in folds]  # fmt: skip
-    log_p = [
-        m.without_places().log_density(f.test.position, f.test.direction, f.test.speed)
-        for m, f in zip(free, folds, strict=True)
-    ]
-    tell("place-free", np.concatenate(log_p).mean(), np.std([p.mean() for p in log_p]))
-    for primitive in ("flat", "curved"):
-        best = best_grid(folds, primitive)
-        if primitive == "curved":
-            tell("voronoi, curved", *in_all_folds(folds, tessellation="voronoi"))
-        tell(f"joint, {primitive}", *in_all_folds(folds, primitive=primitive))
-        half = int(best[2] // 2)
-        tell(f"joint, {primitive}, {half} cells", *in_all_folds(folds, n_cells=half, primitive=primitive))
-    if field:
-        of_field(folds, by)
-    if also_moved:
+def methods(folds, by, given):
+    """Every row of the table: its name, log densities and cells."""
+    yield JOINT, in_all_folds(folds)
+    yield "voronoi, curved", in_all_folds(folds, tessellation="voronoi")
+    for primitive in ("curved", "flat"):
+        name, best = best_grid(folds, primitive)
+        yield name, best
+        half = int(best[1] // 2)
+        yield f"joint, {primitive}, {half} cells", in_all_folds(folds, n_cells=half, primitive=primitive)
+    yield "joint, flat", in_all_folds(folds, primitive="flat")
+    yield "one cell", in_all_folds(folds, n_cells=1)
+    one_flat = {"tessellation": "grid", "n_cells": 1, "primitive": "flat"}
+    yield "without the map", in_all_folds(folds, without_map=True, **one_flat)
+    if not given.no_field:
+        yield "neural field", of_field(folds, by)
+    if given.moved:
         for name, change in (("moved by (1e6, -1e6) m", moved), ("turned by 90 degrees", turned)):
             there = [f._replace(train=change(f.train), test=change(f.test)) for f in folds]
-            tell(f"joint, curved, {name}", *in_all_folds(there))
+            yield f"{JOINT}, {name}", in_all_folds(there)
+
+
+def table(given):
+    """The rows by their names."""
+    rows = rows_to_judge(read_tracks(given.logs), min_speed=0.5, interval_s=0.5)
+    by = given.by or honest_split(rows)
+    folds = split(rows, by=by, n_folds=given.folds, rng=np.random.default_rng(0))
+    group = np.concatenate([fold.test.group for fold in folds])
+    vehicle = vehicle_numbers(np.concatenate([fold.test.track_id for fold in folds]), group)
+    cluster = group if by == "group" else vehicle
+    print(f"{len(rows):,} rows, {rows.n_tracks} vehicles, held out by {by}, {len(folds)} folds", file=sys.stderr)
+    print(f"{'':42}mean log density   cells   joint is ahead by", file=sys.stderr)
+    found, joint = {}, None
+    for name, (log_p, cells) in methods(folds, by, given):
+        joint = log_p if joint is None else joint
+        ahead = mean_over(cluster, joint - log_p)
+        found[name] = {
+            "mean": log_p.mean(), "cells": cells, "difference": ahead.value, "low": ahead.low, "high": ahead.high
+        }  # fmt: skip
+        shown = "" if cells is None else f"{cells:.0f}"
+        text = "" if joint is log_p else f"   {ahead.value:.3f} ({ahead.low:.3f} to {ahead.high:.3f})"
+        print(f"{name:42}{log_p.mean():16.3f}{shown:>8}{text}", flush=True, file=sys.stderr)
+    return found
 
 
 def speed():
@@ -143,9 +142,9 @@ def main():
     if given.speed:
         speed()
     elif given.logs:
-        table(given.logs, given.by, given.folds, also_moved=given.moved, field=not given.no_field)
+        found = table(given)
         if given.json:
-            print(json.dumps({"rows": FOUND}, default=float))
+            print(json.dumps({"rows": found}, default=float))
     else:
         parser.print_help()
 

@@ -75,19 +75,30 @@ def test_density_tells_people_and_machines_the_same(log, capsys):
     assert text.startswith("80 rows held out of 80, 8 vehicles, by vehicle, 2 folds")
     for row in table["methods"]:
         line = next(line for line in text.splitlines() if line.startswith(f"{row['name']}  "))
-        assert line.split()[-5:] == [f"{row['direction'][f]:.3f}" for f in row["direction"]]
+        score = row["direction"]
+        behind = "" if row is table["methods"][0] else f" {shown(score['behind'])}"
+        assert " ".join(line.split()) == f"{row['name']} {shown(score['mean_log'])}{behind} {score['mean']:.3f}"
     grid_map = next(row for row in table["methods"] if row["name"] == "DGM")
     assert grid_map["speed"] is None
-    assert f"DGM: {grid_map['setting']}" in text
+    for fold in grid_map["settings"]:
+        assert [list(choice) for choice in fold] == 3 * [["name", "low", "chosen", "high"]]
+        assert all(choice["low"] <= choice["chosen"] <= choice["high"] for choice in fold)
+    assert f"DGM: cell size, m {grid_map['settings'][0][0]['chosen']:.3g}" in text
+    assert text.splitlines()[-1] == table["conclusion"]
 
 
-def test_one_fold_has_no_deviation_of_folds(log, capsys, monkeypatch):
+def shown(interval):
+    return f"{interval['value']:.3f} ({interval['low']:.3f} to {interval['high']:.3f})"
+
+
+def test_one_fold_of_random_rows_has_its_interval_over_vehicles(log, capsys, monkeypatch):
     first, *_ = density.all_methods(max_speed=20.0)
     monkeypatch.setattr(density, "all_methods", lambda **_: [first])
     assert evaluate("density", log, "--split", "random", "--folds", 1, "--every", 2.0, "--json") == DONE
     table = json.loads(capsys.readouterr().out)
     assert table["n_held_out"] == 4
-    assert table["methods"][0]["direction"]["fold_std"] is None
+    assert 2 <= table["methods"][0]["direction"]["mean_log"]["n_clusters"] <= 4
+    assert table["conclusion"].startswith("the map gives held-out motion nothing that is compared")
 
 
 def test_cues_tells_people_and_machines_the_same(log, capsys):
@@ -98,12 +109,10 @@ def test_cues_tells_people_and_machines_the_same(log, capsys):
     assert set(reported) == {*ENVELOPE, "table", "turn_signal"}
     assert f"{reported['table']['n_steps']} steps from cell to cell, 8 vehicles, held out by vehicle, 2 folds" in text
     for name in ("cell_before", "own_course"):
-        line = next(line for line in text.splitlines() if line.startswith(name.replace("_", " ")))
         score = reported["table"][name]
-        assert line.split()[2:] == [
-            f"{reported['table']['prior']:.3f}", f"{score['observation']:.3f}", f"{score['posterior']:.3f}",
-            f"{score['gain']:+.1%}", f"{score['log_gain']:+.3f}",
-        ]  # fmt: skip
+        figures = [shown(score["posterior"]["mean_log"]), shown(score["log_gain"]), shown(score["over_prior"])]
+        words = f"{name.replace('_', ' ')}, posterior {' '.join(figures)} {score['posterior']['mean']:.3f}"
+        assert words in " ".join(text.split())
 
 
 def test_what_cannot_be_held_out_is_one_line(log, capsys):

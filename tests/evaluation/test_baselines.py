@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 from scipy import integrate, stats
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from dirprim_filter.evaluation.baselines.directional_grid_map import MIN_SAMPLES, DirectionalGridMap
+from dirprim_filter.evaluation.baselines import gaussian_process
+from dirprim_filter.evaluation.baselines.directional_grid_map import DirectionalGridMap
 from dirprim_filter.evaluation.baselines.gaussian_process import (
     DirectionalGaussianProcess,
-    least_certain_rows,
     projected_normal_log_density,
 )
+from dirprim_filter.evaluation.baselines.stef_map import StefMap
 from dirprim_filter.evaluation.baselines.uninformative import Uninformative
 from oracles import von_mises_mixture_density
 
@@ -22,12 +22,8 @@ def integral(model, place):
 
 def one_cell(direction, **options):
     position = np.full((len(direction), 2), 5.0)
-    return DirectionalGridMap.fit(position, direction, cell_size=10.0, max_concentration=1e4, **options)
-
-
-def greatest_variance(position, kernel, known):
-    cross = kernel.k1(position, position[known])
-    return (0.7 - np.einsum("ij,ji->i", cross, np.linalg.solve(kernel(position[known]), cross.T))).max()
+    given = {"cell_size": 10.0, "max_concentration": 1e4, "pseudo_count": 1e-9} | options
+    return DirectionalGridMap.fit(position, direction, **given)
 
 
 def test_uninformative_densities_are_those_of_the_uniform_law():
@@ -52,7 +48,7 @@ def test_a_grid_map_finds_both_ways_of_a_street_and_beats_one_mode():
     rng = np.random.default_rng(2)
     direction = np.concatenate([rng.vonmises(0.5, 60, 300), rng.vonmises(0.5 - np.pi, 25, 100)])
     model = one_cell(direction)
-    used = model.direction.weight[0] > 0
+    used = model.direction.weight[0] > 1e-6
     np.testing.assert_allclose(np.sort(model.direction.weight[0, used]), [0.25, 0.75], atol=0.02)
     np.testing.assert_allclose(np.sort(model.direction.concentration[0, used]), [25, 60], rtol=0.3)
     place = np.full((400, 2), 5.0)
@@ -65,10 +61,11 @@ def test_em_reaches_a_point_where_no_parameter_gains():
     rng = np.random.default_rng(3)
     direction = np.concatenate([rng.vonmises(0.0, 40, 500), rng.vonmises(1.8, 25, 500)])
     fitted = one_cell(direction).direction
-    assert (fitted.weight[0] > 0).sum() == 2
+    assert (fitted.weight[0] > 1e-6).tolist() == [True, True, False]
 
     def log_likelihood(turned=0.0, scaled=1.0):
-        weight, mean, kappa = fitted.weight[0], fitted.mean_direction[0] + turned, fitted.concentration[0] * scaled
+        weight, mean, kappa = fitted.weight[0, :2], fitted.mean_direction[0, :2], fitted.concentration[0, :2]
+        mean, kappa = mean + turned, kappa * scaled
         return np.log(von_mises_mixture_density(direction, weight, mean, kappa)).mean()
 
     at_best = log_likelihood()
@@ -79,18 +76,47 @@ def test_em_reaches_a_point_where_no_parameter_gains():
             assert log_likelihood(scaled=scaled**mode) < at_best - 1e-4
 
 
-def test_cells_do_not_lean_on_each_other_and_unknown_places_are_uninformative():
+def test_cells_do_not_lean_on_each_other_and_off_the_grid_all_directions_are_alike():
     rng = np.random.default_rng(4)
-    east, few = rng.vonmises(0.0, 50, 100), rng.vonmises(1.0, 50, MIN_SAMPLES - 1)
-    position = np.vstack([np.full((100, 2), 5.0), np.tile([15.0, 5.0], (few.size, 1))])
-    model = DirectionalGridMap.fit(position, np.append(east, few), cell_size=10.0, max_concentration=1e4)
-    np.testing.assert_allclose(
-        model.direction_log_density(np.tile([5.0, 5.0], (50, 1)), east[:50]),
-        one_cell(east).direction_log_density(np.tile([5.0, 5.0], (50, 1)), east[:50]),
-        atol=1e-9,
+    east, other = rng.vonmises(0.0, 50, 100), rng.vonmises(1.0, 50, 3)
+    position = np.vstack([np.full((100, 2), 5.0), np.tile([15.0, 5.0], (other.size, 1))])
+    model = DirectionalGridMap.fit(
+        position, np.append(east, other), cell_size=10.0, max_concentration=1e4, pseudo_count=2.0
     )
-    for unknown in ([15.0, 5.0], [1e4, 1e4]):
-        assert np.exp(model.direction_log_density(np.array([unknown]), np.zeros(1))) == pytest.approx(0.5 / np.pi)
+    here = np.tile([5.0, 5.0], (50, 1))
+    alone = one_cell(east, pseudo_count=2.0)
+    np.testing.assert_allclose(
+        model.direction_log_density(here, east[:50]), alone.direction_log_density(here, east[:50]), atol=1e-9
+    )
+    assert np.exp(model.direction_log_density(np.full((1, 2), 1e4), np.zeros(1))) == pytest.approx(0.5 / np.pi)
+
+
+def test_a_uniform_direction_counts_as_so_many_rows_of_a_square():
+    rng = np.random.default_rng(4)
+    direction = rng.vonmises(0.0, 80, 6)
+    sure, unsure = one_cell(direction), one_cell(direction, pseudo_count=2.0)
+    own = np.exp(sure.direction_log_density(np.full((CIRCLE.size, 2), 5.0), CIRCLE))
+    mixed = np.exp(unsure.direction_log_density(np.full((CIRCLE.size, 2), 5.0), CIRCLE))
+    np.testing.assert_allclose(mixed, 0.75 * own + 0.25 / (2 * np.pi), atol=1e-8)
+    assert integral(unsure, [5.0, 5.0]) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("place", [[1.0, 1.0], [1e4, 0.0]])
+def test_a_histogram_of_directions_integrates_to_one(place):
+    rng = np.random.default_rng(9)
+    model = StefMap.fit(np.zeros((30, 2)), rng.vonmises(0.3, 2.0, 30), cell_size=3.0, pseudo_count=0.7)
+    assert integral(model, place) == pytest.approx(1.0, abs=1e-3)  # bins end between the sums' places
+
+
+def test_a_histogram_counts_directions_in_bins_about_east_and_its_fellows():
+    direction = np.array([-0.39, 0.39, 0.4, np.pi, -np.pi + 0.3, 0.0])  # three of east, one of north-east, two of west
+    position = np.array([[0.5, 0.5]] * 5 + [[9.0, 9.0]])
+    model = StefMap.fit(position, direction, cell_size=1.0, pseudo_count=4.0)
+    asked = np.pi / 4 * np.array([0, 1, 4, 2, -4])
+    found = np.exp(model.direction_log_density(np.tile([0.5, 0.5], (5, 1)), asked))
+    np.testing.assert_allclose(found * np.pi / 4, np.array([2.5, 1.5, 2.5, 0.5, 2.5]) / 9, rtol=1e-12)
+    assert np.exp(model.direction_log_density(np.array([9.0, 9.0]), 0.0)) * np.pi / 4 == pytest.approx(1.5 / 5)
+    assert np.exp(model.direction_log_density(np.array([-9.0, 9.0]), 0.0)) == pytest.approx(0.5 / np.pi)
 
 
 def test_repeated_angles_are_bounded_and_nothing_overflows():
@@ -122,27 +148,12 @@ def test_projected_normal_stays_finite_however_sure_it_is():
     assert log_p[0] == pytest.approx(np.log(1e6) - 0.5 * np.log(2 * np.pi), abs=1e-6)
 
 
-def test_the_informative_rule_takes_the_row_of_greatest_posterior_variance():
-    position = np.random.default_rng(5).uniform(0, 30, (60, 2))
-    kernel = ConstantKernel(0.7) * RBF(6.0) + WhiteKernel(0.05)
-    taken = least_certain_rows(position, kernel, 15)
-    assert np.unique(taken).size == 15
-    for i in range(1, 15):  # the slow way: the posterior variance given all rows taken before
-        known = position[taken[:i]]
-        cross = kernel.k1(position, known)
-        variance = 0.7 - np.einsum("ij,ji->i", cross, np.linalg.solve(kernel(known), cross.T))
-        variance[taken[:i]] = -1.0
-        assert variance[taken[i]] == pytest.approx(variance.max(), abs=1e-9)
-    random = np.random.default_rng(6).permutation(60)[:15]
-    assert greatest_variance(position, kernel, taken) < greatest_variance(position, kernel, random)
-
-
-@pytest.mark.parametrize("subset", ["random", "informative"])
-def test_a_gaussian_process_learns_a_bend_and_knows_nothing_far_away(ring, subset):
+def test_a_gaussian_process_learns_a_bend_and_knows_nothing_far_away(ring, monkeypatch):
+    monkeypatch.setattr(gaussian_process, "MAX_ROWS", 150)
     rows = np.random.default_rng(7).permutation(len(ring))
     train, test = ring[rows[:600]], ring[rows[600:900]]
     model = DirectionalGaussianProcess.fit(
-        train.position, train.direction, n_rows=150, subset=subset, rng=np.random.default_rng(8)
+        train.position, train.direction, length=15.0, noise=0.1, rng=np.random.default_rng(8)
     )
     assert model.process.X_train_.shape == (150, 2)
     assert model.direction_log_density(test.position, test.direction).mean() > 0.5

@@ -1,18 +1,23 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.evaluation.baselines import gaussian_process
 from dirprim_filter.evaluation.baselines.uninformative import Uninformative
 from dirprim_filter.evaluation.density import (
     PRIMITIVE_KINDS,
-    MapModel,
     Method,
-    MotionModel,
     all_methods,
+    conclusion,
     evaluate_density,
     rows_to_judge,
 )
+from dirprim_filter.evaluation.density_rivals import MotionModel
+from dirprim_filter.evaluation.intervals import Interval
+from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from situations import one_cell_map, rows_of
@@ -28,9 +33,12 @@ class Constant:
         return np.log(self.factor * direction)
 
 
-def constant(name="constant", **settings):
-    settings = settings or {"": Constant(1.0)}
-    return Method(name, lambda _train, _rng: settings)
+def constant(name="constant", factor=1.0):
+    return Method(name, lambda _train, _values, _rng: Constant(factor))
+
+
+def chosen(method_names, tracks):
+    return [method for method in all_methods(max_speed=float(tracks.speed.max())) if method.name in method_names]
 
 
 @pytest.fixture(scope="module")
@@ -44,30 +52,33 @@ def test_the_scores_are_the_hand_computed_ones():
     score = table.methods[0].direction
     assert (table.n_rows, table.n_held_out, table.n_folds, table.n_vehicles) == (4, 4, 2, 4)
     assert score.mean == pytest.approx(1.25)
-    assert score.std == pytest.approx(np.std([0.5, 1.0, 1.5, 2.0]))
-    assert score.mean_log == pytest.approx(np.log([0.5, 1.0, 1.5, 2.0]).mean())
-    pairs = [{0.5, 1.0}, {0.5, 1.5}, {0.5, 2.0}]  # whichever pair is held out first, the other one is second
-    possible = [abs(sum(pair) / 2 - (5.0 - sum(pair)) / 2) / np.sqrt(2) for pair in pairs]
-    assert min(abs(score.fold_std - p) for p in possible) < 1e-12
+    log = np.log([0.5, 1.0, 1.5, 2.0])
+    half = stats.t.ppf(0.975, 3) * log.std(ddof=1) / 2  # a vehicle for each row
+    assert score.mean_log == pytest.approx((log.mean(), log.mean() - half, log.mean() + half, 4))
     assert table.methods[0].speed is None
+    assert table.methods[0].settings == ()
 
 
-def test_of_settings_the_best_in_hindsight_is_shown_and_the_densest_beside_it():
-    class Bold(Constant):  # dense where it is right, and lost where it is not
+def test_the_first_method_is_compared_with_each_by_pairs():
+    class Offset(Constant):  # worse by a nat in each row, and in a tenth of the rows by ten
         def direction_log_density(self, position, direction):
-            return np.where(direction > 1.2, 3.0, -50.0)
+            return np.log(direction) - np.where(direction > 1.9, 10.0, 1.0)
 
-    rows = rows_of(np.array([0.5, 1.0, 1.5, 2.0]), np.ones(4))
-    method = constant(name="m", low=Constant(0.5), high=Constant(1.0), bold=Bold(1.0))
-    shown = evaluate_density(rows, n_folds=2, methods=[method], rng=np.random.default_rng(1)).methods
-    assert [(row.name, row.setting) for row in shown] == [("m", "high"), ("m, densest", "bold")]
-    assert shown[1].direction.mean > shown[0].direction.mean
-    assert shown[1].direction.mean_log < shown[0].direction.mean_log
+    direction = np.tile(np.linspace(0.1, 2.0, 20), 2)
+    rows = rows_of(direction, np.ones(40))
+    offset = Method("offset", lambda _train, _values, _rng: Offset(1.0))
+    methods = [constant(), offset, constant("half", 0.5)]
+    first, worse, half = evaluate_density(rows, n_folds=3, methods=methods, rng=np.random.default_rng(1)).methods
+    paired = np.where(direction > 1.9, 10.0, 1.0)
+    t = stats.ttest_1samp(paired, 0.0).confidence_interval()
+    assert worse.direction.behind == pytest.approx((paired.mean(), t.low, t.high, 40))
+    assert half.direction.behind == pytest.approx((np.log(2), np.log(2), np.log(2), 40))
+    assert first.direction.behind == (0.0, 0.0, 0.0, 40)
 
 
 def test_a_method_draws_the_same_whatever_stands_beside_it(few):
     def drawing(name):
-        return Method(name, lambda _train, rng: {"": Constant(0.1 + rng.random())})
+        return Method(name, lambda _train, _values, rng: Constant(0.1 + rng.random()))
 
     positive = Tracks(
         track_id=few.track_id, time_ns=few.time_ns, position=few.position,
@@ -101,14 +112,13 @@ def test_the_density_of_speed_is_the_joint_one_with_direction_integrated_out():
         speed=Gamma(shape=np.tile([9.0, 30.0], (2, 1)), rate=np.tile([3.0, 2.5], (2, 1))),
         n_rows=flat.n_rows, n_place_free_modes=0,
     )  # fmt: skip
-    model = MapModel(two)
-    assert isinstance(model, MotionModel)
+    assert isinstance(two, MotionModel)
     speed = np.array([0.7, 3.0, 12.0])
     theta = np.linspace(-np.pi, np.pi, 401)[:-1]
     place = np.zeros((3, 2))
     expected = 0.3 * stats.gamma.pdf(speed, 9.0, scale=1 / 3.0) + 0.7 * stats.gamma.pdf(speed, 30.0, scale=0.4)
-    np.testing.assert_allclose(np.exp(model.speed_log_density(place, speed)), expected, rtol=1e-9)
-    joint = np.exp(model.log_density(np.zeros((3, 400, 2)), np.tile(theta, (3, 1)), np.repeat(speed[:, None], 400, 1)))
+    np.testing.assert_allclose(np.exp(two.speed_log_density(place, speed)), expected, rtol=1e-9)
+    joint = np.exp(two.log_density(np.zeros((3, 400, 2)), np.tile(theta, (3, 1)), np.repeat(speed[:, None], 400, 1)))
     np.testing.assert_allclose(joint.sum(axis=1) * (theta[1] - theta[0]), expected, rtol=1e-9)
 
 
@@ -116,22 +126,83 @@ def test_every_kind_of_primitive_is_a_row_of_the_table():
     names = [method.name for method in all_methods(max_speed=20.0)]
     assert {"flat"} <= set(PRIMITIVE_KINDS)
     assert [f"primitive, {kind}" for kind in PRIMITIVE_KINDS] == names[: len(PRIMITIVE_KINDS)]
-    assert names[len(PRIMITIVE_KINDS) :] == ["primitive, the paper's", "DGM", "GP", "place-free", "uninformative"]
+    assert names[len(PRIMITIVE_KINDS) :] == [
+        "primitive, the paper's", "one cell", "without the map", "CLiFF-map", "STeF-map", "DGM", "GP", "uninformative"
+    ]  # fmt: skip
 
 
-def test_on_a_ring_the_primitive_beats_what_does_not_know_the_place(ring):
-    shown = {"primitive, flat", "primitive, the paper's", "DGM", "place-free", "uninformative"}
-    methods = [method for method in all_methods(max_speed=float(ring.speed.max())) if method.name in shown]
-    table = evaluate_density(ring, n_folds=2, interval_s=0.3, methods=methods, rng=np.random.default_rng(4))
-    score = {row.name: row for row in table.methods}
-    assert table.split_by == "vehicle"
+@pytest.fixture(scope="module")
+def on_the_ring(ring):
+    methods = [method for method in all_methods(max_speed=20.0) if method.name != "primitive, curved"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gaussian_process, "MAX_ROWS", 150)
+        return evaluate_density(ring, n_folds=2, interval_s=0.6, methods=methods, rng=np.random.default_rng(4))
+
+
+def test_on_a_ring_all_that_knows_the_place_beats_what_does_not(on_the_ring):
+    score = {row.name: row for row in on_the_ring.methods}
+    assert on_the_ring.split_by == "vehicle"
     assert score["uninformative"].direction.mean == pytest.approx(0.159, abs=2e-4)
-    assert score["uninformative"].direction.std == pytest.approx(0.0, abs=1e-9)
-    assert np.isfinite(score["uninformative"].speed.mean_log)  # the range it knows is that of all rows
-    for name in ("primitive, flat", "primitive, the paper's", "DGM"):
-        assert score[name].direction.mean_log > score["place-free"].direction.mean_log + 1.0
-    assert score["primitive, flat"].joint.mean_log > score["place-free"].joint.mean_log + 1.0
-    assert score["primitive, flat"].direction.mean_log > score["DGM"].direction.mean_log
+    assert score["uninformative"].direction.mean_log.half_width == pytest.approx(0.0, abs=1e-9)
+    assert np.isfinite(score["uninformative"].speed.mean_log.value)  # the range it knows is that of all rows
+    without = score["without the map"]
+    for name in ("primitive, flat", "primitive, the paper's", "CLiFF-map", "STeF-map", "DGM", "GP"):
+        assert score[name].direction.mean_log.low > without.direction.mean_log.high + 1.0
+    for name in ("primitive, flat", "CLiFF-map"):
+        assert score[name].joint.mean_log.low > without.joint.mean_log.high + 1.0
+    assert without.joint.behind.low > 1.0
+    assert without.joint.behind.n_clusters == 40
+
+
+def test_no_rival_lies_on_a_bound(on_the_ring):
+    settings = {row.name: row.settings for row in on_the_ring.methods if row.settings}
+    assert set(settings) == {"CLiFF-map", "STeF-map", "DGM", "GP"}
+    for of_folds in settings.values():
+        assert len(of_folds) == 2
+        assert all(choice.is_inside for fold in of_folds for choice in fold)
+
+
+def test_a_rival_whose_grid_cannot_widen_lies_on_its_bound(ring):  # the negative control of the law above
+    (stef_map,) = chosen({"STeF-map"}, ring)
+    cell_size, pseudo_count = stef_map.settings
+    stuck = stef_map._replace(settings=(cell_size._replace(start=40.0, least=30.0), pseudo_count))
+    (row,) = evaluate_density(
+        ring, n_folds=2, interval_s=0.3, methods=[stuck], rng=np.random.default_rng(4)
+    ).methods  # fmt: skip
+    assert [fold[0].is_inside for fold in row.settings] == [False, False]
+    assert [fold[0].low for fold in row.settings] == [40.0, 40.0]
+
+
+def test_settings_are_chosen_without_the_held_out_rows():
+    seen = []
+
+    def fit(train, values, _rng):
+        seen.append(set(train.track_id.tolist()))
+        return Constant(1.0 + values[0])
+
+    rows = rows_of(np.linspace(0.1, 2.0, 24), np.ones(24))
+    method = Method("greedy", fit, (Axis("factor", 1.0, most=4.0),))
+    (row,) = evaluate_density(rows, n_folds=3, methods=[method], rng=np.random.default_rng(5)).methods
+    whole = [train for train in seen if len(train) == 16]
+    inner = [train for train in seen if len(train) == 12]
+    assert (len(whole), len(whole) + len(inner)) == (3, len(seen))
+    assert all(any(few < train for train in whole) for few in inner)
+    assert [fold[0].chosen for fold in row.settings] == [4.0, 4.0, 4.0]
+
+
+def test_the_conclusion_says_what_the_map_gains_and_when_nothing_can_be_told(on_the_ring):
+    name = {row.name: row for row in on_the_ring.methods}
+    words = conclusion(on_the_ring)
+    value, low, high, _ = name["without the map"].joint.behind
+    assert words.startswith(f"the map gives held-out motion {value:+.2f} nat ({low:.2f} to {high:.2f}) over the same")
+    behind = name["CLiFF-map"].joint.behind
+    assert f"{behind.value:+.2f} nat" in words
+    assert "the best rival, CLiFF-map" in words
+    assert "in direction alone" in words
+    assert words.endswith("(95 % over vehicles)")
+    score = name["without the map"]
+    unsure = replace(score, joint=replace(score.joint, behind=Interval(0.1, -0.1, 0.3, 40)))
+    assert "+0.10 nat (-0.10 to 0.30, not distinguishable)" in conclusion(replace(on_the_ring, methods=(unsure,)))
 
 
 def test_where_the_place_tells_nothing_the_primitive_gains_nothing():  # the negative control of the test above
@@ -141,9 +212,9 @@ def test_where_the_place_tells_nothing_the_primitive_gains_nothing():  # the neg
         track_id=np.repeat(np.arange(80), 10), time_ns=np.tile(np.arange(10) * 10**9, 80),
         position=rng.uniform(0, 40, (n, 2)), direction=rng.uniform(-np.pi, np.pi, n), speed=rng.gamma(9.0, 1.0, n),
     )  # fmt: skip
-    methods = [m for m in all_methods(max_speed=30.0) if m.name in ("primitive, flat", "uninformative")]
+    methods = chosen({"primitive, flat", "uninformative"}, tracks)
     primitive, nothing = evaluate_density(tracks, n_folds=2, methods=methods, rng=rng).methods
-    assert primitive.direction.mean_log < nothing.direction.mean_log + 0.01
+    assert primitive.direction.mean_log.value < nothing.direction.mean_log.value + 0.01
 
 
 def test_random_rows_leak_what_held_out_vehicles_do_not():
@@ -154,12 +225,12 @@ def test_random_rows_leak_what_held_out_vehicles_do_not():
         position=np.repeat(20.0 * np.arange(12), 40)[:, None] + rng.uniform(0, 3, (480, 2)),
         direction=np.repeat(course, 40) + rng.normal(0, 0.1, 480), speed=np.full(480, 5.0) + rng.random(480),
     )  # fmt: skip
-    methods = [method for method in all_methods(max_speed=10.0) if method.name == "primitive, the paper's"]
+    methods = chosen({"primitive, the paper's"}, tracks)
     by = {
         split: evaluate_density(tracks, split_by=split, n_folds=2, methods=methods, rng=np.random.default_rng(7))
         for split in ("vehicle", "random")
     }
-    random, vehicle = (by[split].methods[0].direction.mean_log for split in ("random", "vehicle"))
+    random, vehicle = (by[split].methods[0].direction.mean_log.value for split in ("random", "vehicle"))
     assert random > vehicle + 1.0
 
 

@@ -109,7 +109,7 @@ def test_rivals_are_fitted_to_training_vehicles_and_lie_on_no_bound(table):
     for of_seed in table.settings:
         assert set(of_seed) == {"constant velocity", "interacting models"}
         for settings in of_seed.values():
-            assert all(found.low < found.value < found.high for found in settings.values())
+            assert all(found.is_inside for found in settings)
 
 
 def test_methods_are_compared_row_by_row_where_both_have_an_estimate(table):

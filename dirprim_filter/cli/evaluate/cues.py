@@ -6,12 +6,14 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from dirprim_filter.cli.counts import counted
+from dirprim_filter.cli.evaluate.density import interval_text
 from dirprim_filter.cli.evaluate.report import Experiment, Folds, Json, MinSpeed, Split, table_line
 from dirprim_filter.cli.options import Cells, Force, Logs, Plot, Seed, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
-    from dirprim_filter.evaluation.cues import CueTable, SignalExample
+    from dirprim_filter.evaluation.cues import CueTable
+    from dirprim_filter.evaluation.turn_signal import SignalExample
     from dirprim_filter.viewer.figures import Figure
 
 
@@ -35,7 +37,8 @@ def cues(
     import numpy as np
 
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.evaluation.cues import evaluate_cues, turn_signal_example
+    from dirprim_filter.evaluation.cues import evaluate_cues
+    from dirprim_filter.evaluation.turn_signal import turn_signal_example
     from dirprim_filter.primitives import learn_primitives
 
     experiment = Experiment.on(
@@ -71,17 +74,26 @@ def cues_text(table: CueTable, example: SignalExample) -> str:
     """Table II and the turn-signal example as text."""
     import numpy as np
 
-    heads = ["prior", "observation", "posterior", "gain per vehicle", "of log, nat"]
     lines = [
         f"{table.n_steps} steps from cell to cell, {counted(table.n_vehicles, 'vehicle')}, "
         f"held out by {table.split_by}, {counted(table.n_folds, 'fold')}",
         "",
-        table_line("sum of densities", heads, width=18),
+        table_line(
+            "", ["mean log density, nat", "prior adds, nat", "adds to the prior, nat", "mean density"], width=25
+        ),
+        table_line("prior", [interval_text(table.prior.mean_log), "", "", f"{table.prior.mean:.3f}"], width=25),
     ]
     for name, score in (("cell before", table.cell_before), ("own course", table.own_course)):
-        sums = [f"{value:.3f}" for value in (table.prior, score.observation, score.posterior)]
-        gain = f"{score.gain:+.1%}"
-        lines.append(table_line(name, [*sums, gain, f"{score.log_gain:+.3f}"], width=18))
+        alone, both = score.observation, score.posterior
+        gains = [interval_text(score.log_gain), interval_text(score.over_prior)]
+        lines += [
+            table_line(name, [interval_text(alone.mean_log), "", "", f"{alone.mean:.3f}"], width=25),
+            table_line(f"{name}, posterior", [interval_text(both.mean_log), *gains, f"{both.mean:.3f}"], width=25),
+        ]
+    lines += [
+        "",
+        "no figure is the paper's +54 %: that is of sums of densities, by an observation of unstated concentration",
+    ]
     before, after, heading = np.rad2deg([example.rmse_before, example.rmse_after, example.heading])
     x, y = example.position
     lines += [

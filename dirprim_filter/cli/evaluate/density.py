@@ -15,6 +15,8 @@ from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.density import DensityScore, DensityTable
+    from dirprim_filter.evaluation.intervals import Interval
+    from dirprim_filter.evaluation.settings import Choice
     from dirprim_filter.viewer.figures import Figure
 
 
@@ -49,7 +51,7 @@ def density(
     import numpy as np
 
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.evaluation.density import evaluate_density
+    from dirprim_filter.evaluation.density import conclusion, evaluate_density
 
     experiment = Experiment.on(
         logs, command="evaluate density", reading=reading, plot=plot, as_json=as_json, force=force
@@ -69,12 +71,15 @@ def density(
         "split_by": table.split_by, "n_folds": folds, "interval_s": every, "min_speed": min_speed, "seed": seed
     }  # fmt: skip
     return experiment.report(
-        asdict(table), settings=settings, text=lambda: density_text(table), figure=figure
+        asdict(table) | {"conclusion": conclusion(table)}, settings=settings, text=lambda: density_text(table),
+        figure=figure,
     )  # fmt: skip
 
 
 def density_text(table: DensityTable) -> str:
-    """Table I as text, a block for each quantity."""
+    """Table I as text, a block for each quantity, and what follows from it."""
+    from dirprim_filter.evaluation.density import clusters, conclusion
+
     blocks: dict[str, list[DensityScore | None]] = {
         "direction, per rad": [row.direction for row in table.methods],
         "speed, per m/s": [row.speed for row in table.methods],
@@ -82,13 +87,30 @@ def density_text(table: DensityTable) -> str:
     }
     lines = [
         f"{counted(table.n_held_out, 'row')} held out of {table.n_rows}, {counted(table.n_vehicles, 'vehicle')}, "
-        f"by {table.split_by}, {counted(table.n_folds, 'fold')}"
+        f"by {table.split_by}, {counted(table.n_folds, 'fold')}; 95 % intervals over {clusters(table)}"
     ]
     for title, scores in blocks.items():
-        lines += ["", table_line(title, ["density", "std of rows", "of folds", "log density", "of folds"], width=13)]
+        lines += ["", table_line(title, ["mean log density, nat", "behind the first by", "mean density"], width=26)]
         for row, score in zip(table.methods, scores, strict=True):
             if score is not None:
-                figures = (score.mean, score.std, score.fold_std, score.mean_log, score.fold_log_std)
-                lines.append(table_line(row.name, [f"{figure:.3f}" for figure in figures], width=13))
-    chosen = [f"{row.name}: {row.setting}, the best for these rows" for row in table.methods if row.setting]
-    return "\n".join([*lines, "", *chosen])
+                behind = "" if row is table.methods[0] else interval_text(score.behind)
+                figures = [interval_text(score.mean_log), behind, f"{score.mean:.3f}"]
+                lines.append(table_line(row.name, figures, width=26))
+    rivals = [row for row in table.methods if row.settings]
+    lines += ["", "chosen by held-out training vehicles, fold by fold:"] if rivals else []
+    lines += [f"{row.name}: {settings_text(row.settings)}" for row in rivals]
+    return "\n".join([*lines, "", conclusion(table)])
+
+
+def interval_text(found: Interval) -> str:
+    """A figure with its interval."""
+    return f"{found.value:.3f} ({found.low:.3f} to {found.high:.3f})"
+
+
+def settings_text(settings: tuple[tuple[Choice, ...], ...]) -> str:
+    """Settings of all folds: each with its name, the values chosen, and the range that was searched."""
+    return "; ".join(
+        f"{of_folds[0].name} {', '.join(f'{choice.chosen:.3g}' for choice in of_folds)} "
+        f"(of {min(choice.low for choice in of_folds):.3g} to {max(choice.high for choice in of_folds):.3g})"
+        for of_folds in zip(*settings, strict=True)
+    )

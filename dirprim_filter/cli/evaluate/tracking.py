@@ -176,8 +176,4 @@ def tracking_object(table: TrackingTable) -> dict[str, Any]:
     from dirprim_filter.evaluation.comparisons import comparisons
 
     bare = replace(table, methods=tuple(replace(method, errors=()) for method in table.methods))
-    settings = [
-        {name: {each: found._asdict() for each, found in of.items()} for name, of in seed.items()}
-        for seed in table.settings
-    ]
-    return asdict(bare) | {"settings": settings, "comparisons": [found.as_table() for found in comparisons(table)]}
+    return asdict(bare) | {"comparisons": [found.as_table() for found in comparisons(table)]}

@@ -1,19 +1,21 @@
 """Directional grid maps: in each square of a grid a mixture of von Mises, by EM; the number of modes by DBSCAN.
 
 Source: Senanayake and Ramos, Directional grid maps: modeling multimodal angular uncertainty in dynamic environments,
-IROS 2018. No cell leans on any other or on a prior. Two departures, both in its favour: densities are computed in log
-space (the published code overflows at concentrations above 713 and then leaves its multimodal cells out), and the
-concentration is bounded, because angles that repeat make the likelihood unbounded.
+IROS 2018. No cell leans on any other. Three departures, all in its favour: densities are computed in log space (the
+published code overflows at concentrations above 713 and then leaves its multimodal cells out); the concentration is
+bounded, because angles that repeat make the likelihood unbounded; and a uniform direction counts as so many rows in
+each cell, or one vehicle that turns where none did would cost thousands of nat.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, as_floats
+from dirprim_filter.arrays import FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import VonMisesMixture, von_mises
 from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.distributions.modes import NOISE, dbscan
@@ -23,7 +25,7 @@ from tessellation import GridTessellation
 EPS = 0.5
 """Radians, the reach of DBSCAN's neighbourhoods; scikit-learn's default."""
 MIN_SAMPLES = 5
-"""Of a core point; scikit-learn's default. A cell with fewer rows is uninformative."""
+"""Of a core point; scikit-learn's default."""
 MAX_MODES = 8
 MAX_ITERATIONS = 200
 TOLERANCE = 1e-6
@@ -32,7 +34,7 @@ TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DirectionalGridMap:
-    """A mixture of directions for each square; empty squares and places off the grid are uninformative.
+    """A mixture of directions for each square; off the grid all are as likely.
 
     Attributes:
         cells: the squares that hold data.
@@ -44,8 +46,14 @@ class DirectionalGridMap:
 
     @classmethod
     def fit(
-        cls, position: FloatArray, direction: FloatArray, *, cell_size: float, max_concentration: float
-    ) -> DirectionalGridMap:
+        cls,
+        position: FloatArray,
+        direction: FloatArray,
+        *,
+        cell_size: float,
+        max_concentration: float,
+        pseudo_count: float,
+    ) -> Self:
         """Fit every square's mixture to its rows.
 
         Args:
@@ -53,6 +61,7 @@ class DirectionalGridMap:
             direction: (n,) radians.
             cell_size: metres, the side of a square.
             max_concentration: bound of a mode's concentration.
+            pseudo_count: rows, positive, as which a uniform direction counts in each square.
 
         Raises:
             ValueError: shapes that do not fit, or no row.
@@ -64,7 +73,8 @@ class DirectionalGridMap:
         start = np.searchsorted(cell[order], np.arange(cells.n_cells + 1))
         label = _clusters(direction[order], start)
         own = _expectation_maximisation(direction[order], cell[order], label, cells.n_cells, max_concentration)
-        return cls(cells=cells, direction=_with_uniform(own, np.diff(start) >= MIN_SAMPLES))
+        share: FloatArray = pseudo_count / (np.diff(start, append=start[-1]) + pseudo_count)
+        return cls(cells=cells, direction=_with_uniform(own, share))
 
     def direction_log_density(self, position: FloatArray, direction: FloatArray) -> FloatArray:
         """Natural log of p(direction | position), per radian. (..., 2), (...) -> (...)."""
@@ -123,17 +133,14 @@ def _mode_log_density(mixture: VonMisesMixture, cell: IntArray, direction: Float
     return log_p
 
 
-def _with_uniform(own: VonMisesMixture, is_known: BoolArray) -> VonMisesMixture:
-    """The mixtures of known cells, a uniform direction for all others and, behind them, for no cell."""
-    n_modes = own.weight.shape[1]
-    known = np.append(is_known, False)[:, None]
-    only_first = np.eye(n_modes)[0]
+def _with_uniform(own: VonMisesMixture, share: FloatArray) -> VonMisesMixture:
+    """The cells' mixtures, and none behind them, each mixed with a uniform direction. share: (n_cells + 1,) its own."""
 
-    def column(values: FloatArray, uniform: FloatArray) -> FloatArray:
-        return np.where(known, np.vstack([values, np.zeros(n_modes)]), uniform)
+    def with_last(values: FloatArray) -> FloatArray:
+        return np.pad(values, ((0, 1), (0, 1)))
 
+    weight = with_last(own.weight) * (1.0 - share[:, None])
+    weight[:, -1] = share
     return VonMisesMixture(
-        weight=column(own.weight, only_first),
-        mean_direction=column(own.mean_direction, np.zeros(n_modes)),
-        concentration=column(own.concentration, np.zeros(n_modes)),
+        weight=weight, mean_direction=with_last(own.mean_direction), concentration=with_last(own.concentration)
     )

@@ -20,7 +20,7 @@ from dirprim_filter.distributions.product import (
     propose,
     sample_by_rejection,
 )
-from dirprim_filter.evaluation.cues import clearest_choice
+from dirprim_filter.evaluation.turn_signal import clearest_choice
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer.figures.page import (

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dirprim_filter.evaluation.cues import CueTable
-from dirprim_filter.evaluation.density import DensityScore, DensityTable
+from dirprim_filter.evaluation.density import DensityScore, DensityTable, clusters
+from dirprim_filter.evaluation.intervals import Interval
 from dirprim_filter.viewer.figures.page import DOTS_PER_INCH, LARGE, NORMAL, SMALL, dress, open_frame
 from dirprim_filter.viewer.layers import FOCUS_COLOR, OTHER_COLOR
 
@@ -21,9 +22,9 @@ ROW_HEIGHT = 0.3
 
 
 def density_table_figure(table: DensityTable) -> Figure:
-    """Table I: for each method the mean density and the mean log density of what held-out vehicles did.
+    """Table I: for each method the mean log density, with its interval, and the mean density of held-out motion.
 
-    Whiskers are one standard deviation of the folds' means. Our methods are coloured, the baselines grey.
+    Our methods are coloured, the baselines grey.
     """
     blocks: list[tuple[str, str, list[DensityScore | None]]] = [
         ("Direction", "1/rad", [row.direction for row in table.methods]),
@@ -33,16 +34,15 @@ def density_table_figure(table: DensityTable) -> Figure:
     depth = ROW_HEIGHT * (len(table.methods) + 1)
     figure = Figure(figsize=(11.0, 2.0 * depth + 1.9), dpi=DOTS_PER_INCH, layout="constrained")
     panels = figure.subplots(2, len(blocks), sharey=True)
-    for column, (title, unit, scores) in enumerate(blocks):
-        of_mean = [None if score is None else (score.mean, score.fold_std) for score in scores]
-        of_log = [None if score is None else (score.mean_log, score.fold_log_std) for score in scores]
-        best = max((score.mean_log for score in scores if score is not None), default=0.0)
-        upper, lower = panels[:, column]
-        _draw_scores(upper, table, of_mean, least=0.0)
-        _draw_scores(lower, table, of_log, least=best - WORST_SHOWN)
-        upper.set(xlabel=f"mean density [{unit}]", xlim=(-0.05 * upper.get_xlim()[1], None))
-        lower.set(xlabel=f"mean log density [nat], density in {unit}")
-        lower.set_xlim(left=max(lower.get_xlim()[0], best - 1.05 * WORST_SHOWN))
+    for (title, unit, scores), (upper, lower) in zip(blocks, panels.T, strict=True):
+        best = max((score.mean_log.value for score in scores if score is not None), default=0.0)
+        logs = [None if score is None else score.mean_log for score in scores]
+        _draw_scores(upper, table, logs, least=best - WORST_SHOWN)
+        means = [None if score is None else _without_interval(score.mean) for score in scores]
+        _draw_scores(lower, table, means, least=0.0)
+        upper.set(xlabel=f"mean log density [nat], density in {unit}")
+        upper.set_xlim(left=max(upper.get_xlim()[0], best - 1.05 * WORST_SHOWN))
+        lower.set(xlabel=f"mean density [{unit}]", xlim=(-0.05 * lower.get_xlim()[1], None))
         upper.set_title(title, loc="left", fontsize=LARGE)
     for axes in panels[:, 0]:
         axes.set_yticks(range(len(table.methods)), [row.name for row in table.methods], fontsize=NORMAL)
@@ -50,14 +50,18 @@ def density_table_figure(table: DensityTable) -> Figure:
     folds = f"{table.n_folds} {'fold' if table.n_folds == 1 else 'folds'}"
     figure.suptitle(
         f"{table.n_held_out:,} rows held out by {table.split_by} of {table.n_rows:,} rows and {table.n_vehicles:,} "
-        f"vehicles, in {folds}; right is better, whiskers: deviation of folds",
+        f"vehicles, in {folds}; right is better, whiskers: 95 % over {clusters(table)}",
         fontsize=NORMAL,
     )
     return figure
 
 
+def _without_interval(value: float) -> Interval:
+    return Interval(value, value, value, 0)
+
+
 def cue_table_figure(table: CueTable) -> Figure:
-    """Table II: the likelihood that prior, observation and posterior give to what vehicles did next."""
+    """Table II: the log density that prior, observation and posterior give to what vehicles did next."""
     figure = Figure(figsize=(7.0, 3.4), dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     kinds = (
@@ -65,31 +69,33 @@ def cue_table_figure(table: CueTable) -> Figure:
         ("Observed: own course", table.own_course),
     )
     for panel, (title, score) in zip(axes, kinds, strict=True):
-        bars = (("prior", table.prior, OTHER_COLOR), ("observation", score.observation, BASELINE_COLOR),
-                ("posterior", score.posterior, FOCUS_COLOR))  # fmt: skip
+        found = [of.mean_log for of in (table.prior, score.observation, score.posterior)]
         drawn = panel.bar(
-            [b[0] for b in bars], [b[1] / table.n_steps for b in bars], color=[b[2] for b in bars], width=0.6
-        )
+            ["prior", "observation", "posterior"], [log.value for log in found], width=0.6,
+            yerr=np.nan_to_num([log.half_width for log in found]), color=[OTHER_COLOR, BASELINE_COLOR, FOCUS_COLOR],
+        )  # fmt: skip
         panel.bar_label(drawn, fmt="%.2f", fontsize=SMALL, padding=2)
+        gain = score.log_gain
         panel.set_title(
-            f"{title}\n{score.gain:+.0%} per vehicle, {score.log_gain:+.2f} nat per step", loc="left", fontsize=NORMAL
-        )
+            f"{title}\nthe prior adds {gain.value:+.2f} nat ({gain.low:.2f} to {gain.high:.2f}) a step",
+            loc="left", fontsize=NORMAL,
+        )  # fmt: skip
         open_frame(panel)
         panel.tick_params(axis="x", labelsize=NORMAL, length=0)
-    axes[0].set_ylabel("mean density of the truth [1/rad]")
+    axes[0].set_ylabel("mean log density of the truth [nat]")
     return figure
 
 
-def _draw_scores(axes: Axes, table: DensityTable, scores: list[tuple[float, float] | None], *, least: float) -> None:
-    """A dot for each method that has such a score, with its whisker; an arrow for one that is below `least`."""
+def _draw_scores(axes: Axes, table: DensityTable, scores: list[Interval | None], *, least: float) -> None:
+    """A dot for each method that has such a score, with its interval; an arrow for one that is below `least`."""
     for row, (method, score) in enumerate(zip(table.methods, scores, strict=True)):
         if score is None:
             continue
         color = FOCUS_COLOR if method.name.startswith(OURS) else BASELINE_COLOR
-        mean, spread = score
+        mean, half = score.value, np.nan_to_num(score.half_width)
         shown = max(mean, least)
         if mean >= least:
-            axes.errorbar(mean, row, xerr=np.nan_to_num(spread), fmt="o", color=color, markersize=5, linewidth=1.2)
+            axes.errorbar(mean, row, xerr=half, fmt="o", color=color, markersize=5, linewidth=1.2)
         else:
             axes.plot(least, row, "<", color=color, markersize=6)
         label = f"{mean:.3g}" if abs(mean) < 1 else f"{mean:.2f}"
