@@ -79,16 +79,16 @@ def cues_text(table: CueTable, example: SignalExample) -> str:
         f"held out by {table.split_by}, {counted(table.n_folds, 'fold')}",
         "",
         table_line(
-            "", ["mean log density, nat", "prior adds, nat", "adds to the prior, nat", "mean density"], width=25
+            "", ["mean log density, nat", "prior adds, nat", "adds to the prior, nat", "mean density"], width=28
         ),
-        table_line("prior", [interval_text(table.prior.mean_log), "", "", f"{table.prior.mean:.3f}"], width=25),
+        table_line("prior", [interval_text(table.prior.mean_log), "", "", f"{table.prior.mean:.3f}"], width=28),
     ]
     for name, score in (("cell before", table.cell_before), ("own course", table.own_course)):
         alone, both = score.observation, score.posterior
         gains = [interval_text(score.log_gain), interval_text(score.over_prior)]
         lines += [
-            table_line(name, [interval_text(alone.mean_log), "", "", f"{alone.mean:.3f}"], width=25),
-            table_line(f"{name}, posterior", [interval_text(both.mean_log), *gains, f"{both.mean:.3f}"], width=25),
+            table_line(name, [interval_text(alone.mean_log), "", "", f"{alone.mean:.3f}"], width=28),
+            table_line(f"{name}, posterior", [interval_text(both.mean_log), *gains, f"{both.mean:.3f}"], width=28),
         ]
     lines += [
         "",
