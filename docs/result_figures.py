@@ -21,6 +21,63 @@ def trackers(output: str) -> dict[str, Any]:
     return {method["name"]: method | {"against": beside.get(method["name"], {})} for method in table["methods"]}
 
 
+def densities(output: str) -> dict[str, Any]:
+    """The methods of `evaluate density`."""
+    return {method["name"]: method for method in json.loads(output)["methods"]}
+
+
+def forecasts(output: str) -> dict[str, Any]:
+    """The methods of `evaluate forecast`, by horizon, and the least and greatest share in the 90 % region."""
+    rows = {}
+    for method in json.loads(output)["methods"]:
+        shares = [score["coverage_90"] for score in method["horizons"]]
+        by_horizon = {f"{score['horizon_s']:g}": score for score in method["horizons"]}
+        rows[method["name"]] = {
+            "energy": {horizon: score["energy"] for horizon, score in by_horizon.items()},
+            "less": {horizon: score["gain"] for horizon, score in by_horizon.items()},
+            "coverage": f"{min(shares):.2f} to {max(shares):.2f}" if shares else "",
+        }
+    return rows
+
+
+def cue_rows(output: str) -> dict[str, Any]:
+    """The two observations of `evaluate cues`, each with the prior."""
+    table = json.loads(output)["table"]
+    return {
+        name: table[key] | {"prior": table["prior"]}
+        for name, key in (("cell before", "cell_before"), ("own course", "own_course"))
+    }
+
+
+def mechanisms(output: str) -> dict[str, Any]:
+    """The mechanisms of the ablation, each with what it is worth on every scene."""
+    scenes = json.loads(output)["rows"]
+    names = dict.fromkeys(name for rows in scenes.values() for name in rows)
+    return {name: {scene: rows.get(name, {}) for scene, rows in scenes.items()} for name in names if name != "all on"}
+
+
+def worth(scene: str, **figures: tuple[float, int]) -> Callable[[Any], Figure]:
+    """Changes on a scene as a text, of each figure (its `_` are spaces) so many times, with so many decimals."""
+
+    def read(mechanism: Any) -> Figure:
+        texts = []
+        for name, (times, digits) in figures.items():
+            found = mechanism.get(scene, {}).get(name.replace("_", " "))
+            if found is not None:
+                text = f"{times * found['value']:+.{digits}f}"
+                texts.append(f"**{text}**" if found["low"] > 0 or found["high"] < 0 else text)
+        return " / ".join(texts)
+
+    return read
+
+
+def changes(row: Any) -> Figure:
+    """A row's difference with its interval."""
+    if row.get("difference") is None:
+        return None
+    return {"value": row["difference"], "low": row["low"], "high": row["high"]}
+
+
 def rows_of(output: str) -> dict[str, Any]:
     """Rows of a benchmark's JSON, by their names."""
     return dict(json.loads(output)["rows"])
@@ -83,5 +140,7 @@ def shown(figure: Figure, digits: int) -> str:
     low, high = figure["low"], figure["high"]
     if low is None or high is None:
         return f"{value:+,.{digits}f}"
+    if value == low == high == 0.0:  # a method beside itself
+        return ""
     text = f"{value:+,.{digits}f}"
     return f"{f'**{text}**' if low > 0 or high < 0 else text} ({low:+,.{digits}f} to {high:+,.{digits}f})"

@@ -12,18 +12,18 @@ from typing import Any
 from result_figures import (
     Entries,
     Figure,
-    coverages,
-    density,
-    energy,
+    changes,
+    cue_rows,
+    densities,
+    forecasts,
     group,
     mean_of,
-    methods,
-    most_in_a_group,
-    observations,
+    mechanisms,
     of_key,
     printed,
-    quantities,
     rows_of,
+    trackers,
+    worth,
 )  # fmt: skip
 
 
@@ -44,18 +44,11 @@ class Log:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """A column: its head, how a figure is read from a row's entry, and how it is shown.
-
-    Attributes:
-        best: "low" or "high" where the best of a run's rows is in bold, "row" where the highest of a row's columns is.
-        beside: how the second of two numbers is set.
-    """
+    """A column: its head, how a figure is read from a row's entry, and its decimals."""
 
     head: str
     read: Callable[[Any], Figure]
     digits: int = 2
-    best: str = ""
-    beside: str = " +- {}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,12 +60,14 @@ class Run:
         logs: names of `LOGS`.
         options: beyond those of the table; these may name logs too.
         entries: how its output is read, where that is not the table's way.
+        source: of the data, which the command reads by itself.
     """
 
     name: str
     logs: tuple[str, ...] = ()
     options: str = ""
     entries: Entries | None = None
+    source: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +78,6 @@ class Table:
         command: `{logs}` and `{options}` stand for the run's.
         entries: how output is read.
         of: the head over the names of the rows.
-        code: files and folders that the figures follow from.
         minutes: a run that takes longer is stopped, and its former figures stay.
     """
 
@@ -92,13 +86,12 @@ class Table:
     entries: Entries
     columns: tuple[Column, ...]
     of: str = "method"
-    code: tuple[str, ...]
-    minutes: float
+    minutes: float = 60
 
 
-PRIMITIVES = ("dirprim_filter/primitives", "dirprim_filter/distributions", "tessellation")
-FILTER = (*PRIMITIVES, "dirprim_filter/filtering")
-TRACKERS = '--method prior --method place-free --method "interacting models" --method "constant velocity"'
+TRACKERS = "".join(
+    f' --method "{name}"' for name in ("prior", "place-free", "one cell", "constant velocity", "interacting models")
+)
 DEATH_CIRCLE = ("death_circle_2.mcap", "death_circle_4.mcap")
 LOGGED = (
     Run(name="roundabout", logs=("roundabout.mcap",)),
@@ -138,56 +131,92 @@ LOGS: dict[str, Log] = {
 }  # fmt: skip
 
 TABLES: dict[str, Table] = {
+    "tracking": Table(
+        command=f"dirprim evaluate tracking {{logs}} --learn 0.9 --seeds 5 --smooth{TRACKERS} --json",
+        runs=LOGGED[:3],
+        entries=trackers,
+        columns=(
+            Column(head="RMSE in sight, m", read=mean_of("seen_rmse")),
+            Column(head="in gaps, m", read=mean_of("hidden_rmse")),
+            Column(head="NEES in sight", read=mean_of("seen_nees"), digits=1),
+            Column(head="in gaps", read=mean_of("hidden_nees"), digits=1),
+            Column(head="the map is nearer in sight, %", read=of_key("against", "in_sight", times=100.0), digits=0),
+            Column(head="in gaps, %", read=of_key("against", "in_gaps", times=100.0), digits=0),
+        ),
+    ),
+    "no_ids": Table(
+        command="dirprim evaluate tracking {logs} --no-ids --smooth --miss-rate 0.2 --false-per-frame 10 "
+        f"--particles 300{TRACKERS} {{options}} --json",
+        runs=(
+            Run(name="Lankershim", logs=("lankershim.mcap",), options="--learn 0.9 --gap 0 --seeds 5"),
+            Run(
+                name="Lankershim, out of sight for 3 s", logs=("lankershim.mcap",),
+                options="--learn 0.9 --gap 3 --seeds 5",
+            ),
+            *(
+                Run(name=f"dense {of}", logs=(f"{of}_track.mcap",), options=f"--map {of}_map.mcap --gap 0 --seeds 5")
+                for of in ("intersection", "highway")
+            ),
+        ),
+        entries=trackers,
+        columns=(
+            Column(head="HOTA", read=mean_of("hota"), digits=3),
+            Column(head="GOSPA per vehicle, m", read=mean_of("gospa")),
+            Column(head="switches", read=mean_of("switches"), digits=1),
+            Column(head="the map's HOTA less this", read=of_key("against", "hota"), digits=3),
+        ),
+    ),
+    "forecasts": Table(
+        command="dirprim evaluate forecast {logs} --folds 4 --horizon 1 --horizon 3 --horizon 5 --horizon 8 --json",
+        runs=(*LOGGED[:3], Run(name="Death Circle, video 2", logs=DEATH_CIRCLE[:1])),
+        entries=forecasts,
+        columns=(
+            Column(head="energy at 1 s, m", read=of_key("energy", "1")),
+            Column(head="at 5 s, m", read=of_key("energy", "5")),
+            *(Column(head=f"the map is nearer at {s} s, %", read=of_key("less", str(s), times=100.0), digits=0)
+              for s in (1, 3, 5, 8)),
+            Column(head="in the 90 % region", read=of_key("coverage")),
+        ),
+    ),
     "densities": Table(
         command="dirprim evaluate density {logs} --folds 4{options} --json",
         runs=(
             *LOGGED,
-            *(Run(name=f"{run.name}, random", logs=run.logs, options=" --split random") for run in LOGGED),
+            *(Run(name=f"{run.name}, random", logs=run.logs, options=" --split random") for run in LOGGED[:3]),
         ),
-        entries=quantities,
-        of="density of",
-        columns=tuple(
-            Column(head=head, read=density(method), best="row", digits=3, beside=" ({})")
-            for method, head in (
-                ("primitive, curved", "curved"), ("primitive, flat", "flat"), ("primitive, the paper's", "the paper's"),
-                ("DGM", "DGM"), ("GP", "GP"), ("place-free", "place-free"), ("uninformative", "uninformative"),
-            )
+        entries=densities,
+        columns=(
+            Column(head="direction, log", read=of_key("direction", "mean_log", "value"), digits=3),
+            Column(head="mean", read=of_key("direction", "mean")),
+            Column(head="speed, log", read=of_key("speed", "mean_log", "value"), digits=3),
+            Column(head="both, log", read=of_key("joint", "mean_log", "value"), digits=3),
+            Column(head="the map is ahead in direction, nat", read=of_key("direction", "behind")),
+            Column(head="in both, nat", read=of_key("joint", "behind")),
         ),
-        code=("dirprim_filter/evaluation/density.py", "dirprim_filter/evaluation/baselines", *PRIMITIVES),
-        minutes=20,
     ),
     "cues": Table(
-        command="dirprim evaluate cues {logs} --tessellation {options} --json",
-        runs=tuple(
-            Run(name=f"{run.name}, {cells}", logs=run.logs, options=cells)
-            for run in LOGGED[:2] for cells in ("grid", "joint")
-        ),
-        entries=observations,
+        command="dirprim evaluate cues {logs} --tessellation grid --json",
+        runs=LOGGED[:2],
+        entries=cue_rows,
         of="observation",
         columns=(
-            Column(head="prior", read=of_key("prior"), digits=0),
-            Column(head="observation", read=of_key("observation"), digits=0),
-            Column(head="posterior", read=of_key("posterior"), digits=0),
-            Column(head="gain per vehicle, %", read=lambda entry: 100 * entry["gain"], digits=0),
-            Column(head="of log, nat", read=of_key("log_gain")),
+            Column(head="observation, mean density", read=of_key("observation", "mean")),
+            Column(head="prior", read=of_key("prior", "mean")),
+            Column(head="posterior", read=of_key("posterior", "mean")),
+            Column(head="posterior over observation, nat", read=of_key("log_gain")),
+            Column(head="over prior, nat", read=of_key("over_prior")),
         ),
-        code=("dirprim_filter/evaluation/cues.py", *PRIMITIVES),
-        minutes=10,
     ),
     "exits": Table(
-        command="python tests/benchmarks/exits.py {logs} --seeds 1 --json",
+        command="python tests/benchmarks/exits.py {logs} --json",
         runs=LOGGED[:1],
         entries=rows_of,
-        of="seed",
-        columns=tuple(
-            Column(head=head, read=of_key(key), digits=digits)
-            for head, key, digits in (
-                ("vehicles", "vehicles", 0), ("instants", "instants", 0), ("no cue", "before", 3),
-                ("signal", "signal", 3), ("wrong side", "wrong", 3), ("the very turn", "exact", 3),
-            )
+        of="cue",
+        columns=(
+            Column(head="cross-entropy of the exit, nat", read=of_key("mean"), digits=3),
+            Column(head="less without a cue", read=changes, digits=3),
+            Column(head="vehicles", read=of_key("vehicles"), digits=0),
         ),
-        code=FILTER,
-        minutes=10,
     ),
     "cells": Table(
         command="python tests/benchmarks/joint_cells.py {logs} --no-field --json",
@@ -195,78 +224,38 @@ TABLES: dict[str, Table] = {
         entries=rows_of,
         of="cells",
         columns=(
-            Column(head="mean log density", read=of_key("mean"), digits=3, best="high"),
-            Column(head="deviation of folds", read=of_key("deviation"), digits=3),
+            Column(head="mean log density", read=of_key("mean"), digits=3),
             Column(head="cells", read=of_key("cells"), digits=0),
+            Column(head="joint, curved is ahead by, nat", read=changes, digits=3),
         ),
-        code=PRIMITIVES,
-        minutes=60,
     ),
-    "forecasts": Table(
-        command="dirprim evaluate forecast {logs} --folds 4 --horizon 1 --horizon 3 --horizon 5 --horizon 8 --json",
-        runs=(*LOGGED[:3], Run(name="Death Circle, video 2", logs=DEATH_CIRCLE[:1])),
-        entries=methods,
+    "ablation": Table(
+        command="python tests/benchmarks/ablation.py --part tracking --json",
+        runs=(Run(name="tracking"),),
+        entries=mechanisms,
+        of="without",
         columns=(
-            *(Column(head=f"{s} s", read=energy(s, to_last=True), digits=3, best="low") for s in (1, 3, 5, 8)),
-            Column(head="energy at 5 s, m", read=energy(5, to_last=False)),
-            Column(head="in the 90 % region", read=coverages, beside=" to {}"),
+            *(Column(head=scene, read=worth(scene, in_sight=(100.0, 1), in_gaps=(100.0, 1)))
+              for scene in ("roundabout", "intersection", "Lankershim")),
+            *(Column(head=scene, read=worth(scene, HOTA=(100.0, 2))) for scene in ("dense intersection", "dense highway")),
+            Column(head="misbehaviour", read=worth("misbehaviour", in_sight=(100.0, 1), lost=(100.0, 2))),
+            Column(head="Mcity", read=worth("Mcity", in_sight=(100.0, 1))),
+            Column(head="autoferry", read=worth("autoferry", HOTA=(100.0, 2))),
         ),
-        code=("dirprim_filter/evaluation/forecasting.py", "dirprim_filter/evaluation/forecast_cases.py",
-            "dirprim_filter/evaluation/forecast_methods.py", "dirprim_filter/evaluation/baselines", *PRIMITIVES,
-            "dirprim_filter/filtering/rollouts.py", "dirprim_filter/filtering/_interaction.py"),
-        minutes=30,
+        minutes=240,
     ),
-    "forecast_cells": Table(
-        command="python tests/benchmarks/forecast_cells.py {logs} --json",
-        runs=LOGGED[:3],
-        entries=methods,
-        of="cells",
-        columns=(
-            *(Column(head=f"{s} s", read=energy(s, to_last=True), digits=3, best="low") for s in (1, 3, 5, 8)),
-            Column(head="energy at 5 s, m", read=energy(5, to_last=False)),
+    "ablation_learning": Table(
+        command="python tests/benchmarks/ablation.py --part learning --json",
+        runs=(Run(name="learning"),),
+        entries=mechanisms,
+        of="without",
+        columns=tuple(
+            Column(head=scene, read=worth(
+                scene, density=(1.0, 3), energy_at_1_s=(100.0, 1), energy_at_5_s=(100.0, 1), in_gaps=(100.0, 1)
+            ))
+            for scene in ("roundabout", "intersection", "Lankershim")
         ),
-        code=("dirprim_filter/evaluation/forecasting.py", "dirprim_filter/evaluation/forecast_cases.py",
-            "dirprim_filter/evaluation/forecast_methods.py", *PRIMITIVES, "dirprim_filter/filtering/rollouts.py"),
-        minutes=30,
-    ),
-    "tracking": Table(
-        command=f"dirprim evaluate tracking {{logs}} --learn 0.9 --seeds 1 --smooth {TRACKERS} --json",
-        runs=LOGGED[:3],
-        entries=methods,
-        columns=(
-            Column(head="RMSE in sight, m", read=mean_of("seen_rmse"), best="low"),
-            Column(head="settled", read=mean_of("settled_rmse"), best="low"),
-            Column(head="in gaps", read=mean_of("hidden_rmse"), best="low"),
-            Column(head="NEES in sight", read=mean_of("seen_nees"), digits=1),
-            Column(head="in gaps", read=mean_of("hidden_nees"), digits=1),
-        ),
-        code=("dirprim_filter/evaluation", *FILTER),
-        minutes=20,
-    ),
-    "no_ids": Table(
-        command="dirprim evaluate tracking {logs} --no-ids --smooth --miss-rate 0.2 --false-per-frame 10 "
-        f'--particles 300 {TRACKERS} --method "raw detections" {{options}} --json',
-        runs=(
-            Run(name="Lankershim", logs=("lankershim.mcap",), options="--gap 0 --seeds 1"),
-            Run(name="Lankershim, out of sight for 3 s", logs=("lankershim.mcap",), options="--gap 3 --seeds 1"),
-            *(
-                Run(name=f"dense {of}", logs=(f"{of}_track.mcap",), options=f"--map {of}_map.mcap --gap 0 --seeds 3")
-                for of in ("intersection", "highway")
-            ),
-        ),
-        entries=methods,
-        columns=(
-            Column(head="HOTA", read=mean_of("hota"), digits=3, best="high"),
-            Column(head="DetA", read=mean_of("deta"), digits=3, best="high"),
-            Column(head="AssA", read=mean_of("assa"), digits=3, best="high"),
-            Column(head="GOSPA per vehicle, m", read=mean_of("gospa"), best="low"),
-            Column(head="missed, m2", read=mean_of("missed")),
-            Column(head="false, m2", read=mean_of("false")),
-            Column(head="switches", read=mean_of("switches"), digits=1, best="low"),
-            Column(head="most in a group", read=most_in_a_group("switches"), digits=0),
-        ),
-        code=("dirprim_filter/evaluation", *FILTER),
-        minutes=20,
+        minutes=240,
     ),
     "speed": Table(
         command="python tests/benchmarks/{options}",
@@ -298,8 +287,7 @@ TABLES: dict[str, Table] = {
         entries=printed(),
         of="what",
         columns=(Column(head="ours", read=group(0)), Column(head="rival", read=group(1))),
-        code=("dirprim_filter", "tessellation"),
         minutes=10,
     ),
 }  # fmt: skip
-"""Every table, by the name of its file in `results/`. A method that joins `evaluate tracking` joins `TRACKERS`."""
+"""Every table, by the name of its file in `results/`."""
