@@ -132,15 +132,13 @@ def shown(figure: Figure, digits: int) -> str:
         return figure or ""
     if not isinstance(figure, Mapping):
         return f"{figure:,.{digits}f}"
-    value = figure["value"]
-    if value is None:
+    value, low, high = (figure.get(name) for name in ("value", "low", "high"))
+    if value is None or value == low == high:  # of a method beside itself nothing is to be said
         return ""
     if "deviation" in figure:
         return f"{value:,.{digits}f} ± {figure['deviation']:,.{digits}f}"
-    low, high = figure["low"], figure["high"]
-    if low is None or high is None:
-        return f"{value:+,.{digits}f}"
-    if value == low == high == 0.0:  # a method beside itself
-        return ""
     text = f"{value:+,.{digits}f}"
-    return f"{f'**{text}**' if low > 0 or high < 0 else text} ({low:+,.{digits}f} to {high:+,.{digits}f})"
+    if low is not None and high is not None:
+        bold = f"**{text}**" if low > 0 or high < 0 else text
+        text = f"{bold} ({low:+,.{digits}f} to {high:+,.{digits}f})"
+    return text

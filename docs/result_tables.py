@@ -237,7 +237,8 @@ TABLES: dict[str, Table] = {
         columns=(
             *(Column(head=scene, read=worth(scene, in_sight=(100.0, 1), in_gaps=(100.0, 1)))
               for scene in ("roundabout", "intersection", "Lankershim")),
-            *(Column(head=scene, read=worth(scene, HOTA=(100.0, 2))) for scene in ("dense intersection", "dense highway")),
+            *(Column(head=scene, read=worth(scene, HOTA=(100.0, 2)))
+              for scene in ("dense intersection", "dense highway")),
             Column(head="misbehaviour", read=worth("misbehaviour", in_sight=(100.0, 1), lost=(100.0, 2))),
             Column(head="Mcity", read=worth("Mcity", in_sight=(100.0, 1))),
             Column(head="autoferry", read=worth("autoferry", HOTA=(100.0, 2))),
