@@ -12,6 +12,7 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.config import FilterConfig
+from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.experiment import held_out
 from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.evaluation.forecast_methods import futures_in_worlds, futures_of
@@ -19,6 +20,7 @@ from dirprim_filter.evaluation.forecasting import SCORES, score_cases
 from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+from dirprim_filter.filtering import Tracker
 from dirprim_filter.filtering.tracker import bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.recording.tables import read_csv
@@ -239,6 +241,85 @@ def misbehaviour(seed: int) -> Simulated:
     )
 
 
+@dataclass
+class Drives:
+    """Mcity's detections of four drives, each by a sensor and a map of the others."""
+
+    seed: int
+
+    def learned(self) -> None:
+        """Each drive has a map of its own."""
+
+    def tracked(self, _: None, off: Any) -> Outcome:
+        """Errors of the true positions that have an estimate."""
+        import mcity_drives as mcity
+
+        parts = []
+        for drive in mcity.WITH_TRUTH:
+            sensor = mcity.calibrated(drive)
+            if off.white:
+                axes = {"along": replace(sensor.along, correlated_share=0.0)}
+                sensor = replace(sensor, **axes, across=replace(sensor.across, correlated_share=0.0))
+            config, tracking = mcity.configured(sensor)
+            tracker = Tracker(
+                mcity.maps(drive, self.seed)[0], config=replace(config, **off.filter), sensor=sensor,
+                tracking=replace(tracking, **off.tracking), rng=np.random.default_rng(self.seed),
+            )  # fmt: skip
+            seen = Detections.of(mcity.detected(drive))
+            parts.append(_of_keys(mcity.tracked(seen, tracker), mcity.true(drive), seen.time_ns, mcity.GATE_M, drive))
+        return {"in sight": _joined([part["in sight"] for part in parts]),
+                "NEES in sight": _joined([part["NEES in sight"] for part in parts])}  # fmt: skip
+
+
+@dataclass
+class Harbour:
+    """Autoferry's radar and lidar together, each scenario with a map of the others, without ids."""
+
+    seed: int
+
+    def learned(self) -> None:
+        """Each scenario has a map of its own."""
+
+    def tracked(self, _: None, off: Any) -> Outcome:
+        """HOTA of each scenario, and errors of the true positions that have an estimate."""
+        import autoferry_scenarios as ferry
+        from real_sensors import points_of
+
+        parts, hotas = [], []
+        for number in ferry.SCENARIOS:
+            scenario = ferry.Scenario.of(number, ferry.SENSORS["both"])
+            scenario = scenario._replace(
+                config=replace(scenario.config, **off.filter), tracking=replace(scenario.tracking, **off.tracking)
+            )
+            model = bayes_filter_of(ferry.maps(number, self.seed)[0], scenario.config, None)
+            if off.strip is not None:
+                off.strip(model)
+            found = ferry.nearby(scenario.tracked(model, self.seed), number)
+            hotas.append(points_of(found, number, scenario.instants)[0])
+            parts.append(_of_keys(found, ferry.true(number), scenario.instants, ferry.SIMILARITY_M, number))
+        names = np.array(list(map(str, ferry.SCENARIOS)))
+        return {"HOTA": Figure(names, np.array(hotas))} | {
+            name: _joined([part[name] for part in parts]) for name in ("in sight", "NEES in sight")
+        }
+
+
+def _of_keys(found: Any, truth: Tracks, time_ns: AnyArray, gate_m: float, cluster: int) -> Outcome:
+    """Errors of every true position at some instants, NaN where no estimate is near."""
+    from paired_errors import RowErrors as Near
+    from paired_errors import true_rows
+
+    keys, near = true_rows(truth, time_ns)[1], Near.of(found, truth, gate_m=gate_m)
+    squared, normalised = np.full((2, keys.size), np.nan)
+    _, at, of = np.intersect1d(keys, near.key, return_indices=True)
+    squared[at], normalised[at] = near.squared[of], near.normalised[of]
+    names = np.full(keys.size, str(cluster))
+    return {"in sight": Figure(names, squared), "NEES in sight": Figure(names, normalised)}
+
+
+def _joined(parts: list[Figure]) -> Figure:
+    return Figure(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
 SCENES: dict[str, Callable[[int], Any]] = {
     "roundabout": town("roundabout"),
     "intersection": town("intersection"),
@@ -246,4 +327,6 @@ SCENES: dict[str, Callable[[int], Any]] = {
     "dense intersection": dense("intersection", 2.2),
     "dense highway": dense("highway", 2.5),
     "misbehaviour": misbehaviour,
+    "Mcity": Drives,
+    "autoferry": Harbour,
 }

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from mcity_drives import one_cell
-from paired_errors import RowErrors, climbed
+from paired_errors import RowErrors, likeliest
 
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.arrays import IntArray
@@ -170,16 +169,18 @@ def log_density(scenario: int, sensors: tuple[str, ...], acceleration: float, no
 
 def fitted(sensors: tuple[str, ...], without: int) -> tuple[float, ...]:
     """Acceleration, and factor of the noise, under which the truth of all scenarios but one is likeliest."""
-    return climbed(
-        lambda at: sum(log_density(other, sensors, *at) for other in SCENARIOS if other != without), (0.1, 1.0)
-    )
+    return likeliest(
+        lambda at: sum(log_density(other, sensors, *at) for other in SCENARIOS if other != without),
+        acceleration=0.1, noise_factor=1.0,
+    )  # fmt: skip
 
 
 @cache
 def maps(scenario: int, seed: int) -> tuple[PrimitiveMap, PrimitiveMap]:
     """Of the other scenarios' true tracks, and the same with one cell."""
     others = Tracks.concatenate([true(other) for other in SCENARIOS if other != scenario])
-    return learn_primitives(others, rng=np.random.default_rng(seed)), one_cell(others, seed)
+    learned = learn_primitives(others, rng=np.random.default_rng(seed))
+    return learned, learn_primitives(others, tessellation="grid", n_cells=1, rng=np.random.default_rng(seed))
 
 
 def methods(scenario: int, sensors: tuple[str, ...]) -> Iterator[tuple[str, Run]]:

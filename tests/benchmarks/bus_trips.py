@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from mcity_drives import one_cell
-from paired_errors import climbed
+from paired_errors import likeliest
 
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
@@ -132,9 +131,10 @@ def maps(seed: int) -> dict[str, PrimitiveMap]:
     fold = list(folds())[seed]
     kept = fold.train.tracks()
     with_map = learn_primitives(kept, rng=np.random.default_rng(seed))
+    one_cell = learn_primitives(kept, tessellation="grid", n_cells=1, rng=np.random.default_rng(seed))
     filled = learn_primitives(fold.train.filled().tracks(), rng=np.random.default_rng(seed))
     return {
-        "with the map": with_map, "without the map": with_map.without_places(), "one cell": one_cell(kept, seed),
+        "with the map": with_map, "without the map": with_map.without_places(), "one cell": one_cell,
         "with the map, trips filled": filled, "without the map, trips filled": filled.without_places(),
     }  # fmt: skip
 
@@ -157,7 +157,7 @@ def log_density(learned: PrimitiveMap, rows: Tracks) -> FloatArray:
 
 def densities() -> tuple[IntArray, dict[str, FloatArray]]:
     """The trip of each held-out row, and its log density by each method; the flat grid's size is best in hindsight."""
-    (size,) = climbed(lambda at: float(sum(flat_grid(i, at[0]).sum() for i in range(N_FOLDS))), (20.0,))
+    (size,) = likeliest(lambda at: float(sum(flat_grid(i, at[0]).sum() for i in range(N_FOLDS))), cell_size=20.0)
     trips, found = [], {}
     for fold in folds():
         rows = moving(fold.test.tracks())

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from paired_errors import RowErrors, climbed
+from paired_errors import RowErrors, likeliest
 
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.cli.results import read_filter
@@ -28,7 +28,6 @@ from dirprim_filter.recording.tables import read_json
 from dirprim_filter.recording.transforms.geodesy import Origin
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import Sensor, without_bias
-from tessellation import GridTessellation
 
 DATA = Path(__file__).parents[2] / "../shared/data/mcity_roadside"
 ORIGIN = Origin.parse("42.300947,-83.698649")
@@ -74,13 +73,6 @@ def calibrated(without: int) -> Sensor:
     """The sensor by the truth of all drives but one."""
     drives = [drive for drive in WITH_TRUTH if drive != without]
     return calibrate(Detections.of(in_one_world(map(detected, drives))), in_one_world(map(true, drives))).sensor
-
-
-def one_cell(tracks: Tracks, seed: int) -> PrimitiveMap:
-    """The same learning with a single cell for all places; a grid of `n_cells=1` has up to four about its origin."""
-    low, side = tracks.position.min(axis=0) - 10.0, float(np.ptp(tracks.position, axis=0).max()) + 20.0
-    cell = GridTessellation(origin=low, cell_size=side, n_x=1, n_y=1, square=np.array([0]))
-    return learn_primitives(tracks, tessellation=cell, rng=np.random.default_rng(seed))
 
 
 def tracked(seen: Detections, tracker: Tracker) -> Estimates:
@@ -161,9 +153,9 @@ def fitted(without: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     def likelihood(model: str) -> Callable[[tuple[float, ...]], float]:
         return lambda at: sum(log_density(drive, model, *at) for drive in WITH_TRUTH if drive != without)
 
-    straight = climbed(likelihood("constant velocity"), (0.5, 1.0))
+    straight = likeliest(likelihood("constant velocity"), acceleration=0.5, noise=1.0)
     of_turns = likelihood("interacting models")
-    turning = climbed(lambda at: of_turns((straight[0], *at)), (straight[1], 0.03))
+    turning = likeliest(lambda at: of_turns((straight[0], *at)), noise=straight[1], turn=0.03)
     return straight, (straight[0], *turning)
 
 
@@ -173,7 +165,8 @@ def maps(drive: int, seed: int) -> tuple[PrimitiveMap, PrimitiveMap, PrimitiveMa
     others = [detected(other) for other in DRIVES if other != drive]
     fair = in_one_world(without_bias(of, calibrated(drive)) for of in others)
     rng = np.random.default_rng(seed)
-    return learn_primitives(fair, rng=rng), one_cell(fair, seed), learn_primitives(in_one_world(others), rng=rng)
+    one_cell = learn_primitives(fair, tessellation="grid", n_cells=1, rng=np.random.default_rng(seed))
+    return learn_primitives(fair, rng=rng), one_cell, learn_primitives(in_one_world(others), rng=rng)
 
 
 def methods(drive: int) -> Iterator[tuple[str, Method]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,12 +13,12 @@ from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.calibration.pairing import Scene
 from dirprim_filter.evaluation.intervals import Interval, interval, mean
-from dirprim_filter.evaluation.tracking import coverage, normalised_squared
+from dirprim_filter.evaluation.settings import LEAST_GAIN, Axis, choose
+from dirprim_filter.evaluation.tracking_report import coverage, normalised_squared
 from dirprim_filter.tracks import Tracks
 
 LOG_OUTLIER = float(np.log(1e-3 / 100.0**2))
 """Of a true position that an estimate does not explain, or that has none: as likely as the filters' outliers."""
-STEP = 2.0
 GAIN = 0.5
 """Nat: a parameter that goes to nothing is followed no farther than it matters."""
 
@@ -174,13 +173,8 @@ def _side_by_side(
         yield a, b, np.intersect1d(np.intersect1d(a.key, b.key), keys)
 
 
-def climbed(log_likelihood: Callable[[tuple[float, ...]], float], first: Sequence[float]) -> tuple[float, ...]:
-    """The likeliest of a grid without bounds: parameters go up or down by `STEP` until no such step gains `GAIN`."""
-    value = cache(log_likelihood)
-    best = tuple(first)
-    while True:
-        near = [(*best[:i], best[i] * by, *best[i + 1 :]) for i in range(len(best)) for by in (1.0 / STEP, STEP)]
-        likelier = max(near, key=value)
-        if value(likelier) <= value(best) + GAIN:
-            return best
-        best = likelier
+def likeliest(log_likelihood: Callable[[tuple[float, ...]], float], **start: float) -> tuple[float, ...]:
+    """The parameters of greatest likelihood, from these on, on a grid that widens until none beside gains `GAIN`."""
+    axes = [Axis(name, value) for name, value in start.items()]
+    found = choose(axes, lambda at: log_likelihood(at) * LEAST_GAIN / GAIN)
+    return tuple(of.chosen for of in found)

@@ -39,7 +39,9 @@ import mcity_drives as mcity
 import numpy as np
 from paired_errors import Figures, RowErrors, less_error, true_rows
 
+from dirprim_filter.arrays import IntArray
 from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.intervals import (
     Interval,
     clustered,
@@ -51,6 +53,7 @@ from dirprim_filter.evaluation.intervals import (
 from dirprim_filter.evaluation.metrics.clear_mot import clear_mot
 from dirprim_filter.evaluation.metrics.comparison import Comparison
 from dirprim_filter.evaluation.metrics.hota import hota
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
 
 WITH, WITHOUT, STRAIGHT = "with the map", "without the map", "constant velocity"
 FEWEST = 20
@@ -164,13 +167,23 @@ def of_autoferry(n_seeds: int) -> list[Table]:
     return [_of_sensors(name, sensors, n_seeds) for name, sensors in ferry.SENSORS.items()]
 
 
+def points_of(found: Estimates, scenario: int, instants: IntArray) -> tuple[float, float]:
+    """HOTA and identity switches of a scenario."""
+    truth = true_rows(ferry.true(scenario), instants)[0]
+    beside = Comparison.of(truth, TrackedRows.of(found, group=scenario), reach_m=ferry.SIMILARITY_M)
+    return (
+        hota(beside, similarity_m=ferry.SIMILARITY_M).hota,
+        clear_mot(beside, similarity_m=ferry.SIMILARITY_M).switches,
+    )
+
+
 def _of_sensors(what: str, sensors: tuple[str, ...], n_seeds: int) -> Table:
     runs: dict[str, dict[int, list[RowErrors]]] = {}
     tracks: dict[str, dict[int, list[float]]] = {}
     keys: dict[int, Any] = {}
     for scenario in ferry.SCENARIOS:
         scene = ferry.Scenario.of(scenario, sensors)
-        truth, keys[scenario] = true_rows(ferry.true(scenario), scene.instants)
+        keys[scenario] = true_rows(ferry.true(scenario), scene.instants)[1]
         raw = RowErrors.of(scene.seen, ferry.true(scenario), gate_m=ferry.GATE_M)
         runs.setdefault("raw", {})[scenario] = [raw]
         for name, run in ferry.methods(scenario, sensors):
@@ -178,14 +191,7 @@ def _of_sensors(what: str, sensors: tuple[str, ...], n_seeds: int) -> Table:
                 found = ferry.nearby(run(seed), scenario)
                 errors = RowErrors.of(found, ferry.true(scenario), gate_m=ferry.SIMILARITY_M)
                 runs.setdefault(name, {}).setdefault(scenario, []).append(errors)
-                beside = Comparison.of(
-                    truth, track_id=found.track_id, time_ns=found.time_ns, position=found.position,
-                    group=np.full(len(found), scenario), reach_m=ferry.SIMILARITY_M,
-                )  # fmt: skip
-                scores = [
-                    hota(beside, similarity_m=ferry.SIMILARITY_M).hota,
-                    clear_mot(beside, similarity_m=ferry.SIMILARITY_M).switches,
-                ]
+                scores = points_of(found, scenario, scene.instants)
                 tracks.setdefault(name, {}).setdefault(scenario, []).append(scores)
     table = Table(
         f"autoferry, {what}: {n_seeds} seeds, HOTA with similarity 0 from {ferry.SIMILARITY_M:g} m, RMSE in metres"
