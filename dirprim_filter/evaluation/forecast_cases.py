@@ -1,13 +1,19 @@
-"""Instants of held-out tracks from which forecasts are made, and what came after."""
+"""Instants of held-out tracks from which forecasts are made, and what came after.
+
+Courses and speeds of a log are central differences, which look ahead. Here they follow from what was seen until then.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.course import HALF_WINDOWS_S, MAX_GAP_S, STANDING_M
+from dirprim_filter.distributions.angles import difference
 from dirprim_filter.instants import Instants
 from dirprim_filter.track_ids import world_names
 from dirprim_filter.tracks import Tracks
@@ -18,20 +24,24 @@ MAX_STARTS = 8
 """Of a vehicle: that one which waits for minutes does not outweigh all others."""
 MAX_MATCH_S = 0.25
 """Between rows further from an instant than this, where the vehicle was is not known."""
+PAST_NS = int(HALF_WINDOWS_S[0] * 1e9)
+"""A vehicle's motion is its move over so long before, or since the row before where rows are further apart."""
+MOVES_M = 0.5 * STANDING_M
+"""A shorter move has no course."""
 
 
 class Cases(NamedTuple):
     """Instants from which forecasts are made, and what came after.
 
     Attributes:
-        vehicle: (n,) number of the vehicle, (group, id), among those forecast.
+        vehicle: (n,) number of the vehicle, (group, id), among those of the log.
         name: (n,) str, the vehicle's id, with its group's: the same whichever vehicles it is forecast with.
         group: (n,) the vehicle's.
         position: (n, 2) metres.
-        direction: (n,) radians.
-        speed: (n,) m/s.
+        direction: (n,) radians, by no later row than the instant's: `seen_so_far`.
+        speed: (n,) m/s, likewise.
         later: (n, n_horizons, 2) metres, where the vehicle was that much later; NaN where the log does not say.
-        around: all vehicles that were there at the instants, those that are not forecast too.
+        around: all vehicles that were there at the instants, those that are not forecast too, likewise.
         at: (n,) which row of these each case is.
     """
 
@@ -53,53 +63,74 @@ class Cases(NamedTuple):
 
         `among` are all vehicles of the log, of which `tracks` are some; left out, there are no others.
         """
-        vehicle = tracks.vehicle
-        order = np.lexsort((tracks.time_ns, vehicle))
-        first = np.searchsorted(vehicle[order], np.arange(tracks.n_tracks + 1))
-        starts: list[IntArray] = []
-        later: list[FloatArray] = []
-        for v in range(first.size - 1):
-            rows = order[first[v] : first[v + 1]]
-            time_s = (tracks.time_ns[rows] - tracks.time_ns[rows[0]]) * 1e-9
-            at = _spread(time_s, horizon_s=min(horizons_s))
+        log, is_known = seen_so_far(tracks if among is None else among)
+        vehicle, first = log.vehicle, log.first_rows
+        names = world_names(log.track_id[first], log.group[first])
+        own = world_names(tracks.track_id[tracks.first_rows], tracks.group[tracks.first_rows])
+        order = np.lexsort((log.time_ns, vehicle))
+        begin = np.searchsorted(vehicle[order], np.arange(names.size + 1))
+        starts, later = [np.empty(0, np.int64)], [np.empty((0, len(horizons_s), 2))]
+        for v in np.flatnonzero(np.isin(names, own)):
+            rows = order[begin[v] : begin[v + 1]]
+            time_s = (log.time_ns[rows] - log.time_ns[rows[0]]) * 1e-9
+            at = _spread(time_s, is_known[rows], horizon_s=min(horizons_s))
             starts.append(rows[at])
-            wanted = time_s[at][:, None] + np.asarray(horizons_s)
-            later.append(_position_at(wanted, time_s, tracks.position[rows]))
+            later.append(_position_at(time_s[at][:, None] + np.asarray(horizons_s), time_s, log.position[rows]))
         row = np.concatenate(starts)
-        around, at = _around(tracks, row, tracks if among is None else among)
+        instant, which = np.unique(np.column_stack([log.group[row], log.time_ns[row]]), axis=0, return_inverse=True)
+        around = Instants.of(log[is_known], instant[:, 0], instant[:, 1])
+        number = np.searchsorted(np.unique(vehicle[is_known]), vehicle[row])  # among those of which any motion is known
         return cls(
-            vehicle=np.asarray(vehicle[row], np.int64),
-            name=world_names(tracks.track_id[row], tracks.group[row]),
-            group=tracks.group[row],
-            position=tracks.position[row],
-            direction=tracks.direction[row],
-            speed=tracks.speed[row],
-            later=np.concatenate(later),
-            around=around,
-            at=at,
-        )
+            vehicle=np.asarray(vehicle[row], np.int64), name=names[vehicle[row]], group=log.group[row],
+            position=log.position[row], direction=log.direction[row], speed=log.speed[row],
+            later=np.concatenate(later), around=around, at=around.rows_of(which.ravel(), number),
+        )  # fmt: skip
 
 
-def _around(tracks: Tracks, row: IntArray, among: Tracks) -> tuple[Instants, IntArray]:
-    """Who is there at the instants of some rows of `tracks`, and which of these each row is."""
-    when = np.column_stack([tracks.group[row], tracks.time_ns[row]])
-    instant, which = np.unique(when, axis=0, return_inverse=True)
-    around = Instants.of(among, instant[:, 0], instant[:, 1])
-    vehicle, first = np.unique(among.vehicle, return_index=True)
-    names = world_names(among.track_id[first], among.group[first])
-    by_name = np.argsort(names)
-    own = np.searchsorted(names, world_names(tracks.track_id[row], tracks.group[row]), sorter=by_name)
-    return around, around.rows_of(which.ravel(), vehicle[by_name[own]])
+def seen_so_far(tracks: Tracks) -> tuple[Tracks, BoolArray]:
+    """The tracks with each row's course and speed by the vehicle's rows until then, and (n,) where these suffice.
+
+    A move over `PAST_NS` is as old as its middle, which is recent. Where rows are further apart it is not: there its
+    course and speed go on to change until now as they did since the move before, which is exact on an arc at constant
+    acceleration. A vehicle that stands keeps its last course; one that has not moved yet has its heading.
+    """
+    vehicle = tracks.vehicle
+    order = np.lexsort((tracks.time_ns, vehicle))
+    time_ns, position, row = tracks.time_ns[order], tracks.position[order], np.arange(order.size)
+    step_ns = np.diff(time_ns, prepend=0)
+    begins = (np.diff(vehicle[order], prepend=-1) != 0) | (step_ns > int(MAX_GAP_S * 1e9))
+    first = np.maximum.accumulate(np.where(begins, row, 0))
+    axis = np.cumsum(np.where(begins, 2 * PAST_NS, step_ns))  # one search serves all pieces
+    before = np.maximum(first, np.minimum(np.searchsorted(axis, axis - PAST_NS), row - 1))
+    span_ns = axis - axis[before]
+    move = position - position[before]
+    length, course = np.hypot(*move.T), np.arctan2(move[:, 1], move[:, 0])
+    speed = length / np.maximum(span_ns * 1e-9, 1e-9)
+    moves = length >= MOVES_M
+    is_sparse = span_ns > PAST_NS
+    has_two = before > first
+    share = np.where(is_sparse & has_two, span_ns / np.maximum(span_ns + span_ns[before], 1), 0.0)
+    turned = np.where(moves & moves[before], difference(course, course[before]), 0.0)
+    course = course + share * turned
+    speed = np.maximum(speed + share * (speed - speed[before]), 0.0)
+    moved = np.maximum.accumulate(np.where(moves, row, -1))
+    heading = tracks.heading[order]
+    own = np.where(np.isnan(heading), course, heading)
+    columns = np.empty((2, row.size))
+    columns[:, order] = np.where(moved >= first, course[moved], own), speed
+    is_known = np.empty(row.size, np.bool_)
+    is_known[order] = (axis - axis[first] >= PAST_NS) & (has_two | ~is_sparse)
+    return replace(tracks, direction=columns[0], speed=columns[1]), is_known
 
 
-def _spread(time_s: FloatArray, *, horizon_s: float) -> IntArray:
-    """Rows at which to start, so that at least the nearest horizon is seen."""
-    last = time_s[-1] - horizon_s
-    if last < 0:
-        return np.empty(0, np.int64)
-    instants = np.arange(0.0, last + 1e-6, START_EVERY_S)
+def _spread(time_s: FloatArray, is_known: BoolArray, *, horizon_s: float) -> IntArray:
+    """Rows of known motion at which to start, so that at least the nearest horizon is seen."""
+    possible = np.flatnonzero(is_known & (time_s <= time_s[-1] - horizon_s + 1e-6))
+    if not possible.size:
+        return possible
+    instants = np.arange(time_s[possible[0]], time_s[possible[-1]] + 1e-6, START_EVERY_S)
     chosen = np.unique(np.linspace(0, instants.size - 1, min(instants.size, MAX_STARTS)).round().astype(np.int64))
-    return np.unique(np.searchsorted(time_s, instants[chosen] - 1e-6)).astype(np.int64)
+    return possible[np.unique(np.searchsorted(time_s[possible], instants[chosen] - 1e-6))]
 
 
 def _position_at(wanted: FloatArray, time_s: FloatArray, position: FloatArray) -> FloatArray:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,37 +12,51 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.search import Searched
 from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
 
 SampleFutures = Callable[[Cases, int, np.random.Generator], FloatArray]
 """Cases, number of samples -> (n, n_samples, n_horizons, 2) metres."""
-Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, SampleFutures]]
+
+
+class Forecaster(NamedTuple):
+    """A method that was fitted.
+
+    Attributes:
+        sample: forecasts.
+        settings: what was searched for, by name; empty where nothing was.
+    """
+
+    sample: SampleFutures
+    settings: Mapping[str, Searched] = MappingProxyType({})
+
+
+Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Forecaster]]
 """Learns from tracks to forecast to some horizons, seconds: one or more rows of the table, by name."""
 
 
-def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
+def by_map(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
     """The map as it is learned by default, and the same without its cells."""
     return _rows(learn_primitives(train, rng=rng), horizons_s)
 
 
-def _rows(learned: PrimitiveMap, horizons_s: tuple[float, ...]) -> dict[str, SampleFutures]:
-    return {"prior": futures_of(learned, horizons_s), "place-free": futures_of(learned.without_places(), horizons_s)}
+def _rows(learned: PrimitiveMap, horizons_s: tuple[float, ...]) -> dict[str, Forecaster]:
+    maps = {"prior": learned, "place-free": learned.without_places()}
+    return {name: Forecaster(futures_of(of, horizons_s)) for name, of in maps.items()}
 
 
-def by_map_and_leaders(
-    train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator
-) -> dict[str, SampleFutures]:
+def by_map_and_leaders(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
     """The same, and the map with vehicles that respond to the vehicle ahead."""
     learned = learn_primitives(train, rng=rng)
-    return _rows(learned, horizons_s) | {"prior, leaders": futures_in_worlds(learned, horizons_s)}
+    return _rows(learned, horizons_s) | {"prior, leaders": Forecaster(futures_in_worlds(learned, horizons_s))}
 
 
-def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, SampleFutures]:
+def by_one_cell(train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator) -> dict[str, Forecaster]:
     """The same learning with a single cell for all places: the negative control. What is left owes nothing to cells."""
     learned = learn_primitives(train, tessellation="grid", n_cells=1, rng=rng)
-    return {"one cell": futures_of(learned, horizons_s)}
+    return {"one cell": Forecaster(futures_of(learned, horizons_s))}
 
 
 def futures_of(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]) -> SampleFutures:
@@ -76,20 +92,20 @@ def futures_in_worlds(primitive_map: PrimitiveMap, horizons_s: tuple[float, ...]
 
 def by_trajectory_memory(
     train: Tracks, horizons_s: tuple[float, ...], rng: np.random.Generator
-) -> dict[str, SampleFutures]:
+) -> dict[str, Forecaster]:
     """Each vehicle goes on as a training vehicle that moved like it at this place."""
-    memory = TrajectoryMemory.of(train).chosen(rng=rng)
+    memory, settings = TrajectoryMemory.of(train).chosen(Cases.of(train, horizons_s=horizons_s), horizons_s, rng=rng)
 
     def sample(cases: Cases, n_samples: int, rng: np.random.Generator) -> FloatArray:
         now = States(cases.position, cases.direction, cases.speed)
         return memory.sample(now, time_s=np.asarray(horizons_s), n_samples=n_samples, rng=rng)
 
-    return {"trajectory memory": sample}
+    return {"trajectory memory": Forecaster(sample, settings)}
 
 
 def by_constant_velocity(
     train: Tracks, horizons_s: tuple[float, ...], _rng: np.random.Generator
-) -> dict[str, SampleFutures]:
+) -> dict[str, Forecaster]:
     """On as now, with Gaussian errors along the way and across it as large as the training vehicles' at each horizon.
 
     Fitted to each horizon by itself, not to the changes from one row to the next: those are smooth, and white
@@ -104,7 +120,7 @@ def by_constant_velocity(
         drawn = std * rng.standard_normal((cases.speed.size, n_samples, *std.shape))
         return np.asarray(_straight_on(cases, horizons_s)[:, None] + _turned(drawn, cases.direction))
 
-    return {"constant velocity": sample}
+    return {"constant velocity": Forecaster(sample)}
 
 
 def _straight_on(cases: Cases, horizons_s: Sequence[float]) -> FloatArray:

@@ -26,7 +26,7 @@ PANELS = {
 """Title of each panel, and the figures of a report that its bars show."""
 
 FORECAST_PANELS = {
-    "energy score, m": "energy", "best of 20, m": "best_of_20", "mean to truth, m": "fde",
+    "energy score, m": "energy", "first is ahead by, %": "gain", "mean to truth, m": "fde",
     "90 % regions hold": "coverage_90",
 }  # fmt: skip
 COVERAGE = 0.9
@@ -42,23 +42,25 @@ LINE_STYLES = (
 
 
 def forecast_chart(table: ForecastTable) -> Figure:
-    """A panel for each figure, a line for each method over the seconds ahead; whiskers are standard errors."""
+    """A panel for each figure, a line for each method over the seconds ahead; whiskers are 95 % intervals."""
     figure = Figure(figsize=(3.2 * len(FORECAST_PANELS), 3.7), dpi=DOTS_PER_INCH, layout="constrained")
     panels = figure.subplots(1, len(FORECAST_PANELS))
     for axes, (title, name) in zip(panels, FORECAST_PANELS.items(), strict=True):
         for k, row in enumerate(table.methods):
             color, dashes, mark = LINE_STYLES[k % len(LINE_STYLES)]
-            error = [s.energy_se for s in row.horizons] if name == "energy" else None
+            values, error = [getattr(s, name) for s in row.horizons], None
+            if name == "gain":
+                values, error = [100.0 * gain.value for gain in values], [100.0 * gain.half_width for gain in values]
             axes.errorbar(
-                [s.horizon_s for s in row.horizons], [getattr(s, name) for s in row.horizons], error, label=row.name,
-                color=color, linestyle=dashes, marker=mark, markersize=4, elinewidth=0.8,
+                [s.horizon_s for s in row.horizons], values, error, label=row.name, color=color, linestyle=dashes,
+                marker=mark, markersize=4, elinewidth=0.8, capsize=2.0,
             )  # fmt: skip
         if title == COVERAGE_PANEL:
             axes.axhline(COVERAGE, color="0.3", linewidth=0.8, linestyle=":")
             axes.set_ylim(0.0, 1.0)
-        else:
+        elif name != "gain":
             axes.set_ylim(bottom=0.0)
-        _dress(axes, title)
+        _dress(axes, title.replace("first", table.methods[0].name))
         axes.set_xlabel("seconds ahead")
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, frameon=False

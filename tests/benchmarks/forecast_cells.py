@@ -1,19 +1,20 @@
 """Do forecasts care how the cells are laid out? `python tests/benchmarks/forecast_cells.py LOG...`.
 
 Shows what a choice of cells by motion, beside that by the density of what is seen, could gain. Joint cells, even ones
-and a grid forecast the same held-out vehicles, beside one cell for all places; energy scores over constant velocity's.
+and a grid forecast the same held-out vehicles, beside one cell for all places and constant velocity. Joint cells come
+first: a gain is the share by which their energy score is below that of others, with its 95 % interval.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import asdict
 
 import numpy as np
 
 from dirprim_filter import learn_primitives, read_tracks
-from dirprim_filter.evaluation.forecast_methods import by_constant_velocity, by_one_cell, futures_of
+from dirprim_filter.cli.evaluate.forecast import forecast_object, forecast_text
+from dirprim_filter.evaluation.forecast_methods import Forecaster, by_constant_velocity, by_one_cell, futures_of
 from dirprim_filter.evaluation.forecasting import evaluate_forecasts
 from dirprim_filter.evaluation.splits import honest_split
 
@@ -26,7 +27,7 @@ def by_cells(tessellation, n_cells=None):
     def fit(train, horizons_s, rng):
         learned = learn_primitives(train, tessellation=tessellation, n_cells=n_cells, rng=rng)
         name = tessellation if n_cells is None else f"{tessellation}, {n_cells} cells"
-        return {name: futures_of(learned, horizons_s)}
+        return {name: Forecaster(futures_of(learned, horizons_s))}
 
     return fit
 
@@ -44,12 +45,7 @@ def main() -> None:
         tracks, split_by=honest_split(tracks), horizons_s=HORIZONS_S,
         n_folds=options.folds, methods=(*cells, by_one_cell, by_constant_velocity), rng=np.random.default_rng(0),
     )  # fmt: skip
-    if options.json:
-        print(json.dumps(asdict(table)))
-        return
-    print(f"{'cells':<20}" + "".join(f"{f'{h:g} s':>8}" for h in HORIZONS_S))
-    for row in table.methods:
-        print(f"{row.name:<20}" + "".join(f"{e:8.3f}" for e in table.relative_energy(row.name, "constant velocity")))
+    print(json.dumps(forecast_object(table)) if options.json else forecast_text(table))
 
 
 if __name__ == "__main__":

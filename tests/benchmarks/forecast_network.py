@@ -15,9 +15,10 @@ import sys
 import numpy as np
 
 from dirprim_filter import read_tracks
+from dirprim_filter.cli.evaluate.forecast import forecast_text
 from dirprim_filter.evaluation import forecast_cases
 from dirprim_filter.evaluation.forecast_cases import Cases
-from dirprim_filter.evaluation.forecast_methods import by_constant_velocity, by_map, by_trajectory_memory
+from dirprim_filter.evaluation.forecast_methods import Forecaster, by_constant_velocity, by_map, by_trajectory_memory
 from dirprim_filter.evaluation.forecasting import evaluate_forecasts
 
 try:
@@ -122,7 +123,7 @@ def by_network(train, horizons_s, rng):
         out[:, :, -1] = some.position[:, None] + turned(drawn, some.direction[:, None])
         return out
 
-    return {"network": sample}
+    return {"network": Forecaster(sample)}
 
 
 def main():
@@ -136,15 +137,7 @@ def main():
         read_tracks(given.log), horizons_s=(given.horizon,), n_seeds=given.seeds,
         methods=(by_map, by_network, by_trajectory_memory, by_constant_velocity), rng=np.random.default_rng(0),
     )  # fmt: skip
-    heads = {"energy, m": 12, "se": 8, "to CV": 8, "best of 20": 12, "NLL": 8, "in 50 %": 9, "in 90 %": 9}
-    print(" " * 20 + "".join(f"{head:>{width}}" for head, width in heads.items()))
-    baseline = table.methods[-1].horizons[0].energy
-    for row in table.methods:
-        s = row.horizons[0]
-        print(
-            f"{row.name:<20}{s.energy:>12.2f}{s.energy_se:>8.2f}{s.energy / baseline:>8.2f}"
-            f"{s.best_of_20:>12.2f}{s.nll:>8.2f}{s.coverage_50:>9.2f}{s.coverage_90:>9.2f}"
-        )
+    print(forecast_text(table))
 
 
 if __name__ == "__main__":

@@ -2,12 +2,15 @@
 
 import hashlib
 import json
+import re
 
 import pytest
 
 from dirprim_filter import write_tracks
+from dirprim_filter.cli.evaluate.forecast import forecast_text
 from dirprim_filter.cli.main import run
 from dirprim_filter.evaluation import cues, density, experiment, forecasting
+from dirprim_filter.evaluation.intervals import Interval
 
 DONE, FAILED, USAGE = 0, 1, 2
 FORECASTS = ["prior", "place-free", "prior, leaders", "one cell", "trajectory memory", "constant velocity"]
@@ -188,11 +191,40 @@ def test_forecast_tells_people_and_machines_the_same_and_draws(log, capsys, tmp_
     table = json.loads(capsys.readouterr().out)
     assert text.startswith("8 vehicles held out by vehicle, 2 folds, 1 seed; 20 futures each")
     assert [row["name"] for row in table["methods"]] == FORECASTS
-    lines = [line.split() for line in text.splitlines() if " s   " in line]
-    figures = ("n_cases", "energy", "energy_se", "ade", "fde", "best_of_20", "nll", "coverage_50", "coverage_90")
+    lines = [line.split() for line in text.splitlines() if re.match(" +[0-9.]+ s ", line)]
     scores = [score for row in table["methods"] for score in row["horizons"]]
     for line, score in zip(lines, scores, strict=True):
-        assert line[2:11] == [str(score["n_cases"]), *(f"{score[name]:.2f}" for name in figures[1:])]
+        figures = [f"{score[name]:.2f}" for name in ("energy", "ade", "fde", "coverage_50", "coverage_90")]
+        assert line[2:] == [str(score["n_cases"]), *figures]
+    assert all(set(score["gain"]) == {"value", "low", "high", "n_clusters"} for score in scores)
+    memory = next(row for row in table["methods"] if row["name"] == "trajectory memory")
+    for found in (found for fold in memory["settings"] for found in fold.values()):
+        assert found["low"] < found["value"] < found["high"]
+
+
+def test_forecast_concludes_with_what_the_map_takes_off_or_adds():
+    def score(horizon_s, *gain):
+        return forecasting.HorizonScore(
+            horizon_s=horizon_s, n_cases=99, energy=1.0, gain=Interval(*gain, 7), ade=1.0, fde=1.0, coverage_50=0.5,
+            coverage_90=0.9,
+        )  # fmt: skip
+
+    rows = {
+        "prior": [score(h, 0.0, 0.0, 0.0) for h in (0.5, 1.0, 4.0, 8.0)],
+        "place-free": [score(h, 0.5, 0.45, 0.55) for h in (0.5, 1.0, 4.0, 8.0)],
+        "trajectory memory": [score(h, -0.03, -0.07, 0.1 * (h < 4) - 0.01) for h in (0.5, 1.0, 4.0, 8.0)],
+    }
+    methods = [forecasting.MethodForecasts(name=n, horizons=tuple(of), settings=()) for n, of in rows.items()]
+    table = forecasting.ForecastTable(
+        methods=tuple(methods), split_by="group", n_folds=2, n_seeds=1, n_samples=20, n_vehicles=9
+    )
+    assert forecast_text(table).splitlines()[-5:] == [
+        "Energy score of the prior, with 95 % intervals over 7 groups:",
+        "  at 1 s   50.0 % (45.0 to 55.0 %) less than the same model without the map",
+        "           3.0 % (-9.0 to 7.0 %) more than trajectory memory: not distinguishable",
+        "  at 4 s   50.0 % (45.0 to 55.0 %) less than the same model without the map",
+        "           3.0 % (1.0 to 7.0 %) more than trajectory memory",
+    ]
 
 
 def test_a_configuration_that_is_none_is_reported_as_such(log, capsys, tmp_path):

@@ -1,10 +1,14 @@
 """Trajectory memory: vehicles go on as one that was seen here and moved like it, never as themselves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dirprim_filter.evaluation.baselines import trajectory_memory
 from dirprim_filter.evaluation.baselines.trajectory_memory import FARTHEST, States, TrajectoryMemory
+from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.forecasting import score_cases
 from dirprim_filter.tracks import Tracks
 from situations import ring_traffic
 
@@ -90,15 +94,24 @@ def test_groups_are_worlds_whose_vehicles_are_not_the_same():
     assert np.median(np.abs(np.linalg.norm(path, axis=-1) - np.linalg.norm(one.position[0]))) < 1.0
 
 
-def test_the_chosen_knobs_are_no_worse_and_what_is_too_wide_is_not_chosen(monkeypatch):
-    memory = TrajectoryMemory.of(ring_traffic(np.random.default_rng(0), n_vehicles=40))
-    monkeypatch.setattr(trajectory_memory, "CANDIDATES", {"nearness": (20.0,), "strength": (50.0,)})
-    kept = memory.chosen(rng=np.random.default_rng(0))
-    assert (kept.nearness, kept.strength) == (memory.nearness, memory.strength)
-    monkeypatch.setattr(trajectory_memory, "CANDIDATES", {"nearness": (0.7,), "strength": (0.1,)})
-    wrong = trajectory_memory.replace(memory, nearness=0.01, strength=50.0)
-    better = wrong.chosen(rng=np.random.default_rng(0))
-    assert (better.nearness, better.strength) == (0.7, 0.1)
+def test_the_search_ends_between_settings_that_are_no_better_wherever_it_begins():
+    """Both beginnings are far off, on either side: a fixed grid about them would end on its bound."""
+    ring = ring_traffic(np.random.default_rng(0), n_vehicles=40)
+    cases = Cases.of(ring, horizons_s=(1.0, 3.0))
+    start = States(cases.position, cases.direction, cases.speed)
+    for nearness, strength in ((0.1, 3.0), (7.0, 0.01)):
+        wrong = replace(TrajectoryMemory.of(ring), nearness=nearness, strength=strength)
+        right, found = wrong.chosen(cases, (1.0, 3.0), rng=np.random.default_rng(0))
+        assert (right.nearness, right.strength) == (found["nearness"].value, found["strength"].value)
+        assert all(0.0 < of.low < of.value < of.high for of in found.values())
+        assert 0.2 < right.nearness < 5.0
+        energy = [
+            np.nanmean(
+                score_cases(drawn(memory, start, (1.0, 3.0), n_samples=40, but=cases.vehicle), cases.later)[..., 0]
+            )
+            for memory in (wrong, right)
+        ]
+        assert energy[1] < 0.8 * energy[0]
 
 
 def test_of_tracks_of_one_row_there_is_nothing_to_remember_and_all_go_straight_on():
@@ -106,7 +119,9 @@ def test_of_tracks_of_one_row_there_is_nothing_to_remember_and_all_go_straight_o
         track_id=np.arange(3), time_ns=np.zeros(3, np.int64), position=np.zeros((3, 2)), direction=np.zeros(3),
         speed=np.ones(3),
     )  # fmt: skip
-    memory = TrajectoryMemory.of(lone).chosen(rng=np.random.default_rng(0))
+    memory = TrajectoryMemory.of(lone)
+    memory, found = memory.chosen(Cases.of(lone, horizons_s=(2.0,)), (2.0,), rng=np.random.default_rng(0))
+    assert not found
     path = drawn(memory, States(np.zeros((1, 2)), np.zeros(1), np.full(1, 10.0)), (2.0,))
     np.testing.assert_allclose(path[0, :, 0], np.tile([20.0, 0.0], (200, 1)), atol=1.0)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -16,15 +16,18 @@ from dirprim_filter.cli.results import read_experiment
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
+    from dirprim_filter.evaluation.intervals import Interval
     from dirprim_filter.recording.objects.tracks import TrackResult
     from dirprim_filter.viewer.figures import Figure
 
 FIGURES = {
-    "energy": "energy, m", "energy_se": "its std error", "ade": "ADE, m", "fde": "FDE, m",
-    "best_of_20": "best of 20, m", "nll": "NLL",
-    "coverage_50": "in 50 %", "coverage_90": "in 90 %",
+    "energy": "energy, m", "ade": "ADE, m", "fde": "FDE, m", "coverage_50": "in 50 %", "coverage_90": "in 90 %",
 }  # fmt: skip
 """The figures of a score, and what the table calls them."""
+CONCLUDED_S = (1.0, 5.0)
+"""Horizons of the conclusion; or those nearest to them."""
+SAID = {"place-free": "the same model without the map", "one cell": "one cell for all places"}
+"""What the conclusion calls methods."""
 
 
 @reads_logs
@@ -48,7 +51,7 @@ def forecast(
 ) -> int:
     """Forecast held-out vehicles with the prior and what it must beat: fewer or no cells, remembered tracks, velocity.
 
-    Example: dirprim evaluate forecast recordings/roundabout_learn.mcap --seeds 5 --plot forecast.png
+    Example: dirprim evaluate forecast recordings/roundabout_learn.mcap --plot forecast.png
     """
     import numpy as np
 
@@ -79,7 +82,7 @@ def forecast(
         return forecast_chart(table)
 
     return experiment.report(
-        asdict(table), settings=settings, text=lambda: forecast_text(table), figure=figure
+        forecast_object(table), settings=settings, text=lambda: forecast_text(table), figure=figure
     )  # fmt: skip
 
 
@@ -102,21 +105,46 @@ def _settings(given: Mapping[str, Any], log: TrackResult) -> dict[str, Any]:
     return defaults | dict(given)
 
 
+def forecast_object(table: ForecastTable) -> dict[str, Any]:
+    """The table for machines."""
+    methods = [
+        {
+            "name": row.name,
+            "horizons": [asdict(score) | {"gain": score.gain._asdict()} for score in row.horizons],
+            "settings": [{name: found._asdict() for name, found in fold.items()} for fold in row.settings],
+        }
+        for row in table.methods
+    ]
+    return {field.name: getattr(table, field.name) for field in fields(table)} | {"methods": methods}
+
+
 def forecast_text(table: ForecastTable) -> str:
-    """The table as text: a block for each method, a line for each horizon."""
+    """The table as text: a block for each method, a line for each horizon; then what the first gains."""
     lines = [
         f"{counted(table.n_vehicles, 'vehicle')} held out by {table.split_by}, {counted(table.n_folds, 'fold')}, "
         f"{counted(table.n_seeds, 'seed')}; {counted(table.n_samples, 'future')} each"
     ]
-    baseline = {score.horizon_s: score.energy for score in table.methods[-1].horizons}
+    first, *others = table.methods
     for row in table.methods:
-        heads = ["cases", *FIGURES.values(), "std of seeds", f"to {table.methods[-1].name}"]
-        lines += ["", f"{row.name:<18}" + "".join(f"{head:>15}" for head in heads[:-1]) + f"  {heads[-1]}"]
+        lines += ["", f"{row.name:<18}{'cases':>8}" + "".join(f"{head:>11}" for head in FIGURES.values())]
         for score in row.horizons:
-            figures = [f"{getattr(score, name):.2f}" for name in FIGURES]
-            relative = f"{score.energy / baseline[score.horizon_s]:.2f}" if score.horizon_s in baseline else ""
-            cells = [str(score.n_cases), *figures, f"{score.energy_std:.3f}"]
-            lines.append(
-                f"{score.horizon_s:>6g} s          " + "".join(f"{cell:>15}" for cell in cells) + f"  {relative}"
-            )
+            cells = "".join(f"{getattr(score, name):>11.2f}" for name in FIGURES)
+            lines.append(f"{score.horizon_s:>6g} s{'':<10}{score.n_cases:>8}{cells}")
+    horizons = [score.horizon_s for score in first.horizons]
+    n = first.horizons[0].gain.n_clusters
+    lines += ["", f"Energy score of the {first.name}, with 95 % intervals over {counted(n, table.split_by)}:"]
+    for i in sorted({min(range(len(horizons)), key=lambda h: abs(horizons[h] - at)) for at in CONCLUDED_S}):
+        heads = [f"  at {horizons[i]:g} s", *[""] * len(others)]
+        lines += [
+            f"{head:<11}{_gain(row.horizons[i].gain, row.name)}" for head, row in zip(heads, others, strict=False)
+        ]
     return "\n".join(lines)
+
+
+def _gain(found: Interval, name: str) -> str:
+    """What the first method takes off the energy of another, or adds to it."""
+    sign, word = (1.0, "less") if found.value >= 0 else (-1.0, "more")
+    low, high = sorted((100.0 * sign * found.low, 100.0 * sign * found.high))
+    chance = "" if found.is_apart else ": not distinguishable"
+    of = SAID.get(name, name)
+    return f"{100.0 * sign * found.value:.1f} % ({low:.1f} to {high:.1f} %) {word} than {of}{chance}"

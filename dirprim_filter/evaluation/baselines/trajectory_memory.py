@@ -7,7 +7,7 @@ log; a map of primitives should come close to it without remembering single vehi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
@@ -17,6 +17,8 @@ from scipy.spatial import cKDTree
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
+from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.search import Searched, best_settings
 from dirprim_filter.tracks import Tracks
 
 ROW_S = 0.5
@@ -48,10 +50,10 @@ NEIGHBOURS = 64
 """Rows that are weighed: the nearest."""
 FORGET_RATE = 0.1
 """1/s, how often a vehicle goes over to another track that it has come to be like."""
-CANDIDATES = {"nearness": (0.5, 0.35, 1.0, 1.4), "strength": (0.03, 0.3, 1.0)}
-"""Alternatives to the defaults, chosen on held-out vehicles, one parameter after the other."""
-LAGS_S = (0.5, 1.0, 2.0, 3.0, 5.0)
-MOST_STARTS, FEWEST_STARTS, N_SAMPLES = 300, 20, 32
+MOST_STARTS, FEWEST_STARTS, N_SAMPLES = 1000, 20, 16
+"""Of the training cases by which nearness and strength are chosen."""
+GAIN = 0.001
+"""Of mean log energy: what another setting must gain to be chosen."""
 
 
 class States(NamedTuple):
@@ -203,42 +205,45 @@ class TrajectoryMemory:
         row = self._going[np.clip(slower + offset.astype(np.int64), 0, n - 1)]
         return np.where(straight | (self.vehicle[row] == but), np.nan, row + rng.random(speed.size))
 
-    def chosen(self, *, rng: np.random.Generator) -> Self:
-        """The same with the parameters that forecast its vehicles best, each from all others.
+    def chosen(
+        self, cases: Cases, horizons_s: Sequence[float], *, rng: np.random.Generator
+    ) -> tuple[Self, dict[str, Searched]]:
+        """The same with the nearness and strength that forecast its vehicles best, each from all others.
 
-        The energy score (Gneiting and Raftery 2007, Eq. 22) is proper: too wide a net and too narrow a one both cost.
+        Best is the least mean over horizons of the log of the mean energy score (Gneiting and Raftery 2007, Eq. 22),
+        which is proper: too wide a net and too narrow a one both cost.
+
+        Args:
+            cases: of the vehicles that are remembered.
+            horizons_s: theirs.
+            rng: draws cases and futures; all settings are tried on the same.
+
+        Returns:
+            The memory, and each setting between others that are no better; no settings of too few cases.
         """
-        rows = np.arange(self.last.size)
-        possible = np.flatnonzero(rows + LAGS_S[1] / ROW_S <= self.last)
-        start = rng.choice(possible, min(MOST_STARTS, possible.size), replace=False)
-        lag = np.array(LAGS_S) / ROW_S
-        if start.size < FEWEST_STARTS:
-            return self
-        ahead = start[:, None] + lag
-        later = self.at(np.minimum(ahead, self.last[start][:, None]).ravel()).position.reshape(*ahead.shape, 2)
-        is_known = ahead <= self.last[start][:, None]
+        some = rng.permutation(cases.speed.size)[:MOST_STARTS]
+        start, later = States(cases.position, cases.direction, cases.speed).of(some), cases.later[some]
+        is_known = np.isfinite(later[..., 0])
+        judged = np.flatnonzero(is_known.sum(axis=0) >= FEWEST_STARTS)
+        if not judged.size:
+            return self, {}
         seed = rng.integers(2**63)
 
-        def energy(trial: Self) -> float:
-            """Mean over the lags of the log of the mean energy."""
-            path = trial.sample(
-                self.states.of(start), time_s=np.array(LAGS_S), n_samples=N_SAMPLES, but=self.vehicle[start],
+        def score(settings: Mapping[str, float]) -> float:
+            path = replace(self, **settings).sample(  # type: ignore[arg-type]  # both are numbers
+                start, time_s=np.asarray(horizons_s), n_samples=N_SAMPLES, but=cases.vehicle[some],
                 rng=np.random.default_rng(seed),
             )  # fmt: skip
-            logs = []
-            for i in np.flatnonzero(is_known.sum(axis=0) >= FEWEST_STARTS):
-                known, out = is_known[:, i], np.empty((int(is_known[:, i].sum()), 3))
-                _kernels.score_samples(np.ascontiguousarray(path[known, :, i]), later[known, i], out)
-                logs.append(np.log(out[:, 0].mean()))
-            return float(np.mean(logs))
+            energy = np.empty((later.shape[0], 2))
+            total = 0.0
+            for i in judged:
+                known = is_known[:, i]
+                _kernels.score_samples(np.ascontiguousarray(path[known, :, i]), later[known, i], energy)
+                total += np.log(energy[: known.sum(), 0].mean())
+            return -float(total) / judged.size
 
-        best, least = self, energy(self)
-        for name, values in CANDIDATES.items():
-            trials = [replace(best, **{name: value}) for value in values]  # type: ignore[arg-type]  # numbers, all
-            scores = [energy(trial) for trial in trials]
-            if min(scores) < least:
-                best, least = trials[int(np.argmin(scores))], min(scores)
-        return best
+        found = best_settings(score, {"nearness": self.nearness, "strength": self.strength}, tolerance=GAIN)
+        return replace(self, **{name: of.value for name, of in found.items()}), found  # type: ignore[arg-type]
 
 
 class _Particles:
