@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
 from dirprim_filter.evaluation.forecast_cases import Cases
-from dirprim_filter.evaluation.search import Searched
+from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.tracks import Tracks
@@ -30,7 +29,7 @@ class Forecaster(NamedTuple):
     """
 
     sample: SampleFutures
-    settings: Mapping[str, Searched] = MappingProxyType({})
+    settings: tuple[Choice, ...] = ()
 
 
 Fit = Callable[[Tracks, tuple[float, ...], np.random.Generator], Mapping[str, Forecaster]]

@@ -7,7 +7,7 @@ method can raise it by being surer, or less sure, than it has reason to be.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,7 +18,7 @@ from dirprim_filter.evaluation import _kernels
 from dirprim_filter.evaluation.forecast_cases import HORIZONS_S, Cases
 from dirprim_filter.evaluation.forecast_methods import METHODS, Fit
 from dirprim_filter.evaluation.intervals import Interval, clustered, interval, reduction_of_mean
-from dirprim_filter.evaluation.search import Searched
+from dirprim_filter.evaluation.settings import Choice
 from dirprim_filter.evaluation.splits import SplitBy, split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.tracks import Tracks
@@ -67,7 +67,7 @@ class MethodForecasts:
 
     name: str
     horizons: tuple[HorizonScore, ...]
-    settings: tuple[Mapping[str, Searched], ...]
+    settings: tuple[tuple[Choice, ...], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,7 +125,7 @@ def evaluate_forecasts(
     if n_samples < MIN_SAMPLES or n_seeds < 1:
         raise ValueError(f"n_samples, n_seeds: expected at least {MIN_SAMPLES} and 1, got {n_samples} and {n_seeds}")
     scores: dict[str, list[FloatArray]] = {}
-    settings: dict[str, list[Mapping[str, Searched]]] = {}
+    settings: dict[str, list[tuple[Choice, ...]]] = {}
     clusters: list[AnyArray] = []
     n_vehicles = 0
     steps: StepCount | None = None

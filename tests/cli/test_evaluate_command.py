@@ -198,8 +198,8 @@ def test_forecast_tells_people_and_machines_the_same_and_draws(log, capsys, tmp_
         assert line[2:] == [str(score["n_cases"]), *figures]
     assert all(set(score["gain"]) == {"value", "low", "high", "n_clusters"} for score in scores)
     memory = next(row for row in table["methods"] if row["name"] == "trajectory memory")
-    for found in (found for fold in memory["settings"] for found in fold.values()):
-        assert found["low"] < found["value"] < found["high"]
+    for found in (found for fold in memory["settings"] for found in fold):
+        assert found["low"] < found["chosen"] < found["high"]
 
 
 def test_forecast_concludes_with_what_the_map_takes_off_or_adds():

@@ -190,8 +190,8 @@ def test_on_a_ring_the_prior_beats_constant_velocity_on_the_same_cases():
     settings = {row.name: row.settings for row in table.methods}
     assert len(settings["trajectory memory"]) == 2  # one for each fold, none of them on a bound of what was searched
     for fold in settings["trajectory memory"]:
-        assert set(fold) == {"nearness", "strength"}
-        assert all(0.0 < found.low < found.value < found.high for found in fold.values())
+        assert [found.name for found in fold] == ["nearness", "strength"]
+        assert all(found.is_inside for found in fold)
 
 
 def shifted(name, metres):

@@ -102,8 +102,8 @@ def test_the_search_ends_between_settings_that_are_no_better_wherever_it_begins(
     for nearness, strength in ((0.1, 3.0), (7.0, 0.01)):
         wrong = replace(TrajectoryMemory.of(ring), nearness=nearness, strength=strength)
         right, found = wrong.chosen(cases, (1.0, 3.0), rng=np.random.default_rng(0))
-        assert (right.nearness, right.strength) == (found["nearness"].value, found["strength"].value)
-        assert all(0.0 < of.low < of.value < of.high for of in found.values())
+        assert (right.nearness, right.strength) == tuple(of.chosen for of in found)
+        assert all(of.is_inside for of in found)
         assert 0.2 < right.nearness < 5.0
         energy = [
             np.nanmean(

@@ -111,7 +111,7 @@ def forecast_object(table: ForecastTable) -> dict[str, Any]:
         {
             "name": row.name,
             "horizons": [asdict(score) | {"gain": score.gain._asdict()} for score in row.horizons],
-            "settings": [{name: found._asdict() for name, found in fold.items()} for fold in row.settings],
+            "settings": row.settings,
         }
         for row in table.methods
     ]

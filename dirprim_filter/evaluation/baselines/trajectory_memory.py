@@ -7,7 +7,7 @@ log; a map of primitives should come close to it without remembering single vehi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
@@ -18,7 +18,7 @@ from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.evaluation import _kernels
 from dirprim_filter.evaluation.forecast_cases import Cases
-from dirprim_filter.evaluation.search import Searched, best_settings
+from dirprim_filter.evaluation.settings import Axis, Choice, choose
 from dirprim_filter.tracks import Tracks
 
 ROW_S = 0.5
@@ -52,8 +52,8 @@ FORGET_RATE = 0.1
 """1/s, how often a vehicle goes over to another track that it has come to be like."""
 MOST_STARTS, FEWEST_STARTS, N_SAMPLES = 1000, 20, 16
 """Of the training cases by which nearness and strength are chosen."""
-GAIN = 0.001
-"""Of mean log energy: what another setting must gain to be chosen."""
+FACTOR = 1.5
+"""Between neighbours of the grid on which these are searched."""
 
 
 class States(NamedTuple):
@@ -207,7 +207,7 @@ class TrajectoryMemory:
 
     def chosen(
         self, cases: Cases, horizons_s: Sequence[float], *, rng: np.random.Generator
-    ) -> tuple[Self, dict[str, Searched]]:
+    ) -> tuple[Self, tuple[Choice, ...]]:
         """The same with the nearness and strength that forecast its vehicles best, each from all others.
 
         Best is the least mean over horizons of the log of the mean energy score (Gneiting and Raftery 2007, Eq. 22),
@@ -226,11 +226,11 @@ class TrajectoryMemory:
         is_known = np.isfinite(later[..., 0])
         judged = np.flatnonzero(is_known.sum(axis=0) >= FEWEST_STARTS)
         if not judged.size:
-            return self, {}
+            return self, ()
         seed = rng.integers(2**63)
 
-        def score(settings: Mapping[str, float]) -> float:
-            path = replace(self, **settings).sample(  # type: ignore[arg-type]  # both are numbers
+        def score(values: tuple[float, ...]) -> float:
+            path = replace(self, nearness=values[0], strength=values[1]).sample(
                 start, time_s=np.asarray(horizons_s), n_samples=N_SAMPLES, but=cases.vehicle[some],
                 rng=np.random.default_rng(seed),
             )  # fmt: skip
@@ -242,8 +242,9 @@ class TrajectoryMemory:
                 total += np.log(energy[: known.sum(), 0].mean())
             return -float(total) / judged.size
 
-        found = best_settings(score, {"nearness": self.nearness, "strength": self.strength}, tolerance=GAIN)
-        return replace(self, **{name: of.value for name, of in found.items()}), found  # type: ignore[arg-type]
+        axes = [Axis(name, getattr(self, name), factor=FACTOR) for name in ("nearness", "strength")]
+        found = choose(axes, score)
+        return replace(self, nearness=found[0].chosen, strength=found[1].chosen), found
 
 
 class _Particles:
