@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from peer_scenes import Part, Scene, UnavailableError
+from peer_scenes import Fold, Part, UnavailableError
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
@@ -107,22 +107,22 @@ class Reported:
 # --- Ours ----------------------------------------------------------------------------------------------
 
 
-def ours(scene: Scene, learned: PrimitiveMap) -> dict[str, Peer]:
+def ours(fold: Fold, learned: PrimitiveMap) -> dict[str, Peer]:
     """Our tracker on the map, on that without its places, and on filterpy's Kalman filter of constant velocity.
 
     Where vehicles leave is what the map knows; without it how often they do is chosen, as others choose when to delete.
     """
-    config = FilterConfig(noise_m=scene.noise_m, max_gap_s=scene.max_gap_s)
+    config = FilterConfig(noise_m=fold.noise_m, max_gap_s=fold.max_gap_s)
 
     def by_map(primitives: PrimitiveMap, part: Part, settings: Settings) -> Tracked:
-        return _followed(part, primitives, config, replace(scene.tracking, **settings))
+        return _followed(part, primitives, config, replace(fold.tracking, **settings))
 
     def by_kalman(part: Part, settings: Settings) -> Tracked:
         model = ConstantVelocityKalman(acceleration_density=settings["acceleration"], config=config)
-        tracking = replace(scene.tracking, departure_rate=settings["departure_rate"])
+        tracking = replace(fold.tracking, departure_rate=settings["departure_rate"])
         return _followed(part, model, config, tracking)
 
-    leaves = {"departure_rate": Knob(scene.tracking.departure_rate)}
+    leaves = {"departure_rate": Knob(fold.tracking.departure_rate)}
     return {
         "ours, with the map": Peer(partial(by_map, learned), {}),
         "ours, without the map": Peer(partial(by_map, learned.without_places()), leaves),
@@ -147,7 +147,7 @@ START = datetime(2026, 1, 1)
 NS_PER_US = 1000
 
 
-def stone_soup(scene: Scene) -> dict[str, Peer]:
+def stone_soup(fold: Fold) -> dict[str, Peer]:
     """Global nearest neighbour, joint probabilistic data association, and the Gaussian mixture PHD filter.
 
     Raises:
@@ -160,20 +160,20 @@ def stone_soup(scene: Scene) -> dict[str, Peer]:
     motion = {"acceleration": Knob(1.0), "gate": Knob(4.0, 1.3)}
     lives = {"deleted_after": Knob(10.0, 1.5, 1.0), "confirmed_after": Knob(2.0, 0.0, 2.0)}
     return {
-        "Stone Soup GNN": Peer(partial(_by_association, scene, is_joint=False), motion | lives),
+        "Stone Soup GNN": Peer(partial(_by_association, fold, is_joint=False), motion | lives),
         "Stone Soup JPDA": Peer(
-            partial(_by_association, scene, is_joint=True), motion | lives | {"widest": Knob(10.0, 2.0)},
+            partial(_by_association, fold, is_joint=True), motion | lives | {"widest": Knob(10.0, 2.0)},
             after="Stone Soup GNN",
         ),
         "Stone Soup GM-PHD": Peer(
-            partial(_by_phd, scene),
+            partial(_by_phd, fold),
             motion | {"merged_below": Knob(8.0, 2.0), "pruned_below": Knob(1e-5, 1e2, most=1e-2)},
             after="Stone Soup GNN",
         ),
     }  # fmt: skip
 
 
-def _kalman(scene: Scene, acceleration: float) -> tuple[Any, Any, Any, Any]:
+def _kalman(fold: Fold, acceleration: float) -> tuple[Any, Any, Any, Any]:
     """Stone Soup's predictor, updater and measurement of constant velocity, and the belief that a track starts from."""
     from stonesoup.models.measurement.linear import LinearGaussian
     from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
@@ -182,7 +182,7 @@ def _kalman(scene: Scene, acceleration: float) -> tuple[Any, Any, Any, Any]:
     from stonesoup.updater.kalman import KalmanUpdater
 
     motion = CombinedLinearGaussianTransitionModel([ConstantVelocity(acceleration), ConstantVelocity(acceleration)])
-    measured = LinearGaussian(ndim_state=4, mapping=(0, 2), noise_covar=scene.noise_m**2 * np.eye(2))
+    measured = LinearGaussian(ndim_state=4, mapping=(0, 2), noise_covar=fold.noise_m**2 * np.eye(2))
     first = GaussianState(np.zeros((4, 1)), np.diag([0.0, START_SPEED_M_S**2] * 2), timestamp=START)
     return KalmanPredictor(motion), KalmanUpdater(measured), measured, first
 
@@ -210,7 +210,7 @@ def _stone_frames(part: Part, measured: Any) -> list[tuple[datetime, set[Any]]]:
     return frames
 
 
-def _by_association(scene: Scene, part: Part, settings: Settings, *, is_joint: bool) -> Tracked:
+def _by_association(fold: Fold, part: Part, settings: Settings, *, is_joint: bool) -> Tracked:
     from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
     from stonesoup.dataassociator.probability import JPDAwithEHM2
     from stonesoup.deleter.error import CovarianceBasedDeleter
@@ -222,7 +222,7 @@ def _by_association(scene: Scene, part: Part, settings: Settings, *, is_joint: b
     from stonesoup.measures import Mahalanobis
     from stonesoup.tracker.simple import MultiTargetMixtureTracker, MultiTargetTracker
 
-    predictor, updater, measured, first = _kalman(scene, settings["acceleration"])
+    predictor, updater, measured, first = _kalman(fold, settings["acceleration"])
     nearest = GNNWith2DAssignment(
         DistanceHypothesiser(predictor, updater, measure=Mahalanobis(), missed_distance=settings["gate"])
     )
@@ -234,8 +234,8 @@ def _by_association(scene: Scene, part: Part, settings: Settings, *, is_joint: b
     if is_joint:
         gate = float(-np.expm1(-0.5 * settings["gate"] ** 2))  # chi squared of two degrees of freedom
         likely = PDAHypothesiser(
-            predictor, updater, clutter_spatial_density=scene.tracking.clutter_density,
-            prob_detect=scene.tracking.detection_probability, prob_gate=min(gate, 1.0 - 1e-9),
+            predictor, updater, clutter_spatial_density=fold.tracking.clutter_density,
+            prob_detect=fold.tracking.detection_probability, prob_gate=min(gate, 1.0 - 1e-9),
         )  # fmt: skip
         wide = CovarianceBasedDeleter(2.0 * settings["widest"] ** 2, mapping=[0, 2])
         tracker = MultiTargetMixtureTracker(
@@ -247,7 +247,7 @@ def _by_association(scene: Scene, part: Part, settings: Settings, *, is_joint: b
     return _listened(part, tracker)
 
 
-def _by_phd(scene: Scene, part: Part, settings: Settings) -> Tracked:
+def _by_phd(fold: Fold, part: Part, settings: Settings) -> Tracked:
     from stonesoup.hypothesiser.distance import DistanceHypothesiser
     from stonesoup.hypothesiser.gaussianmixture import GaussianMixtureHypothesiser
     from stonesoup.measures import Mahalanobis
@@ -256,8 +256,8 @@ def _by_phd(scene: Scene, part: Part, settings: Settings) -> Tracked:
     from stonesoup.types.state import TaggedWeightedGaussianState
     from stonesoup.updater.pointprocess import PHDUpdater
 
-    predictor, updater, measured, _ = _kalman(scene, settings["acceleration"])
-    told, low = scene.tracking, part.truth.position.min(axis=0)
+    predictor, updater, measured, _ = _kalman(fold, settings["acceleration"])
+    told, low = fold.tracking, part.truth.position.min(axis=0)
     extent = np.ptp(part.truth.position, axis=0)
     middle, half = low + 0.5 * extent, 0.5 * extent
     born = TaggedWeightedGaussianState(
@@ -295,7 +295,7 @@ def _listened(part: Part, tracker: Iterable[tuple[datetime, set[Any]]]) -> Track
 # --- motpy and norfair ---------------------------------------------------------------------------------
 
 
-def motpy(scene: Scene) -> dict[str, Peer]:
+def motpy(fold: Fold) -> dict[str, Peer]:
     """motpy: boxes of one size about the detections, Kalman filters, the overlap of boxes.
 
     Raises:
@@ -309,10 +309,10 @@ def motpy(scene: Scene) -> dict[str, Peer]:
     def track(part: Part, settings: Settings) -> Tracked:
         half, reported = 0.5 * settings["box"], Reported()
         tracker = MultiObjectTracker(
-            dt=scene_step_s(part),
+            dt=step_s_of(part),
             model_spec={
                 "order_pos": 1, "dim_pos": 2, "order_size": 0, "dim_size": 2, "q_var_pos": settings["acceleration"],
-                "q_var_size": 1e-6, "r_var_pos": scene.noise_m**2, "r_var_size": 1.0, "p_cov_p0": START_SPEED_M_S**2,
+                "q_var_size": 1e-6, "r_var_pos": fold.noise_m**2, "r_var_size": 1.0, "p_cov_p0": START_SPEED_M_S**2,
             },
             matching_fn_kwargs={"min_iou": 1e-3},
             tracker_kwargs={"max_staleness": settings["deleted_after"]},
@@ -334,12 +334,12 @@ def motpy(scene: Scene) -> dict[str, Peer]:
     return {"motpy": Peer(track, knobs)}
 
 
-def scene_step_s(part: Part) -> float:
+def step_s_of(part: Part) -> float:
     """The usual time between frames, for trackers that know but one."""
     return float(np.median(np.diff([time_ns for time_ns, _ in part.frames()]))) * 1e-9
 
 
-def norfair(scene: Scene) -> dict[str, Peer]:
+def norfair(fold: Fold) -> dict[str, Peer]:
     """norfair, in a process and an environment of its own: it needs an older numpy.
 
     Raises:
@@ -350,7 +350,7 @@ def norfair(scene: Scene) -> dict[str, Peer]:
     def track(part: Part, settings: Settings) -> Tracked:
         return worker.track(
             part,
-            dict(settings) | {"noise_m": scene.noise_m, "step_s": scene_step_s(part), "speed_m_s": START_SPEED_M_S},
+            dict(settings) | {"noise_m": fold.noise_m, "step_s": step_s_of(part), "speed_m_s": START_SPEED_M_S},
         )
 
     knobs = {
@@ -399,4 +399,4 @@ class _Worker:
         return Tracked(rows, seconds)
 
 
-PACKAGES: Sequence[Callable[[Scene], dict[str, Peer]]] = (stone_soup, motpy, norfair)
+PACKAGES: Sequence[Callable[[Fold], dict[str, Peer]]] = (stone_soup, motpy, norfair)

@@ -24,7 +24,7 @@ import logging
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,26 +32,18 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from peer_scenes import Part, Scene, UnavailableError, dense, lankershim, recorded
+from peer_scenes import SCENES, Fold, Part, UnavailableError
 from peer_trackers import PACKAGES, Peer, Settings, Tracked, ours
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.evaluation.intervals import difference_of_means, interval, mean
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 
-SCENES = {
-    "A": partial(recorded, is_blind=False),
-    "B": partial(recorded, is_blind=True),
-    "intersection": partial(dense, place="intersection", demand=2.2),
-    "highway": partial(dense, place="highway", demand=2.5),
-    "lankershim": lankershim,
-}
 FIRST = "ours, with the map"
 ROUNDS = 3
 """At most so often each setting is looked at."""
 GAIN = 1e-4
 """Of HOTA; less is no gain."""
-SCALES = Scales()
 Row = dict[str, Any]
 
 
@@ -70,13 +62,14 @@ def main() -> None:
     result: dict[str, dict[str, Row]] = {}
     for name in given.scenes or SCENES:
         try:
-            scene = SCENES[name](given.seeds)
+            folds = SCENES[name](given.seeds)
         except UnavailableError as error:
             say(f"{name}: left out: {error}")
             continue
-        result[name] = compared(name, scene, given.trackers)
+        result[name] = compared(name, folds, given.trackers)
         if not given.json:
-            print("\n".join(table(name, scene, result[name])), flush=True)
+            n = sum(len(fold.judged) for fold in folds)
+            print("\n".join(table(f"{name}: {n} {folds[0].clusters}", result[name])), flush=True)
     if given.json:
         print(json.dumps(result, indent=1))
 
@@ -86,42 +79,65 @@ def say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def compared(name: str, scene: Scene, wanted: Sequence[str]) -> dict[str, Row]:
-    """Tune every tracker, run it on what is judged, and score it."""
-    learned = learn_primitives(scene.traffic, rng=np.random.default_rng(0))
-    peers = ours(scene, learned)
+def compared(name: str, folds: Sequence[Fold], wanted: Sequence[str]) -> dict[str, Row]:
+    """Tune every tracker in every fold, run it on what is judged, and score it."""
+    ran: dict[str, list[Ran]] = {}
+    for number, fold in enumerate(folds):
+        chosen: dict[str, dict[str, float]] = {}
+        for called, peer in peers_of(fold).items():
+            if called != FIRST and wanted and not any(word in called for word in wanted):
+                continue
+            since = time.process_time()
+            chosen[called] = tuned(peer, fold, chosen.get(peer.after, {}))
+            now = time.process_time()
+            ran.setdefault(called, []).append(Ran.of(peer, fold, chosen[called]))
+            hota = np.mean([report.hota for report in ran[called][-1].reports])
+            say(
+                f"{name}, {number + 1} of {len(folds)}: {called}: HOTA {hota:.3f}, tuned in {now - since:.0f} s, "
+                f"judged in {time.process_time() - now:.0f} s: {chosen[called]}"
+            )
+    first = [report for of in ran[FIRST] for report in of.reports]
+    return {called: figures(of, first) for called, of in ran.items()}
+
+
+def peers_of(fold: Fold) -> dict[str, Peer]:
+    """All trackers that can be had."""
+    peers = ours(fold, learn_primitives(fold.traffic, rng=np.random.default_rng(0)))
     for package in PACKAGES:
         try:
-            peers |= package(scene)
+            peers |= package(fold)
         except UnavailableError as error:
-            say(f"{name}: left out: {error}")
-    rows: dict[str, Row] = {}
-    chosen: dict[str, Settings] = {}
-    reports: dict[str, list[TrackingReport]] = {}
-    for called, peer in peers.items():
-        if called != FIRST and wanted and not any(word in called for word in wanted):
-            continue
-        since = time.process_time()
-        chosen[called] = tuned(peer, scene.training, chosen.get(peer.after, {}))
-        tuning_s = time.process_time() - since
+            say(f"left out: {error}")
+    return peers
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """What a tracker did in a fold."""
+
+    settings: Settings
+    reports: list[TrackingReport]
+    seconds: float
+    n_frames: int
+
+    @classmethod
+    def of(cls, peer: Peer, fold: Fold, settings: Settings) -> Ran:
+        """Run it on what is judged."""
         if not peer.knobs:
-            peer.track(scene.training[0], {})  # compiled before it is timed
-        tracked = [peer.track(part, chosen[called]) for part in scene.judged]
-        reports[called] = [scored(found, part) for found, part in zip(tracked, scene.judged, strict=True)]
-        n_frames = sum(sum(1 for _ in part.frames()) for part in scene.judged)
-        ms = 1e3 * sum(found.seconds for found in tracked) / n_frames
-        rows[called] = figures(reports[called], reports[FIRST]) | {"ms_per_frame": ms, "settings": dict(chosen[called])}
-        say(f"{name}: {called}: HOTA {rows[called]['hota']:.3f}, {dict(chosen[called])}, tuned in {tuning_s:.0f} s")
-    return rows
+            peer.track(fold.training[0], settings)  # compiled before it is timed
+        tracked = [peer.track(part, settings) for part in fold.judged]
+        reports = [scored(found, part, fold.scales) for found, part in zip(tracked, fold.judged, strict=True)]
+        n_frames = sum(sum(1 for _ in part.frames()) for part in fold.judged)
+        return cls(settings, reports, sum(found.seconds for found in tracked), n_frames)
 
 
-def scored(found: Tracked, part: Part) -> TrackingReport:
+def scored(found: Tracked, part: Part, scales: Scales) -> TrackingReport:
     """What a tracker reported, against the truth."""
     rows = found.rows.at_instants_of(part.truth)
-    return TrackingReport.of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, scales=SCALES)
+    return TrackingReport.of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, scales=scales)
 
 
-def tuned(peer: Peer, training: Sequence[Part], start: Settings) -> dict[str, float]:
+def tuned(peer: Peer, fold: Fold, start: Settings) -> dict[str, float]:
     """The settings of the best HOTA, by going to neighbours while that gains: none is at the end of a grid."""
     best = {name: start.get(name, knob.start) for name, knob in peer.knobs.items()}
     known: dict[tuple[float, ...], float] = {}
@@ -129,7 +145,8 @@ def tuned(peer: Peer, training: Sequence[Part], start: Settings) -> dict[str, fl
     def value(settings: Mapping[str, float]) -> float:
         key = tuple(settings.values())
         if key not in known:
-            known[key] = float(np.mean([scored(peer.track(part, settings), part).hota for part in training]))
+            reports = [scored(peer.track(part, settings), part, fold.scales) for part in fold.training]
+            known[key] = float(np.mean([report.hota for report in reports]))
         return known[key]
 
     for _ in range(ROUNDS if peer.knobs else 0):
@@ -146,8 +163,9 @@ def tuned(peer: Peer, training: Sequence[Part], start: Settings) -> dict[str, fl
     return best
 
 
-def figures(reports: Sequence[TrackingReport], first: Sequence[TrackingReport]) -> Row:
+def figures(ran: Sequence[Ran], first: Sequence[TrackingReport]) -> Row:
     """Means over the clusters, the interval of HOTA, and how far it is behind ours."""
+    reports = [report for of in ran for report in of.reports]
     hota = np.array([report.hota for report in reports])
     ahead = np.array([report.hota for report in first])
     one = np.ones(hota.size)
@@ -156,6 +174,8 @@ def figures(reports: Sequence[TrackingReport], first: Sequence[TrackingReport]) 
     return {
         "hota": own.value, "hota_low": own.low, "hota_high": own.high, "behind": behind.value,
         "behind_low": behind.low, "behind_high": behind.high,
+        "ms_per_frame": 1e3 * sum(of.seconds for of in ran) / sum(of.n_frames for of in ran),
+        "settings": [dict(of.settings) for of in ran],
         "switches": float(np.sum([report.switches for report in reports])),
     } | {
         name: float(np.mean([getattr(report, name) for report in reports]))
@@ -163,12 +183,12 @@ def figures(reports: Sequence[TrackingReport], first: Sequence[TrackingReport]) 
     }  # fmt: skip
 
 
-def table(name: str, scene: Scene, rows: Mapping[str, Row]) -> list[str]:
-    """Lines of a Markdown table."""
+def table(title: str, rows: Mapping[str, Row]) -> list[str]:
+    """Lines of a Markdown table; settings are the first fold's."""
     heads = ("tracker", "HOTA", "behind ours", "RMSE m", "NEES in sight", "switches", "ms a frame", "settings")
-    lines = ["", f"{name}: {len(scene.judged)} {scene.clusters}", "", " | ".join(heads), "|".join(["---"] * len(heads))]
+    lines = ["", title, "", " | ".join(heads), "|".join(["---"] * len(heads))]
     for called, row in rows.items():
-        settings = ", ".join(f"{key} {value:.3g}" for key, value in row["settings"].items()) or "defaults"
+        settings = ", ".join(f"{key} {value:.3g}" for key, value in row["settings"][0].items()) or "defaults"
         cells = (
             called, ranged(row, "hota"), ranged(row, "behind") if called != FIRST else "", f"{row['rmse']:.3f}",
             f"{row['seen_nees']:.1f}", f"{row['switches']:.0f}", f"{row['ms_per_frame']:.1f}", settings,
