@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,7 @@ class Peer:
     Attributes:
         track: a part by settings.
         knobs: by name; none where nothing is to be chosen.
-        after: the tracker whose choice the search starts from, where they share knobs.
+        after: the tracker whose choice is taken over, where they share settings; knobs are searched on from there.
     """
 
     track: Callable[[Part, Settings], Tracked]
@@ -157,18 +157,20 @@ def stone_soup(fold: Fold) -> dict[str, Peer]:
         import stonesoup  # noqa: F401
     except ImportError as error:
         raise UnavailableError("stonesoup is not installed: the extra `peers`") from error
-    motion = {"acceleration": Knob(1.0), "gate": Knob(4.0, 1.3)}
-    lives = {"deleted_after": Knob(10.0, 1.5, 1.0), "confirmed_after": Knob(2.0, 0.0, 2.0)}
+    gate, deleted = Knob(4.0, 1.3), Knob(10.0, 1.5, 1.0)
+    first = "Stone Soup GNN"
     return {
-        "Stone Soup GNN": Peer(partial(_by_association, fold, is_joint=False), motion | lives),
+        first: Peer(
+            partial(_by_association, fold, is_joint=False),
+            {"acceleration": Knob(1.0), "gate": gate, "deleted_after": deleted, "confirmed_after": Knob(2.0, 0.0, 2.0)},
+        ),
         "Stone Soup JPDA": Peer(
-            partial(_by_association, fold, is_joint=True), motion | lives | {"widest": Knob(10.0, 2.0)},
-            after="Stone Soup GNN",
+            partial(_by_association, fold, is_joint=True),
+            {"gate": gate, "deleted_after": deleted, "widest": Knob(10.0, 2.0)}, after=first,
         ),
         "Stone Soup GM-PHD": Peer(
             partial(_by_phd, fold),
-            motion | {"merged_below": Knob(8.0, 2.0), "pruned_below": Knob(1e-5, 1e2, most=1e-2)},
-            after="Stone Soup GNN",
+            {"gate": gate, "merged_below": Knob(8.0, 2.0), "pruned_below": Knob(1e-5, 1e2, most=1e-2)}, after=first,
         ),
     }  # fmt: skip
 
@@ -345,7 +347,7 @@ def norfair(fold: Fold) -> dict[str, Peer]:
     Raises:
         UnavailableError: uv, or the packages, cannot be had.
     """
-    worker = _Worker(Path(__file__).with_name("peer_norfair.py"))
+    worker = _worker()
 
     def track(part: Part, settings: Settings) -> Tracked:
         return worker.track(
@@ -358,6 +360,11 @@ def norfair(fold: Fold) -> dict[str, Peer]:
         "confirmed_after": Knob(2.0, 0.0, 0.0, 8.0),
     }  # fmt: skip
     return {"norfair": Peer(track, knobs)}
+
+
+@cache
+def _worker() -> _Worker:
+    return _Worker(Path(__file__).with_name("peer_norfair.py"))
 
 
 class _Worker:
