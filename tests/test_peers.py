@@ -86,8 +86,10 @@ def test_truth_is_taken_a_latency_before_and_over_no_gap():
 def test_every_tracker_follows_vehicles_that_are_always_seen(package):
     pytest.importorskip(package.__name__.replace("_", ""), reason="the extra `peers` is not installed")
     fold = fold_of(circling(rate_hz=10.0))
+    starts: dict[str, dict[str, float]] = {}
     for name, peer in package(fold).items():
-        found = peer.track(fold.judged[0], {knob: of.start for knob, of in peer.knobs.items()})
+        starts[name] = starts.get(peer.after, {}) | {knob: of.start for knob, of in peer.knobs.items()}
+        found = peer.track(fold.judged[0], starts[name])
         score = scored(found, fold.judged[0], fold.scales)
         assert score.switches <= 1, name
         assert score.hota > 0.8, name

@@ -102,7 +102,7 @@ def recorded(n_seeds: int, *, is_blind: bool) -> list[Fold]:
     log = recordings_folder() / "intersection_track.mcap"
     truth, traffic = read_tracks(log), read_tracks(recordings_folder() / "intersection_learn.mcap")
     seen = [Detections.concatenate(stream_detections(log)), *(_detected(truth, seed) for seed in range(1, n_seeds))]
-    other = at_ten_hertz(traffic, from_s=300.0, to_s=345.0)
+    other = at_ten_hertz(traffic, from_s=300.0, to_s=330.0)
 
     def part(of: Detections, rows: Tracks) -> Part:
         if is_blind:
