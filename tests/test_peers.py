@@ -14,8 +14,8 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows
 sys.path.insert(0, str(Path(__file__).with_name("benchmarks")))
 
 from peer_scenes import Fold, Part, at_instants, at_ten_hertz
-from peer_trackers import PACKAGES, Knob, Peer, Tracked
-from peers import scored, tuned
+from peer_trackers import Knob, Peer, Tracked
+from peers import PACKAGES, scored, tuned
 
 
 def circling(*, rate_hz: float, n: int = 3, seconds: float = 20.0) -> Tracks:

@@ -34,12 +34,14 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 from peer_scenes import SCENES, Fold, Part, UnavailableError
-from peer_trackers import PACKAGES, Peer, Settings, Tracked, ours
+from peer_stone_soup import stone_soup
+from peer_trackers import Peer, Settings, Tracked, motpy, norfair, ours
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.evaluation.intervals import difference_of_means, interval, mean
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 
+PACKAGES = (stone_soup, motpy, norfair)
 FIRST = "ours, with the map"
 ROUNDS = 5
 """At most so often each setting is looked at."""
