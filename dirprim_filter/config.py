@@ -62,7 +62,7 @@ class LearningConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterConfig:
-    """How vehicles are tracked.
+    """How vehicles are tracked. What may be 0 is off then; an agility of 1 adds nothing.
 
     Attributes:
         n_particles: samples for each vehicle.
@@ -73,10 +73,14 @@ class FilterConfig:
         speed_noise: m/s, standard deviation of a measured speed.
         motion_outlier_probability: share of measured directions and speeds that are outliers: detectors confuse
             front and rear, and give standing vehicles any course.
-        resample_below: resample when the effective sample size falls below this share of the particles.
+        resample_below: resample when the effective sample size falls below this share of the particles; 0 is never.
+        widen_below: where effectively fewer than this share come near a measurement, particles are taken for kernels of
+            the belief's density and drawn anew.
         place_free_share: least share of the particles that take up a place-free manoeuvre, where they take up any, and
             share of a new belief's that have a place-free speed: the vehicle that does what none has done there is
             not lost.
+        straight_share: weight of going straight on at constant speed, against 1 for all other place-free manoeuvres:
+            vehicles may do so even if the log has none that did.
         redraw_rate: 1/s, how often a particle takes up whichever manoeuvre fits it by then.
         direction_spread: radians by which drivers stray beyond what a map's manoeuvres say: a filter that believes a
             hundredth of a radian loses whoever does otherwise. Forecasts go by the map alone.
@@ -102,7 +106,9 @@ class FilterConfig:
     speed_noise: float = 0.5
     motion_outlier_probability: float = 0.05
     resample_below: float = 0.5
+    widen_below: float = 0.3
     place_free_share: float = 0.1
+    straight_share: float = 2.0
     redraw_rate: float = 0.5
     direction_spread: float = 0.03
     push: float = 0.5
@@ -115,11 +121,15 @@ class FilterConfig:
     interaction: Literal["none", "leader"] = "leader"
 
     def __post_init__(self) -> None:
-        require_positive(self, skip=("interaction",))
+        may_be_off = (
+            "outlier_probability", "motion_outlier_probability", "resample_below", "widen_below", "place_free_share",
+            "straight_share", "redraw_rate", "direction_spread", "push", "innovation_outlier_rate", "reach_m", "drift",
+        )  # fmt: skip
+        require_positive(self, skip=("interaction",), or_zero=may_be_off)
         if self.interaction not in ("none", "leader"):
             raise ValueError(f"interaction: expected 'none' or 'leader', got {self.interaction!r}")
-        if self.outlier_probability >= 1 or self.resample_below > 1 or self.place_free_share > 1:
-            raise ValueError("outlier_probability, resample_below, place_free_share: expected shares below one")
+        if self.outlier_probability >= 1 or max(self.resample_below, self.widen_below, self.place_free_share) > 1:
+            raise ValueError("outlier_probability, resample_below, widen_below, place_free_share: expected shares")
         if self.motion_outlier_probability >= 1:
             raise ValueError(f"motion_outlier_probability: expected below 1, got {self.motion_outlier_probability}")
 
@@ -163,7 +173,7 @@ class TrackingConfig:
     lost_after: int = 2
 
     def __post_init__(self) -> None:
-        require_positive(self)
+        require_positive(self, or_zero=("occlusion_rate", "departure_rate"))
         for name in ("detection_probability", "confirm_above", "report_above", "forget_below"):
             if getattr(self, name) >= 1:
                 raise ValueError(f"{name}: expected a probability below 1, got {getattr(self, name)}")
@@ -173,13 +183,17 @@ class TrackingConfig:
             )
 
 
-def require_positive(config: LearningConfig | FilterConfig | TrackingConfig, *, skip: tuple[str, ...] = ()) -> None:
-    """Every number of a configuration is positive.
+def require_positive(
+    config: LearningConfig | FilterConfig | TrackingConfig, *, skip: tuple[str, ...] = (), or_zero: tuple[str, ...] = ()
+) -> None:
+    """Every number of a configuration is positive, but for some that may be zero.
 
     Raises:
         ValueError: names the first that is not.
     """
     for name in config.__dataclass_fields__:
         value = getattr(config, name)
-        if name not in skip and not value > 0:
+        if name in or_zero and not value >= 0:
+            raise ValueError(f"{name}: expected at least 0, got {value}")
+        if name not in (*skip, *or_zero) and not value > 0:
             raise ValueError(f"{name}: expected a positive number, got {value}")

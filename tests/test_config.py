@@ -1,14 +1,25 @@
 """Knobs that make no sense are refused by name."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dirprim_filter.config import FilterConfig, LearningConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateList
+from dirprim_filter.filtering import Tracker
+from dirprim_filter.replay import replay
+from dirprim_filter.sensor import AxisError, Sensor
+from situations import ring_traffic
 
-WORDS = ("interaction",)
+LASTING = AxisError(spread_m=0.5, correlated_share=0.5)
 SERIES = ("cell_sizes", "prior_strengths", "parameter_costs", "rows_per_cell", "softness")
+MAY_BE_OFF = (
+    "outlier_probability", "motion_outlier_probability", "resample_below", "widen_below", "place_free_share",
+    "straight_share", "redraw_rate", "direction_spread", "push", "innovation_outlier_rate", "reach_m", "drift",
+)  # fmt: skip
 KNOBS = [
     (kind, f.name)
     for kind in (FilterConfig, LearningConfig)
@@ -19,9 +30,30 @@ KNOBS = [
 
 @pytest.mark.parametrize(("kind", "name"), KNOBS)
 @pytest.mark.parametrize("value", [0, -1.0, np.nan])
-def test_a_knob_that_is_not_positive_is_refused_by_name(kind, name, value):
-    with pytest.raises(ValueError, match=f"{name}: expected a positive number, got"):
+def test_a_knob_out_of_range_is_refused_by_name(kind, name, value):
+    if value == 0 and name in MAY_BE_OFF:
+        assert getattr(kind(**{name: value}), name) == 0
+        return
+    with pytest.raises(ValueError, match=f"{name}: expected (a positive number|at least 0), got"):
         kind(**{name: value})
+
+
+@pytest.mark.parametrize("name", [*MAY_BE_OFF, "interaction", "place_free_agility"])
+@pytest.mark.parametrize("sensor", [None, Sensor(along=LASTING, across=LASTING)])
+def test_every_mechanism_can_be_off_and_vehicles_are_tracked_nonetheless(ring_map, name, sensor):
+    off: dict[str, Any] = {"interaction": "none", "place_free_agility": 1.0}
+    config = FilterConfig(n_particles=200, **{name: off.get(name, 0.0)})
+    truth = ring_traffic(np.random.default_rng(0), n_vehicles=3, n_rows=40)
+    rng = np.random.default_rng(1)
+    noisy = truth.position + 0.5 * rng.standard_normal(truth.position.shape)
+    seen = replace(Detections.of(truth), position=noisy, direction=truth.direction, speed=truth.speed)
+    kept = EstimateList()
+    tracker = Tracker(ring_map, config=config, sensor=sensor, rng=rng)
+    replay(seen.frames(), tracker, [kept])
+    last = kept.all()[kept.all().time_ns == truth.time_ns.max()]
+    assert len(last) == 3
+    true = truth.position[truth.time_ns == truth.time_ns.max()]
+    assert np.hypot(*(last.position - true).T).max() < 3.0  # six standard deviations of a detection
 
 
 @pytest.mark.parametrize("knobs", [{"outlier_probability": 1.0}, {"resample_below": 1.5}, {"place_free_share": 1.5}])

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateSink
-from dirprim_filter.evaluation.baselines.constant_velocity_smoother import best_in_hindsight
 from dirprim_filter.evaluation.baselines.raw_detections import as_reported
-from dirprim_filter.evaluation.methods import ON_A_MAP, RAW, SMOOTHED, filters
+from dirprim_filter.evaluation.methods import RAW, SMOOTHED, filters, maps_of
+from dirprim_filter.evaluation.rivals import FittedRival
 from dirprim_filter.evaluation.scenes import Scene, followed
-from dirprim_filter.evaluation.scoring import TrackedWorld, report
+from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
+from dirprim_filter.evaluation.search import Searched
 from dirprim_filter.evaluation.splits import honest_split
 from dirprim_filter.evaluation.steps import StepCount
 from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
 from dirprim_filter.evaluation.tracking_report import TrackingReport
-from dirprim_filter.filtering.manoeuvre import acceleration_density
-from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 
-BEST = "best CV smoother"
-"""Of constant velocity, with the noise that is best in hindsight."""
+SMOOTHED_SUFFIX = " smoothed"
+"""Ends the name of what a method's smoother wrote."""
+MOST_FITTED = 20
+"""Training vehicles that the Kalman filters are fitted to, drawn at random."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,11 +38,13 @@ class MethodResult:
         name: of the method, and whether it is its smoother's.
         reports: one for each seed, pooled over the groups that were tracked.
         by_group: for each seed one for each group that was tracked, in order of the groups.
+        errors: for each seed those of the truth's rows, the same rows for every method.
     """
 
     name: str
     reports: tuple[TrackingReport, ...]
     by_group: tuple[tuple[TrackingReport, ...], ...] = ()
+    errors: tuple[RowErrors, ...] = field(default=(), repr=False, compare=False)
 
     def mean(self, figure: str) -> float:
         """Of a figure of the reports, over the seeds that have it; NaN where none has."""
@@ -48,23 +53,14 @@ class MethodResult:
 
     def std(self, figure: str) -> float:
         """Standard deviation over those seeds."""
-        return _deviation(_values(self.reports, figure))
-
-    def group_std(self, figure: str) -> float:
-        """Standard deviation over the groups of a seed, root mean square over the seeds; NaN of a single group."""
-        values = np.array([_deviation(_values(reports, figure)) for reports in self.by_group])
-        values = values[~np.isnan(values)]
-        return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+        values = _values(self.reports, figure)
+        return float(np.std(values, ddof=1)) if values.size > 1 else float("nan")
 
 
 def _values(reports: Sequence[TrackingReport], figure: str) -> FloatArray:
     """A run may have no vehicle with a gap: then its figures of gaps are undefined."""
     values = np.array([getattr(report, figure) for report in reports], dtype=np.float64)
     return values[~np.isnan(values)]
-
-
-def _deviation(values: FloatArray) -> float:
-    return float(np.std(values, ddof=1)) if values.size > 1 else float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,19 +71,26 @@ class TrackingTable:
         experiment: what it follows from.
         map_learned: whether the map was learned from vehicles of the log that were then not tracked.
         split_by: what these were dealt by; empty where the map was given.
-        n_groups: how many groups were tracked, each by itself, over all seeds.
+        groups: of each seed those that were tracked, each by itself.
         n_vehicles: how many vehicles, over all seeds.
         n_gaps: how many of them were out of sight once.
         methods: their results.
+        settings: of each seed those of the fitted rivals, by the rival's name.
     """
 
     experiment: TrackingExperiment
     map_learned: bool
     split_by: str
-    n_groups: int
+    groups: tuple[tuple[int, ...], ...]
     n_vehicles: int
     n_gaps: int
     methods: tuple[MethodResult, ...]
+    settings: tuple[Mapping[str, Mapping[str, Searched]], ...]
+
+    @property
+    def n_groups(self) -> int:
+        """Groups that were tracked, over all seeds."""
+        return sum(map(len, self.groups))
 
 
 def evaluate_tracking(
@@ -106,7 +109,7 @@ def evaluate_tracking(
         experiment: what to do.
         sensor: makes detections of tracks, by the experiment's model of it where there is one.
         primitive_map: the prior; left out, it is learned from a part of the vehicles, and the others are tracked. Where
-            it is given, the Kalman filters are fitted to the very vehicles they track, which is in their favour.
+            it is given, the rivals and the single cell learn from the very vehicles they track, in their favour.
         sinks: take the frames of the first method in the first seed.
         progress: called with the number of steps done, and their total.
 
@@ -115,52 +118,65 @@ def evaluate_tracking(
     """
     if sinks and experiment.methods[0] == RAW:
         raise ValueError(f"methods: expected a tracker first, whose run can be written, got {RAW}")
-    pooled: dict[str, list[TrackingReport]] = {}
-    by_group: dict[str, list[tuple[TrackingReport, ...]]] = {}
-    scored = partial(report, with_ids=experiment.with_ids, scales=experiment.scales)
+    results: dict[str, MethodResult] = {}
 
     def add(name: str, tracked: list[TrackedWorld]) -> None:
-        pooled.setdefault(name, []).append(scored(tracked))
-        by_group.setdefault(name, []).append(tuple(scored([world]) for world in tracked))
+        scored = partial(report, with_ids=experiment.with_ids, scales=experiment.scales)
+        so_far = results.get(name, MethodResult(name=name, reports=()))
+        results[name] = replace(
+            so_far, reports=(*so_far.reports, scored(tracked)),
+            by_group=(*so_far.by_group, tuple(scored([world]) for world in tracked)),
+            errors=(*so_far.errors, row_errors(tracked, with_ids=experiment.with_ids, scales=experiment.scales)),
+        )  # fmt: skip
 
-    n_groups = n_vehicles = n_gaps = 0
+    groups: list[tuple[int, ...]] = []
+    settings: list[dict[str, Mapping[str, Searched]]] = []
+    n_vehicles = n_gaps = 0
     steps = StepCount(experiment.n_seeds * (2 + len(experiment.methods)), progress)
     for i in range(experiment.n_seeds):
-        deal, learn, sense, fit, filtering = np.random.default_rng([experiment.seed, i]).spawn(5)
+        deal, learn, sense, fit, filtering, one_cell = np.random.default_rng([experiment.seed, i]).spawn(6)
         train, test = (tracks, tracks) if primitive_map else held_out(tracks, share=experiment.learn, rng=deal)
-        learned = primitive_map
-        if learned is None and not set(ON_A_MAP).isdisjoint(experiment.methods):
-            learned = learn_primitives(train, rng=learn)
+        maps = maps_of(experiment.methods, primitive_map, train, rng=learn, one_cell_rng=one_cell)
         steps.add()
-        sensing = int(sense.integers(2**63))
-        scenes = [Scene.of(world, experiment, sensor, seed=sensing) for world in test.worlds()]
-        n_groups += len(scenes)
+        scenes = _scenes(test, experiment, sensor, seed=int(sense.integers(2**63)))
+        seen = _seen_in_training(train, experiment, sensor, rng=fit)
+        made = filters(experiment.methods, maps, seen, train, experiment.filter, sensor=experiment.sensor)
+        steps.add()
+        groups.append(tuple(scene.group for scene in scenes))
+        settings.append({name: of.settings for name, of in made.items() if isinstance(of, FittedRival)})
         n_vehicles += test.n_tracks
         n_gaps += sum(np.unique(scene.truth.tracks.vehicle[scene.truth.is_hidden]).size for scene in scenes)
         seeds = filtering.integers(2**63, size=len(experiment.methods))
-        made = filters(experiment.methods, learned, train, experiment.filter, sensor=experiment.sensor, rng=fit)
-        steps.add()
         for number, method in enumerate(experiment.methods):
             listening = sinks if i == 0 and number == 0 else ()
             if method == RAW:
                 add(method, as_reported(scenes, noise_m=experiment.noise_m))
-                steps.add()
-                continue
-            smooth = experiment.smooth and method in SMOOTHED
-            tracked = followed(scenes, made[method], experiment, listening, smooth=smooth, seed=int(seeds[number]))
-            add(method, tracked.filtered)
-            if smooth:
-                add(f"{method} smoothed", tracked.smoothed)
+            else:
+                smooth = experiment.smooth and method in SMOOTHED
+                tracked = followed(scenes, made[method], experiment, listening, smooth=smooth, seed=int(seeds[number]))
+                add(method, tracked.filtered)
+                if smooth:
+                    add(method + SMOOTHED_SUFFIX, tracked.smoothed)
             steps.add()
-        if experiment.smooth:
-            add(BEST, best_in_hindsight(scenes, experiment, acceleration_density=acceleration_density(train)))
     return TrackingTable(
         experiment=experiment, map_learned=primitive_map is None,
-        split_by="" if primitive_map else honest_split(tracks), n_groups=n_groups, n_vehicles=n_vehicles, n_gaps=n_gaps,
-        methods=tuple(
-            MethodResult(name=name, reports=tuple(pooled[name]), by_group=tuple(by_group[name])) for name in pooled
-        ),
+        split_by="" if primitive_map else honest_split(tracks), groups=tuple(groups), n_vehicles=n_vehicles,
+        n_gaps=n_gaps, methods=tuple(results.values()), settings=tuple(settings),
     )  # fmt: skip
+
+
+def _scenes(tracks: Tracks, experiment: TrackingExperiment, sensor: Detector, *, seed: int) -> list[Scene]:
+    return [Scene.of(world, experiment, sensor, seed=seed) for world in tracks.worlds()]
+
+
+def _seen_in_training(
+    train: Tracks, experiment: TrackingExperiment, sensor: Detector, *, rng: np.random.Generator
+) -> Detections:
+    """What the sensor reports of some training vehicles, with their gaps, under their names and without clutter."""
+    some = train[np.isin(train.vehicle, rng.permutation(train.n_tracks)[:MOST_FITTED])]
+    scenes = _scenes(some, replace(experiment, with_ids=True), sensor, seed=int(rng.integers(2**63)))
+    seen = Detections.concatenate([scene.seen for scene in scenes])
+    return seen[np.isin(seen.track_id, some.track_id.astype(np.str_))].in_one_world()
 
 
 def held_out(tracks: Tracks, *, share: float, rng: np.random.Generator) -> tuple[Tracks, Tracks]:

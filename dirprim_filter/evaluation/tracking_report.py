@@ -191,6 +191,14 @@ class _Errors:
         return coverage(_known(self.normalised[which]), share)
 
 
+def assigned(rows: TrackedRows, truth: Tracks, *, with_ids: bool, scales: Scales) -> tuple[IntArray, IntArray]:
+    """(m,) rows of the truth, and (m,) the estimate of each: by id, or by GOSPA's assignment."""
+    if with_ids:
+        return _by_name(rows, truth)
+    pairs = gospa(scales.comparison(rows, truth), cutoff_m=scales.cutoff_m).pairs
+    return pairs.row, pairs.column
+
+
 def _mean(values: FloatArray) -> float:
     return float(values.mean()) if values.size else float("nan")
 

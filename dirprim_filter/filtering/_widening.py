@@ -25,8 +25,6 @@ from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering._measuring import DIRECTION, SPEED, XX, XY, YY, Noise, X, Y, direction_fit, speed_fit
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
-FEW = 0.3
-"""Share of the particles: where effectively fewer come near, they are taken for kernels."""
 HALVINGS = 8
 """Of the intervals in which an exponent and a bandwidth are looked for."""
 N_STATES = 5
@@ -36,13 +34,15 @@ LEAST_VARIANCE = 1e-9
 
 
 @njit(cache=True, nogil=True)
-def weigh(cloud: Cloud, vehicle: IntArray, before: FloatArray, measured: FloatArray, noise: Noise) -> None:
-    """Weigh each vehicle's particles, of weights `before` (V, P), as kernels, and draw them anew.
+def weigh(
+    cloud: Cloud, vehicle: IntArray, before: FloatArray, measured: FloatArray, least: float, noise: Noise
+) -> None:  # fmt: skip
+    """Weigh each vehicle's particles, of weights `before` (V, P), as kernels so wide that `least` of them come near.
 
     An outlier leaves a particle as it was. Who stands keeps its direction and speed. Some 80 ns a particle: two
     searches of nine exponentials each take two parts in three, the five normals of a draw most of the rest.
     """
-    n, least = cloud.position.shape[1], FEW * cloud.position.shape[1]
+    n = cloud.position.shape[1]
     state, fit, mean, r = np.empty((N_STATES, n)), np.empty(n), np.empty(N_STATES), np.empty((2, 2))
     spread = np.empty((N_STATES, N_STATES))
     for i in range(vehicle.size):

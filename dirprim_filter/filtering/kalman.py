@@ -8,6 +8,7 @@ Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from functools import lru_cache
 from typing import Self
@@ -48,7 +49,7 @@ class KalmanBank:
         self.mean: FloatArray = np.empty((0, m, N_STATES))
         self.covariance: FloatArray = np.empty((0, m, N_STATES, N_STATES))
         self.probability: FloatArray = np.empty((0, m))
-        self._log_outlier = float(np.log(config.outlier_probability / config.outlier_extent_m**2))
+        self._log_outlier = _log(config.outlier_probability / config.outlier_extent_m**2)
         self._log_kept = float(np.log1p(-config.outlier_probability))
 
     @property
@@ -187,7 +188,7 @@ class KalmanBank:
         log_p = _log_gaussian(z - self.mean[s, :, 2:4], spread) + np.log(np.maximum(self.probability[s], 1e-300))
         astray = self.config.motion_outlier_probability
         fit = float(np.logaddexp.reduce(log_p) + np.log1p(-astray))
-        outlier = float(np.log(astray / (np.pi * FASTEST**2)))
+        outlier = _log(astray / (np.pi * FASTEST**2))
         if fit > outlier:
             self._update(s, z, VELOCITY, noise)
         return float(np.logaddexp(fit, outlier))
@@ -337,6 +338,10 @@ def _log_gaussian(off: FloatArray, covariance: FloatArray) -> FloatArray:
     x, y = off[..., 0], off[..., 1]
     distance = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
     return np.asarray(-0.5 * (distance + np.log(determinant)) - np.log(2.0 * np.pi))
+
+
+def _log(probability: float) -> float:
+    return math.log(probability) if probability > 0.0 else -math.inf
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

@@ -213,10 +213,13 @@ class ParticleFilter:
         before = cloud.weight[slot]
         self.split(_measuring.weigh, (cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
         judged = self._judged(evidence)
-        judged.is_moved[:] = ~judged.is_unexplained & (evidence[:, 2] < _widening.FEW * self.config.n_particles)
+        judged.is_moved[:] = ~judged.is_unexplained & (
+            evidence[:, 2] < self.config.widen_below * self.config.n_particles
+        )
         few = np.flatnonzero(judged.is_moved)
         per_vehicle = (slot[few], before[few], columns[few])
-        self.split(_widening.weigh, (cloud,), per_vehicle, (self._noise,), each_ns=80.0)
+        least = self.config.widen_below * self.config.n_particles
+        self.split(_widening.weigh, (cloud,), per_vehicle, (least, self._noise), each_ns=80.0)
         share = self._outlier_share(slot)
         rare = np.exp(evidence[:, 1]) * _innovation_outliers.LEAST_SHARE < share * _innovation_outliers.DENSEST
         off = np.flatnonzero(rare & ~judged.is_moved & ~judged.is_unexplained)
@@ -232,7 +235,7 @@ class ParticleFilter:
 
     def _judged(self, evidence: FloatArray) -> Evidence:
         """(v, 2 or more) log densities of a measurement and of its position alone -> the evidence."""
-        unexplained = ~(evidence[:, 1] >= np.log(2.0 * self._noise.outlier))  # so that a NaN is unexplained
+        unexplained = ~(np.exp(evidence[:, 1]) >= 2.0 * self._noise.outlier)  # so that a NaN is unexplained
         unexplained |= ~np.isfinite(evidence[:, 0])
         return Evidence(evidence[:, 0], unexplained, np.zeros(unexplained.size, np.bool_))
 

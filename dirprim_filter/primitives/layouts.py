@@ -107,6 +107,10 @@ def _lay_out_jointly(
 def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:
     """The grid whose number of cells is nearest to `n_cells`, by bisection on the logarithm of its cell size."""
     low, high = 0.1, float(np.ptp(position, axis=0).max()) + 1.0
+    if n_cells == 1:  # lines of a grid go through the origin, so around it there would be four
+        return GridTessellation(
+            origin=position.min(axis=0) - 0.5, cell_size=high, n_x=1, n_y=1, square=np.zeros(1, np.int64)
+        )
     nearest = GridTessellation.covering(position, cell_size=high)
     for _ in range(30):
         middle = float(np.sqrt(low * high))

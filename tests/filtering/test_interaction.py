@@ -111,9 +111,9 @@ def reported(order=(0, 1), seed=0):
     return frames
 
 
-def last_places(frames, interaction, sensor=None):
+def last_places(frames, interaction, sensor=None, **knobs):
     """Metres to the east, of each vehicle, where they brake by 2 m/s^2 behind any other."""
-    tracking, config = replace(TRUSTING, report_above=1e-9), replace(HEEDING, interaction=interaction)
+    tracking, config = replace(TRUSTING, report_above=1e-9), replace(HEEDING, interaction=interaction, **knobs)
     tracker = Tracker(
         road(by=ALWAYS, gained=-2.0), config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(1)
     )  # fmt: skip
@@ -139,17 +139,14 @@ def test_who_is_out_of_sight_is_believed_to_do_what_its_leader_has_it_do():
     assert last_places(lonely, "leader") == last_places(lonely, "none")
 
 
-def test_who_is_out_of_sight_of_a_sensor_with_lasting_errors_too(monkeypatch):
+def test_who_is_out_of_sight_of_a_sensor_with_lasting_errors_too():
     lasting = AxisError(spread_m=0.3, correlated_share=0.5)
     sensor = Sensor(along=lasting, across=lasting)
     behind, without = (last_places(reported(), interaction, sensor)[1] for interaction in ("leader", "none"))
     assert behind < without - 2.0 * 3.0**2 / 2 + 3.0
-    monkeypatch.setattr("dirprim_filter.filtering._widening.FEW", 0.0)
-    monkeypatch.setattr(
-        "dirprim_filter.filtering.particle_filter.MOST_OUTLIERS", 0.0
-    )  # a sensor's model has no kernels
-    white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m))
-    assert white == pytest.approx(last_places(reported(), "leader"), abs=1e-6)
+    plainly = {"widen_below": 0.0, "innovation_outlier_rate": 0.0}  # a sensor's model has no kernels
+    white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m), **plainly)
+    assert white == pytest.approx(last_places(reported(), "leader", **plainly), abs=1e-6)
 
 
 def test_forecasts_of_a_frame_are_worlds_of_its_groups():

@@ -11,7 +11,7 @@ from dirprim_filter.filtering import ParticleFilter
 from dirprim_filter.filtering.measurements import FASTEST
 from situations import one_cell_map
 
-CONFIG = FilterConfig(n_particles=400, noise_m=0.7, outlier_probability=0.02)
+CONFIG = FilterConfig(n_particles=400, noise_m=0.7, outlier_probability=0.02, widen_below=0.0)
 COVARIANCE = np.array([[0.5, 0.2], [0.2, 0.9]])
 SLOT = np.array([2, 0])
 
@@ -60,8 +60,7 @@ KNOWN = {
 
 
 @pytest.mark.parametrize("known", KNOWN.values(), ids=KNOWN)
-def test_weights_and_evidence_are_scipys(cloudy, known, monkeypatch):
-    monkeypatch.setattr("dirprim_filter.filtering._widening.FEW", 0.0)  # few of this cloud come near
+def test_weights_and_evidence_are_scipys(cloudy, known):
     seen = measured(**known)
     likelihood = cloudy.log_likelihood(SLOT, seen)
     expected = [fits(cloudy, seen, row) for row in (0, 1)]

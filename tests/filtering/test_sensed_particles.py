@@ -69,14 +69,14 @@ def test_weights_and_evidence_are_those_of_the_joint_gaussian(learned):
     assert sum(reported) == pytest.approx(np.log(np.exp(log_fit).mean()), abs=0.01)
 
 
-def estimates_of(learned, seen, sensor, n_particles):
+def estimates_of(learned, seen, sensor, n_particles, **knobs):
     """(n, 2) positions, (n,) directions, and the vehicle and instant of all estimates."""
     rows = []
 
     class Keep:
         write = staticmethod(lambda frame: rows.append(frame.estimates))
 
-    config = FilterConfig(n_particles=n_particles, noise_m=0.5)
+    config = FilterConfig(n_particles=n_particles, noise_m=0.5, **knobs)
     replay(seen.frames(), Tracker(learned, sensor=sensor, config=config, rng=np.random.default_rng(0)), [Keep()])
     position, direction = (np.concatenate([getattr(of, name) for of in rows]) for name in ("position", "direction"))
     return (
@@ -86,15 +86,15 @@ def estimates_of(learned, seen, sensor, n_particles):
     )
 
 
-def test_with_white_round_errors_it_is_the_plain_filter(learned, monkeypatch):
+def test_with_white_round_errors_it_is_the_plain_filter(learned):
     """To the last belief of a log, not only in one step: both draw, weigh and resample alike, but for kernels."""
-    monkeypatch.setattr("dirprim_filter.filtering._widening.FEW", 0.0)
-    monkeypatch.setattr("dirprim_filter.filtering.particle_filter.MOST_OUTLIERS", 0.0)
+    plainly = {"widen_below": 0.0, "innovation_outlier_rate": 0.0}
     seen = sense(circling(3, 20), Sensor.white(0.5), rng=np.random.default_rng(1))
-    plain, *_ = estimates_of(learned, seen, None, 60)
-    sensed, *_ = estimates_of(learned, seen, Sensor.white(0.5), 60)
+    plain, *_ = estimates_of(learned, seen, None, 60, **plainly)
+    sensed, *_ = estimates_of(learned, seen, Sensor.white(0.5), 60, **plainly)
     np.testing.assert_allclose(sensed, plain, atol=1e-6)
-    other, *_ = estimates_of(learned, seen, Sensor(along=AxisError(spread_m=0.5), across=AxisError(spread_m=0.4)), 60)
+    oblong = Sensor(along=AxisError(spread_m=0.5), across=AxisError(spread_m=0.4))
+    other, *_ = estimates_of(learned, seen, oblong, 60, **plainly)
     assert not np.allclose(other, plain, atol=1e-6)
 
 

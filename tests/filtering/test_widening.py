@@ -5,20 +5,24 @@ import pytest
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import ParticleFilter, _widening
+from dirprim_filter.filtering import ParticleFilter
 from situations import one_cell_map
 
 N, NOISE_M, SEEDS = 1000, 0.5, range(20)
 FAR = 3.7  # standard deviations of the belief's place: two of ten thousand particles get there
 
 
+def filter_of(**knobs):
+    model = one_cell_map(concentration=5.0, shape=10.0)
+    made = ParticleFilter(model, FilterConfig(n_particles=N, noise_m=NOISE_M, outlier_probability=1e-12, **knobs))
+    made.reserve(len(SEEDS))
+    return made
+
+
 @pytest.fixture(scope="module")
 def bayes():
     """One filter for all tests: each places beliefs of its own."""
-    model = one_cell_map(concentration=5.0, shape=10.0)
-    made = ParticleFilter(model, FilterConfig(n_particles=N, noise_m=NOISE_M, outlier_probability=1e-12))
-    made.reserve(len(SEEDS))
-    return made
+    return filter_of()
 
 
 def believe(bayes, mean, covariance, *, seeds):
@@ -57,21 +61,20 @@ def updated(bayes):
     return [np.array(column) for column in zip(*(moments(cloud, s) for s in range(len(SEEDS))), strict=True)]
 
 
-def test_a_vehicle_found_where_hardly_a_particle_is_has_the_belief_that_bayes_says(bayes, monkeypatch):
+def test_a_vehicle_found_where_hardly_a_particle_is_has_the_belief_that_bayes_says(bayes):
     *_, exact_mean, exact = after_a_gap()
 
-    def nees():
+    def nees(of):
         """Mean squared error of the means in units of the stated and the exact covariance: 2 more than exact."""
-        means, covariances = updated(bayes)
+        means, covariances = updated(of)
         off = means - exact_mean
         stated = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances + 1e-9 * np.eye(2)), off)
         return float(np.median(stated)), float(np.median(covariances[:, 1, 1] / exact[1, 1]))
 
-    error, spread = nees()
+    error, spread = nees(bayes)
     assert error < 1.5  # half of what an error drawn from the belief has
     assert 0.5 < spread < 1.5
-    monkeypatch.setattr(_widening, "FEW", 0.0)
-    error, spread = nees()
+    error, spread = nees(filter_of(widen_below=0.0, innovation_outlier_rate=0.0))
     assert error > 3.0
     assert spread < 0.5
 
@@ -91,7 +94,7 @@ def test_of_a_belief_with_two_arms_the_other_arm_gets_no_particle(bayes):
     cloud.direction[0] += np.where(np.arange(N) % 2 == 0, 0.8, -0.8)
     assert weigh(bayes, [3.2, 8.0]).is_moved.all()
     near = cloud.weight[0] > 0.1 / N
-    assert near.sum() >= _widening.FEW * N
+    assert near.sum() >= bayes.config.widen_below * N
     assert (cloud.position[0, near, 1] > 5.0).all()
     assert (cloud.direction[0, near] > 0.4).all()
 

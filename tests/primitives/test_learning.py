@@ -256,6 +256,12 @@ def test_n_cells_gives_about_that_many(ring, n):
     assert learned.tessellation.n_cells == pytest.approx(n, rel=0.2)
 
 
+def test_one_cell_of_a_grid_is_one_although_lines_of_grids_go_through_the_origin(ring):
+    learned = learn_primitives(ring, tessellation="grid", n_cells=1, rng=np.random.default_rng(0))
+    assert learned.tessellation.n_cells == 1
+    assert (learned.tessellation.cell_of(ring.position) == 0).all()
+
+
 def test_given_cells_are_kept_even_where_they_hold_nothing(ring):
     cells = GridTessellation.covering(np.array([[500.0, 500.0]]), cell_size=10.0)
     learned = learn_primitives(ring, tessellation=cells, rng=np.random.default_rng(0))

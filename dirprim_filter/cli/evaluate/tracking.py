@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -117,7 +117,7 @@ def tracking(
         return tracking_chart(table)
 
     return experiment.report(
-        asdict(table), settings=asdict(settings), text=lambda: tracking_text(table), figure=figure
+        tracking_object(table), settings=asdict(settings), text=lambda: tracking_text(table), figure=figure
     )  # fmt: skip
 
 
@@ -146,7 +146,9 @@ def _watched(experiment: TrackingExperiment) -> str:
 
 
 def tracking_text(table: TrackingTable) -> str:
-    """The table as text: means over the seeds, and beside them the deviations of the seeds and of the groups."""
+    """The table as text: means over the seeds, then what the first method gains over each other."""
+    from dirprim_filter.evaluation.comparisons import comparisons
+
     experiment = table.experiment
     ids = "ids" if experiment.with_ids else "no ids"
     where = f"map learned from others, held out by {table.split_by}" if table.map_learned else "map given"
@@ -155,32 +157,27 @@ def tracking_text(table: TrackingTable) -> str:
     lines = [
         f"{counted(table.n_vehicles, 'vehicle')}{groups} tracked in {counted(experiment.n_seeds, 'run')}, "
         f"{counted(table.n_gaps, 'gap')} of {experiment.gap_s:g} s, {_watched(experiment)}, {ids}; {where}",
+        *["means over the runs, +- deviations from run to run"] * (experiment.n_seeds > 1),
         "",
     ]
-    spreads = ["run to run"] * (experiment.n_seeds > 1) + ["group to group"] * has_groups
-    if spreads:
-        lines.insert(1, f"means over the runs, +- deviations from {' and from '.join(spreads)}")
 
     def cell(i: int, figure: str) -> str:
         method = table.methods[i]
-        deviations = [method.std(figure)] * (experiment.n_seeds > 1) + [method.group_std(figure)] * has_groups
-        return " +-".join(map(number, [method.mean(figure), *deviations]))
+        spread = [method.std(figure)] if experiment.n_seeds > 1 else []
+        return " +-".join(map(number, [method.mean(figure), *spread]))
 
     lines += figure_lines([method.name for method in table.methods], cell)
-    return "\n".join([*lines, *_gap_lines(table)])
+    lines += ["", *(found.sentence for found in comparisons(table) if found.sentence)]
+    return "\n".join(lines).rstrip()
 
 
-def _gap_lines(table: TrackingTable) -> list[str]:
-    """The first method beside each of the others, gap by gap."""
-    from dirprim_filter.evaluation.pairs import compare_gaps
+def tracking_object(table: TrackingTable) -> dict[str, Any]:
+    """The table for machines: every method's figures, and the first method beside each other."""
+    from dirprim_filter.evaluation.comparisons import comparisons
 
-    first, *others = table.methods
-    lines = []
-    for other in others:
-        found = compare_gaps(first, other)
-        if found is not None:
-            lines.append(
-                f"of {counted(found.n, 'gap')} {first.name} is nearer than {other.name} in {found.nearer:.0%}, its "
-                f"RMSE smaller by {found.less_m:.2f} m (95 % bootstrap: {found.low_m:.2f} to {found.high_m:.2f})"
-            )
-    return ["", *lines] if lines else []
+    bare = replace(table, methods=tuple(replace(method, errors=()) for method in table.methods))
+    settings = [
+        {name: {each: found._asdict() for each, found in of.items()} for name, of in seed.items()}
+        for seed in table.settings
+    ]
+    return asdict(bare) | {"settings": settings, "comparisons": [found.as_table() for found in comparisons(table)]}

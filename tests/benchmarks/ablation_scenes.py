@@ -1,0 +1,249 @@
+"""The scenes of the ablation: what a seed gives to every variant, and what a variant reaches there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dirprim_filter.arrays import AnyArray, FloatArray
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.evaluation.experiment import held_out
+from dirprim_filter.evaluation.forecast_cases import Cases
+from dirprim_filter.evaluation.forecast_methods import futures_in_worlds, futures_of
+from dirprim_filter.evaluation.forecasting import SCORES, score_cases
+from dirprim_filter.evaluation.scenes import Scene, followed
+from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
+from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
+from dirprim_filter.filtering.tracker import bayes_filter_of
+from dirprim_filter.primitives import PrimitiveMap, learn_primitives
+from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.simulation.sensor import detect
+from dirprim_filter.tracks import Tracks
+
+DATA = Path(__file__).parents[2] / "../shared/data"
+NEEDS = {
+    "roundabout": "town03", "intersection": "town03", "misbehaviour": "town03", "Lankershim": "lankershim",
+    "Mcity": "mcity_roadside", "autoferry": "autoferry",
+}  # fmt: skip
+ALONE = FilterConfig(interaction="none")
+LOST_M = 3.0
+N_SAMPLES = 100
+HORIZONS_S = (1.0, 5.0)
+
+
+class Figure(NamedTuple):
+    """Values that are compared one by one; clusters are names, or numbers where a run is one."""
+
+    cluster: AnyArray
+    value: FloatArray
+
+
+Outcome = dict[str, Figure]
+
+
+def absent(scene: str) -> str:
+    """The folder of data that is not there; empty where nothing is missing."""
+    folder = NEEDS.get(scene)
+    return f"../shared/data/{folder}" if folder and not (DATA / folder).is_dir() else ""
+
+
+def pack(path: Path, found: Mapping[str, Outcome]) -> None:
+    """Keep a run."""
+    columns = {
+        f"{name}|{figure}|{part}": getattr(of, part)
+        for name, outcome in found.items() for figure, of in outcome.items() for part in ("cluster", "value")
+    }  # fmt: skip
+    partial = path.with_suffix(".partial.npz")
+    np.savez_compressed(partial, **columns)
+    partial.rename(path)
+
+
+def unpacked(path: Path) -> dict[str, Outcome]:
+    """What was kept."""
+    found: dict[str, Outcome] = {}
+    with np.load(path, allow_pickle=False) as columns:
+        for key in columns.files:
+            name, figure, part = key.split("|")
+            if part == "cluster":
+                found.setdefault(name, {})[figure] = Figure(columns[key], columns[f"{name}|{figure}|value"])
+    return found
+
+
+@dataclass
+class Simulated:
+    """Traffic that a simulated sensor reports; the map is learned from other vehicles of it, or of elsewhen.
+
+    Attributes:
+        train: to learn from.
+        test: to track.
+        cases: the same vehicles at their own times, to forecast.
+        among: all vehicles, for leaders of forecasts.
+        experiment: how the sensor reports.
+        seed: of the run.
+        given: a map that was learned elsewhere.
+    """
+
+    train: Tracks
+    test: Tracks
+    cases: Tracks
+    among: Tracks
+    experiment: TrackingExperiment
+    seed: int
+    given: PrimitiveMap | None = None
+    _learned: PrimitiveMap | None = field(default=None, init=False)
+
+    def relearned(self, **options: Any) -> PrimitiveMap:
+        """By other options."""
+        return learn_primitives(self.train, **options, rng=np.random.default_rng([self.seed, 1]))
+
+    def learned(self) -> PrimitiveMap:
+        """By the defaults."""
+        if self._learned is None:
+            self._learned = self.given or self.relearned()
+        return self._learned
+
+    @cached_property
+    def scenes(self) -> list[Scene]:
+        """The same for every variant."""
+        return [Scene.of(world, self.experiment, detect, seed=self.seed) for world in self.test.worlds()]
+
+    def tracked(self, learned: PrimitiveMap, off: Any) -> Outcome:
+        """Errors of tracking without a mechanism."""
+        experiment = replace(self.experiment, filter=replace(self.experiment.filter, **off.filter))
+        scenes = [scene._replace(tracking=replace(scene.tracking, **off.tracking)) for scene in self.scenes]
+
+        def make() -> Any:
+            made = bayes_filter_of(learned, experiment.filter, None)
+            if off.strip is not None:
+                off.strip(made)
+            return made
+
+        worlds = followed(scenes, make, experiment, seed=self.seed).filtered
+        return errors_of(worlds, with_ids=experiment.with_ids, experiment=experiment)
+
+    def forecast(self, learned: PrimitiveMap, *, alone: bool = False) -> Outcome:
+        """Energies of forecasts, without leaders or with them, and the log density of motion."""
+        cases = Cases.of(self.cases, horizons_s=HORIZONS_S, among=self.among)
+        sample = (futures_of if alone else futures_in_worlds)(learned, HORIZONS_S)
+        energy = score_cases(sample(cases, N_SAMPLES, np.random.default_rng(self.seed)), cases.later)
+        energy = energy[..., SCORES.index("energy")]
+        has_groups = np.unique(self.among.group).size > 1
+        names = cases.group.astype(np.str_) if has_groups else cases.name
+        moving = self.cases[self.cases.speed > 0.5]
+        log_p = learned.log_density(moving.position, moving.direction, moving.speed)
+        whose = (moving.group if has_groups else moving.track_id).astype(np.str_)
+        return {
+            **{f"energy at {h:g} s": Figure(names, energy[:, i]) for i, h in enumerate(HORIZONS_S)},
+            "density": Figure(whose, log_p),
+        }
+
+
+def errors_of(worlds: list[TrackedWorld], *, with_ids: bool, experiment: TrackingExperiment) -> Outcome:
+    """Errors by row with ids; HOTA of each group without."""
+    scales = experiment.scales
+    errors = row_errors(worlds, with_ids=with_ids, scales=scales)
+    found = rows_of(errors)
+    if not with_ids:
+        hotas = np.array([report([world], with_ids=False, scales=scales).hota for world in worlds])
+        groups = np.array([str(world.truth.tracks.group[0]) for world in worlds])
+        found["HOTA"] = Figure(groups if groups.size > 1 else np.zeros(1), hotas)
+    return found
+
+
+def rows_of(errors: RowErrors) -> Outcome:
+    """Squared errors, their size in units of the covariance, and which rows are lost."""
+    seen, hidden = ~errors.is_hidden, errors.is_hidden
+
+    def of(values: FloatArray, which: AnyArray) -> Figure:
+        return Figure(errors.cluster[which], values[which])
+
+    is_lost = np.where(np.isnan(errors.squared), 1.0, errors.squared > LOST_M**2)
+    return {
+        "in sight": of(errors.squared, seen), "in gaps": of(errors.squared, hidden), "lost": of(is_lost, seen),
+        "NEES in sight": of(errors.normalised, seen), "NEES in gaps": of(errors.normalised, hidden),
+    }  # fmt: skip
+
+
+@cache
+def log_of(path: str) -> Tracks:
+    """A table of the data."""
+    return read_csv(DATA / path).tracks
+
+
+def town(name: str) -> Callable[[int], Simulated]:
+    """Nine tenths of a town's vehicles to learn from, the others to track: all from the same instant on, as none knows
+    of another. Whom they followed is not tracked, so none responds to a leader."""
+
+    def make(seed: int) -> Simulated:
+        log = log_of(f"town03/{name}.csv")
+        train, test = held_out(log, share=0.9, rng=np.random.default_rng([seed, 0]))
+        return Simulated(train, at_once(test), test, log, TrackingExperiment(filter=ALONE), seed)
+
+    return make
+
+
+def at_once(tracks: Tracks) -> Tracks:
+    """The same vehicles, each from time 0 on."""
+    _, first = np.unique(tracks.vehicle, return_index=True)
+    return Tracks.concatenate([replace(tracks, time_ns=tracks.time_ns - tracks.time_ns[first][tracks.vehicle])])
+
+
+def lankershim(seed: int) -> Simulated:
+    """Groups of a real junction."""
+    log = log_of("lankershim/lankershim.csv")
+    train, test = held_out(log, share=0.9, rng=np.random.default_rng([seed, 0]))
+    return Simulated(train, test, test, log, TrackingExperiment(), seed)
+
+
+DENSE = TrackingExperiment.of(
+    {"with_ids": False, "gap_s": 0.0, "miss_rate": 0.2, "false_per_frame": 10.0, "filter": {"n_particles": 300}}
+)
+
+
+@cache
+def dense_map(name: str, demand: float) -> PrimitiveMap:
+    """Of five minutes of other traffic there."""
+    from dirprim_filter.simulation.traffic import simulate
+
+    other = simulate(name, duration_s=300.0, seed=1, rate_hz=5.0, demand=demand)
+    return learn_primitives(other, rng=np.random.default_rng(0))
+
+
+def dense(name: str, demand: float) -> Callable[[int], Simulated]:
+    """Dense traffic, without ids, other traffic for each seed."""
+
+    def make(seed: int) -> Simulated:
+        from dirprim_filter.simulation.traffic import simulate
+
+        traffic = simulate(name, duration_s=20.0, seed=2 + seed, rate_hz=10.0, demand=demand)
+        return Simulated(traffic, traffic, traffic, traffic, DENSE, seed, dense_map(name, demand))
+
+    return make
+
+
+def misbehaviour(seed: int) -> Simulated:
+    """Of the town's held-out vehicles each does what none did; the map is of those that do not."""
+    from dirprim_filter.simulation.misbehaviour import KINDS, misbehaving
+
+    situation = town("roundabout" if seed % 2 else "intersection")(seed)
+    test, rng = situation.cases, np.random.default_rng([seed, 2])
+    kind = rng.permutation(np.arange(test.n_tracks) % len(KINDS))[test.vehicle]
+    parts = [misbehaving(test[kind == i], kind=name, rng=rng) for i, name in enumerate(KINDS)]
+    return replace(
+        situation, test=at_once(Tracks.concatenate(parts)), experiment=TrackingExperiment(gap_s=0.0, filter=ALONE)
+    )
+
+
+SCENES: dict[str, Callable[[int], Any]] = {
+    "roundabout": town("roundabout"),
+    "intersection": town("intersection"),
+    "Lankershim": lankershim,
+    "dense intersection": dense("intersection", 2.2),
+    "dense highway": dense("highway", 2.5),
+    "misbehaviour": misbehaviour,
+}
