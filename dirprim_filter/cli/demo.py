@@ -6,8 +6,6 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -224,39 +222,16 @@ class Run:
 
 
 def _constant_velocity(tracks: Tracks, config: FilterConfig) -> BayesFilter:
-    """The Kalman filter under which noisy positions of some vehicles are most likely, on a log grid without an end."""
+    """The Kalman filter under which noisy positions of some of the vehicles are most likely."""
     import numpy as np
 
     from dirprim_filter.detections import Detections
-    from dirprim_filter.filtering import ConstantVelocityKalman
-    from dirprim_filter.filtering.manoeuvre import acceleration_density
+    from dirprim_filter.evaluation.rivals import fitted
 
     rng = np.random.default_rng(0)
     some = tracks[np.isin(tracks.vehicle, rng.permutation(tracks.n_tracks)[:N_FITTED])]
     noise = config.noise_m * rng.standard_normal(some.position.shape)
-    seen, slot = replace(Detections.of(some), position=some.position + noise), some.vehicle
-    of_vehicle = [np.flatnonzero(slot == s) for s in range(some.n_tracks)]
-    nth = [np.array([rows[i] for rows in of_vehicle if i < rows.size]) for i in range(max(map(len, of_vehicle)))]
-
-    @cache
-    def log_evidence(halves: int) -> float:
-        bank, total = made(halves), 0.0
-        bank.reserve(some.n_tracks)
-        bank.begin(slot[nth[0]], slot[nth[0]], seen[nth[0]])
-        for before, rows in pairwise(nth):
-            passed_s = (some.time_ns[rows] - some.time_ns[before[np.isin(slot[before], slot[rows])]]) * 1e-9
-            bank.predict(slot[rows], passed_s)
-            total += float(bank.weigh(slot[rows], seen[rows]).log_density.sum())
-        return total
-
-    def made(halves: int) -> ConstantVelocityKalman:
-        return ConstantVelocityKalman(acceleration_density=start * 10.0 ** (0.5 * halves), config=config)
-
-    start, best = acceleration_density(tracks), 0
-    for step in (1, -1):
-        while log_evidence(best + step) > log_evidence(best):
-            best += step
-    return made(best)
+    return fitted("constant velocity", replace(Detections.of(some), position=some.position + noise), tracks, config)()
 
 
 def _center(learned: PrimitiveMap) -> FloatArray:
