@@ -1,8 +1,9 @@
 """Makes the pictures of README and the site from the recordings that ship: `python docs/make_pictures.py`, in the root.
 
-`recordings/roundabout.png` is what `dirprim demo` draws. `recordings/viewer.png` is the rerun viewer, without a screen,
-in the middle of a tracked intersection; it needs a Vulkan driver (Debian: mesa-vulkan-drivers). `recordings/gap.png`
-compares filter and smoother on vehicles that are out of sight for three seconds.
+`recordings/roundabout.png` is what `dirprim demo` draws, `recordings/blind.png` what its blind scene does.
+`recordings/viewer.png` is the rerun viewer, without a screen, in the middle of a tracked intersection; it needs a
+Vulkan driver (Debian: mesa-vulkan-drivers). `recordings/gap.png` compares filter and smoother on vehicles that are out
+of sight for three seconds.
 
 `recordings/foxglove.png` is the demo in Lichtblick, the open fork of Foxglove. The environment variable
 FOXGLOVE_PICTURE names a program that opens a log there and writes its window to a PNG of 1600 x 1000, called as
@@ -56,6 +57,13 @@ def demo(folder: Path) -> None:
     succeed("demo", "-o", folder / "demo")
     shutil.copy(folder / "demo" / "demo.png", RECORDINGS / "roundabout.png")
     foxglove(folder / "demo" / "tracks.mcap", folder / "demo" / "layout.json")
+
+
+def blind(folder: Path) -> None:
+    """The picture of the demo's blind scene."""
+    succeed("demo", "--scene", "blind", "-o", folder / "blind")
+    drawn = Image.open(folder / "blind" / "demo.png").convert("RGB")
+    drawn.quantize(colors=256).save(RECORDINGS / "blind.png", optimize=True)
 
 
 def foxglove(log: Path, layout: Path) -> None:
@@ -160,5 +168,6 @@ def succeed(*arguments: object) -> None:
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as made:
         demo(Path(made))
+        blind(Path(made))
         viewer(Path(made))
         gap(Path(made))

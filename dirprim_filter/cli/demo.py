@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,22 +20,37 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dirprim_filter.arrays import FloatArray
-    from dirprim_filter.estimates import Estimates, EstimateSink
-    from dirprim_filter.evaluation.tracking_report import TrackingReport
-    from dirprim_filter.filtering import Tracker
+    from dirprim_filter.cli.blind_demo import FrameAt
+    from dirprim_filter.config import FilterConfig
+    from dirprim_filter.estimates import EstimateList, Estimates, EstimateSink
+    from dirprim_filter.filtering import BayesFilter
+    from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.tracks import Tracks
+    from dirprim_filter.viewer.moment import Moment
+
+    Table = Mapping[str, Mapping[str, str]]
 
 
 KERNEL = "_interaction.predict"
 """Where this is compiled, so are the others that tracking needs."""
+WITH_MAP, CONSTANT_VELOCITY = "with the map", "constant velocity"
+"""Of the ways that are compared."""
+N_FITTED = 20
+"""Vehicles that constant velocity is fitted to."""
 
 
 class Scene(StrEnum):
-    """The scenes that ship."""
+    """The scenes that ship; the blind one is the intersection, without ids and without detections in a ring."""
 
     ROUNDABOUT = "roundabout"
     INTERSECTION = "intersection"
+    BLIND = "blind"
+
+    @property
+    def place(self) -> str:
+        """In the names of its recordings."""
+        return "intersection" if self is Scene.BLIND else self.value
 
 
 def recordings_folder() -> Path:
@@ -52,14 +68,16 @@ def demo(
 ) -> None:
     """Learn a map from one recording, track and forecast the vehicles of another with it, and plot the result.
 
+    In the scene `blind` the detections have no ids, and in a ring about the junction there are none: which tracks last?
+
     Example: dirprim demo --scene intersection -o demo_intersection
     """
     from dirprim_filter.recording import read_tracks, save_map
     from dirprim_filter.recording.errors import OutputExistsError
     from dirprim_filter.recording.foxglove.layout import write_layout
 
-    learning = recordings_folder() / f"{scene.value}_learn.mcap"
-    tracking = recordings_folder() / f"{scene.value}_track.mcap"
+    learning = recordings_folder() / f"{scene.place}_learn.mcap"
+    tracking = recordings_folder() / f"{scene.place}_track.mcap"
     outputs = {name: folder / name for name in ("map.mcap", "tracks.mcap", "layout.json", "tracks.rrd", "demo.png")}
     for path in outputs.values():
         if path.exists() and not force:
@@ -86,125 +104,187 @@ def demo(
     if compiling is not None:
         compiling.wait()
     typer.echo(f"tracking {tracking.name}: {truth.n_tracks} vehicles for 90 s, three ways ...", err=True)
-    scores = _track_three_ways(learned, tracks, truth, tracking, outputs, seed=seed, force=force)
-    _print_result(learned, scores, outputs, folder)
+    run = Run(learned=learned, tracks=tracks, truth=truth, log=tracking, is_blind=scene is Scene.BLIND, seed=seed)
+    _print_result(learned, truth, run.track_three_ways(outputs, force=force), outputs)
 
 
-def _track_three_ways(
-    learned: PrimitiveMap,
-    tracks: Tracks,
-    truth: Tracks,
-    log: Path,
-    outputs: Mapping[str, Path],
-    *,
-    seed: int,
-    force: bool,
-) -> dict[str, TrackingReport]:
-    """Track with the prior, writing and drawing everything; then with constant velocity, and place-free; score all."""
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A map and a log that is tracked with it.
+
+    Attributes:
+        learned: the map.
+        tracks: what it was learned from.
+        truth: of the log.
+        log: the log.
+        is_blind: whether detections have no ids, and there are none in the ring.
+        seed: of the particles.
+    """
+
+    learned: PrimitiveMap
+    tracks: Tracks
+    truth: Tracks
+    log: Path
+    is_blind: bool
+    seed: int
+
+    def track_three_ways(self, outputs: Mapping[str, Path], *, force: bool) -> Table:
+        """Track with the map, writing and drawing everything; without it; with constant velocity; score all."""
+        from dirprim_filter.cli.blind_demo import FrameAt, busiest_instant
+        from dirprim_filter.cli.provenance import provenance
+        from dirprim_filter.config import FilterConfig
+        from dirprim_filter.estimates import EstimateList
+        from dirprim_filter.forecasting import Forecaster
+        from dirprim_filter.recording.writer import EstimateWriter
+        from dirprim_filter.viewer.moment import Moment
+        from dirprim_filter.viewer.report import run_report
+        from dirprim_filter.viewer.stream import open_stream
+
+        config = FilterConfig()
+        said = provenance("demo", inputs=[self.log], config=config, seed=self.seed)
+        models: dict[str, PrimitiveMap | BayesFilter] = {
+            WITH_MAP: self.learned,
+            "without the map": self.learned.without_places(),
+            CONSTANT_VELOCITY: _constant_velocity(self.tracks, config),
+        }
+        kept = {name: EstimateList() for name in models}
+        shown_at = busiest_instant(self.truth) if self.is_blind else 0
+        instants = {name: FrameAt(shown_at) for name in models}
+        moment = Moment(_center(self.learned))
+        with (
+            EstimateWriter(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
+            open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, particle_stride=10) as shown,
+        ):
+            written.write_map_scene(self.learned)
+            shown.log_map(self.learned)
+            shown.log_truth(self.truth)
+            forecaster = Forecaster(self.learned, [written, shown], config=config, rng=self._rng(1))
+            sinks: list[EstimateSink] = [written, shown, forecaster, moment]
+            for name, model in models.items():
+                self._replay(model, config, [*(sinks if name == WITH_MAP else []), kept[name], instants[name]])
+            table = {name: _scores(of.all(), self.truth, is_blind=self.is_blind) for name, of in kept.items()}
+            shown.log_report("\n".join([*_lines(table, markdown=True), "", run_report(said, {}, title="Made with")]))
+        if self.is_blind:
+            self._draw_blind(kept, instants, outputs["demo.png"], force=force)
+        elif moment.frame is not None:
+            self._draw(kept[WITH_MAP].all(), moment, forecaster, outputs["demo.png"], force=force)
+        return table
+
+    def _replay(self, model: PrimitiveMap | BayesFilter, config: FilterConfig, sinks: list[EstimateSink]) -> None:
+        from dirprim_filter.cli.blind_demo import departure_rate, with_blind_ring
+        from dirprim_filter.cli.progress import with_progress
+        from dirprim_filter.config import TrackingConfig
+        from dirprim_filter.filtering import Tracker
+        from dirprim_filter.recording.reader import stream_detections
+        from dirprim_filter.replay import replay
+
+        tracking, with_innovations = TrackingConfig(), model is self.learned
+        if self.is_blind and not with_innovations:
+            tracking = replace(tracking, departure_rate=departure_rate(self.tracks))
+        stream = stream_detections(self.log)
+        frames = with_progress(stream, what=f"tracking {self.log.name}", end_ns=stream.end_ns)
+        if self.is_blind:
+            frames = (seen for seen in map(with_blind_ring, frames) if len(seen))
+        tracker = Tracker(model, config=config, tracking=tracking, with_innovations=with_innovations, rng=self._rng())
+        replay(frames, tracker, sinks)
+
+    def _rng(self, *stream: int) -> np.random.Generator:
+        import numpy as np
+
+        return np.random.default_rng([self.seed, *stream] if stream else self.seed)
+
+    def _draw(self, estimates: Estimates, moment: Moment, forecaster: Forecaster, path: Path, *, force: bool) -> None:
+        from dirprim_filter.viewer.figures import demo_figure, save_figure
+
+        frame = moment.frame
+        if frame is None:
+            return
+        ids = [str(name) for name in frame.estimates.track_id]
+        figure = demo_figure(
+            self.learned, tracks=self.tracks, frame=frame, estimates=estimates, truth=self.truth,
+            forecasts=dict(zip(ids, forecaster.paths(frame), strict=True)), focus=moment.focus,
+        )  # fmt: skip
+        save_figure(figure, path, force=force)
+
+    def _draw_blind(
+        self, kept: Mapping[str, EstimateList], instants: Mapping[str, FrameAt], path: Path, *, force: bool
+    ) -> None:
+        from dirprim_filter.cli.blind_demo import FAR_M, NEAR_M, followers
+        from dirprim_filter.viewer.figures import Way, blind_figure, save_figure
+
+        ways = [
+            Way(name=name, estimates=kept[name].all(), frame=frame, follower=followers(kept[name].all(), self.truth))
+            for name in (WITH_MAP, CONSTANT_VELOCITY)
+            if (frame := instants[name].frame) is not None
+        ]
+        figure = blind_figure(self.learned, truth=self.truth, ways=ways, ring=(NEAR_M, FAR_M))
+        save_figure(figure, path, force=force)
+
+
+def _constant_velocity(tracks: Tracks, config: FilterConfig) -> BayesFilter:
+    """The Kalman filter under which noisy positions of some of the vehicles are most likely."""
     import numpy as np
 
-    from dirprim_filter.cli.provenance import provenance
-    from dirprim_filter.config import FilterConfig
-    from dirprim_filter.estimates import EstimateList
-    from dirprim_filter.evaluation.tracked_rows import TrackedRows
-    from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
-    from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
-    from dirprim_filter.filtering.manoeuvre import acceleration_density
-    from dirprim_filter.forecasting import Forecaster
-    from dirprim_filter.recording.writer import EstimateWriter
-    from dirprim_filter.viewer.figures import demo_figure, save_figure
-    from dirprim_filter.viewer.moment import Moment
-    from dirprim_filter.viewer.report import run_report
-    from dirprim_filter.viewer.stream import open_stream
+    from dirprim_filter.detections import Detections
+    from dirprim_filter.evaluation.rivals import fitted
 
-    config = FilterConfig()
-    said = provenance("demo", inputs=[log], config=config, seed=seed)
-    believed, moment = EstimateList(), Moment(_center(learned))
-    forecaster_rng = np.random.default_rng([seed, 1])
-    with (
-        EstimateWriter(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
-        open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, particle_stride=10) as shown,
-    ):
-        written.write_map_scene(learned)
-        shown.log_map(learned)
-        shown.log_truth(truth)
-        forecaster = Forecaster(learned, [written, shown], config=config, rng=forecaster_rng)
-        tracker = Tracker(learned, config=config, with_innovations=True, rng=np.random.default_rng(seed))
-        _replay(log, tracker, [written, shown, forecaster, believed, moment])
-        estimates = believed.all()
-
-        def score(found: Estimates) -> TrackingReport:
-            return TrackingReport.of(TrackedRows.of(found), truth, is_hidden=None, with_ids=True, scales=Scales())
-
-        scores = {"with the prior": score(estimates)}
-        rivals: dict[str, Tracker] = {
-            "place-free": Tracker(learned.without_places(), config=config, rng=np.random.default_rng(seed)),
-            "constant velocity": Tracker(
-                ConstantVelocityKalman(acceleration_density=acceleration_density(tracks), config=config),
-                config=config,
-                rng=np.random.default_rng(seed),
-            ),
-        }
-        for name, rival in rivals.items():
-            kept = EstimateList()
-            _replay(log, rival, [kept])
-            scores[name] = score(kept.all())
-        shown.log_report("\n".join([*_table(scores, markdown=True), "", run_report(said, {}, title="Made with")]))
-    if moment.frame is not None:
-        ids = [str(name) for name in moment.frame.estimates.track_id]
-        futures = dict(zip(ids, forecaster.paths(moment.frame), strict=True))
-        figure = demo_figure(
-            learned, tracks=tracks, frame=moment.frame, estimates=estimates, truth=truth, forecasts=futures,
-            focus=moment.focus,
-        )  # fmt: skip
-        save_figure(figure, outputs["demo.png"], force=force)
-    return scores
-
-
-def _replay(log: Path, tracker: Tracker, sinks: list[EstimateSink]) -> None:
-    from dirprim_filter.cli.progress import with_progress
-    from dirprim_filter.recording.reader import stream_detections
-    from dirprim_filter.replay import replay
-
-    stream = stream_detections(log)
-    replay(with_progress(stream, what=f"tracking {log.name}", end_ns=stream.end_ns), tracker, sinks)
+    rng = np.random.default_rng(0)
+    some = tracks[np.isin(tracks.vehicle, rng.permutation(tracks.n_tracks)[:N_FITTED])]
+    noise = config.noise_m * rng.standard_normal(some.position.shape)
+    return fitted("constant velocity", replace(Detections.of(some), position=some.position + noise), tracks, config)()
 
 
 def _center(learned: PrimitiveMap) -> FloatArray:
-    center: np.ndarray = learned.tessellation.centers.mean(axis=0)
+    center: FloatArray = learned.tessellation.centers.mean(axis=0)
     return center
 
 
-def _table(scores: Mapping[str, TrackingReport], *, markdown: bool = False) -> list[str]:
+# --- What is printed -----------------------------------------------------------------------------------
+
+
+def _scores(estimates: Estimates, truth: Tracks, *, is_blind: bool) -> dict[str, str]:
+    """A row of the table: heads and figures."""
     import numpy as np
 
-    heads = ("tracking", "position RMSE [m]", "direction RMSE [deg]", "speed RMSE [m/s]", "NEES (2 is right)")
-    rows = [
-        (
-            name, f"{s.rmse:.3f}", f"{np.rad2deg(s.direction_rmse):.1f}", f"{s.speed_rmse:.2f}",
-            f"{s.nees:.2f}",
-        )
-        for name, s in scores.items()
-    ]  # fmt: skip
+    from dirprim_filter.cli.blind_demo import blind_report, followers, in_ring
+    from dirprim_filter.evaluation.tracked_rows import TrackedRows
+    from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
+
+    if is_blind:
+        found = blind_report(estimates, truth)
+        followed = (followers(estimates, truth)[in_ring(truth.position)] != "").mean()
+        return {
+            "HOTA": f"{found.hota:.3f}", "followed in the ring [%]": f"{100.0 * followed:.0f}",
+            "changes of track": f"{found.switches:.0f}", "RMSE of the followed [m]": f"{found.rmse:.3f}",
+            "in sight": f"{found.seen_rmse:.3f}",
+        }  # fmt: skip
+    errors = TrackingReport.of(TrackedRows.of(estimates), truth, is_hidden=None, with_ids=True, scales=Scales())
+    return {
+        "position RMSE [m]": f"{errors.rmse:.3f}",
+        "direction RMSE [deg]": f"{np.rad2deg(errors.direction_rmse):.1f}",
+        "speed RMSE [m/s]": f"{errors.speed_rmse:.2f}", "NEES (2 is right)": f"{errors.nees:.2f}",
+    }  # fmt: skip
+
+
+def _lines(table: Table, *, markdown: bool = False) -> list[str]:
+    rows = [("tracking", *next(iter(table.values()))), *((name, *of.values()) for name, of in table.items())]
     if markdown:
-        return [" | ".join(heads), "|".join(["---"] * len(heads)), *(" | ".join(row) for row in rows)]
-    widths = [max(len(row[i]) for row in [heads, *rows]) for i in range(len(heads))]
+        head, *body = (" | ".join(row) for row in rows)
+        return [head, "|".join(["---"] * len(rows[0])), *body]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))])
-        for row in [heads, *rows]
+        for row in rows
     ]
 
 
-def _print_result(
-    learned: PrimitiveMap, scores: Mapping[str, TrackingReport], outputs: Mapping[str, Path], folder: Path
-) -> None:
+def _print_result(learned: PrimitiveMap, truth: Tracks, table: Table, outputs: Mapping[str, Path]) -> None:
     n_modes = (learned.own_weight > 0).sum(axis=1)
-    first = next(iter(scores.values()))
     typer.echo(
         f"\nlearned: {learned.tessellation.n_cells} cells of {float(learned.tessellation.area.mean()) ** 0.5:.3g} m, "
-        f"{n_modes.mean():.1f} modes each; tracked: {first.reported:.0%} of the vehicles' rows\n"
+        f"{n_modes.mean():.1f} modes each; tracked: {truth.n_tracks} vehicles\n"
     )
-    for line in _table(scores):
+    for line in _lines(table):
         typer.echo(line)
     typer.echo("\nwrote " + ", ".join(str(path) for path in outputs.values()))
     typer.echo(f"next: open {outputs['demo.png']}; `dirprim view {outputs['tracks.rrd']}` plays it in rerun;")

@@ -488,7 +488,7 @@ def test_the_demo(tmp_path, short_recordings, monkeypatch, capsys):
     folder = tmp_path / "demo"
     assert dirprim("demo", "-o", folder) == DONE
     table = capsys.readouterr().out
-    for line in ("with the prior", "place-free", "constant velocity", "next: open"):
+    for line in ("with the map", "without the map", "constant velocity", "next: open"):
         assert line in table
     assert {path.name for path in folder.iterdir()} == {
         "map.mcap", "tracks.mcap", "layout.json", "tracks.rrd", "demo.png",

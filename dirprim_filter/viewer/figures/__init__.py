@@ -5,6 +5,7 @@ Drawn through matplotlib's objects and never through pyplot: nothing global chan
 
 from matplotlib.figure import Figure
 
+from dirprim_filter.viewer.figures.blind import Way, blind_figure
 from dirprim_filter.viewer.figures.demo import demo_figure
 from dirprim_filter.viewer.figures.map import cell_figure, map_figure, rose_figure, transition_figure
 from dirprim_filter.viewer.figures.page import check_figure_path, save_figure
@@ -14,6 +15,8 @@ from dirprim_filter.viewer.figures.table import cue_table_figure, density_table_
 
 __all__ = [
     "Figure",
+    "Way",
+    "blind_figure",
     "cell_figure",
     "check_figure_path",
     "cue_table_figure",

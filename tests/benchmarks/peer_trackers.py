@@ -1,0 +1,251 @@
+"""The trackers that `peers.py` compares, behind one function each: ours three ways, motpy and norfair.
+
+A tracker takes the frames of a `Part` and settings, and returns what it reports at each instant: confirmed tracks, also
+those that coast, each under an id of its own. Its `knobs` are what is chosen on training data.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+from peer_scenes import Fold, Part, UnavailableError
+
+from dirprim_filter.arrays import FloatArray
+from dirprim_filter.config import FilterConfig, TrackingConfig
+from dirprim_filter.estimates import EstimateList
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
+from dirprim_filter.primitives import PrimitiveMap
+
+Settings = Mapping[str, float]
+START_SPEED_M_S = 10.0
+"""Prior standard deviation of a velocity, for all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Knob:
+    """A setting to be chosen: where the search starts, and the factor or the whole number that it goes by.
+
+    Attributes:
+        start: the first value.
+        factor: between neighbouring values; 0: they are whole numbers, one apart.
+        least: no value is below it.
+        most: nor above it.
+    """
+
+    start: float
+    factor: float = 10.0**0.5
+    least: float = 0.0
+    most: float = float("inf")
+
+    def beside(self, value: float) -> list[float]:
+        """The two neighbours of a value, where there are two."""
+        pair = (value - 1.0, value + 1.0) if self.factor == 0.0 else (value / self.factor, value * self.factor)
+        return [float(f"{of:.6g}") for of in pair if self.least <= of <= self.most]
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """What a tracker reports, and the processor's seconds that it took."""
+
+    rows: TrackedRows
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """A tracker.
+
+    Attributes:
+        track: a part by settings.
+        knobs: by name; none where nothing is to be chosen.
+        after: the tracker whose choice is taken over, where they share settings; knobs are searched on from there.
+    """
+
+    track: Callable[[Part, Settings], Tracked]
+    knobs: Mapping[str, Knob]
+    after: str = ""
+
+
+class Reported:
+    """Rows as they come, with the time that passes."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[str, int, float, float, float, float, float]] = []
+        self._since = time.process_time()
+
+    def add(self, name: str, time_ns: int, place: FloatArray, covariance: FloatArray | None = None) -> None:
+        """One track at one instant."""
+        (xx, xy), (_, yy) = np.full((2, 2), np.nan) if covariance is None else covariance
+        self._rows.append((name, time_ns, *np.ravel(place)[:2].tolist(), float(xx), float(xy), float(yy)))
+
+    def done(self) -> Tracked:
+        """All rows."""
+        seconds = time.process_time() - self._since
+        names, times, *columns = zip(*self._rows, strict=True) if self._rows else ((),) * 7
+        x, y, xx, xy, yy = (np.array(column, np.float64) for column in columns)
+        rows = TrackedRows(
+            track_id=np.array(names, np.str_), time_ns=np.array(times, np.int64), position=np.column_stack([x, y]),
+            covariance=np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2),
+        )  # fmt: skip
+        return Tracked(rows, seconds)
+
+
+# --- Ours ----------------------------------------------------------------------------------------------
+
+
+def ours(fold: Fold, learned: PrimitiveMap) -> dict[str, Peer]:
+    """Our tracker on the map, on that without its places, and on filterpy's Kalman filter of constant velocity.
+
+    Where vehicles leave is what the map knows; without it how often they do is chosen, as others choose when to delete.
+    """
+    config = FilterConfig(noise_m=fold.noise_m, max_gap_s=fold.max_gap_s)
+
+    def by_map(primitives: PrimitiveMap, part: Part, settings: Settings) -> Tracked:
+        return _followed(part, primitives, config, replace(fold.tracking, **settings))
+
+    def by_kalman(part: Part, settings: Settings) -> Tracked:
+        model = ConstantVelocityKalman(acceleration_density=settings["acceleration"], config=config)
+        tracking = replace(fold.tracking, departure_rate=settings["departure_rate"])
+        return _followed(part, model, config, tracking)
+
+    leaves = {"departure_rate": Knob(fold.tracking.departure_rate)}
+    return {
+        "ours, with the map": Peer(partial(by_map, learned), {}),
+        "ours, without the map": Peer(partial(by_map, learned.without_places()), leaves),
+        "ours, constant velocity": Peer(by_kalman, {"acceleration": Knob(1.0)} | leaves),
+    }
+
+
+def _followed(part: Part, model: PrimitiveMap | BayesFilter, config: FilterConfig, tracking: TrackingConfig) -> Tracked:
+    tracker = Tracker(model, config=config, tracking=tracking, rng=np.random.default_rng(0))
+    kept, since = EstimateList(), time.process_time()
+    for time_ns, seen in part.frames():
+        tracker.predict(seen, time_ns=time_ns)
+        tracker.weigh()
+        kept.write(tracker.frame())
+        tracker.resample()
+    return Tracked(TrackedRows.of(kept.all()), time.process_time() - since)
+
+
+# --- motpy and norfair ---------------------------------------------------------------------------------
+
+
+def motpy(fold: Fold) -> dict[str, Peer]:
+    """motpy: boxes of one size about the detections, Kalman filters, the overlap of boxes.
+
+    Raises:
+        UnavailableError: it is not installed.
+    """
+    try:
+        from motpy import Detection, MultiObjectTracker
+    except ImportError as error:
+        raise UnavailableError("motpy is not installed: the extra `peers`") from error
+
+    def track(part: Part, settings: Settings) -> Tracked:
+        half, reported = 0.5 * settings["box"], Reported()
+        tracker = MultiObjectTracker(
+            dt=step_s_of(part),
+            model_spec={
+                "order_pos": 1, "dim_pos": 2, "order_size": 0, "dim_size": 2, "q_var_pos": settings["acceleration"],
+                "q_var_size": 1e-6, "r_var_pos": fold.noise_m**2, "r_var_size": 1.0, "p_cov_p0": START_SPEED_M_S**2,
+            },
+            matching_fn_kwargs={"min_iou": 1e-3},
+            tracker_kwargs={"max_staleness": settings["deleted_after"]},
+            active_tracks_kwargs={
+                "max_staleness_to_positive_ratio": settings["stale_share"],
+                "min_steps_alive": round(settings["confirmed_after"]),
+            },
+        )  # fmt: skip
+        for time_ns, seen in part.frames():
+            boxes = [Detection(np.concatenate([place - half, place + half])) for place in seen.position]
+            for found in tracker.step(boxes):
+                reported.add(found.id, time_ns, 0.5 * (found.box[:2] + found.box[2:]))
+        return reported.done()
+
+    knobs = {
+        "acceleration": Knob(10.0), "box": Knob(4.0, 1.5), "deleted_after": Knob(10.0, 1.5, 1.0),
+        "stale_share": Knob(1.0, 2.0), "confirmed_after": Knob(3.0, 0.0, 1.0),
+    }  # fmt: skip
+    return {"motpy": Peer(track, knobs)}
+
+
+def step_s_of(part: Part) -> float:
+    """The usual time between frames, for trackers that know but one."""
+    return float(np.median(np.diff([time_ns for time_ns, _ in part.frames()]))) * 1e-9
+
+
+def norfair(fold: Fold) -> dict[str, Peer]:
+    """norfair, in a process and an environment of its own: it needs an older numpy.
+
+    Raises:
+        UnavailableError: uv, or the packages, cannot be had.
+    """
+    worker = _worker()
+
+    def track(part: Part, settings: Settings) -> Tracked:
+        return worker.track(
+            part,
+            dict(settings) | {"noise_m": fold.noise_m, "step_s": step_s_of(part), "speed_m_s": START_SPEED_M_S},
+        )
+
+    knobs = {
+        "acceleration": Knob(10.0), "gate_m": Knob(4.0, 1.5), "deleted_after": Knob(10.0, 1.5, 3.0),
+        "confirmed_after": Knob(2.0, 0.0, 0.0, 8.0),
+    }  # fmt: skip
+    return {"norfair": Peer(track, knobs)}
+
+
+@cache
+def _worker() -> _Worker:
+    return _Worker(Path(__file__).with_name("peer_norfair.py"))
+
+
+class _Worker:
+    """A process that tracks, part after part: files in, files out."""
+
+    def __init__(self, script: Path) -> None:
+        uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
+        if uv is None:
+            raise UnavailableError("norfair needs numpy 1 in an environment of its own: uv is not installed")
+        alone = [uv, "run", "-q", "--isolated", "--no-project", "--python", sys.executable]
+        needs = ["--with", "norfair==2.3.0", "--with", "numpy<2"]
+        self._folder = tempfile.TemporaryDirectory()
+        self._process = subprocess.Popen(
+            [*alone, *needs, "python", str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+        )  # fmt: skip
+        if self._answer() != "ready":
+            raise UnavailableError("norfair 2.3.0 cannot be installed beside numpy 1 here")
+
+    def _answer(self) -> str:
+        return (self._process.stdout.readline() if self._process.stdout else "").strip()
+
+    def track(self, part: Part, settings: Mapping[str, float]) -> Tracked:
+        given, told = (Path(self._folder.name) / name for name in ("given.npz", "told.npz"))
+        frames = list(part.frames())
+        np.savez(
+            given, instants=np.array([time_ns for time_ns, _ in frames], np.int64),
+            n_seen=np.array([len(seen) for _, seen in frames]),
+            position=np.concatenate([np.empty((0, 2)), *(seen.position for _, seen in frames)]),
+        )  # fmt: skip
+        request = {"given": str(given), "told": str(told), "settings": settings}
+        if self._process.stdin:
+            print(json.dumps(request), file=self._process.stdin, flush=True)
+        seconds = float(self._answer())
+        with np.load(told) as found:
+            rows = TrackedRows(
+                track_id=found["track_id"], time_ns=found["time_ns"], position=found["position"].reshape(-1, 2)
+            )
+        return Tracked(rows, seconds)

@@ -1,0 +1,230 @@
+"""Our tracker and those of other packages side by side, on the same unlabelled detections, by the same scores.
+
+    python tests/benchmarks/peers.py [SCENE...] [--json] [--seeds N] [--trackers NAME...]
+
+A is the intersection that ships. B is the same without detections in a ring of 20 m about the junction, through which a
+track must last. The dense scenes are SUMO's, with a fifth of the vehicles missed and ten false detections a frame;
+Lankershim, Mcity and autoferry are real, and skipped where the data are absent.
+
+Every tracker is told the sensor's true noise, detection rate and density of false detections. Those with settings to
+choose are tuned on other traffic of the same place, with the same sensor and the same blind ring, by HOTA: from a usual
+start each setting goes to its neighbours on a log grid while that gains, in turn, until none does; the grid has no end
+but those that have a meaning, such as two detections before a track is confirmed. Ours with the map keeps its defaults.
+Without it, and with constant velocity, how often vehicles leave is tuned too: where they leave is what the map knows.
+
+Figures are means over the clusters (seeds, groups, drives) with 95 % intervals; switches are sums. `behind` is how much
+less HOTA a tracker has than ours with the map, paired. Seeds are of the sensor: the vehicles are the same in each.
+Errors are of vehicles that are followed: who follows more of those out of sight has more to err about.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from peer_scenes import SCENES, Fold, Part, UnavailableError
+from peer_stone_soup import stone_soup
+from peer_trackers import Peer, Settings, Tracked, motpy, norfair, ours
+
+from dirprim_filter import learn_primitives
+from dirprim_filter.evaluation.intervals import difference_of_means, interval, mean
+from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
+
+PACKAGES = (stone_soup, motpy, norfair)
+FIRST = "ours, with the map"
+ROUNDS = 5
+"""At most so often each setting is looked at."""
+GAIN = 1e-4
+"""Of HOTA; less is no gain."""
+Row = dict[str, Any]
+
+
+def main() -> None:
+    """Print a table for each scene, or all as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(SCENES)}; left out: all")
+    parser.add_argument("--seeds", type=int, default=3, help="of the sensor, in scenes of one recording")
+    parser.add_argument("--trackers", nargs="+", default=[], help="words in the names of those to run, beside ours")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    unknown = [name for name in given.scenes if name not in SCENES]
+    if unknown:
+        parser.error(f"SCENE: expected some of {', '.join(SCENES)}, got {', '.join(unknown)}")
+    logging.disable(logging.WARNING)
+    result: dict[str, dict[str, Row]] = {}
+    for name in given.scenes or SCENES:
+        try:
+            folds = SCENES[name](given.seeds)
+        except UnavailableError as error:
+            say(f"{name}: left out: {error}")
+            continue
+        result[name] = compared(name, folds, given.trackers)
+        if not given.json:
+            n = sum(len(fold.judged) for fold in folds)
+            print("\n".join(table(f"{name}: {n} {folds[0].clusters}", result[name])), flush=True)
+    if given.json:
+        print(
+            json.dumps(json.loads(json.dumps(result), parse_constant=lambda _: None), indent=1)
+        )  # null where undefined
+
+
+def say(line: str) -> None:
+    """To whoever watches."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def compared(name: str, folds: Sequence[Fold], wanted: Sequence[str]) -> dict[str, Row]:
+    """Tune every tracker in every fold, run it on what is judged, and score it."""
+    ran: dict[str, list[Ran]] = {}
+    for number, fold in enumerate(folds):
+        chosen: dict[str, dict[str, float]] = {}
+        peers = peers_of(fold)
+        asked = {called for called in peers if not wanted or any(word in called for word in wanted)}
+        needed = asked | {FIRST} | {peers[called].after for called in asked}
+        for called, peer in peers.items():
+            if called not in needed:
+                continue
+            since = time.process_time()
+            chosen[called] = tuned(peer, fold, chosen.get(peer.after, {}))
+            now = time.process_time()
+            ran.setdefault(called, []).append(Ran.of(peer, fold, chosen[called]))
+            hota = np.mean([report.hota for report in ran[called][-1].reports])
+            say(
+                f"{name}, {number + 1} of {len(folds)}: {called}: HOTA {hota:.3f}, tuned in {now - since:.0f} s, "
+                f"judged in {time.process_time() - now:.0f} s: {chosen[called]}"
+            )
+    first = [report for of in ran[FIRST] for report in of.reports]
+    return {called: figures(of, first) for called, of in ran.items()}
+
+
+def peers_of(fold: Fold) -> dict[str, Peer]:
+    """All trackers that can be had."""
+    peers = ours(fold, learn_primitives(fold.traffic, rng=np.random.default_rng(0)))
+    for package in PACKAGES:
+        try:
+            peers |= package(fold)
+        except UnavailableError as error:
+            say(f"left out: {error}")
+    return peers
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """What a tracker did in a fold."""
+
+    settings: Settings
+    reports: list[TrackingReport]
+    seconds: float
+    n_frames: int
+
+    @classmethod
+    def of(cls, peer: Peer, fold: Fold, settings: Settings) -> Ran:
+        """Run it on what is judged."""
+        if not peer.knobs:
+            peer.track(fold.training[0], settings)  # compiled before it is timed
+        tracked = [peer.track(part, settings) for part in fold.judged]
+        reports = [scored(found, part, fold.scales) for found, part in zip(tracked, fold.judged, strict=True)]
+        n_frames = sum(sum(1 for _ in part.frames()) for part in fold.judged)
+        return cls(settings, reports, sum(found.seconds for found in tracked), n_frames)
+
+
+def scored(found: Tracked, part: Part, scales: Scales) -> TrackingReport:
+    """What a tracker reported, against the truth."""
+    rows = found.rows.at_instants_of(part.truth)
+    return TrackingReport.of(rows, part.truth, is_hidden=part.is_hidden, with_ids=False, scales=scales)
+
+
+def tuned(peer: Peer, fold: Fold, start: Settings) -> dict[str, float]:
+    """The settings of the best HOTA, by going to neighbours while that gains: none is at the end of a grid."""
+    best = {name: knob.start for name, knob in peer.knobs.items()} | dict(start)
+    known: dict[tuple[float, ...], float] = {}
+
+    def value(settings: Mapping[str, float]) -> float:
+        key = tuple(settings.values())
+        if key not in known:
+            reports = [scored(peer.track(part, settings), part, fold.scales) for part in fold.training]
+            known[key] = float(np.mean([report.hota for report in reports]))
+        return known[key]
+
+    for _ in range(ROUNDS if peer.knobs else 0):
+        before = dict(best)
+        for name, knob in peer.knobs.items():
+            for side in range(2):
+                while len(beside := knob.beside(best[name])) > side:
+                    other = best | {name: beside[side]}
+                    if value(other) < value(best) + GAIN:
+                        break
+                    best = other
+        if best == before:
+            break
+    return best
+
+
+def figures(ran: Sequence[Ran], first: Sequence[TrackingReport]) -> Row:
+    """Means over the clusters, the interval of HOTA, and how far it is behind ours."""
+    reports = [report for of in ran for report in of.reports]
+    hota = np.array([report.hota for report in reports])
+    ahead = np.array([report.hota for report in first])
+    one = np.ones(hota.size)
+    own = interval(np.column_stack([hota, one]), mean)
+    behind = interval(np.column_stack([ahead, one, hota, one]), difference_of_means)
+    return {
+        "hota": own.value, "hota_low": own.low, "hota_high": own.high, "behind": behind.value,
+        "behind_low": behind.low, "behind_high": behind.high,
+        "ms_per_frame": 1e3 * sum(of.seconds for of in ran) / sum(of.n_frames for of in ran),
+        "settings": [dict(of.settings) for of in ran],
+        "switches": float(np.sum([report.switches for report in reports])),
+    } | {
+        name: float(np.mean([getattr(report, of) for report in reports]))
+        for name, of in (
+            ("rmse", "rmse"), ("seen_rmse", "seen_rmse"), ("hidden_rmse", "hidden_rmse"), ("nees", "seen_nees"),
+            ("hidden_nees", "hidden_nees"), ("reported", "reported"),
+        )
+    }  # fmt: skip
+
+
+def table(title: str, rows: Mapping[str, Row]) -> list[str]:
+    """Lines of a Markdown table; settings are the first fold's."""
+    heads = (
+        "tracker",
+        "HOTA",
+        "behind ours",
+        "reported %",
+        "RMSE m",
+        "in sight",
+        "NEES in sight",
+        "switches",
+        "ms a frame",
+        "settings",
+    )
+    lines = ["", title, "", " | ".join(heads), "|".join(["---"] * len(heads))]
+    for called, row in rows.items():
+        settings = ", ".join(f"{key} {value:.3g}" for key, value in row["settings"][0].items()) or "defaults"
+        numbers = (
+            f"{100 * row['reported']:.0f}", f"{row['rmse']:.3f}", f"{row['seen_rmse']:.3f}", f"{row['nees']:.1f}",
+            f"{row['switches']:.0f}", f"{row['ms_per_frame']:.1f}",
+        )  # fmt: skip
+        cells = (called, ranged(row, "hota"), ranged(row, "behind") if called != FIRST else "", *numbers, settings)
+        lines.append(" | ".join(cells))
+    return lines
+
+
+def ranged(row: Row, key: str) -> str:
+    """A figure and half of its interval, where there is one."""
+    half = 0.5 * (row[f"{key}_high"] - row[f"{key}_low"])
+    return f"{row[key]:.3f}" + (f" +- {half:.3f}" if np.isfinite(half) else "")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""What the comparison with other packages' trackers rests on: search, truth, training traffic."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dirprim_filter import Tracks
+from dirprim_filter.config import TrackingConfig
+from dirprim_filter.detections import Detections
+from dirprim_filter.evaluation.tracked_rows import TrackedRows
+
+sys.path.insert(0, str(Path(__file__).with_name("benchmarks")))
+
+from peer_scenes import Fold, Part, at_instants, at_ten_hertz
+from peer_trackers import Knob, Peer, Tracked
+from peers import PACKAGES, scored, tuned
+
+
+def circling(*, rate_hz: float, n: int = 3, seconds: float = 20.0) -> Tracks:
+    """Vehicles at 8 m/s on a circle of 20 m radius, a third of it apart."""
+    time_s = np.arange(0.0, seconds, 1.0 / rate_hz)
+    parts = []
+    for i in range(n):
+        turned = 8.0 / 20.0 * time_s + i * 2.0 * np.pi / n
+        parts.append(
+            Tracks(
+                track_id=np.full(time_s.size, i), time_ns=np.round(time_s * 1e9).astype(np.int64),
+                position=20.0 * np.column_stack([np.cos(turned), np.sin(turned)]), direction=turned + np.pi / 2,
+                speed=np.full(time_s.size, 8.0),
+            )
+        )  # fmt: skip
+    return Tracks.concatenate(parts)
+
+
+def fold_of(truth: Tracks, *, noise_m: float = 0.3) -> Fold:
+    seen = Detections.of(truth).without_ids()
+    noisy = seen.position + noise_m * np.random.default_rng(1).standard_normal((len(seen), 2))
+    part = Part(seen=Detections(track_id=seen.track_id, time_ns=seen.time_ns, position=noisy), truth=truth)
+    return Fold(
+        judged=(part,), clusters="runs", training=(part,), traffic=truth, noise_m=noise_m,
+        tracking=TrackingConfig(detection_probability=0.99, clutter_density=1e-6, birth_density=1e-5),
+    )  # fmt: skip
+
+
+def test_the_search_goes_as_far_as_the_optimum_lies():
+    """One setting is best 300 times above where the search starts, the other at a fifth of it, neither is at an end."""
+    fold = fold_of(circling(rate_hz=10.0, seconds=2.0))
+
+    def off_by_settings(part, settings):
+        off = abs(np.log(settings["far"] / 300.0)) + abs(np.log(settings["near"] / 0.2))
+        truth, spread = part.truth, np.random.default_rng(0).standard_normal(part.truth.position.shape)
+        return Tracked(
+            TrackedRows(track_id=truth.track_id, time_ns=truth.time_ns, position=truth.position + 0.5 * off * spread),
+            0.0,
+        )
+
+    best = tuned(Peer(off_by_settings, {"far": Knob(1.0), "near": Knob(1.0, 1.5)}), fold, {})
+    assert best["far"] == pytest.approx(10.0**2.5, rel=1e-3)  # the grid's nearest to 300 and to .2
+    assert best["near"] == pytest.approx(1.5**-4, rel=1e-3)
+
+
+def test_slow_rows_are_filled_in_along_the_bend():
+    filled = at_ten_hertz(circling(rate_hz=2.0), from_s=3.0, to_s=12.0)
+    whole = circling(rate_hz=10.0)
+    whole = whole[(whole.time_ns >= 3_000_000_000) & (whole.time_ns < 12_000_000_000)]
+    assert len(filled) == len(whole) == 270
+    order, other = (np.lexsort((of.time_ns, of.track_id)) for of in (filled, whole))
+    assert np.abs(filled.position[order] - whole.position[other]).max() < 0.01
+    assert np.abs(filled.speed - 8.0).max() < 0.1
+
+
+def test_truth_is_taken_a_latency_before_and_over_no_gap():
+    truth = circling(rate_hz=10.0, n=1)
+    cut = truth[(truth.time_ns < 5_000_000_000) | (truth.time_ns > 8_000_000_000)]
+    instants = np.arange(2_050_000_000, 12_000_000_000, 100_000_000)
+    found = at_instants(cut, instants, latency_s=0.5)
+    turned = 8.0 / 20.0 * (found.time_ns * 1e-9 - 0.5)
+    assert np.abs(found.position - 20.0 * np.column_stack([np.cos(turned), np.sin(turned)])).max() < 0.01
+    in_gap = (instants > 5_400_000_000) & (instants < 8_600_000_000)
+    assert np.isin(instants, found.time_ns).tolist() == (~in_gap).tolist()
+
+
+@pytest.mark.parametrize("package", PACKAGES[:2], ids=lambda package: package.__name__)
+def test_every_tracker_follows_vehicles_that_are_always_seen(package):
+    pytest.importorskip(package.__name__.replace("_", ""), reason="the extra `peers` is not installed")
+    fold = fold_of(circling(rate_hz=10.0))
+    starts: dict[str, dict[str, float]] = {}
+    for name, peer in package(fold).items():
+        starts[name] = starts.get(peer.after, {}) | {knob: of.start for knob, of in peer.knobs.items()}
+        found = peer.track(fold.judged[0], starts[name])
+        score = scored(found, fold.judged[0], fold.scales)
+        assert score.switches <= 1, name
+        assert score.hota > 0.8, name
+        assert 0.0 < score.rmse < 0.5, name
