@@ -145,7 +145,7 @@ TABLES: dict[str, Table] = {
         ),
     ),
     "no_ids": Table(
-        command="dirprim evaluate tracking {logs} --no-ids --smooth --miss-rate 0.2 --false-per-frame 10 "
+        command="dirprim evaluate tracking {logs} --no-ids --miss-rate 0.2 --false-per-frame 10 "
         f"--particles 300{TRACKERS} {{options}} --json",
         runs=(
             Run(name="Lankershim", logs=("lankershim.mcap",), options="--learn 0.9 --gap 0 --seeds 5"),
@@ -179,11 +179,8 @@ TABLES: dict[str, Table] = {
         ),
     ),
     "densities": Table(
-        command="dirprim evaluate density {logs} --folds 4{options} --json",
-        runs=(
-            *LOGGED,
-            *(Run(name=f"{run.name}, random", logs=run.logs, options=" --split random") for run in LOGGED[:3]),
-        ),
+        command="dirprim evaluate density {logs} --folds 4 --every 0.5{options} --json",
+        runs=(*LOGGED, Run(name="Lankershim, random", logs=("lankershim.mcap",), options=" --split random")),
         entries=densities,
         columns=(
             Column(head="direction, log", read=of_key("direction", "mean_log", "value"), digits=3),
