@@ -86,6 +86,7 @@ def without_ends(bayes: Any) -> None:
 
 
 UNNAMED = ("dense intersection", "dense highway", "autoferry")
+AMONG_OTHERS = ("Lankershim", "dense intersection", "dense highway", "Mcity", "autoferry")
 LEARNED = ("roundabout", "intersection", "Lankershim")
 OWN_WAYS = {
     "redraw_rate": 0.0, "direction_spread": 0.0, "push": 0.0, "place_free_share": 0.0, "innovation_outlier_rate": 0.0,
@@ -104,7 +105,7 @@ MECHANISMS: dict[str, Mechanism] = {
     "drift": Mechanism(filter={"drift": 0.0}),
     "reach beside cells": Mechanism(filter={"reach_m": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
-    "leaders": Mechanism(filter={"interaction": "none"}),
+    "leaders": Mechanism(scenes=AMONG_OTHERS, filter={"interaction": "none"}),
     "carried errors": Mechanism(scenes=("Mcity",), white=True),
     "beliefs begun anew when lost": Mechanism(tracking={"lost_after": PATIENT}),
     "occlusion": Mechanism(scenes=UNNAMED, tracking={"occlusion_rate": 0.0}),
@@ -177,6 +178,8 @@ def without(name: str, seeds: list[dict[str, Outcome]], figure: str) -> Interval
             continue
         own, other = found[name][figure], found[ON][figure]
         both = np.isfinite(own.value) & np.isfinite(other.value)
+        if not both.any():
+            continue
         ones = np.ones(int(both.sum()))
         clusters.append(own.cluster[both] if own.cluster.dtype.kind == "U" else np.full(ones.size, str(number)))
         columns.append(np.stack([own.value[both], ones, other.value[both], ones]))
