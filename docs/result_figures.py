@@ -78,6 +78,24 @@ def changes(row: Any) -> Figure:
     return {"value": row["difference"], "low": row["low"], "high": row["high"]}
 
 
+def peers(output: str) -> dict[str, Any]:
+    """The trackers of the one scene of `peers.py` that was run."""
+    (rows,) = json.loads(output).values()
+    parts = {"value": "behind", "low": "behind_low", "high": "behind_high"}
+    return {name: row | {"behind": {part: row[key] for part, key in parts.items()}} for name, row in rows.items()}
+
+
+def real_sensors(output: str) -> dict[str, Any]:
+    """The methods of every table of `real_sensors.py`, each with what the map gains on it."""
+    found = {}
+    for title, table in json.loads(output).items():
+        where = title.partition(":")[0].partition(", drives")[0]
+        for name, row in table["rows"].items():
+            gains = [gain for of, gain in table["gains"].items() if of.startswith(f"with the map against {name}, less")]
+            found[f"{where}: {name}"] = row | {"gain": gains[0] if gains else None}
+    return found
+
+
 def rows_of(output: str) -> dict[str, Any]:
     """Rows of a benchmark's JSON, by their names."""
     return dict(json.loads(output)["rows"])

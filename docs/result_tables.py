@@ -20,7 +20,9 @@ from result_figures import (
     mean_of,
     mechanisms,
     of_key,
+    peers,
     printed,
+    real_sensors,
     rows_of,
     trackers,
     worth,
@@ -224,6 +226,43 @@ TABLES: dict[str, Table] = {
             Column(head="mean log density", read=of_key("mean"), digits=3),
             Column(head="cells", read=of_key("cells"), digits=0),
             Column(head="joint, curved is ahead by, nat", read=changes, digits=3),
+        ),
+    ),
+    "peers": Table(
+        command="python tests/benchmarks/peers.py {options} --json",
+        runs=(Run(name="A", options="A --seeds 3"), Run(name="B", options="B --seeds 3")),
+        entries=peers,
+        of="tracker",
+        columns=(
+            Column(head="HOTA", read=of_key("hota"), digits=3),
+            Column(head="ours with the map, HOTA more", read=of_key("behind"), digits=3),
+            Column(head="RMSE in sight, m", read=of_key("seen_rmse")),
+            Column(head="switches, three runs", read=of_key("switches"), digits=0),
+            Column(head="ms a frame", read=of_key("ms_per_frame"), digits=1),
+        ),
+    ),
+    "real_sensors": Table(
+        command="python tests/benchmarks/real_sensors.py {options} --json",
+        runs=(
+            Run(name="Mcity", options="mcity", source="mcity_roadside"),
+            Run(name="autoferry", options="autoferry", source="autoferry"),
+        ),
+        entries=real_sensors,
+        columns=(
+            Column(head="HOTA", read=of_key("hota"), digits=3),
+            Column(head="RMSE (Mcity: over raw; autoferry: m)", read=of_key("rmse")),
+            Column(head="NEES", read=of_key("nees"), digits=1),
+            Column(head="in the 90 % ellipse", read=of_key("in 90 %")),
+            Column(head="the map is nearer, %", read=of_key("gain", times=100.0), digits=0),
+        ),
+    ),
+    "buses": Table(
+        command="python tests/benchmarks/real_sensors.py buses --json",
+        runs=(Run(name="buses", source="chicago_bus"),),
+        entries=real_sensors,
+        columns=(
+            Column(head="log density, nat", read=of_key("log density"), digits=3),
+            *(Column(head=f"energy at {s} s, m", read=of_key(f"{s} s"), digits=1) for s in (5, 10, 20)),
         ),
     ),
     "ablation": Table(
