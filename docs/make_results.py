@@ -83,7 +83,8 @@ def call(command: str, folder: Path, *, minutes: float) -> str:
 def measure(table: Table, run: Run, folder: Path, *, minutes: float) -> Record:
     """Run the command of a table and keep its figures; its logs are there."""
     command, commit, began = command_of(table, run), commit_at_hand(), time.perf_counter()
-    entries = (run.entries or table.entries)(call(command, folder, minutes=minutes))
+    output = call(command, folder, minutes=minutes)
+    entries = (run.entries or table.entries)(output)
     return {
         "command": command,
         "commit": commit,
@@ -93,7 +94,16 @@ def measure(table: Table, run: Run, folder: Path, *, minutes: float) -> Record:
         "figures": {
             name: [rounded(column.read(entry)) for column in table.columns] for name, entry in entries.items()
         },
+        "settings": [rounded(setting) for setting in settings_of(json.loads(output))] if "--json" in command else [],
     }  # fmt: skip
+
+
+def settings_of(output: Any) -> list[dict[str, Any]]:
+    """What was chosen for rivals, and between which values, wherever a command's JSON has it."""
+    if isinstance(output, dict) and {"low", "chosen", "high"} <= output.keys():
+        return [output]
+    inner = output.values() if isinstance(output, dict) else output if isinstance(output, list) else ()
+    return [setting for part in inner for setting in settings_of(part)]
 
 
 def rounded(figure: Any) -> Any:

@@ -4,7 +4,6 @@ import importlib
 import json
 import re
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -24,16 +23,16 @@ def record(maker, name, **changes):
     run = table.runs[0]
     return {
         "command": maker.command_of(table, run), "commit": "abc1234", "date": "2026-01-01", "seconds": 61,
-        "versions": {}, "code": {}, "changed": "", "figures": {"prior": [1.0] * len(table.columns)},
+        "versions": {}, "figures": {"prior": [1.0] * len(table.columns)},
     } | changes  # fmt: skip
 
 
 def test_the_page_is_what_the_stored_figures_say(maker):
-    assert maker.page() == maker.PAGE.read_text(), "run `python docs/make_results.py --page`"
+    assert maker.page() == maker.PAGE.read_text(), "run `python docs/make_results.py`"
 
 
 def test_the_text_has_a_place_for_every_table(maker):
-    assert maker.PLACE.findall(maker.TEXT.read_text()) == ["logs", *maker.TABLES]
+    assert sorted(maker.PLACE.findall(maker.TEXT.read_text())) == sorted(["logs", *maker.TABLES])
 
 
 def test_every_stored_figure_has_the_command_of_its_run_and_a_column(maker):
@@ -42,9 +41,21 @@ def test_every_stored_figure_has_the_command_of_its_run_and_a_column(maker):
         runs = {run.name: run for run in table.runs}
         for run, found in maker.stored(name).items():
             assert found["command"] == maker.command_of(table, runs[run]), f"{name}/{run}: run it again"
-            assert {"commit", "date", "seconds", "versions", "code"} <= set(found)
+            assert {"commit", "date", "seconds", "versions"} <= set(found)
             assert all(len(figures) == len(table.columns) for figures in found["figures"].values())
             assert found["figures"], f"{name}/{run}"
+
+
+def test_no_stored_rival_lies_on_a_bound_of_what_was_searched(maker):
+    stored = [record for name in maker.TABLES for record in maker.stored(name).values()]
+    settings = [setting for record in stored for setting in record.get("settings", [])]
+    for setting in settings:
+        assert setting["low"] < setting["chosen"] < setting["high"], setting
+
+
+def test_settings_are_found_wherever_an_output_has_them(maker):
+    one = {"name": "a", "low": 1.0, "chosen": 2.0, "high": 4.0}
+    assert maker.settings_of({"methods": [{"settings": [[one]]}, {"x": [{"constant velocity": [one]}]}]}) == [one, one]
 
 
 def test_every_log_that_a_command_names_is_made_and_after_what_it_is_made_of(maker):
@@ -65,30 +76,20 @@ def elsewhere(maker, tmp_path, monkeypatch):
     return maker
 
 
-def test_the_best_is_bold_and_what_has_changed_is_said(elsewhere):
+def test_a_difference_is_bold_where_its_interval_does_not_hold_nought(elsewhere):
+    beyond, within = {"value": 12.0, "low": 3.0, "high": 21.0}, {"value": -1.0, "low": -3.0, "high": 1.0}
+    nothing = {"value": 0.0, "low": 0.0, "high": 0.0}
     figures = {
-        "prior": [0.5, None, 0.125, 0.5, [2.0, 0.25], [0.8, 0.9]],
-        "one cell": [0.75, 1, 0.5, 0.5, 3.0, [0.7, 1]],
+        "prior": [0.5, 0.25, nothing, nothing, nothing, None, "0.88 to 0.91"],
+        "one cell": [0.75, 1234.5, beyond, within, {"value": 2.0, "low": None, "high": None}, None, ""],
     }
-    changed = record(elsewhere, "forecasts", figures=figures, changed="def5678 of 2026-02-02")
-    elsewhere.store("forecasts", {"roundabout": changed, "of no such run": changed})
+    elsewhere.store("forecasts", {"roundabout": record(elsewhere, "forecasts", figures=figures), "no such run": {}})
     shown = elsewhere.page()
-    assert "| roundabout | prior | **0.500** |  | **0.125** | **0.500** | 2.00 +- 0.25 | 0.80 to 0.90 |" in shown
-    assert "|  | one cell | 0.750 | 1.000 | 0.500 | **0.500** | 3.00 | 0.70 to 1.00 |" in shown
-    assert "61 s; **older than its code**, which def5678 of 2026-02-02 changed" in shown
-    assert "of no such run" not in shown
+    assert "| roundabout | prior | 0.50 | 0.25 |  |  |  |  | 0.88 to 0.91 |" in shown
+    assert "|  | one cell | 0.75 | 1,234.50 | **+12** (+3 to +21) | -1 (-3 to +1) | +2 |  |  |" in shown
+    assert "- roundabout: `dirprim evaluate forecast roundabout.mcap" in shown
+    assert "- all on 2026-01-01, commit abc1234" in shown
     assert len(json.loads((elsewhere.STORE / "forecasts.json").read_text())) == 1
-
-
-def test_code_that_differs_from_the_stored_one_is_reported_with_its_last_commit(maker, monkeypatch):
-    said = {"status": "", "rev-parse": "aaaa", "log": "def5678 of 2026-02-02"}
-    monkeypatch.setattr(maker, "git", lambda command, *_: said[command])
-    table = replace(maker.TABLES["forecasts"], code=("one",))
-    assert maker.changed(table, {"code": {"one": "aaaa"}}) == ""
-    assert maker.changed(table, {"code": {"one": "bbbb"}}) == said["log"]
-    said["status"] = " M one"
-    assert maker.code_of(table) == {}, "what is not committed is no one's"
-    assert maker.changed(table, {"code": maker.code_of(table)}) == said["log"]
 
 
 def test_what_has_no_data_is_skipped_and_what_fails_keeps_its_figures(elsewhere, tmp_path, capsys, monkeypatch):
@@ -97,31 +98,51 @@ def test_what_has_no_data_is_skipped_and_what_fails_keeps_its_figures(elsewhere,
     before = {"roundabout": record(elsewhere, "forecasts")}
     elsewhere.store("forecasts", before)
     monkeypatch.setattr(elsewhere, "absent", lambda *_: [])
+    monkeypatch.setattr(elsewhere, "logs_of", lambda _: [])
 
-    def never_ends(*_, timeout, **__):
+    def never_ends(command, *_, timeout=None, **options):
+        if timeout is None:
+            return real(command, **options)
         raise subprocess.TimeoutExpired("dirprim", timeout)
 
+    real = subprocess.run
     monkeypatch.setattr(elsewhere.subprocess, "run", never_ends)
     assert not elsewhere.run_tables(["forecasts/roundabout"], tmp_path)
-    assert "stopped after 30 minutes" in capsys.readouterr().err
+    assert "stopped after 60 minutes" in capsys.readouterr().err
     assert elsewhere.stored("forecasts") == before
+
+
+def test_a_run_that_this_commit_has_figures_of_is_not_run_again(elsewhere, tmp_path, monkeypatch):
+    monkeypatch.setattr(elsewhere, "commit_at_hand", lambda: "abc1234")
+    monkeypatch.setattr(elsewhere, "absent", lambda *_: [])
+    made = []
+    monkeypatch.setattr(elsewhere, "call", lambda command, *_, **__: made.append(command))
+    elsewhere.store("forecasts", {"roundabout": record(elsewhere, "forecasts")})
+    assert elsewhere.run_tables(["forecasts/roundabout"], tmp_path, only_new=True)
+    assert not made
 
 
 def test_a_table_that_does_not_exist_is_named(maker):
     for wrong in ("luck", "forecasts/luck"):
-        with pytest.raises(SystemExit, match=f"{wrong}: expected one of densities"):
+        with pytest.raises(SystemExit, match=f"{wrong}: expected one of tracking"):
             list(maker.chosen([wrong]))
 
 
 def test_figures_are_read_from_what_commands_print(maker):
     figures = importlib.import_module("result_figures")
     reports = [{"hota": 0.5, "switches": 1}, {"hota": 0.7, "switches": 3}]
-    printed = json.dumps({"methods": [{"name": "prior", "reports": reports, "by_group": [reports, reports[:1]]}]})
-    prior = figures.methods(printed)["prior"]
-    assert figures.mean_of("hota")(prior) == pytest.approx([0.6, 0.1 * 2**0.5])
-    assert figures.most_in_a_group("switches")(prior) == 3
+    against = {"first": "prior", "other": "one cell", "hota": {"value": 0.01, "low": 0.0, "high": 0.02}}
+    methods = [{"name": name, "reports": reports} for name in ("prior", "one cell")]
+    rows = figures.trackers(json.dumps({"methods": methods, "comparisons": [against]}))
+    assert figures.mean_of("hota")(rows["prior"]) == pytest.approx({"value": 0.6, "deviation": 0.1 * 2**0.5})
+    assert figures.of_key("against", "hota", times=100.0)(rows["one cell"]) == {"value": 1.0, "low": 0.0, "high": 2.0}
+    assert figures.of_key("against", "hota")(rows["prior"]) is None
+    ablated = {"town": {"all on": {}, "drift": {"in sight": {"value": 0.1, "low": 0.05, "high": 0.2}, "HOTA": None}}}
+    drift = figures.mechanisms(json.dumps({"rows": ablated}))["drift"]
+    assert figures.worth("town", in_sight=(100.0, 1), HOTA=(1.0, 2))(drift) == "**+10.0**"
+    assert figures.worth("village", in_sight=(100.0, 1))(drift) == ""
     speed = figures.printed(step=r"whole +([\d.]+) ms +([\d,]+)")("ours, whole   2.5 ms 1,200")
     assert [figures.group(i)(speed["step"]) for i in range(3)] == [2.5, 1200.0, None]
     with pytest.raises(ValueError, match="step: nothing of the kind"):
         figures.printed(step="whole")("half")
-    assert maker.rounded([1 / 3, None]) == [0.333333, None]
+    assert maker.rounded({"a": 1 / 3, "b": None}) == {"a": 0.333333, "b": None}
