@@ -230,7 +230,7 @@ def dense(name: str, demand: float) -> Callable[[int], Simulated]:
 
 def misbehaviour(seed: int) -> Simulated:
     """Of the town's held-out vehicles each does what none did; the map is of those that do not."""
-    from dirprim_filter.simulation.misbehaviour import KINDS, misbehaving
+    from misbehaviour import KINDS, misbehaving
 
     situation = town("roundabout" if seed % 2 else "intersection")(seed)
     test, rng = situation.cases, np.random.default_rng([seed, 2])

@@ -1,9 +1,15 @@
 """Vehicles that misbehave: what each kind does, and that speeds are those of the displacements."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from dirprim_filter.simulation.misbehaviour import KINDS, misbehaving
+sys.path.insert(0, str(Path(__file__).with_name("benchmarks")))
+
+from misbehaviour import KINDS, misbehaving
+
 from situations import junction_traffic
 
 DT_S = 0.1
