@@ -24,6 +24,9 @@ from dirprim_filter.tracks import Tracks
 MARGIN_S = 2.0
 """A gap leaves the vehicle in sight so long before and after it: what is lost must have been found, and be found."""
 
+LEAST_SIDE_M = 1.0
+"""Of the area in which false detections lie: vehicles that stand, or drive straight east, span none."""
+
 
 def gaps(tracks: Tracks, *, gap_s: float, rng: np.random.Generator) -> BoolArray:
     """(n,) rows in which a vehicle is out of sight: once each, for `gap_s`, away from the ends of its track."""
@@ -44,7 +47,7 @@ def gaps(tracks: Tracks, *, gap_s: float, rng: np.random.Generator) -> BoolArray
 
 def honest_tracking(tracks: Tracks, experiment: TrackingExperiment) -> TrackingConfig:
     """The true parameters of the sensor in one group, for the association of every method."""
-    area = float(np.prod(np.ptp(tracks.position, axis=0)))
+    area = float(np.prod(np.maximum(np.ptp(tracks.position, axis=0), LEAST_SIDE_M)))
     false_per_frame, model = experiment.false_per_frame, experiment.sensor
     if model is not None and model.clutter_density is not None:
         false_per_frame = model.clutter_density * area

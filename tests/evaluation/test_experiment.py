@@ -241,6 +241,14 @@ def test_association_is_given_the_truth_of_the_sensor(traffic):
     assert (of_model.detection_probability, of_model.clutter_density) == (pytest.approx(0.8), pytest.approx(1e-4))
 
 
+def test_traffic_that_stands_has_densities_too(traffic):
+    standing = traffic[traffic.track_id == 0]
+    standing = replace(standing, position=np.zeros_like(standing.position), speed=np.zeros_like(standing.speed))
+    found = honest_tracking(standing, TrackingExperiment(false_per_frame=2.0))
+    assert found.clutter_density == pytest.approx(2.0)  # in a square metre
+    assert np.isfinite(found.birth_density)
+
+
 def test_by_a_sensors_model_the_prior_takes_off_bias_and_latency(traffic, ring_map):
     """The Kalman filter knows the latency, but no bias."""
     experiment = TrackingExperiment(
