@@ -12,7 +12,7 @@ from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Force, Logs, Output, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import check_plot
-from dirprim_filter.cli.sensing import UNITS, sight_lines
+from dirprim_filter.cli.sensing import UNITS
 
 if TYPE_CHECKING:
     from dirprim_filter.detections import Detections
@@ -84,7 +84,6 @@ def calibration_text(measured: Calibration) -> str:
         if value is not None and name in measured.sensor.uncertainty:
             width, unit = measured.sensor.uncertainty[name], UNITS[name.rpartition(".")[2]]
             lines.append(f"{name:<24}{value:>10.3g} +- {width:<8.2g} {unit}".rstrip())
-    lines += sight_lines(measured.sensor)
     return "\n".join([*lines, *(f"not known: {line}" for line in measured.unknown)])
 
 

@@ -108,19 +108,10 @@ def _first_minutes(log: Path, reading: Reading, *, n_most: int) -> Detections:
 
 def learned_text(found: SelfCalibration) -> str:
     """A line for each number, and for what is not known."""
-    lines = [f"sensor, learned from {found.n_detections} detections in {counted(found.n_windows, 'piece')} of track"]
-    silent = ("latency_s", "along.bias_m", "across.bias_m")
-    for name, value in found.sensor.numbers().items():
-        axis, _, own = name.rpartition(".")
-        lasts = own != "correlation_s" or found.sensor.numbers()[f"{axis}.correlated_share"]
-        if value is not None and name not in silent and lasts:
-            lines.append(f"{name:<24}{value:>10.3g} {UNITS[own]}".rstrip())
-    lines += sight_lines(found.sensor)
+    lines = [f"sensor, learned from {found.n_detections} detections in {counted(found.n_pieces, 'piece')} of track"]
+    numbers = found.sensor.numbers()
+    for axis in ("along", "across"):
+        lasts = ("correlation_s",) if numbers[f"{axis}.correlated_share"] else ()
+        for own in ("spread_m", "correlated_share", *lasts):
+            lines.append(f"{axis + '.' + own:<24}{numbers[f'{axis}.{own}']:>10.3g} {UNITS[own]}")
     return "\n".join([*lines, *(f"not known: {line}" for line in found.unknown)])
-
-
-def sight_lines(sensor: Sensor) -> list[str]:
-    """A line on where it sees, if that is not everywhere."""
-    if sensor.sight is None:
-        return []
-    return [f"it sees in {counted(len(sensor.sight.polygons), 'polygon')}: elsewhere vehicles pass undetected"]

@@ -1,7 +1,9 @@
 """Traffic: Eclipse SUMO drives vehicles through a scene, and what moved comes back as `Tracks`.
 
-`netconvert` builds the network and `sumo` drives on it, each a child process in a temporary folder. What
-comes back: https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html.
+A scene is a folder of `scenes/` with the files that SUMO reads: nodes, edges, connections where they are not the usual
+ones, and the flows that arrive as Poisson processes (https://sumo.dlr.de/docs/Networks/PlainXML.html). Its drivers are
+those of `scenes/drivers.add.xml`. `netconvert` builds the network and `sumo` drives on it, each a child process in a
+temporary folder. What comes back: https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html.
 """
 
 from __future__ import annotations
@@ -18,18 +20,25 @@ from pathlib import Path
 
 import numpy as np
 
-from dirprim_filter.simulation.drivers import vehicle_lengths
-from dirprim_filter.simulation.plain_xml import write_plain_xml
-from dirprim_filter.simulation.scenes import SCENES, Scene
 from dirprim_filter.tracks import Tracks
 
 logger = logging.getLogger(__name__)
 
+SCENES = ("roundabout", "intersection", "highway")
+FOLDER = Path(__file__).parent / "scenes"
+DRIVERS = FOLDER / "drivers.add.xml"
 STEP_MS = 100
 """Time step of the simulation: 10 Hz."""
 WARM_UP_S = 90
 """The network is empty at first; the log begins when traffic has filled it."""
 SETTINGS = {
+    "--net-file": "scene.net.xml",
+    "--route-files": "scene.rou.xml",
+    "--additional-files": str(DRIVERS),
+    "--fcd-output": "fcd.xml",
+    "--fcd-output.attributes": "x,y,angle,speed,type",
+    "--device.fcd.begin": str(WARM_UP_S),
+    "--statistic-output": "statistics.xml",
     "--step-length": str(STEP_MS / 1000),
     "--lateral-resolution": "0.4",  # the sublane model: vehicles have a place across the lane
     "--time-to-teleport": "-1",  # no vehicle jumps out of a jam
@@ -41,6 +50,7 @@ SETTINGS = {
 }
 """How `sumo` runs, whatever the scene."""
 NETWORK_SETTINGS = {
+    "--output-file": "scene.net.xml",
     "--offset.disable-normalization": "true",  # (0, 0) stays where the scene has it
     "--no-turnarounds": "true",
     "--junctions.limit-turn-speed": "3.0",  # m/s^2 sideways: what people accept; the default is 5.5
@@ -81,12 +91,18 @@ def simulate(scene: str, *, duration_s: float, seed: int, rate_hz: float = 10.0,
     """
     period_ms = _check(scene, duration_s, seed, rate_hz, demand)
     netconvert, sumo = _program("netconvert"), _program("sumo")
+    observed = {
+        "--seed": str(seed), "--end": f"{WARM_UP_S + duration_s:.3f}",
+        "--device.fcd.period": f"{period_ms / 1000:.3f}",
+    }  # fmt: skip
+    plain = {"--node-files": "nod", "--edge-files": "edg", "--connection-files": "con"}
+    paths = {option: FOLDER / scene / f"scene.{kind}.xml" for option, kind in plain.items()}
+    network = {option: str(path) for option, path in paths.items() if path.exists()}
     with tempfile.TemporaryDirectory(prefix="dirprim-sumo-") as name:
         folder = Path(name)
-        description = SCENES[scene]().with_demand(demand)
-        write_plain_xml(description, folder)
-        _run(netconvert, _network_arguments(description), folder)
-        _run(sumo, _traffic_arguments(duration_s, seed, period_ms), folder)
+        _write_flows(FOLDER / scene / "scene.rou.xml", folder / "scene.rou.xml", demand)
+        _run(netconvert, NETWORK_SETTINGS | network, folder)
+        _run(sumo, SETTINGS | observed, folder)
         _report_trouble(folder / "statistics.xml", scene)
         return _read_tracks(folder / "fcd.xml")
 
@@ -127,15 +143,23 @@ def _program(name: str) -> Path:
     raise SimulationError(f'{name} of Eclipse SUMO is not installed; pip install "dirprim-filter[sim]"')
 
 
-def _run(program: Path, arguments: list[str], folder: Path) -> None:
-    """Run a program of SUMO in `folder`, its inputs' and outputs' place.
+def _write_flows(source: Path, target: Path, demand: float) -> None:
+    """The scene's flows as Poisson processes of so many times their vehicles an hour."""
+    routes = ET.parse(source)  # noqa: S314  shipped with this module
+    for flow in routes.iter("flow"):
+        flow.set("period", f"exp({demand * float(flow.attrib.pop('vehsPerHour')) / 3600:.6f})")
+    routes.write(target, encoding="utf-8", xml_declaration=True)
+
+
+def _run(program: Path, settings: dict[str, str], folder: Path) -> None:
+    """Run a program of SUMO in `folder`, where it writes.
 
     Raises:
         SimulationError: it reported failure.
     """
     environment = {**os.environ, "SUMO_HOME": str(program.parents[1])}
     done = subprocess.run(  # noqa: S603  a list, no shell; nothing in it comes from outside but checked numbers
-        [str(program), *arguments],
+        [str(program), *(word for setting in settings.items() for word in setting)],
         cwd=folder, env=environment, capture_output=True, text=True, errors="replace", check=False,
     )  # fmt: skip
     for line in done.stderr.splitlines():
@@ -143,35 +167,6 @@ def _run(program: Path, arguments: list[str], folder: Path) -> None:
     if done.returncode:
         errors = [line for line in done.stderr.splitlines() if line.startswith("Error")] or [done.stderr.strip()]
         raise SimulationError(f"{program.name} failed with status {done.returncode}: {errors[0]}")
-
-
-def _network_arguments(scene: Scene) -> list[str]:
-    arguments = [
-        "--node-files",
-        "scene.nod.xml",
-        "--edge-files",
-        "scene.edg.xml",
-        "--output-file",
-        "scene.net.xml",
-    ]
-    if scene.connections:
-        arguments += ["--connection-files", "scene.con.xml"]
-    return [*arguments, *(word for setting in NETWORK_SETTINGS.items() for word in setting)]
-
-
-def _traffic_arguments(duration_s: float, seed: int, period_ms: int) -> list[str]:
-    observed = {
-        "--net-file": "scene.net.xml",
-        "--route-files": "scene.rou.xml",
-        "--seed": str(seed),
-        "--end": f"{WARM_UP_S + duration_s:.3f}",
-        "--fcd-output": "fcd.xml",
-        "--fcd-output.attributes": "x,y,angle,speed,type",
-        "--device.fcd.begin": str(WARM_UP_S),
-        "--device.fcd.period": f"{period_ms / 1000:.3f}",
-        "--statistic-output": "statistics.xml",
-    }
-    return [word for setting in (SETTINGS | observed).items() for word in setting]
 
 
 def _report_trouble(statistics: Path, scene: str) -> None:
@@ -189,7 +184,7 @@ def _report_trouble(statistics: Path, scene: str) -> None:
 
 def _read_tracks(path: Path) -> Tracks:
     """Tracks of a floating car data file, moved from the front bumper to the centre."""
-    length = vehicle_lengths()
+    length = {of.attrib["id"]: float(of.attrib["length"]) for of in ET.parse(DRIVERS).iter("vType")}  # noqa: S314  ours
     number: dict[str, int] = {}
     vehicle, time_step = array("q"), array("q")
     states = array("d")

@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration import calibrate
-from dirprim_filter.evaluation.calibration.gauss_markov import _Profile
+from dirprim_filter.evaluation.calibration.gauss_markov import Profile
 from dirprim_filter.sensor import AxisError, Sensor, without_bias
 from dirprim_filter.simulation.sensor import sense
 from dirprim_filter.tracks import Tracks
@@ -113,7 +113,7 @@ def test_the_likelihood_of_errors_is_that_of_their_covariance():
     rng, share, seconds = np.random.default_rng(3), 0.7, 0.4
     time_s, is_first = np.array([0.0, 0.1, 0.25, 0.5, 0.0, 0.1, 0.4]), np.array([1, 0, 0, 0, 1, 0, 0], bool)
     y, gap_s = rng.normal(size=7), np.where(is_first, np.inf, np.diff(time_s, prepend=0.0))
-    found = _Profile(y, np.ones((7, 1)), gap_s, share, seconds)
+    found = Profile(y, np.ones((7, 1)), gap_s, share, seconds)
     series = np.cumsum(is_first)
     kernel = np.exp(-np.abs(time_s[:, None] - time_s) / seconds) * (series[:, None] == series)
     covariance = found.spread**2 * (share * kernel + (1 - share) * np.eye(7))

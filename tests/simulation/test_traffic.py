@@ -1,15 +1,14 @@
 """Traffic that SUMO drives through the scenes: on the right side, and the same from the same seed."""
 
 import importlib.util
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
 
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.simulation import traffic
-from dirprim_filter.simulation.drivers import DRIVERS, OFFSETS_M, vehicle_lengths
-from dirprim_filter.simulation.scenes import RING_RADIUS, SCENES
-from dirprim_filter.simulation.traffic import SimulationError, simulate
+from dirprim_filter.simulation.traffic import DRIVERS, FOLDER, SCENES, SimulationError, simulate
 from dirprim_filter.tracks import Tracks
 
 needs_sumo = pytest.mark.skipif(
@@ -17,6 +16,11 @@ needs_sumo = pytest.mark.skipif(
 )
 
 DURATION_S = 60.0
+RING_RADIUS = 20.0
+
+
+def attributes(path, tag):
+    return [of.attrib for of in ET.parse(path).iter(tag)]  # noqa: S314  the project's own
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +73,7 @@ def test_position_is_the_centre_of_the_vehicle(observed: dict[str, Tracks]) -> N
     entered = first[(tracks.time_ns[first] > 0) & (np.abs(tracks.position[first, 0]) > 150)]
     inside = 200.0 - np.abs(tracks.position[entered, 0])
     on_road = np.abs(np.sin(tracks.direction[entered])) < 0.01  # the ramp is not parallel to x
-    usual = float(np.median(list(vehicle_lengths().values())))
+    usual = float(np.median([float(of["length"]) for of in attributes(DRIVERS, "vType")]))
     assert on_road.sum() > 10
     assert np.median(inside[on_road]) == pytest.approx(usual / 2, abs=0.2)
 
@@ -204,16 +208,19 @@ def test_arguments_out_of_range_are_named(wrong: dict[str, object], message: str
 
 
 def test_shares_of_drivers_sum_to_one() -> None:
-    assert sum(driver.share for driver in DRIVERS) == pytest.approx(1.0)
-    assert sum(OFFSETS_M.values()) == pytest.approx(1.0)
+    shares = [float(of["probability"]) for of in attributes(DRIVERS, "vType")]
+    assert sum(shares) == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_edges_and_flows_name_what_exists(scene: str) -> None:
-    description = SCENES[scene]()
-    nodes = {node.name for node in description.nodes}
-    edges = {edge.name for edge in description.edges}
-    assert len(nodes) == len(description.nodes)
-    assert len(edges) == len(description.edges)
-    assert {end for edge in description.edges for end in (edge.start, edge.end)} == nodes
-    assert {name for flow in description.flows for name in (flow.origin, flow.destination)} <= edges
+def test_roads_connections_and_flows_name_what_exists(scene: str) -> None:
+    files = sorted((FOLDER / scene).glob("*.xml"))
+    named = {
+        tag: [of for path in files for of in attributes(path, tag)] for tag in ("node", "edge", "connection", "flow")
+    }
+    nodes, edges = ([of["id"] for of in named[tag]] for tag in ("node", "edge"))
+    assert len(set(nodes)) == len(nodes)
+    assert len(set(edges)) == len(edges)
+    assert {of[end] for of in named["edge"] for end in ("from", "to")} == set(nodes)
+    assert {of[end] for tag in ("flow", "connection") for of in named[tag] for end in ("from", "to")} <= set(edges)
+    assert {of["type"] for of in named["flow"]} == {"drivers"}

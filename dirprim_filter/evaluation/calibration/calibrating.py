@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.detections import Detections
-from dirprim_filter.evaluation.calibration.gauss_markov import ErrorFit, autocorrelation, fit_errors
+from dirprim_filter.evaluation.calibration.gauss_markov import ErrorFit, fit_errors
 from dirprim_filter.evaluation.calibration.pairing import Scene, TruthRows, find_lag
-from dirprim_filter.evaluation.calibration.reports import Reported, clutter, detection_probability, share
+from dirprim_filter.evaluation.calibration.reports import Measured, clutter, detection_probability, share
 from dirprim_filter.filtering.association import Pairs
 from dirprim_filter.sensor import AxisError, Sensor
 from dirprim_filter.tracks import Tracks
@@ -40,17 +41,15 @@ MAD = 1.4826
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """The errors that a calibration was learned from. (n,) rows, vehicle after vehicle, ascending in time.
+    """The usual errors of pairs of moving vehicles. (n,) rows, vehicle after vehicle, ascending in time.
 
     Attributes:
         time_s: seconds.
         is_first: where a vehicle's begin.
         speed: m/s, true.
-        along: metres, from the truth at the time less the latency.
+        along: metres, from the truth at the time less the lag.
         across: likewise.
-        lag_s: (m,) seconds between two errors.
-        along_correlation: (m,) of errors so far apart, NaN of none.
-        across_correlation: likewise.
+        n_outliers: errors that are not among them.
     """
 
     time_s: FloatArray
@@ -58,9 +57,12 @@ class Errors:
     speed: FloatArray
     along: FloatArray
     across: FloatArray
-    lag_s: FloatArray
-    along_correlation: FloatArray
-    across_correlation: FloatArray
+    n_outliers: int
+
+    def fit(self, error: FloatArray, *, with_speed: bool = False) -> ErrorFit:
+        """Of one axis: a bias, and if wished a coefficient of -speed: seconds by which the lag is too small."""
+        columns = [np.ones(self.speed.size), -self.speed]
+        return fit_errors(error, np.column_stack(columns[: 1 + with_speed]), self.time_s, self.is_first)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,137 +103,100 @@ def calibrate(detections: Detections, truth: Tracks) -> Calibration:
     for last in (False, False, True):
         rows = scene.truth_at(lag_s)
         pairs = scene.matched(rows, gate_m=gate_m)
-        paired = _PairedErrors.of(scene, rows, pairs)
-        if paired.usual.sum() < FEWEST:
+        errors = _errors(scene, rows, pairs)
+        n = errors.time_s.size
+        if n < FEWEST:
             raise ValueError(
-                f"truth: expected at least {FEWEST} detections of moving vehicles in it, got {paired.usual.sum()}: "
-                "is it of this place and time?"
+                f"truth: expected at least {FEWEST} detections of moving vehicles in it, got {n}: is it of this place "
+                "and time?"
             )
         if not last:
-            moved, spread = paired.ordinary()
+            moved, spread = _by_least_squares(errors)
             lag_s, gate_m = lag_s + moved, float(np.clip(GATE_SPREADS * spread, *GATES_M))
-    along = paired.fit("along", np.ones(paired.speed.size), -paired.speed)
-    is_known = bool(along.coefficients_se[1] <= LATENCY_KNOWN_S)
-    if is_known:
-        lag_s += float(along.coefficients[1])
-    else:  # the bias takes it up
-        along = paired.fit("along", np.ones(paired.speed.size))
-    across = paired.fit("across", np.ones(paired.speed.size))
-    return _calibration(Reported(scene, rows, pairs), paired, (along, across), lag_s)
+    across, along = errors.fit(errors.across), errors.fit(errors.along, with_speed=True)
+    unknown: list[str] = []
+    found = _reports(scene, rows, pairs, errors, unknown)
+    clock_offset_s = 0.0
+    if along.mean_se[1] > LATENCY_KNOWN_S:  # the bias takes it up
+        along, clock_offset_s = errors.fit(errors.along), lag_s
+        unknown.append("latency_s: vehicles drive too alike; it is in along.bias_m, which holds at their speed")
+    else:
+        late = float(along.mean[1])
+        lag_s, errors = lag_s + late, replace(errors, along=errors.along + late * errors.speed)
+        if LATENCY_S[0] - WIDE * along.mean_se[1] <= lag_s < LATENCY_S[1]:
+            found["latency_s"] = Measured(max(lag_s, 0.0), float(along.mean_se[1]))
+        else:
+            clock_offset_s = lag_s
+            unknown.append("latency_s: the clocks differ, and latency cannot be separated from their difference")
+    return Calibration(
+        sensor=_sensor(found, {"along": along, "across": across}), errors=errors, clock_offset_s=clock_offset_s,
+        n_detections=len(detections), n_pairs=int(pairs.one.size),
+        n_vehicles=int(np.unique(rows.vehicle[pairs.one]).size), unknown=tuple(unknown),
+    )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _PairedErrors:
-    """Errors of all pairs of moving vehicles, vehicle after vehicle, and which of them are usual."""
-
-    vehicle: IntArray
-    time_s: FloatArray
-    speed: FloatArray
-    along: FloatArray
-    across: FloatArray
-    usual: BoolArray
-
-    @classmethod
-    def of(cls, scene: Scene, rows: TruthRows, pairs: Pairs) -> _PairedErrors:
-        row, detection = pairs
-        order = np.lexsort((rows.frame[row], rows.vehicle[row]))
-        row, detection = row[order], detection[order]
-        moving = rows.speed[row] >= MOVING_FROM
-        row, detection = row[moving], detection[moving]
-        error, course = scene.detections.position[detection] - rows.position[row], rows.course[row]
-        along = (error * course).sum(axis=1)
-        across = course[:, 0] * error[:, 1] - course[:, 1] * error[:, 0]
-        usual = _within(along) & _within(across)
-        return cls(
-            vehicle=rows.vehicle[row], time_s=scene.frame_s[rows.frame[row]], speed=rows.speed[row], along=along,
-            across=across, usual=usual,
-        )  # fmt: skip
-
-    @property
-    def is_first(self) -> BoolArray:
-        """Of the usual rows, where a vehicle's begin."""
-        return np.asarray(np.diff(self.vehicle[self.usual], prepend=-1) != 0)
-
-    def ordinary(self) -> tuple[float, float]:
-        """By ordinary least squares: by how much the lag is wrong, and the larger spread of both axes."""
-        along, speed = self.along[self.usual], self.speed[self.usual]
-        slope = np.column_stack([np.ones(speed.size), -speed])
-        found = np.linalg.lstsq(slope, along, rcond=None)[0]
-        moved = (
-            float(np.clip(found[1], -MOST_MOVED_S, MOST_MOVED_S)) if speed.std() > LEAST_SPREAD * speed.mean() else 0.0
-        )
-        return moved, max(float((along - slope @ found).std()), float(self.across[self.usual].std()))
-
-    def fit(self, name: str, *regressors: FloatArray) -> ErrorFit:
-        """The model of the usual errors along one axis."""
-        columns = np.column_stack([column[self.usual] for column in regressors])
-        return fit_errors(getattr(self, name)[self.usual], columns, self.time_s[self.usual], self.is_first)
+def _errors(scene: Scene, rows: TruthRows, pairs: Pairs) -> Errors:
+    order = np.lexsort((rows.frame[pairs.one], rows.vehicle[pairs.one]))
+    order = order[rows.speed[pairs.one[order]] >= MOVING_FROM]
+    row = pairs.one[order]
+    error, course = scene.detections.position[pairs.other[order]] - rows.position[row], rows.course[row]
+    along = (error * course).sum(axis=1)
+    across = course[:, 0] * error[:, 1] - course[:, 1] * error[:, 0]
+    usual = _within(along) & _within(across)
+    row = row[usual]
+    return Errors(
+        time_s=scene.frame_s[rows.frame[row]], is_first=np.diff(rows.vehicle[row], prepend=-1) != 0,
+        speed=rows.speed[row], along=along[usual], across=across[usual], n_outliers=int((~usual).sum()),
+    )  # fmt: skip
 
 
 def _within(error: FloatArray) -> BoolArray:
-    if error.size == 0:
-        return np.ones(0, np.bool_)
-    off = np.abs(error - np.median(error))
-    return np.asarray(off <= OUTLIER * MAD * max(float(np.median(off)), 1e-3))
+    off = np.abs(error - np.median(error)) if error.size else error
+    return np.asarray(off <= OUTLIER * MAD * max(float(np.median(off)), 1e-3)) if error.size else np.ones(0, np.bool_)
 
 
-def _calibration(
-    reported: Reported, paired: _PairedErrors, fits: tuple[ErrorFit, ErrorFit], lag_s: float
-) -> Calibration:
-    """All that was found, and what was not."""
-    along, across = fits
-    scene = reported.scene
-    unknown: list[str] = []
-    uncertainty: dict[str, float] = {}
-    is_latency = along.coefficients.size > 1 and LATENCY_S[0] - WIDE * along.coefficients_se[1] <= lag_s < LATENCY_S[1]
-    if along.coefficients.size == 1:
-        unknown.append("latency_s: vehicles drive too alike; it is in along.bias_m, which holds at their speed")
-    elif is_latency:
-        uncertainty["latency_s"] = WIDE * float(along.coefficients_se[1])
-    else:
-        unknown.append("latency_s: the clocks differ, and latency cannot be separated from their difference")
-    seen = detection_probability(reported)
-    false, why = clutter(reported)
-    astray = share(int((~paired.usual).sum()), paired.usual.size) if reported.are_named else None
-    if astray is None:
-        unknown.append("outlier_share: the truth's ids are not the detections', so a far detection cannot be assigned")
-    if false is None:
-        unknown.append(f"clutter_density: {why}")
-    for name, found in (("detection_probability", seen), ("clutter_density", false), ("outlier_share", astray)):
-        if found is not None:
-            uncertainty[name] = WIDE * found.error
+def _by_least_squares(errors: Errors) -> tuple[float, float]:
+    """By how much the lag is wrong, seconds, and the larger spread of both axes, metres."""
+    slope = np.column_stack([np.ones(errors.speed.size), -errors.speed])
+    found = np.linalg.lstsq(slope, errors.along, rcond=None)[0]
+    differ = errors.speed.std() > LEAST_SPREAD * errors.speed.mean()
+    moved = float(np.clip(found[1], -MOST_MOVED_S, MOST_MOVED_S)) if differ else 0.0
+    return moved, max(float((errors.along - slope @ found).std()), float(errors.across.std()))
+
+
+def _reports(
+    scene: Scene, rows: TruthRows, pairs: Pairs, errors: Errors, unknown: list[str]
+) -> dict[str, Measured]:  # fmt: skip
+    """How often vehicles are reported, and where there is none; what is not known is added to `unknown`."""
+    is_hit = np.zeros(rows.frame.size, np.bool_)
+    is_hit[pairs.one] = True
+    n_all = errors.time_s.size + errors.n_outliers
+    astray = share(errors.n_outliers, n_all) if scene.are_named(rows) else None
+    found = {
+        "detection_probability": (detection_probability(rows, is_hit), "vehicles are seen in too few frames"),
+        "clutter_density": (
+            clutter(scene, rows, pairs.other),
+            "stray detections continue from frame to frame: the truth does not contain all vehicles",
+        ),
+        "outlier_share": (astray, "the truth's ids are not the detections', so a far detection cannot be assigned"),
+    }
+    unknown += [f"{name}: {why}" for name, (number, why) in found.items() if number is None]
+    return {name: number for name, (number, _) in found.items() if number is not None}
+
+
+def _sensor(found: dict[str, Measured], fits: dict[str, ErrorFit]) -> Sensor:
+    """The model of these numbers, with half the widths of their intervals."""
+    uncertainty = {name: WIDE * number.error for name, number in found.items()}
     axes = {}
-    for name, fit in (("along", along), ("across", across)):
-        axes[name] = AxisError(
-            bias_m=float(fit.coefficients[0]), spread_m=max(fit.spread, 1e-3), correlated_share=fit.share,
-            correlation_s=fit.correlation_s if fit.share else 1.0,
-        )  # fmt: skip
-        uncertainty[f"{name}.bias_m"] = WIDE * float(fit.coefficients_se[0])
-        uncertainty[f"{name}.spread_m"] = WIDE * float(fit.spread_se)
+    for name, fit in fits.items():
+        axis = {
+            "bias_m": Measured(float(fit.mean[0]), float(fit.mean_se[0])),
+            "spread_m": Measured(max(fit.spread, 1e-3), fit.spread_se),
+        }
         if fit.share:
-            uncertainty[f"{name}.correlated_share"] = WIDE * float(fit.share_se)
-            uncertainty[f"{name}.correlation_s"] = WIDE * float(fit.correlation_se)
-    sensor = Sensor(
-        latency_s=max(lag_s, 0.0) if is_latency else 0.0, along=axes["along"], across=axes["across"],
-        detection_probability=None if seen is None else seen.value,
-        clutter_density=None if false is None else false.value,
-        outlier_share=None if astray is None else astray.value, sight=reported.sight, uncertainty=uncertainty,
-    )  # fmt: skip
-    return Calibration(
-        sensor=sensor, errors=_errors(paired, along, across), clock_offset_s=0.0 if is_latency else lag_s,
-        n_detections=len(scene.detections), n_pairs=int(reported.pairs.one.size),
-        n_vehicles=int(np.unique(reported.rows.vehicle[reported.pairs.one]).size), unknown=tuple(unknown),
-    )  # fmt: skip
-
-
-LAGS_S = np.arange(0.0, 3.01, 0.1)
-
-
-def _errors(paired: _PairedErrors, along: ErrorFit, across: ErrorFit) -> Errors:
-    time_s, is_first = paired.time_s[paired.usual], paired.is_first
-    correlation = [autocorrelation(fit.residual, time_s, is_first, LAGS_S, within_s=0.03) for fit in (along, across)]
-    return Errors(
-        time_s=time_s, is_first=is_first, speed=paired.speed[paired.usual],
-        along=along.residual + along.coefficients[0], across=across.residual + across.coefficients[0],
-        lag_s=LAGS_S, along_correlation=correlation[0], across_correlation=correlation[1],
-    )  # fmt: skip
+            axis["correlated_share"] = Measured(fit.share, fit.share_se)
+            axis["correlation_s"] = Measured(fit.lasts_s, fit.lasts_se)
+        axes[name] = AxisError(**{own: number.value for own, number in axis.items()})
+        uncertainty |= {f"{name}.{own}": WIDE * number.error for own, number in axis.items()}
+    numbers: dict[str, Any] = {name: number.value for name, number in found.items()}
+    return Sensor(**numbers, along=axes["along"], across=axes["across"], uncertainty=uncertainty)

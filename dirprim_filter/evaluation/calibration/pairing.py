@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial import KDTree
 
-from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.filtering.association import Pairs, best_assignment
 from dirprim_filter.track_ids import as_texts
@@ -36,8 +36,6 @@ LONGEST_PAUSE_S = 5.0
 """Between two frames with detections; in shorter ones there were frames that held none."""
 SAME_NAMES = 0.5
 """Share of the nearest pairs with equal ids, above which pairs are made by id."""
-
-
 SHORTEST_FRAME_NS = 5e6
 """Where detections come at times of their own, their gaps may be of nanoseconds: no frames fit in between."""
 
@@ -59,10 +57,6 @@ class TruthRows(NamedTuple):
     course: FloatArray
     speed: FloatArray
 
-    def __getitem__(self, rows: AnyArray) -> TruthRows:  # type: ignore[override]
-        """The chosen rows, by mask or indices."""
-        return TruthRows(self.frame[rows], self.vehicle[rows], self.position[rows], self.course[rows], self.speed[rows])
-
 
 class Scene:
     """Detections beside the truth.
@@ -74,6 +68,8 @@ class Scene:
     Attributes:
         frame_s: (f,) seconds of the frames, from the first; frames of different groups are different.
         frame_group: (f,) of them.
+        frame_of: (n,) index of the frame of each detection.
+        truth_s: (m,) seconds of the truth's rows, vehicle after vehicle.
         names: (v,) of the true vehicles.
 
     Raises:
@@ -93,29 +89,21 @@ class Scene:
         self.frame_of = np.array([number[key] for key in keys], np.int64)
         self._tree = KDTree(self._keyed(detections.position, self.frame_of))
         order = np.lexsort((truth.time_ns, truth.vehicle))
-        self._time_s: FloatArray = np.asarray((truth.time_ns[order] - epoch_ns) * 1e-9, np.float64)
+        self.truth_s: FloatArray = np.asarray((truth.time_ns[order] - epoch_ns) * 1e-9, np.float64)
         self._group = truth.group[order]
         self._motion = np.column_stack(
             [truth.position, np.cos(truth.direction), np.sin(truth.direction), truth.speed]
         )[order]  # fmt: skip
         first = np.flatnonzero(np.diff(truth.vehicle[order], prepend=-1))
         self._spans = list(zip(first.tolist(), [*first[1:].tolist(), len(truth)], strict=True))
-        self._leaps = [_leaps(self._time_s[i:j], self._motion[i:j, :2]) for i, j in self._spans]
+        self._leaps = [_leaps(self.truth_s[i:j], self._motion[i:j, :2]) for i, j in self._spans]
         self.names = as_texts(truth.track_id[order[first]])
-
-    @property
-    def spans_s(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """First and last second of the detections, and of the truth."""
-        return (
-            (float(self.frame_s.min()), float(self.frame_s.max())),
-            (float(self._time_s.min()), float(self._time_s.max())),
-        )
 
     def truth_at(self, lag_s: float, frames: BoolArray | None = None) -> TruthRows:
         """Where vehicles were `lag_s` before each frame; of the chosen frames (f,)."""
         parts = []
         for vehicle, (start, end) in enumerate(self._spans):
-            times, of_group = self._time_s[start:end], self.frame_group == self._group[start]
+            times, of_group = self.truth_s[start:end], self.frame_group == self._group[start]
             wanted = of_group if frames is None else of_group & frames
             frame = np.flatnonzero(wanted & (self.frame_s - lag_s >= times[0]) & (self.frame_s - lag_s <= times[-1]))
             if frame.size == 0:
@@ -130,19 +118,14 @@ class Scene:
             length = np.maximum(np.hypot(*found[:, 2:4].T), 1e-9)
             course = found[:, 2:4] / length[:, None]
             parts.append(TruthRows(frame, np.full(frame.size, vehicle), found[:, :2], course, found[:, 4]))
-        if not parts:
-            nothing = np.empty(0, np.int64)
-            return TruthRows(nothing, nothing, np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
-        return TruthRows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        nothing = np.empty(0, np.int64)
+        none = TruthRows(nothing, nothing, np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
+        return TruthRows(*(np.concatenate(column) for column in zip(none, *parts, strict=True)))
 
     def agreement(self, lag_s: float, frames: BoolArray, *, gate_m: float) -> float:
         """How many of the true rows have a detection near, the nearer the more."""
-        rows = self.truth_at(lag_s, frames)
-        if rows.frame.size == 0:
-            return 0.0
-        distance, _ = self._nearest(rows, gate_m)
-        near = np.isfinite(distance)
-        return float((1.0 - (distance[near] / gate_m) ** 2).sum())
+        distance, _ = self._nearest(self.truth_at(lag_s, frames), gate_m)
+        return float(np.maximum(1.0 - (distance / gate_m) ** 2, 0.0).sum())
 
     def matched(self, rows: TruthRows, *, gate_m: float) -> Pairs:
         """Rows of the truth, each with a detection: by id where ids agree, else the best assignment in a gate."""
@@ -215,11 +198,11 @@ def find_lag(scene: Scene) -> float:
     Raises:
         ValueError: they do not overlap in time, or no vehicle is common to both.
     """
-    (first, last), (true_first, true_last) = scene.spans_s
-    if first - SEARCH_S > true_last or last + SEARCH_S < true_first:
+    seen, true = ((float(of.min()), float(of.max())) for of in (scene.frame_s, scene.truth_s))
+    if seen[0] - SEARCH_S > true[1] or seen[1] + SEARCH_S < true[0]:
         raise ValueError(
-            f"truth: expected times like those of the detections, {_span(first, last)}, got "
-            f"{_span(true_first, true_last)} by the same clock; are the clocks hours apart?"
+            f"truth: expected times like those of the detections, {seen[0]:.1f} to {seen[1]:.1f} s, got "
+            f"{true[0]:.1f} to {true[1]:.1f} s by the same clock; are the clocks hours apart?"
         )
     frames = np.zeros(scene.frame_s.size, np.bool_)
     frames[np.linspace(0, frames.size - 1, min(FRAMES_SEARCHED, frames.size)).astype(np.int64)] = True
@@ -235,7 +218,3 @@ def find_lag(scene: Scene) -> float:
             f"{FINE_GATE_M:g} m of one: is the truth of this place, in the same frame or origin, and of this time?"
         )
     return float(fine[int(np.argmax(agreement))])
-
-
-def _span(first: float, last: float) -> str:
-    return f"{first:.1f} to {last:.1f} s"

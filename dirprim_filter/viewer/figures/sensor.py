@@ -8,11 +8,13 @@ from matplotlib.figure import Figure
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.evaluation.calibration import Calibration
+from dirprim_filter.evaluation.calibration.gauss_markov import autocorrelation
 from dirprim_filter.sensor import AxisError
 from dirprim_filter.viewer.figures.page import DOTS_PER_INCH
 
 AXES = {"along": "#0072B2", "across": "#D55E00"}
 MOST_POINTS = 4000
+LAGS_S = np.arange(0.0, 3.01, 0.1)
 
 
 def sensor_figure(measured: Calibration) -> Figure:
@@ -57,9 +59,11 @@ def _draw_spread(axes: Axes, name: str, error: FloatArray, axis: AxisError, colo
 
 def _draw_correlation(axes: Axes, name: str, measured: Calibration, axis: AxisError, color: str) -> None:
     """Of errors some time apart, and the model's."""
-    lag_s, correlation = measured.errors.lag_s, getattr(measured.errors, f"{name}_correlation")
-    axes.plot(lag_s, correlation, ".", color=color, markersize=4)
-    after = np.linspace(1e-3, lag_s[-1], 100)
+    errors = measured.errors
+    error = getattr(errors, name)
+    correlation = autocorrelation(error - error.mean(), errors.time_s, errors.is_first, LAGS_S)
+    axes.plot(LAGS_S, correlation, ".", color=color, markersize=4)
+    after = np.linspace(1e-3, LAGS_S[-1], 100)
     label = (
         f"{name}: {axis.correlated_share:.0%}, {axis.correlation_s:.2g} s" if axis.correlated_share else f"{name}: 0"
     )
