@@ -64,7 +64,7 @@ def worth(scene: str, **figures: tuple[float, int]) -> Callable[[Any], Figure]:
         for name, (times, digits) in figures.items():
             found = mechanism.get(scene, {}).get(name.replace("_", " "))
             if found is not None:
-                text = f"{times * found['value']:+.{digits}f}"
+                text = _signed(times * found["value"], digits)
                 texts.append(f"**{text}**" if found["low"] > 0 or found["high"] < 0 else text)
         return " / ".join(texts)
 
@@ -155,8 +155,14 @@ def shown(figure: Figure, digits: int) -> str:
         return ""
     if "deviation" in figure:
         return f"{value:,.{digits}f} ± {figure['deviation']:,.{digits}f}"
-    text = f"{value:+,.{digits}f}"
+    text = _signed(value, digits)
     if low is not None and high is not None:
         bold = f"**{text}**" if low > 0 or high < 0 else text
-        text = f"{bold} ({low:+,.{digits}f} to {high:+,.{digits}f})"
+        text = f"{bold} ({_signed(low, digits)} to {_signed(high, digits)})"
     return text
+
+
+def _signed(number: float, digits: int) -> str:
+    """With its sign, which nought has not."""
+    rounded = round(number, digits)
+    return f"{rounded:+,.{digits}f}" if rounded else f"{0.0:.{digits}f}"

@@ -244,8 +244,8 @@ TABLES: dict[str, Table] = {
     "real_sensors": Table(
         command="python tests/benchmarks/real_sensors.py {options} --json",
         runs=(
-            Run(name="Mcity", options="mcity", source="mcity_roadside"),
-            Run(name="autoferry", options="autoferry", source="autoferry"),
+            Run(name="Mcity", options="mcity --seeds 2", source="mcity_roadside"),
+            Run(name="autoferry", options="autoferry --seeds 1", source="autoferry"),
         ),
         entries=real_sensors,
         columns=(
