@@ -17,8 +17,9 @@ LEAST_STEP_S = 0.09
 LONGEST_PAUSE_S = 1.0
 MOVING_FROM = 0.5
 """m/s: of slower vehicles the way has no direction that is worth to be known."""
-DEGREE = 3
-"""Of the polynomial in time whose course a piece is unrolled by."""
+BEND_S, MOST_BENDS = 1.6, 3
+"""Seconds of a piece for each degree of the polynomial in time whose course it is unrolled by, and the highest degree:
+of short pieces a course that bends would follow the errors that last."""
 STRAYS = 6.0
 """Robust standard deviations from the middle of its neighbours, from which on a detection is left out."""
 MAD = 1.4826
@@ -83,8 +84,9 @@ def _strays(vehicle: IntArray, time_s: FloatArray, place: FloatArray) -> BoolArr
 def _unrolled(time_s: FloatArray, place: FloatArray) -> FloatArray | None:
     """(n, 3) steps in seconds, metres along and across: steps turned by the smooth way's course; None if it stands."""
     middle = 0.5 * (time_s[0] + time_s[-1])
-    half = np.polynomial.polynomial.polyfit(time_s - middle, place, DEGREE)
-    slope = np.polynomial.polynomial.polyder(half)
+    degree = int(np.clip(round((time_s[-1] - time_s[0]) / BEND_S), 1, MOST_BENDS))
+    way = np.polynomial.polynomial.polyfit(time_s - middle, place, degree)
+    slope = np.polynomial.polynomial.polyder(way)
     between = 0.5 * (time_s[1:] + time_s[:-1]) - middle
     velocity = np.polynomial.polynomial.polyval(between, slope).T
     speed = np.hypot(*velocity.T)
