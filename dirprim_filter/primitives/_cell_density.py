@@ -55,6 +55,8 @@ def log_densities(
                 )
                 top = max(top, log_p[n])
                 n += 1
+        if top == -np.inf:  # far from the cell every mode's speed may have run out of the numbers there are
+            n = 0
         moving = 0.0
         for m in range(n):
             moving += exp(log_p[m] - top)

@@ -9,7 +9,7 @@ five scenarios, each counted alike, they are wide. All is scored against the tru
 Nothing of the product was tuned to these data.
 
 Mcity, why not: the sensor's error lasts for seconds (.995 of its variance), so every filter stays near the detections
-less bias and latency, whatever its motion. A map of some 35 vehicles leaves 40 % of the instrumented cars' way outside
+less bias and latency, whatever its motion. A map of some 35 vehicles leaves 15 to 43 % of the true way outside
 its cells; from their true positions with white noise it gains a little in drives 13 and 14 alone.
 
 autoferry, why not: boats go where they like; 60 % of a held-out scenario is outside the map of the other four, which
