@@ -244,7 +244,7 @@ TABLES: dict[str, Table] = {
     "real_sensors": Table(
         command="python tests/benchmarks/real_sensors.py {options} --json",
         runs=(
-            Run(name="Mcity", options="mcity --seeds 2", source="mcity_roadside"),
+            Run(name="Mcity", options="mcity --seeds 1", source="mcity_roadside"),
             Run(name="autoferry", options="autoferry --seeds 1", source="autoferry"),
         ),
         entries=real_sensors,

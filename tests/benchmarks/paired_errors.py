@@ -103,7 +103,8 @@ def true_rows(truth: Tracks, time_ns: IntArray) -> tuple[Tracks, IntArray]:
     )  # fmt: skip
     scene = Scene(nowhere, truth)
     rows = scene.truth_at(0.0)
-    rows = rows[np.isin(rows.frame, scene.frame_of)]  # the scene fills pauses with instants of its own
+    is_asked = np.isin(rows.frame, scene.frame_of)  # the scene fills pauses with instants of its own
+    rows = type(rows)(*(column[is_asked] for column in rows))
     times = instants[np.searchsorted(scene.frame_of, rows.frame)]
     at = Tracks(
         track_id=scene.names[rows.vehicle], time_ns=times, position=rows.position, speed=rows.speed,
