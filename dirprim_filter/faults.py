@@ -1,4 +1,4 @@
-"""Faults of observed motion: vehicles that drive backwards or jump, and vehicles that are copies of others.
+"""Faults of observed motion: wrong units, vehicles that drive backwards or jump, or that are copies of others.
 
 Learning and scoring take a log of tracks for the truth, so its faults enter both. Two vehicles cannot be at one place:
 two that stay within `COPY_M` for a second are one. A copy shifted in time is harder to distinguish from a follower: it
@@ -45,6 +45,18 @@ LEAST_NOISE_M = 1e-3
 """Less noise than this, as of simulated vehicles that are all alike, does not identify a copy."""
 SHARED_NOISE = 0.5
 """Two copies differ by at most this share of their own noise; two vehicles by more than all of it."""
+COMPARED_S, LONGEST_S = 2.0, 4.0
+"""Stated speeds and courses are compared with the way between rows so far apart: noise is small beside it."""
+LEAST_COMPARED = 20
+UNLIKE_RATIO, UNLIKE_ANGLE = 1.6, np.pi / 6
+"""Of the distance by speeds to that by positions, or its inverse; and radians between courses, in the median."""
+UNITS = {3.6: "km/h", 2.237: "mph", 3.281: "ft/s", 1.944: "knots"}
+"""By how much larger their numbers are than those of m/s."""
+UNIT_SHARE = 0.06
+DEGREES_PER_M = 1e-4
+"""Positions by which all go so much less than by their speeds are degrees: of latitude 1e-5 are 1.1 m."""
+SMALL_M = 0.5
+"""Three vehicles have no room in so small a square."""
 SHOWN = 6
 """Ids listed in a line; the others are counted."""
 
@@ -74,11 +86,13 @@ class Faults:
         backwards: vehicles that moved against their own heading.
         jumps: vehicles that were elsewhere from one row to the next.
         copies: vehicles that are others, at the same instants or shifted in time.
+        units: what in all speeds, courses and positions does not fit together, as of other units.
     """
 
     backwards: tuple[Misstep, ...] = ()
     jumps: tuple[Misstep, ...] = ()
     copies: tuple[Copy, ...] = ()
+    units: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
         """A line for each kind of fault that there is, with the ids."""
@@ -90,7 +104,7 @@ class Faults:
             "are copies of others at the same instants": [f"{of.vehicle} of {of.of}" for of in at_once],
             "are copies of others, shifted in time": [f"{of.vehicle} of {of.of} ({of.shift_s:+.1f} s)" for of in later],
         }
-        return [f"vehicles that {what} ({len(of)}): {_few(of)}" for what, of in kinds.items() if of]
+        return [*self.units, *(f"vehicles that {what} ({len(of)}): {_few(of)}" for what, of in kinds.items() if of)]
 
 
 def find_faults(tracks: Tracks) -> Faults:
@@ -108,6 +122,7 @@ def find_faults(tracks: Tracks) -> Faults:
         backwards=_missteps(way, _lost_way(way), np.full(names.size, BACKWARDS_M), names),
         jumps=_missteps(way, *_jumps(way), names),
         copies=(*_copies_at_once(way, names), *_shifted_copies(way, names)),
+        units=_unlike_units(way, tracks.direction[order]),
     )
 
 
@@ -125,6 +140,39 @@ class _Way(NamedTuple):
         """(n - 1,) seconds from each row to the next, and whether that is the same vehicle soon."""
         dt_s = np.diff(self.time_ns) * 1e-9
         return dt_s, (np.diff(self.vehicle) == 0) & (dt_s <= MAX_STEP_S)
+
+
+def _unlike_units(way: _Way, course: FloatArray) -> tuple[str, ...]:
+    """What does not fit to where vehicles go; (n,) courses over ground. What was derived from positions always fits."""
+    if way.vehicle[-1] >= 2 and (np.ptp(way.position, axis=0) < SMALL_M).all():
+        return (f"all positions lie within {SMALL_M:g} m: are they degrees? Say latitude and longitude",)
+    dt_s, soon = way.steps()
+    driven = np.append(0.0, np.cumsum(np.where(soon, dt_s * 0.5 * (way.speed[1:] + way.speed[:-1]), 0.0)))
+    breaks = np.append(0, np.cumsum(~soon))
+    since_s = (way.time_ns - way.time_ns.min()) * 1e-9
+    key = since_s + way.vehicle * (since_s.max() + 2.0 * LONGEST_S)  # ascending, vehicles apart
+    later = np.minimum(np.searchsorted(key, key + COMPARED_S), key.size - 1)
+    distance = driven[later] - driven
+    moves = (breaks[later] == breaks) & (key[later] - key <= LONGEST_S) & (distance >= MOVING_FROM * COMPARED_S)
+    if np.count_nonzero(moves) < LEAST_COMPARED:
+        return ()
+    way_m = (way.position[later] - way.position)[moves]
+    by_position = float(np.linalg.norm(way_m, axis=1).sum())
+    ratio = float(distance[moves].sum()) / max(by_position, 1e-9)
+    if ratio > 1.0 / DEGREES_PER_M:
+        return ("speeds lead thousands of times as far as positions: are these degrees? Say latitude and longitude",)
+    found = []
+    if not 1.0 / UNLIKE_RATIO < ratio < UNLIKE_RATIO:
+        unit = next((unit for factor, unit in UNITS.items() if abs(ratio / factor - 1.0) < UNIT_SHARE), "another unit")
+        found.append(f"speeds lead {ratio:.3g} times as far as positions: are they in {unit} in place of m/s?")
+    angle = course[moves] - np.arctan2(way_m[:, 1], way_m[:, 0])
+    apart = float(np.median(np.abs(np.arctan2(np.sin(angle), np.cos(angle)))))
+    if apart > UNLIKE_ANGLE:
+        found.append(
+            f"courses and positions are {np.rad2deg(apart):.0f} deg apart in the median: are courses in degrees, or "
+            "from north?"
+        )
+    return tuple(found)
 
 
 def _missteps(way: _Way, metres: FloatArray, least: FloatArray, names: AnyArray) -> tuple[Misstep, ...]:

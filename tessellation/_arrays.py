@@ -10,6 +10,10 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 AnyArray = npt.NDArray[Any]
 
+FARTHEST_M = 1e9
+"""Places are nearer: compiled code squares distances and counts pixels, which must not overflow."""
+SHORTEST_M = 1e-6
+
 
 def as_floats(name: str, value: npt.ArrayLike, shape: str) -> FloatArray:
     """`value` as a contiguous, finite float64 array of the stated shape.
@@ -41,3 +45,15 @@ def as_floats(name: str, value: npt.ArrayLike, shape: str) -> FloatArray:
             f"{name}: expected finite numbers, got {np.atleast_1d(array)[tuple(place)]} at {tuple(map(int, place))}"
         )
     return array
+
+
+def as_places(name: str, value: npt.ArrayLike, shape: str) -> FloatArray:
+    """As `as_floats`, of places in metres.
+
+    Raises:
+        ValueError: as `as_floats`, or a place beyond `FARTHEST_M`.
+    """
+    places = as_floats(name, value, shape)
+    if (np.abs(places) > FARTHEST_M).any():
+        raise ValueError(f"{name}: expected places within {FARTHEST_M:g} m, got {np.abs(places).max():g} m")
+    return places

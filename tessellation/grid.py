@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from tessellation._arrays import FloatArray, IntArray, as_floats
+from tessellation._arrays import FARTHEST_M, SHORTEST_M, FloatArray, IntArray, as_floats, as_places
 from tessellation._kernels import Locator
 from tessellation._pickling import from_fields
 from tessellation.blocks import BLOCK_SQUARES
@@ -42,10 +42,13 @@ class GridTessellation:
     locator: Locator = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        origin = as_floats("origin", self.origin, "2")
+        origin = as_places("origin", self.origin, "2")
         square = np.ascontiguousarray(self.square, dtype=np.int64)
-        if not (np.isfinite(self.cell_size) and self.cell_size > 0):
-            raise ValueError(f"cell_size: expected a positive length in metres, got {self.cell_size}")
+        if not SHORTEST_M <= self.cell_size <= FARTHEST_M:
+            raise ValueError(
+                f"cell_size: expected a positive length in metres, {SHORTEST_M:g} to {FARTHEST_M:g}, got "
+                f"{self.cell_size}"
+            )
         if self.n_x < 1 or self.n_y < 1:
             raise ValueError(f"n_x, n_y: expected at least one column and one row, got {self.n_x} x {self.n_y}")
         _check_extent(self.cell_size, np.array([self.n_x, self.n_y], np.float64))

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from tessellation._arrays import FloatArray, IntArray, as_floats
+from tessellation._arrays import FloatArray, IntArray, as_floats, as_places
 from tessellation._kernels import Locator
 from tessellation._pickling import from_fields
 from tessellation.grid import GridTessellation
@@ -28,7 +28,7 @@ class VoronoiTessellation:
         region: squares near the data. Where they do not reach, no cell does.
 
     Raises:
-        ValueError: generators of another shape, not finite, or twice the same.
+        ValueError: generators of another shape, not within `FARTHEST_M`, or twice the same.
     """
 
     generators: FloatArray
@@ -37,7 +37,7 @@ class VoronoiTessellation:
     _outlines: list[Outlines] = field(init=False, repr=False, compare=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        generators = as_floats("generators", self.generators, "n 2")
+        generators = as_places("generators", self.generators, "n 2")
         if len(generators) > MAX_CELLS:
             raise ValueError(f"generators: expected at most {MAX_CELLS}, got {len(generators)}")
         order = np.lexsort(generators.T)

@@ -166,3 +166,45 @@ def test_who_drives_backwards_is_found_by_the_heading_where_the_direction_is_the
     turned = replace(own, heading=np.full(len(own), np.pi))
     assert found(own) == Faults()
     assert [of.vehicle for of in found(turned).backwards] == ["v"]
+
+
+def bent(**changes):
+    """A vehicle on a circle of 30 m at 10 m/s beside the traffic, all with positions that err by half a metre."""
+    rng = np.random.default_rng(8)
+    angle = np.arange(120) / 30.0
+    circle = Tracks(
+        track_id=np.full(120, "bent"), time_ns=100_000_000 * np.arange(120),
+        position=30.0 * np.column_stack([np.cos(angle), np.sin(angle)]), direction=angle + np.pi / 2,
+        speed=np.full(120, 10.0),
+    )  # fmt: skip
+    parts = [replace(part, position=part.position + rng.normal(0, 0.5, part.position.shape)) for part in traffic()[:3]]
+    whole = Tracks.concatenate([*parts, circle])
+    return find_faults(replace(whole, **{name: change(whole) for name, change in changes.items()}))
+
+
+def test_right_units_are_no_fault_whatever_the_noise():
+    assert bent().units == ()
+
+
+@pytest.mark.parametrize(("factor", "said"), [(3.6, "km/h"), (2.237, "mph"), (1.944, "knots"), (0.1, "another unit")])
+def test_speeds_in_another_unit_are_told(factor, said):
+    (line,) = bent(speed=lambda of: factor * of.speed).units
+    assert f"are they in {said} in place of m/s?" in line
+    assert line in bent(speed=lambda of: factor * of.speed).lines()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda of: np.rad2deg(of.direction) + 20.0, lambda of: np.pi / 2 - of.direction],
+    ids=["degrees", "compass"],
+)
+def test_courses_that_are_none_are_told(change):
+    (line,) = bent(direction=change).units
+    assert "are courses in degrees, or from north?" in line
+
+
+@pytest.mark.parametrize("with_speeds", [True, False])
+def test_degrees_for_metres_are_told(with_speeds):
+    speed = (lambda of: of.speed) if with_speeds else (lambda of: 1e-5 * of.speed)
+    (line,) = bent(position=lambda of: np.array([10.39, 63.43]) + 9e-6 * of.position, speed=speed).units
+    assert "are they degrees" in line or "are these degrees" in line

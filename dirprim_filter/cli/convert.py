@@ -58,6 +58,7 @@ def convert(
 
     csv, parquet and feather have columns by name: time_s, track_id, x_m, y_m; optional heading_rad (of the body),
     course_rad (over ground), speed_mps, group, length_m, width_m, height_m, and label (or category, or class).
+    Without track_id, or where it is empty, rows are detections, of one sensor or, by a column sensor, of several.
     Between cells of a csv are commas, semicolons or tabs; a .csv.gz is read as well. parquet and feather may have
     time_ns in place of time_s.
 
@@ -74,6 +75,7 @@ def convert(
     from dirprim_filter.cli.progress import step_progress, working
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.recording import write_tracks
+    from dirprim_filter.recording.container.errors import one_line
     from dirprim_filter.recording.schemas.field_mapping import FieldMapping
     from dirprim_filter.recording.tables.formats import recognised
     from dirprim_filter.recording.tables.named_columns import parse_columns
@@ -94,13 +96,19 @@ def convert(
         frames_per_second=frames_per_second, columns=columns, fields=fields, origin=origin,
     )  # fmt: skip
     with step_progress(f"writing {output.name}", "instants") as progress:
-        write_tracks(table.tracks, output, labels=table.labels, metadata=said, force=force, progress=progress)
+        write_tracks(
+            table.tracks, output, detections=table.detections, labels=table.labels, metadata=said, force=force,
+            progress=progress,
+        )  # fmt: skip
     if table.unused:
-        typer.echo(f"{source}: columns not used: {', '.join(table.unused)}", err=True)
+        typer.echo(one_line(f"{source}: columns not used: {', '.join(table.unused)}"), err=True)
     for note, count in table.losses.notes.items():
         typer.echo(f"{source}: {counted(count, 'row')}: {note}", err=True)
-    tracks, rows = counted(table.tracks.n_tracks, "track"), counted(len(table.tracks), "row")
-    typer.echo(f"{output}: {tracks}, {rows}")
+    if table.tracks.n_tracks or not table.detections:
+        tracks, rows = counted(table.tracks.n_tracks, "track"), counted(len(table.tracks), "row")
+        typer.echo(f"{output}: {tracks}, {rows}")
+    for sensor, seen in table.detections.items():
+        typer.echo(one_line(f"{output}: {counted(len(seen), 'detection')}{' of ' * bool(sensor)}{sensor}"))
     return losses.report_dropped(source, table)
 
 

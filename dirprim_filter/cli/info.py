@@ -83,6 +83,7 @@ def _whole(path: Path, reading: Reading) -> tuple[LogSummary, Faults]:
 
 
 def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
+    from dirprim_filter.recording.container.errors import one_line
     from dirprim_filter.recording.container.other_formats import unread_encodings
 
     lines = [f"{path}: {counted(summary.messages, 'message')}{_span(summary)}"]
@@ -120,7 +121,7 @@ def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
     lines += [f"  {source} times by topic, as they stand in the file: {faults}" for source, faults in odd.items()]
     lines += [f"  faults: {line}" for line in faults.lines()]
     lines += [f"  damage: {damage}" for damage in summary.damage]
-    return "\n".join(lines)
+    return "\n".join(map(one_line, lines))
 
 
 def _counts(counts: Mapping[str, int]) -> str:

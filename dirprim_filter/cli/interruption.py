@@ -23,6 +23,9 @@ AGAIN_AFTER_S = 0.05
 class Terminated(KeyboardInterrupt):
     """SIGTERM came: what Ctrl-C closes is closed."""
 
+    came = False
+    """Whether it came in this process: libraries make other errors of it."""
+
 
 def listen() -> None:
     """From here on SIGTERM ends this process as Ctrl-C does, and neither is lost in a callback."""
@@ -41,10 +44,11 @@ def listen() -> None:
     sys.unraisablehook = repeat
 
 
-def exit_code(ended: KeyboardInterrupt) -> int:
+def exit_code() -> int:
     """What an interrupted command ends with."""
-    return TERMINATED if isinstance(ended, Terminated) else INTERRUPTED
+    return TERMINATED if Terminated.came else INTERRUPTED
 
 
 def _terminate(*_: object) -> NoReturn:
+    Terminated.came = True
     raise Terminated

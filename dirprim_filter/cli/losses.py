@@ -21,8 +21,8 @@ DONE, INPUT_LOST = 0, 3
 
 
 def exit_code(losses: Losses) -> int:
-    """3 where a part of the input could not be read or used; the library's log has said what."""
-    return INPUT_LOST if losses.damage or losses.lost else DONE
+    """3 where a part of the input, if one row, could not be read or used; the library's log has said what."""
+    return INPUT_LOST if losses.damage or losses.dropped else DONE
 
 
 @contextmanager

@@ -75,7 +75,18 @@ def _every_command(
     ),
 ) -> None:
     level = logging.INFO if verbose else logging.ERROR if quiet else logging.WARNING
-    logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=sys.stderr, force=True)
+    logging.basicConfig(level=level, stream=sys.stderr, force=True)
+    for handler in logging.getLogger().handlers:
+        handler.setFormatter(_Shown("%(levelname)s: %(message)s"))
+
+
+class _Shown(logging.Formatter):
+    """Names of a log, which may hold anything, neither steer the terminal nor break the line."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 (the base class's)
+        from dirprim_filter.recording.container.errors import one_line
+
+        return one_line(super().formatMessage(record))
 
 
 for command in (
@@ -97,8 +108,8 @@ def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
     try:
         code = app(list(pairs_apart(arguments)), prog_name="dirprim", standalone_mode=False)
-    except KeyboardInterrupt as ended:
-        return interruption.exit_code(ended)
+    except KeyboardInterrupt:
+        code = interruption.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has seen enough
         sys.stderr.close()
         return DONE
@@ -106,12 +117,14 @@ def run(arguments: list[str]) -> int:
         if hasattr(error, "exit_code") and hasattr(error, "show"):  # the parser's own: usage
             error.show()
             return int(error.exit_code)
-        if isinstance(error, typer.Abort):
-            return interruption.INTERRUPTED
+        if interruption.Terminated.came:
+            return interruption.exit_code()
         if not _is_the_users(error) or logging.getLogger().isEnabledFor(logging.INFO):
             raise
         sys.stderr.write(f"error: {_one_line(error)}\n")
         return FAILED
+    if code == interruption.INTERRUPTED:  # as the parser returns it too
+        return interruption.exit_code()
     return code if isinstance(code, int) else DONE
 
 
@@ -124,6 +137,8 @@ def _is_the_users(error: Exception) -> bool:
 
 
 def _one_line(error: Exception) -> str:
+    from dirprim_filter.recording.container.errors import one_line
+
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    return " ".join(str(error).split()) or type(error).__name__
+        return one_line(f"{error.filename}: {error.strerror}")
+    return one_line(" ".join(str(error).split())) or type(error).__name__

@@ -164,7 +164,9 @@ Particles = Annotated[int | None, typer.Option("--particles", min=1, help="Parti
 Noise = Annotated[
     float | None,
     typer.Option(
-        "--noise", help="Standard deviation of measured positions, metres. Default: track learns it; else 0.5."
+        "--noise",
+        min=1e-6,
+        help="Standard deviation of measured positions, metres. Default: track learns it; else 0.5.",
     ),
 ]
 SensorFile = Annotated[

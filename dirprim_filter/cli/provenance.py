@@ -14,10 +14,15 @@ from typing import Any
 def provenance(command: str, *, inputs: Sequence[Path], config: Any = None, **options: object) -> dict[str, str]:
     """The command, its options, its configuration, the version and the inputs' checksums, as text."""
     said = {"command": command, "version": version("dirprim-filter")}
-    said |= {name: str(value) for name, value in options.items() if value is not None}
+    from dirprim_filter.recording.container.errors import without_secrets
+
+    said |= {name: without_secrets(str(value)) for name, value in options.items() if value is not None}
     if config is not None:
         said["config"] = json.dumps(asdict(config), sort_keys=True)
-    said |= {f"sha256 {path.name}": checksum(path) for path in inputs}
+    names = [without_secrets(str(path)).rpartition("/")[2] for path in inputs]
+    for path, name in zip(inputs, names, strict=True):
+        known = name if names.count(name) == 1 else without_secrets(str(path))
+        said[f"sha256 {known}"] = checksum(path)
     return said
 
 

@@ -37,7 +37,12 @@ class TimeSource(StrEnum):
     HEADER = "header"
 
 
-Time = Annotated[TimeSource, typer.Option("--time-source", help="Which time of a message to use.")]
+Time = Annotated[
+    TimeSource,
+    typer.Option(
+        "--time-source", help="Time of a message: of logging, publishing, or the stamp in it if there is one."
+    ),
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +50,7 @@ class Reading:
     """Which of a log's messages are read, and how."""
 
     topics: Topics = None
-    time_source: Time = TimeSource.LOG
+    time_source: Time = TimeSource.HEADER
     frame: Annotated[
         str | None, typer.Option("--frame", help="Frame of the positions. Default: the root of the log's transforms.")
     ] = None

@@ -41,6 +41,8 @@ def recover(
 
 
 def _text(output: Path, recovery: Recovery) -> str:
+    from dirprim_filter.recording.container.errors import one_line
+
     lines = [
         f"{output}: {counted(recovery.saved, 'message')} saved, {recovery.chunks_copied} chunks as they were, "
         f"{recovery.chunks_rewritten} written anew, "
@@ -54,4 +56,4 @@ def _text(output: Path, recovery: Recovery) -> str:
     else:
         unknown = any(damage.messages is None for damage in recovery.damage)
         lines.append(f"  lost: {'at least ' if unknown else ''}{counted(recovery.lost, 'message')}")
-    return "\n".join(lines)
+    return "\n".join(map(one_line, lines))

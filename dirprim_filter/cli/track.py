@@ -92,7 +92,7 @@ def track(
         typer.Option(min=0.0, help="Fixed-lag smoothing for streams: estimates are this many seconds late."),
     ] = None,
     forecast: Annotated[
-        float, typer.Option(help="Every second, forecast this many seconds ahead; 0: no forecasts.")
+        float, typer.Option(min=0.0, help="Every second, forecast this many seconds ahead; 0: no forecasts.")
     ] = 0.0,
     place_free: Annotated[
         bool, typer.Option("--place-free", help="Track without the map's cells: the ablation.")
@@ -230,7 +230,11 @@ def _forecaster(
 def _say(worlds: Worlds, what: str) -> None:
     if worlds.recoveries:
         typer.echo(f"{worlds.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
-    typer.echo(what + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else ""))
+    from dirprim_filter.recording.container.errors import one_line
+
+    typer.echo(
+        one_line(what) + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else "")
+    )
 
 
 def _draw_map(nearby: NearbyMap, estimates: EstimateWriter, layout: Path | None, *, force: bool) -> None:

@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from os import fspath
 from typing import Self
 
+from dirprim_filter.partial_file import OutputExistsError
 from dirprim_filter.recording.container.errors import (
     DamagedRecordingError,
     NoRoomError,
     NotMcapError,
-    OutputExistsError,
     Path,
     RecordingError,
 )

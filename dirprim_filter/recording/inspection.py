@@ -20,7 +20,7 @@ from dirprim_filter.recording.losses import Clock
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import EVERYTHING, ReadOptions
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
-from dirprim_filter.recording.schemas.decoders import Decoders, by_schema
+from dirprim_filter.recording.schemas.decoders import Decoders, by_schema, pieces
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.summary import LogSummary, SizeSummary, TopicSummary
 
@@ -62,6 +62,9 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
         metadata = tuple(name for name, _ in log.metadata)
     if options.strict and damage:
         raise DamagedRecordingError(one.path, damage)
+    if options.mapping and not any(tally.track_ids for tally in reading.tallies.values()):
+        why = next(iter(reading.decoders.unreadable()), "in no message")
+        logger.warning("%s: expected objects at %s, got none: %s", one.path, options.mapping, why)
     if reading.undecodable:
         logger.warning("%s: %d messages are not what their schema says", one.path, reading.undecodable)
     summaries = tuple(
@@ -125,7 +128,7 @@ class _Inspection:
         self.end_ns: int | None = None
         self.tallies: dict[tuple[str, str, str], _Tally] = {}
         self._log = log
-        self._decoders = decoders
+        self.decoders = decoders
         for channel in log.channels():
             if log.is_wanted(channel.topic):
                 self._tally(channel)
@@ -143,11 +146,12 @@ class _Inspection:
         for channel, n in zip(channels, counts, strict=True):
             self._tally(channel).messages += n
         carrying = np.array([self._tally(channel).track_ids is not None for channel in channels])
-        for _, messages in by_schema(columns[carrying[columns.channel]]):
-            if messages.first_channel.schema.name == ESTIMATES_SCHEMA:
-                self._take_estimates(messages)
-            else:
-                self._take_objects(messages)
+        for piece in pieces(columns[carrying[columns.channel]]):
+            for _, messages in by_schema(piece):
+                if messages.first_channel.schema.name == ESTIMATES_SCHEMA:
+                    self._take_estimates(messages)
+                else:
+                    self._take_objects(messages)
 
     def _tally(self, channel: Channel) -> _Tally:
         key = (channel.topic, channel.schema.name, channel.message_encoding)
@@ -156,13 +160,14 @@ class _Inspection:
         return self.tallies[key]
 
     def _has_tracks(self, channel: Channel) -> bool:
-        return channel.schema.name == ESTIMATES_SCHEMA or self._decoders.carries_objects(channel)
+        return channel.schema.name == ESTIMATES_SCHEMA or self.decoders.carries_objects(channel)
 
     def _take_objects(self, messages: MessageColumns) -> None:
-        rows, failures = self._decoders.rows(messages)
+        rows, failures = self.decoders.rows(messages)
         known = [self._tally(channel).track_ids for channel in messages.channels]
         names = [known[i] for i in messages.channel.tolist()]
-        for number, name in zip(rows.message.tolist(), rows.track_id.tolist(), strict=True):
+        is_placed = np.isfinite(rows.position).all(axis=1)  # else not where `--fields` says
+        for number, name in zip(rows.message[is_placed].tolist(), rows.track_id[is_placed].tolist(), strict=True):
             if (ids := names[number]) is not None:
                 ids.add(name)
         self.clocks["header"].watch_objects(messages, rows.message, rows.stamp_ns)

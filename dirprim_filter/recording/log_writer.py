@@ -6,7 +6,7 @@ Source: the MCAP format specification, https://mcap.dev/spec. The same messages 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from importlib import metadata as installed
 from pathlib import Path
 from types import TracebackType
@@ -15,9 +15,9 @@ from typing import Self
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.container.interrupts import uninterrupted
 from dirprim_filter.recording.container.mcap_writer import LEVEL, McapWriter
-from dirprim_filter.recording.container.partial_file import PartialFile
 from dirprim_filter.recording.container.records import Channel, Schema
 
 PRODUCER = "dirprim-filter"
@@ -38,7 +38,7 @@ class LogWriter:
 
     Until then it stands beside as `NAME.PID.partial`: after a kill that holds all but the last chunk, and
     `dirprim recover` makes a whole log of it.
-    An exception removes it.
+    An exception removes it, unless it is to be kept.
 
     Args:
         path: the file to write.
@@ -48,7 +48,8 @@ class LogWriter:
         level: of the compression: 1 takes half the time of 3, -3 half of that.
         force: overwrite an existing file.
         keep_when_interrupted: Ctrl-C ends the log as the end of the body does: of a log that grows with time, what is
-            there is whole; of one that holds a given thing, it is a part that looks like the whole.
+            there is whole; of one that holds a given thing, it is a part that looks like the whole. Another exception
+            then leaves it under its temporary name.
 
     Raises:
         OutputExistsError: the file exists, and `force` is not set.
@@ -66,7 +67,7 @@ class LogWriter:
         keep_when_interrupted: bool = False,
     ) -> None:
         self.path = Path(path)
-        self._partial = PartialFile(path, force=force)
+        self._partial = PartialFile(path, force=force, keep=keep_when_interrupted)
         self._keep_when_interrupted = keep_when_interrupted
         self._metadata = metadata
         self._level = level
@@ -93,6 +94,10 @@ class LogWriter:
                 with self._opened:
                     self._writer.finish()
             else:
+                self._partial.keep = self._keep_when_interrupted and bool(self._n_messages)
+                if self._partial.keep:
+                    with suppress(OSError):  # such as of the full disk that is the reason
+                        self._writer.finish()
                 self._opened.__exit__(kind, error, trace)
 
     def write(self, topic: str, message: Message, time_ns: int) -> None:
@@ -110,7 +115,10 @@ class LogWriter:
             ValueError: the time is negative, which MCAP cannot hold.
         """
         if time_ns < 0:
-            raise ValueError(f"time_ns: expected at least 0 ns, as MCAP holds no earlier time; got {time_ns} ns")
+            raise ValueError(
+                f"{self.path}: expected times from 0 ns on, as MCAP holds no earlier ones, got {time_ns} ns; add as "
+                "many seconds to all times of the input"
+            )
         with uninterrupted():
             self._append(topic, kind, data, time_ns)
 

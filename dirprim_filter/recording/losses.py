@@ -30,7 +30,6 @@ REPEATED = "that repeat a vehicle and a time"
 BACKWARD = "out of order in time"
 UNPLACED = "of a time for which no transform of their frame is known"
 ALONE = "alone in time, so that no velocity can be derived"
-"""Such a row has no fault, it only has no motion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,11 +102,6 @@ class Losses:
         """Count messages that cannot be decoded, each for its reason."""
         self.drop(UNDECODABLE, len(reasons))
         self.why.update(reasons)
-
-    @property
-    def lost(self) -> int:
-        """Messages and rows left out for a fault of theirs."""
-        return self.dropped.total() - self.dropped[ALONE]
 
     def __str__(self) -> str:
         """What was left out."""

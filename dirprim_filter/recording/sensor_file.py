@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
-from dirprim_filter.recording.container.partial_file import PartialFile
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.sensor import Sensor
 
 DIGITS = 6

@@ -65,7 +65,7 @@ class LogSummary:
     Attributes:
         topics: by name.
         messages: how many could be read.
-        start_ns: the first log time; None where there is no message.
+        start_ns: the first log time; None where there is no message, or where the index knows that of all topics only.
         end_ns: the last log time.
         damage: what could not be read.
         is_checked: every chunk was read; else all this is what the log's index says.
@@ -141,8 +141,8 @@ def _of(sections: list[tuple[Summary, Statistics]], wanted: Callable[[str], bool
     spans = [(of.message_start_time, of.message_end_time) for _, of in sections if of.message_count]
     return LogSummary(
         topics=topics, messages=n_messages, damage=(), is_checked=False, stamps=None, labels={}, groups={}, sizes={},
-        start_ns=min(start for start, _ in spans) if n_messages else None,
-        end_ns=max(end for _, end in spans) if n_messages else None,
+        start_ns=min(start for start, _ in spans) if n_messages and wanted is None else None,
+        end_ns=max(end for _, end in spans) if n_messages and wanted is None else None,
         attachments=tuple(name for section, _ in sections for name in section.attachments),
         metadata=tuple(name for section, _ in sections for name in section.metadata),
     )  # fmt: skip

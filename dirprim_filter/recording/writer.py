@@ -44,7 +44,7 @@ def write_tracks(
     tracks: Tracks,
     path: str | Path,
     *,
-    detections: Detections | None = None,
+    detections: Detections | Mapping[str, Detections] | None = None,
     labels: Mapping[int | str, str] | None = None,
     metadata: Mapping[str, str] | None = None,
     force: bool = False,
@@ -53,12 +53,13 @@ def write_tracks(
     """Write observed motion as an MCAP log, a message for each instant; what interrupts it leaves no file.
 
     `/objects` holds `dirprim.Observations`, and `/objects/scene` the same as `foxglove.SceneUpdate`: either
-    reads back equal to `tracks`.
+    reads back equal to `tracks`. Without tracks there are no such topics.
 
     Args:
         tracks: what to write.
         path: the MCAP file.
-        detections: what a sensor reported, for `/detections` and `/detections/scene`.
+        detections: what a sensor reported, for `/detections` and `/detections/scene`; or, by name, what several did,
+            for `/detections/NAME` and its scene.
         labels: what each vehicle is, such as "car", by its id; of the others it is unknown.
         metadata: goes into the `dirprim` metadata record: configuration, seed, where the data came from.
         force: overwrite an existing file.
@@ -69,36 +70,38 @@ def write_tracks(
         OSError: the file cannot be written.
         ValueError: a time is negative, which MCAP cannot hold.
     """
-    lifetime_ns = _lifetime_ns(tracks.time_ns)
-    sources: list[Tracks | Detections] = [tracks] if detections is None else [tracks, detections]
-    streams, scene = [_instants(source) for source in sources], TracksScene(lifetime_ns)
+    by_sensor = {"": detections} if isinstance(detections, Detections) else detections or {}
+    sources: dict[str, Tracks | Detections] = {topic_names.OBJECTS: tracks} if len(tracks) or not by_sensor else {}
+    sources |= {f"{topic_names.DETECTIONS}/{name}".rstrip("/"): seen for name, seen in by_sensor.items()}
+    lifetime_ns = _lifetime_ns(next(iter(sources.values())).time_ns)
+    streams, scene = [_instants(topic, source) for topic, source in sources.items()], TracksScene(lifetime_ns)
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
         begun = False
-        origin = origin_of(np.concatenate([source.position for source in sources]))
-        total = sum(np.unique(source.time_ns).size for source in sources)
-        for done, (time_ns, rows, source) in enumerate(heapq.merge(*streams, key=lambda instant: instant[0]), 1):
+        origin = origin_of(np.concatenate([source.position for source in sources.values()]))
+        total = sum(np.unique(source.time_ns).size for source in sources.values())
+        instants = heapq.merge(*streams, key=lambda instant: instant[0])
+        for done, (time_ns, rows, topic, source) in enumerate(instants, 1):
             if not begun:
                 log.write(topic_names.TRANSFORM, scene_transform(time_ns, origin), time_ns)
                 begun = True
             message = encode_observations(source, rows, time_ns, labels=labels)
+            log.write(topic, message, time_ns)
             if isinstance(source, Tracks):
-                log.write(topic_names.OBJECTS, message, time_ns)
-                log.write_encoded(topic_names.OBJECTS_SCENE, SceneUpdate, scene.encode(source, rows, time_ns), time_ns)
+                log.write_encoded(f"{topic}/scene", SceneUpdate, scene.encode(source, rows, time_ns), time_ns)
             else:
-                log.write(topic_names.DETECTIONS, message, time_ns)
                 drawn = detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
-                log.write(topic_names.DETECTIONS_SCENE, drawn, time_ns)
+                log.write(f"{topic}/scene", drawn, time_ns)
             if progress is not None:
                 progress(done, total)
 
 
-def _instants(source: Tracks | Detections) -> Iterator[tuple[int, IntArray, Tracks | Detections]]:
+def _instants(topic: str, source: Tracks | Detections) -> Iterator[tuple[int, IntArray, str, Tracks | Detections]]:
     """Each time with its rows, ascending; rows of one time keep their order."""
     order = np.argsort(source.time_ns, kind="stable")
     times, starts = np.unique(source.time_ns[order], return_index=True)
     ends = [*starts[1:], len(order)]
     for time_ns, start, end in zip(times.tolist(), starts, ends[: len(times)], strict=True):
-        yield time_ns, order[start:end], source
+        yield time_ns, order[start:end], topic, source
 
 
 def _lifetime_ns(time_ns: IntArray) -> int:
@@ -116,7 +119,7 @@ class EstimateWriter:
 
     Messages are encoded, compressed and written in order by a thread of its own, while the tracker goes on: what fails
     there is raised by the next call, or when the log is closed. Ctrl-C closes the log so that it reads; another
-    exception removes it.
+    exception leaves it under its temporary name.
 
     Args:
         path: the MCAP file.

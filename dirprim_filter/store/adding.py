@@ -17,6 +17,7 @@ import numpy as np
 from dirprim_filter.recording.container.partial_copy import NotInPartsError
 from dirprim_filter.recording.container.source import copy_in_parts, drop_copy
 from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.losses import ALONE
 from dirprim_filter.recording.reader import TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
 from dirprim_filter.store.lattice import square_of
@@ -141,7 +142,7 @@ def _counted(log: LogFile, store: Store, frame: str | None, before: Entry | None
         n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
         n_squares=np.unique(square_of(summary.steps.key[:, HERE])).size,
         tiles=tiles_of(summary.steps.key[:, HERE]).tolist(), config=config.digest,
-        status="damaged" if read.losses.damage or read.losses.lost else "whole",
+        status="damaged" if read.losses.damage or set(read.losses.dropped) - {ALONE} else "whole",
     )  # fmt: skip
     store.record(entry)
     return entry

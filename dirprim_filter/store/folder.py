@@ -107,7 +107,7 @@ def folder_at(path: str | PathLike[str]) -> Folder:
     scheme, _, rest = url.partition("://")
     if scheme in ("file", "local"):
         return LocalFolder(Path(rest))
-    if glob.has_magic(url):
+    if glob.has_magic(url.partition("?")[0] if scheme.startswith("http") else url):  # else a query, as of a signed URL
         raise ValueError(f"{url}: expected the URL of one store, got a pattern; leave out what stands for other names")
     from dirprim_filter.store.remote_folder import RemoteFolder  # noqa: PLC0415 (needs an extra)
 

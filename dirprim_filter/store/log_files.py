@@ -77,7 +77,7 @@ def _remote(pattern: str) -> list[LogFile]:
         files.invalidate_cache()  # of an earlier listing in this process
         # All at once: each asked for by itself, s3fs goes through all of its listing.
         about: dict[str, dict[str, Any]] = (
-            files.glob(path, detail=True) if glob.has_magic(pattern) else {path: files.info(path)}
+            files.glob(path, detail=True) if _is_pattern(pattern) else {path: files.info(path)}
         )
     except FileNotFoundError as error:
         raise FileNotFoundError(errno.ENOENT, "No such file", pattern) from error
@@ -87,6 +87,11 @@ def _remote(pattern: str) -> list[LogFile]:
         LogFile(url=files.unstrip_protocol(path), size=int(info.get("size") or 0), mark=_mark(info))
         for path, info in about.items() if info.get("type") != "directory"
     ]  # fmt: skip
+
+
+def _is_pattern(url: str) -> bool:
+    """Whether it stands for several; a query of http, as of a signed URL, does not."""
+    return glob.has_magic(url.partition("?")[0] if url.startswith("http") else url)
 
 
 def _mark(info: dict[str, Any]) -> str:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import logging
-from pathlib import Path
-
 import rerun as rr
 
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.viewer.program import WebServer
-
-logger = logging.getLogger(__name__)
 
 
 class Outlet:
@@ -17,7 +13,7 @@ class Outlet:
 
     Args:
         stream: to a file, a viewer or both.
-        file: an .rrd under its temporary name, and its own.
+        file: an .rrd under its temporary name, open.
         live: a viewer may be open.
         server: of the web viewer, which ends with the stream.
     """
@@ -26,7 +22,7 @@ class Outlet:
         self,
         stream: rr.RecordingStream,
         *,
-        file: tuple[Path, Path] | None,
+        file: PartialFile | None,
         live: bool,
         server: WebServer | None = None,
     ) -> None:
@@ -41,11 +37,6 @@ class Outlet:
         self.stream.disconnect()
         if self.server is not None:
             self.server.stop()
-        if self._file is None:
-            return
-        part, save = self._file
-        self._file = None
-        if whole:
-            part.replace(save)
-        else:
-            logger.warning("%s: holds what was written before the error", part)
+        if (file := self._file) is not None:
+            self._file = None
+            file.close(whole=whole)

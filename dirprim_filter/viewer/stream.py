@@ -9,6 +9,7 @@ from pathlib import Path
 
 import rerun as rr
 
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.viewer.focus import DRAWN_IN_FULL
 from dirprim_filter.viewer.marks import ParticleColor
 from dirprim_filter.viewer.outlet import Outlet
@@ -34,7 +35,7 @@ def open_stream(
     Args:
         application_id: recordings with the same one share the layout of a viewer that is open, the place it looks at
             included: so it names the place. Characters other than ASCII letters, digits, _ and - become spaces.
-        save: an .rrd file. It grows under the name `*.part.rrd` and gets its own when it is whole.
+        save: an .rrd file. It grows under a temporary name, see `PartialFile`.
         spawn: start a viewer on this machine and leave it open.
         connect: the address of a running viewer, such as `program.VIEWER_URL`.
         serve: an address of this machine, such as 127.0.0.1, at which browsers find the stream until it is closed.
@@ -46,25 +47,27 @@ def open_stream(
 
     Raises:
         ValueError: nowhere to stream to, or a stride below 1.
-        FileExistsError: `save` exists and `force` is not given.
+        OutputExistsError: `save` exists and `force` is not given.
         ConnectionError: no viewer answers at `connect`, or none could be started.
         OSError: `save` cannot be written.
     """
     if save is None and not spawn and connect is None and serve is None:
         raise ValueError(
-            "save, spawn, connect, serve: expected at least one place to stream to, got none; "
+            "expected at least one place to stream to, got none; "
             "--spawn shows it on a screen, --save FILE.rrd keeps it for `dirprim view`"
         )
     if particle_stride < 1:
         raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
-    if save is not None and save.exists() and not force:
-        raise FileExistsError(f"{save}: exists already; overwrite it with --force or choose another name")
+    file = None
+    if save is not None:
+        save.parent.mkdir(parents=True, exist_ok=True)
+        file = PartialFile(save, force=force, keep=True)
     live = spawn or connect is not None or serve is not None
     application = re.sub(r"[^A-Za-z0-9_-]+", " ", application_id).strip()
     stream = rr.RecordingStream(application, recording_id=_identity(save, live=live))
     stream.set_log_time_enabled(False)
     sinks: list[rr.GrpcSink | rr.FileSink] = []
-    server, file = None, None
+    server = None
     with ExitStack() as if_failed:
         if serve is not None:
             server = if_failed.enter_context(WebServer(serve))
@@ -74,9 +77,9 @@ def open_stream(
         if connect is not None:
             require_listener(connect, "start one with `rerun`")
             sinks.append(rr.GrpcSink(connect))
-        if save is not None:
-            file = (_begun(save), save)
-            sinks.append(rr.FileSink(file[0]))
+        if file is not None:
+            file.__enter__()
+            sinks.append(rr.FileSink(file.partial))
         stream.set_sinks(*sinks)
         if_failed.pop_all()
     outlet = Outlet(stream, file=file, live=live, server=server)
@@ -90,14 +93,3 @@ def _identity(save: Path | None, *, live: bool) -> uuid.UUID:
     if live or save is None:
         return uuid.uuid4()
     return uuid.uuid5(uuid.NAMESPACE_URL, save.resolve().as_uri())
-
-
-def _begun(save: Path) -> Path:
-    """The temporary name of an .rrd, known to be writable: rerun's own error is no `OSError`."""
-    part = save.with_name(f"{save.stem}.part.rrd")
-    try:
-        save.parent.mkdir(parents=True, exist_ok=True)
-        part.open("wb").close()
-    except OSError as error:  # of the name that the caller knows
-        raise OSError(error.errno, error.strerror, str(save)) from error
-    return part

@@ -18,8 +18,8 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.container.mcap_writer import McapWriter
-from dirprim_filter.recording.container.partial_file import PartialFile
 from dirprim_filter.recording.container.records import NO_SCHEMA, Channel
 from dirprim_filter.recording.scan import scan
 

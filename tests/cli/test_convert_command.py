@@ -6,6 +6,8 @@ import pytest
 
 from dirprim_filter import read_tracks
 from dirprim_filter.cli.main import run
+from dirprim_filter.detections import NO_ID
+from dirprim_filter.recording.reader import stream_detections
 
 DONE, USAGE, INPUT_LOST = 0, 2, 3
 
@@ -44,13 +46,53 @@ def test_a_mapping_is_for_csv(survey, tmp_path, capsys):
     assert "it is for csv" in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_row_alone_in_time_is_reported_and_is_no_loss(tmp_path, capsys):
+def test_a_row_alone_in_time_is_reported_and_is_a_loss(tmp_path, capsys):
     table, log = tmp_path / "t.csv", tmp_path / "log.mcap"
     table.write_text("time_s,track_id,x_m,y_m\n0,a,0,0\n1,a,1,0\n90,b,5,5\n")
-    assert convert(table, "-o", log) == DONE
+    assert convert(table, "-o", log) == INPUT_LOST
     said = capsys.readouterr()
     assert said.out == f"{log}: 1 track, 2 rows\n"
     assert f"\n{table}: dropped 1 row: alone in time, so that no velocity can be derived\n" in said.err
     with table.open("a") as more:
         more.write("91,a,nan,0\n")
     assert convert(table, "-o", log, "--force") == INPUT_LOST
+
+
+def test_detections_of_several_sensors_become_topics_that_tracking_reads(tmp_path, capsys):
+    """Groups start at the same time; radar and lidar have no ids."""
+    table, log = tmp_path / "t.csv", tmp_path / "log.mcap"
+    rows = [
+        f"{group},{k},{sensor},{k},{group}"
+        for group in (2, 3)
+        for k in range(5)
+        for sensor in ("radar", "lidar", "radar")
+    ]
+    table.write_text("\n".join(["group,time_s,sensor,x_m,y_m", *rows]))
+    assert convert(table, "-o", log) == DONE
+    assert capsys.readouterr().out == f"{log}: 20 detections of radar\n{log}: 10 detections of lidar\n"
+    stream = stream_detections(log)
+    frames = list(stream)
+    assert stream.topics == {"/detections/radar", "/detections/lidar"}
+    assert [len(frame) for frame in frames] == [6] * 5
+    assert all(sorted(frame.group.tolist()) == [2] * 3 + [3] * 3 for frame in frames)
+    assert set(frames[0].track_id.tolist()) == {NO_ID}
+    assert sum(map(len, stream_detections(log, topics="/detections/radar", group=2))) == 10
+    assert stream.losses.dropped == {}
+
+
+def test_a_time_before_the_epoch_names_the_file_and_the_way_out(tmp_path, capsys):
+    table = tmp_path / "t.csv"
+    table.write_text("time_s,track_id,x_m,y_m\n-5,a,0,0\n-4,a,1,0\n")
+    assert convert(table, "-o", tmp_path / "log.mcap") == 1
+    said = capsys.readouterr().err
+    assert f"{tmp_path / 'log.mcap'}: expected times from 0 ns on" in said
+    assert "add as many seconds" in said
+
+
+@pytest.mark.parametrize("options", [("--noise", "0"), ("--noise", "-1"), ("--forecast", "-3")])
+def test_a_number_out_of_range_is_named_as_its_option(options, tmp_path, capsys):
+    (tmp_path / "m").touch()
+    (tmp_path / "l").touch()
+    given = ("track", tmp_path / "l", "--map", tmp_path / "m", "-o", tmp_path / "o", *options)
+    assert run([*map(str, given)]) == USAGE
+    assert f"Invalid value for '{options[0]}'" in capsys.readouterr().err

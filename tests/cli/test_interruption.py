@@ -23,20 +23,28 @@ try:
     callback()
     time.sleep(0.5)
     print("swallowed")
-except KeyboardInterrupt as ended:
-    print(interruption.exit_code(ended))
+except KeyboardInterrupt:
+    print(interruption.exit_code())
 """
 
 COMMAND = """
 import os, signal, sys, time
 from dirprim_filter.cli import main
 
-def command(*_, **__):
-    os.kill(os.getpid(), getattr(signal, sys.argv[1]))
-    time.sleep(5)
+name, then = sys.argv.pop(1), sys.argv.pop(1)
+
+@main.app.command()
+def wait():
+    try:
+        os.kill(os.getpid(), getattr(signal, name))
+        time.sleep(5)
+    except KeyboardInterrupt:
+        if then == "raise":
+            raise
+        raise RuntimeError("what a compiler makes of it")
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
-main.app = command
+sys.argv = ["dirprim", "wait"]
 main.main()
 """
 
@@ -53,7 +61,10 @@ def test_what_a_callback_swallows_is_heard(arguments, heard):
     assert python(CALLBACK, *arguments).stdout.strip() == heard
 
 
-@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
-def test_a_command_that_is_ended_says_so_by_its_code(name, code):
-    ended = python(COMMAND, name)
+@pytest.mark.parametrize(
+    ("name", "then", "code"), [("SIGINT", "raise", 130), ("SIGTERM", "raise", 143), ("SIGTERM", "make another", 143)]
+)
+def test_a_command_that_is_ended_says_so_by_its_code(name, then, code):
+    """A command of the real parser, which makes a code of its own of the interrupt."""
+    ended = python(COMMAND, name, then)
     assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", "")

@@ -11,7 +11,8 @@ from dirprim_filter import save_map, write_tracks
 from dirprim_filter.cli.main import app, run
 from dirprim_filter.cli.options import WRITTEN
 from dirprim_filter.cli.outputs import check_outputs
-from dirprim_filter.recording.container.partial_file import PartialFile
+from dirprim_filter.cli.provenance import provenance
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.viewer.figures import Figure, save_figure
 from dirprim_filter.viewer.stream import open_stream
 
@@ -126,3 +127,11 @@ def test_what_cannot_be_written_is_one_line(command, files, capsys):
     assert error.count("\n") == 1
     assert f"{files}/file/out.rrd: expected a folder" in error
     assert Path(files / "file").is_file()
+
+
+def test_inputs_of_one_name_have_a_checksum_each(tmp_path):
+    for folder in "ab":
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "log.mcap").write_text(folder)
+    sums = provenance("learn", inputs=[tmp_path / "a" / "log.mcap", tmp_path / "b" / "log.mcap"])
+    assert sum(name.startswith("sha256 ") for name in sums) == 2

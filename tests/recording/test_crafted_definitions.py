@@ -1,7 +1,9 @@
 """Definitions made to be deep, endless or broken: each is read or refused in one line, soon."""
 
+import mmap
 import random
 
+import numpy as np
 import pytest
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap_files import log_bytes
@@ -115,3 +117,34 @@ def test_an_error_is_one_line_whatever_a_log_calls_its_topics(tmp_path):
     with pytest.raises(NoTracksError, match=r"/a\\nb\\x1b\[2J") as caught:
         read_tracks(tmp_path / "log.mcap")
     assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "leaf",
+    ["uint8[9223372036854775807] x", f"uint8[{1 << 70}] x", "uint8[16777217] x", "uint8[0] x", "float64[-1] x",
+     f"string<={1 << 32} x", f"uint8[<={1 << 70}] x", "string[3][9223372036854775807] x"],
+)  # fmt: skip
+@pytest.mark.parametrize("name", ["x", "b"])
+def test_a_length_that_no_message_can_have_is_refused_wherever_it_stands(leaf, name):
+    """Compiled walks add them to places: beyond 64 bits these would lie before the buffer, or in others' memory."""
+    for definition in (leaf, f"p/A[2] x\nfloat64 b\n{'=' * 80}\nMSG: p/A\n{leaf}"):
+        with pytest.raises(SchemaError, match="expected"):
+            cdr_plan("p/M", "ros2msg", f"{definition}\nfloat64 b".encode(), {name: Field(path=f".{name}", kind="name")})
+
+
+def test_bytes_that_a_message_lacks_are_not_read_from_behind_it():
+    plan = cdr_plan("p/M", "ros2msg", b"uint8[8] x", {"x": Field(path=".x", kind="name")})
+    columns = plan.run([b"\0\1\0\0\1\2\3"])
+    assert columns.failures == {0: "a message that ends within a field"}
+    assert columns.names("x").tolist() == [""]
+
+
+@pytest.mark.parametrize("at", [1 << 31, 1 << 32, 3 << 32])
+def test_texts_behind_byte_2_31_of_a_chunk_are_read(at):
+    """A chunk that is not compressed may be of any size; of this one, of zeros, no page but the last is touched."""
+    message = b"\0\1\0\0" + (4).to_bytes(4, "little") + b"car\0"
+    data = np.frombuffer(mmap.mmap(-1, at + len(message)), np.uint8)
+    data[at:] = np.frombuffer(message, np.uint8)
+    plan = cdr_plan("p/M", "ros2msg", b"string x", {"x": Field(path=".x", kind="name")})
+    columns = plan.read(data, np.array([at]), np.array([at + len(message)]))
+    assert columns.names("x").tolist() == ["car"]

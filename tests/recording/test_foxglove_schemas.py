@@ -10,10 +10,11 @@ from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from mcap.writer import Writer
-from mcap_files import write_protobuf_log
+from mcap_files import scene, write_protobuf_log
 from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 
+from dirprim_filter.cli.main import run
 from dirprim_filter.recording.errors import MissingExtraError, NoTracksError
 from dirprim_filter.recording.losses import INVALID, UNDECODABLE
 from dirprim_filter.recording.reader import inspect, read_track_logs, read_tracks
@@ -273,6 +274,18 @@ def test_fields_of_a_private_schema_are_found_by_their_paths(tmp_path):
     np.testing.assert_allclose(np.cos(car.direction - ANGLE - np.pi / 2), 1.0)
     check_circle(car, [k * STEP_NS for k in range(N)])
     assert FieldMapping.parse(str(mapping)) == mapping
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_info_says_that_paths_lead_nowhere(tmp_path, capsys, encoding):
+    """JSON has no schema that would say so: every message lacks them."""
+    path = json_log(tmp_path / "log.mcap", "acme.Objects", [(TIMES[k], private(k)) for k in range(N)])
+    if encoding == "protobuf":
+        path = write_protobuf_log(tmp_path / "log.mcap", [("/objects", 0, scene([("a", 0.0, 0.0)]))])
+    assert run(["info", str(path), "--fields", "id=.lost[].id,x=.lost[].x,y=.lost[].y"]) == 0
+    said = capsys.readouterr()
+    assert "tracks in" not in said.out
+    assert "expected objects at x=.lost[].x,y=.lost[].y,id=.lost[].id, got none" in said.err
 
 
 def test_a_mapping_reads_protobuf_and_ros_2_alike(tmp_path):

@@ -13,6 +13,7 @@ from mcap_files import CHUNK, log_bytes, records, scene, write_protobuf_log
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import ClockFaults
+from dirprim_filter.recording.schemas import decoders
 from dirprim_filter.recording.summary import summarise_by_index
 
 SENT = [(f"/topic{i % 3}", 1000 * i, str(i).encode() * 9) for i in range(200)]
@@ -125,3 +126,36 @@ def test_tracks_of_a_private_schema_are_counted_by_the_paths_of_its_fields(tmp_p
     reported = json.loads(capsys.readouterr().out)
     assert {topic["name"]: topic["tracks"] for topic in reported["topics"]}["/cars"] == 2
     assert run(["info", str(path), "--fields", "nonsense"]) == 1
+
+
+def test_names_in_a_log_do_not_steer_the_terminal(tmp_path, capsys):
+    """An escape that clears the screen, a new line, and a mark that turns the direction of writing."""
+    (tmp_path / "log.mcap").write_bytes(log_bytes([("/a\x1b[2J\nb\u202e", 0, b"")]))
+    assert run(["info", str(tmp_path / "log.mcap")]) == 0
+    said = capsys.readouterr().out
+    assert r"/a\x1b[2J\nb\u202e" in said
+    assert not set(said) & set("\x1b\u202e")
+
+
+def test_info_decodes_a_chunk_of_any_size_in_pieces(tmp_path, monkeypatch):
+    """One chunk of many equal messages of entities without anything: a few kilobytes that asked for gigabytes."""
+    update = scene([("", 0.0, 0.0)] * 40)
+    messages = [("/objects", k, update) for k in range(300)]
+    path = write_protobuf_log(tmp_path / "log.mcap", messages, chunk_size=1 << 30)
+    whole = inspect(path)
+    sizes = []
+    real = decoders.Decoders.rows
+    monkeypatch.setattr(decoders, "BATCH_BYTES", 1 << 14)
+    monkeypatch.setattr(
+        decoders.Decoders, "rows", lambda of, some: sizes.append(int((some.stop - some.start).sum())) or real(of, some)
+    )
+    assert inspect(path) == whole
+    assert max(sizes) < (1 << 14) + update.ByteSize()
+    assert sum(sizes) == 300 * update.ByteSize()
+
+
+def test_the_index_knows_no_span_of_some_topics(log):
+    path = log(log_bytes([("/a", 0, bytes(100)), ("/b", 7, b"")]))
+    assert (summarise_by_index(path, from_bytes=0).start_ns, summarise_by_index(path, from_bytes=0).end_ns) == (0, 7)
+    some = summarise_by_index(path, topics="/b", from_bytes=0)
+    assert (some.messages, some.start_ns, some.end_ns) == (1, None, None)

@@ -127,7 +127,7 @@ def test_what_a_process_of_the_same_number_left_is_kept(tmp_path):
         log.write("/tf", scene_transform(1, np.zeros(2)), 1)
     for one in left:
         one.write_bytes((tmp_path / "b.mcap").read_bytes()[:-40])  # as a kill leaves it
-    with LogWriter(path, metadata={}) as first, LogWriter(path, metadata={}) as second:
+    with LogWriter(path, metadata={}, force=True) as first, LogWriter(path, metadata={}) as second:
         first.write("/tf", scene_transform(2, np.zeros(2)), 2)
         second.write("/tf", scene_transform(3, np.zeros(2)), 3)
     assert sorted(tmp_path.iterdir()) == sorted([path, tmp_path / "b.mcap", *left])

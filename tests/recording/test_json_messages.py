@@ -79,6 +79,12 @@ def test_what_is_no_time_costs_its_message():
     assert read("time", *none)[1] == list(range(len(none)))
 
 
+def test_an_id_is_the_same_whether_a_writer_has_whole_numbers_or_not():
+    assert read("name", 5, 5.0, "5", 1e15, -0.0, 5.5, float("nan"), float("inf")) == (
+        ["5", "5", "5", "1000000000000000", "0", "", "", ""], [5, 6, 7],
+    )  # fmt: skip
+
+
 def test_numbers_and_names_of_any_length():
     numbers = [1, -2.5, True, "12345678901234567890", "-1.5e3", "NaN", "-Infinity", None, HUGE, "1_0", " 1", "0x1", []]
     column, failed = read("number", *numbers)

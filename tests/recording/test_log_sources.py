@@ -16,6 +16,7 @@ from dirprim_filter import load_map, read_estimates, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.recording.container import log as scans
 from dirprim_filter.recording.container import merge, source
+from dirprim_filter.recording.container.errors import without_secrets
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.scan import scan
@@ -230,3 +231,28 @@ def test_a_copy_has_no_name_where_the_system_allows_it_and_goes_when_it_is_dropp
     source.drop_copy("-")
     assert not copy.exists()
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("https://u:secret@host/a.mcap?X-Sig=se/cret:1: expected", "https://host/a.mcap?...: expected"),
+        ("https:/u:secret@host/a.mcap: cut", "https:/host/a.mcap: cut"),
+        ("s3://key:secret@bucket/a b?v=secret", "s3://bucket/a b?v=secret"),
+        ("why? a/b@c?", "why? a/b@c?"),
+        ("rerun+http://127.0.0.1:9876/proxy, 7", "rerun+http://127.0.0.1:9876/proxy, 7"),
+    ],
+)
+def test_what_gives_access_to_a_url_is_not_shown(text, shown):
+    """A blank ends a URL: what is behind it is a text of its own."""
+    assert without_secrets(text) == shown
+    assert str(RecordingError(text)) == shown
+
+
+def test_a_signed_url_is_no_pattern_and_its_signature_is_nowhere(tmp_path, capsys):
+    url = "https://u:secret@127.0.0.1:1/log.mcap?X-Amz-Signature=secret"
+    assert run(["learn", url, "-o", str(tmp_path / "map.mcap")]) == 1
+    said = capsys.readouterr().err
+    assert "127.0.0.1:1/log.mcap" in said
+    assert "secret" not in said
+    assert "pattern" not in said

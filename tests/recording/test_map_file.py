@@ -309,6 +309,19 @@ def of_a_generator_nowhere(tile):
     tile.voronoi.x[0] = np.inf
 
 
+def of_all_generators_far_away(tile):
+    """Squares of their distances are infinite, so none is the nearest: the kernel read before its table."""
+    tile.voronoi.x[:] = (1e300 + 1e290 * np.arange(len(tile.voronoi.x))).tolist()
+
+
+def of_squares_of_no_size(tile):
+    tile.voronoi.region.cell_size = 5e-324
+
+
+def of_a_region_nowhere(tile):
+    tile.voronoi.region.origin_x = -1e300
+
+
 @pytest.mark.parametrize(
     ("harm", "message"),
     [
@@ -317,6 +330,9 @@ def of_a_generator_nowhere(tile):
         (of_an_endless_region, "squares, more than"),
         (of_no_region, "cell_size: expected a positive"),
         (of_a_generator_nowhere, "generators: expected finite"),
+        (of_all_generators_far_away, "generators: expected places within 1e.09 m"),
+        (of_squares_of_no_size, "cell_size: expected a positive"),
+        (of_a_region_nowhere, "origin: expected places within"),
     ],
 )
 def test_harmed_generators_are_reported_in_one_line(tmp_path, harm, message):

@@ -72,15 +72,17 @@ def test_directions_and_speeds_are_measurements_on_request_only(tmp_path):
 def test_an_instant_may_come_in_several_batches(tmp_path, monkeypatch, batch):
     monkeypatch.setattr(decoding, "BATCH_MESSAGES", batch)
     messages = [
-        (topic, time_ns, scene([(name, float(time_ns), 0.0), ("both", place, 0.0), ("", place, 0.0)]))
+        (topic, time_ns, scene([(name, float(time_ns), 0.0), *[("both", place, 0.0)] * 2, ("", place, 0.0)]))
         for time_ns in (10, 20)
         for topic, name, place in (("/left", "l", 1.0), ("/mid", "m", 2.0), ("/right", "r", 3.0))
     ]
     stream = stream_detections(write_protobuf_log(tmp_path / "log.mcap", messages), topics="/.*")
     frames = list(stream)
-    assert [frame.track_id.tolist() for frame in frames] == [["l", "both", "", "m", "", "r", ""]] * 2
+    assert [frame.track_id.tolist() for frame in frames] == [
+        ["/left/l", "/left/both", "", "/mid/m", "/mid/both", "", "/right/r", "/right/both", ""]
+    ] * 2
     assert [frame.position[1, 0] for frame in frames] == [1.0, 1.0]
-    assert stream.losses.dropped[REPEATED] == stream.losses.dropped.total() == 4
+    assert stream.losses.dropped[REPEATED] == stream.losses.dropped.total() == 6
 
 
 def observations(frame, covariance, **columns):

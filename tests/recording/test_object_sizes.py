@@ -9,6 +9,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_files import DATA, scene, write_protobuf_log
 from mcap_protobuf.decoder import DecoderFactory
+from test_estimate_log import a_frame
 from test_foxglove_schemas import PLACE, TIMES, json_log, private
 from test_osi_sensor_data import sensor_data_class
 from test_ros2_schemas import N_TIMES, NAMES, array_log, carla, detected, detection, marker, point, tracked
@@ -22,6 +23,7 @@ from dirprim_filter.recording.reader import inspect, stream_detections
 from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.tables import read_csv
+from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.tracks import Tracks
 
 NAN = np.nan
@@ -241,6 +243,14 @@ def test_cubes_are_drawn_as_large_as_vehicles_are_known_to_be(tmp_path):
             cubes = [entity.cubes[0] for entity in update.entities]
             np.testing.assert_array_equal([(c.size.x, c.size.y, c.size.z) for c in cubes], expected)
             np.testing.assert_array_equal([c.pose.position.z for c in cubes], expected[:, 2] / 2)
+
+
+def test_a_box_that_stands_for_an_estimate_is_no_measured_size(tmp_path):
+    with EstimateWriter(tmp_path / "out.mcap", metadata={}) as log:
+        for k in range(3):
+            log.write(a_frame(k * 10**8))
+    assert inspect(tmp_path / "out.mcap").sizes == {}
+    assert np.isnan(read_tracks(tmp_path / "out.mcap", topics="/dirprim/tracks/scene").size).all()
 
 
 def test_logs_are_joined_whether_they_tell_of_sizes_or_not(tmp_path):

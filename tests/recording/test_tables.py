@@ -8,8 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dirprim_filter.detections import NO_ID
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables import delimited, read_csv, read_sdd, read_sumo_fcd, sumo_fcd
+from dirprim_filter.recording.tables.estimate_table import write_estimates
 from dirprim_filter.recording.tables.named_columns import parse_columns
 
 DATA = Path(__file__).parents[2] / "../shared/data"
@@ -103,7 +106,7 @@ def test_motion_is_differenced_where_the_table_has_none(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "expected columns time_s, track_id, x_m, y_m"),
+        ("", "expected columns time_s, x_m, y_m"),
         ("time_s;track_id;x_m;y_m\n", "rows after the header"),
         ("time_s|track_id|x_m|y_m\n", "with commas, semicolons or tabs between them, got time_s|track_id|x_m|y_m;"),
         ("time_s,track_id,x_m\n0,1,2\n", r"line 1: expected columns.*missing: y_m"),
@@ -152,9 +155,66 @@ def test_a_byte_order_mark_is_no_part_of_the_name(tmp_path):
     assert len(read_csv(tmp_path / "a.csv").tracks) == 1
 
 
-def test_degrees_in_a_column_of_radians_are_suspected(tmp_path, caplog):
-    read_csv(table(tmp_path, f"{HEADER}\n0,1,2,3,270,1\n"))
-    assert "is it in degrees?" in caplog.text
+@pytest.mark.parametrize("column", ["heading_rad", "course_rad"])
+def test_degrees_in_a_column_of_radians_are_refused(tmp_path, column):
+    text = f"time_s,track_id,x_m,y_m,{column},speed_mps\n0,1,2,3,,1\n1,1,2,3,270,1\n"
+    with pytest.raises(
+        TableError, match=f"column {column}: expected radians, of one turn, got 270; multiply by pi/180"
+    ):
+        read_csv(table(tmp_path, text))
+    assert len(read_csv(table(tmp_path, text.replace("270", "6.2832"))).tracks) == 2
+
+
+UNLABELLED = """\
+group,time_s,sensor,x_m,y_m,own_x_m
+2,1.0,radar,-609.376,-159.392,1
+2,1.0,radar,-352.215,86.0,1
+2,1.5,lidar,-352.0,86.5,1
+3,1.0,radar,5.0,6.0,1
+"""
+
+
+def test_a_table_without_ids_is_detections_by_sensor_and_none_is_lost(tmp_path):
+    read = read_csv(table(tmp_path, UNLABELLED))
+    assert len(read.tracks) == 0
+    assert read.unused == ["own_x_m"]
+    assert (read.losses.dropped, read.losses.notes) == ({}, {})
+    radar, lidar = read.detections["radar"], read.detections["lidar"]
+    assert list(read.detections) == ["radar", "lidar"]
+    assert radar.position.tolist() == [[-609.376, -159.392], [-352.215, 86.0], [5.0, 6.0]]
+    assert radar.time_ns.tolist() == [10**9] * 3
+    assert (radar.group.tolist(), lidar.group.tolist()) == ([2, 2, 3], [2])
+    assert set(radar.track_id.tolist()) == {NO_ID}
+
+
+@pytest.mark.parametrize("name", ["id", "Vehicle_ID", "trackid", "object id", "track"])
+def test_a_column_that_may_be_the_ids_is_not_passed_over(tmp_path, name):
+    with pytest.raises(TableError, match="track_id"):
+        read_csv(table(tmp_path, f"time_s,x_m,y_m,{name}\n0,1,2,3\n"))
+
+
+def test_empty_ids_are_no_vehicle(tmp_path):
+    """Two vehicles of one row each beside a track: the empty id would be one that jumps."""
+    rows = ["0,a,0,0", "0,,50,0", "1,a,1,0", "1, ,-50,0"]
+    read = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows])))
+    assert read.tracks.track_id.tolist() == ["a", "a"]
+    assert read.detections[""].track_id.tolist() == ["a", NO_ID, "a", NO_ID]
+    assert read.losses.dropped == {}
+
+
+def test_an_id_each_is_a_table_of_detections(tmp_path):
+    """A radar that numbers its rows: each would be alone in time, and left out."""
+    read = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *(f"{k},{k},{k},0" for k in range(9))])))
+    assert (len(read.tracks), len(read.detections[""]), read.losses.dropped) == (0, 9, {})
+
+
+@pytest.mark.parametrize("cell", ["1_000", "1_0.5", "True"])
+@pytest.mark.parametrize("column", range(4))
+def test_what_is_a_number_in_python_alone_is_none(tmp_path, cell, column):
+    cells = ["0", "1", "2", "3"]
+    cells[column] = cell
+    with pytest.raises(TableError, match=f"got '{cell}'"):
+        read_csv(table(tmp_path, f"time_s,x_m,y_m,group\n{','.join(cells)}\n"))
 
 
 SDD = """\
@@ -374,9 +434,16 @@ def test_a_mapping_that_is_none_is_reported(text):
         parse_columns(text)
 
 
-def test_only_a_row_with_a_fault_is_a_loss(tmp_path):
-    rows = ["0,a,0,0", "1,a,1,0", "90,b,5,5"]
-    alone = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows])))
-    assert (sum(alone.losses.dropped.values()), alone.losses.lost) == (1, 0)
-    wrong = read_csv(table(tmp_path, "\n".join(["time_s,track_id,x_m,y_m", *rows, "2,a,nan,0"])))
-    assert (sum(wrong.losses.dropped.values()), wrong.losses.lost) == (2, 1)
+def test_ids_that_a_spreadsheet_would_run_are_exported_as_text_and_read_back(tmp_path):
+    names = ["=cmd|' /C calc'!A0", "+a", "-3", "@x", "'quoted", "a=b", "-", "\tb"]
+    n = len(names)
+    estimates = Estimates(
+        track_id=np.array(names), time_ns=np.zeros(n, np.int64), position=np.zeros((n, 2)),
+        covariance=np.tile(np.eye(2), (n, 1, 1)), direction=np.zeros(n), direction_resultant=np.ones(n),
+        speed=np.ones(n), speed_std=np.ones(n), effective_sample_size=np.ones(n), log_evidence=np.zeros(n),
+    )  # fmt: skip
+    write_estimates(estimates, tmp_path / "out.csv")
+    with (tmp_path / "out.csv").open(newline="") as file:
+        cells = [row[1] for row in csv.reader(file)][1:]
+    assert [cell for cell in cells if cell[0] in "=+-@\t"] == ["-3"]  # a number is no formula
+    assert read_csv(tmp_path / "out.csv").tracks.track_id.tolist() == names

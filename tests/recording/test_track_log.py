@@ -179,13 +179,13 @@ def test_a_folder_that_is_missing_is_reported(tmp_path):
 def test_a_negative_time_is_refused_and_nothing_stays(tmp_path):
     tracks = some_tracks()
     early = Tracks(**{c: getattr(tracks, c) for c in COLUMNS} | {"time_ns": tracks.time_ns - tracks.time_ns[50]})
-    with pytest.raises(ValueError, match="time_ns"):
+    with pytest.raises(ValueError, match=r"a\.mcap: expected times from 0 ns on"):
         write_tracks(early, tmp_path / "a.mcap")
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("error", "stays"), [(KeyboardInterrupt, True), (RuntimeError, False)])
-def test_an_interrupted_log_reads_and_a_failed_one_is_gone(tmp_path, error, stays):
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_an_interrupted_log_reads_and_a_failed_one_under_its_temporary_name(tmp_path, error):
     path = tmp_path / "a.mcap"
 
     def interrupted():
@@ -196,9 +196,9 @@ def test_an_interrupted_log_reads_and_a_failed_one_is_gone(tmp_path, error, stay
 
     with pytest.raises(error):
         interrupted()
-    assert list(tmp_path.iterdir()) == ([path] if stays else [])
-    if stays:
-        assert len(messages_by_topic(path)["/tf"]) == 1
+    (left,) = tmp_path.iterdir()
+    assert (left == path) == (error is KeyboardInterrupt)
+    assert len(messages_by_topic(left)["/tf"]) == 1
 
 
 def test_a_chunk_and_the_instant_after_it_span_no_more_than_the_time_asked_for(tmp_path):

@@ -48,7 +48,7 @@ def ros_transform(time_ns, parent, child, place, yaw):
     }  # fmt: skip
 
 
-def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False, more=()):
+def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False, more=(), static=()):
     """A log of moving objects and the transforms of all its frames; the moving one at other times than objects."""
     messages = [
         ("/tf_static", START_NS - STEP_NS, "tf2_msgs/msg/TFMessage", {"transforms": [
@@ -67,6 +67,7 @@ def write_ros(path, objects, *, transforms=range(-1, N + 1), static_only=False, 
         for k, (frame, reported) in enumerate(objects)
     ]  # fmt: skip
     messages += [("/tf", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}) for time_ns, one in more]
+    messages += [("/tf_static", time_ns, "tf2_msgs/msg/TFMessage", {"transforms": [one]}) for time_ns, one in static]
     return write_ros2_log(path, sorted(messages, key=lambda message: message[1]))
 
 
@@ -225,6 +226,58 @@ def test_objects_of_a_time_without_transforms_are_counted(tmp_path, caplog):
     assert "no transform from 'base_link' to 'map' at" in caplog.text
     gap = read_track_logs(write_ros(tmp_path / "gap.mcap", frames, transforms=[-1, 0, 30]))
     assert 0 < gap.losses.dropped[UNPLACED] < N
+
+
+@pytest.mark.parametrize("late_ns", [50_000_000, 110_000_000])
+def test_an_object_is_where_the_vehicle_was_at_its_stamp_then(tmp_path, late_ns):
+    """A parked car seen from a vehicle at 12 m/s, logged late: it stands, and the vehicle's own speed is 12 m/s."""
+    n, speed, rng = 40, 12.0, np.random.default_rng(5)
+    messages = []
+    for k in range(2 * n + 4):
+        now = START_NS + (k - 2) * STEP_NS // 2
+        moving = ros_transform(now, "map", "base_link", (speed * (now - START_NS) * 1e-9, 0, 0), 0)
+        messages.append(("/tf", now, "tf2_msgs/msg/TFMessage", {"transforms": [moving]}))
+    for k in range(n):
+        ahead, driving = carla(0, 0), carla(0, 1)
+        ahead["pose"] = {"position": point(90.0 - speed * k * 0.1, 0, 0), "orientation": quaternion(0, 0, 0)}
+        driving["pose"] = {"position": point(0, 0, 0), "orientation": quaternion(0, 0, 0)}
+        stamp = START_NS + k * STEP_NS
+        array = {"header": header(stamp, "base_link"), "objects": [ahead, driving]}
+        logged = stamp + late_ns - int(rng.integers(40_000_000))
+        messages.append(("/objects", logged, "derived_object_msgs/msg/ObjectArray", array))
+    path = write_ros2_log(tmp_path / "log.mcap", sorted(messages, key=lambda message: message[1]))
+    tracks = read_tracks(path)
+    still, driving = tracks[tracks.track_id == 1], tracks[tracks.track_id == 2]
+    np.testing.assert_allclose(still.position[:, 0], 90.0, atol=1e-6)
+    np.testing.assert_allclose(np.diff(driving.position[:, 0]) / np.diff(driving.time_ns * 1e-9), speed, atol=1e-4)
+    np.testing.assert_array_equal(driving.time_ns, START_NS + np.arange(n) * STEP_NS)
+    np.testing.assert_array_equal(
+        np.unique(np.concatenate([frame.time_ns for frame in stream_detections(path)])), driving.time_ns
+    )
+
+
+def test_a_static_transform_holds_at_all_times_and_of_several_the_latest(tmp_path):
+    """A millimetre and 20 s apart: two that are interpolated would leave out what is between them."""
+    frames = [("base_link", [carla(k, 1)]) for k in range(N)]
+    still = [
+        (START_NS + k * 20 * 10**9, ros_transform(START_NS, "map", "base_link", (5.0 + 0.001 * k, 0, 0), 0))
+        for k in (0, 1)
+    ]
+    path = write_ros(tmp_path / "log.mcap", frames, static_only=True, static=still)
+    log = read_track_logs(path, frame="map")
+    assert log.losses.dropped == {}
+    own = read_tracks(path, frame="base_link").position
+    np.testing.assert_allclose(log.tracks.position, own + np.array([5.001, 0.0]), atol=1e-9)
+
+
+@pytest.mark.parametrize(("of_objects", "of_transforms"), [("/base_link", ""), ("base_link", "/"), ("/base_link", "/")])
+def test_a_slash_before_a_frame_is_no_part_of_its_name(tmp_path, of_objects, of_transforms):
+    still = ros_transform(START_NS, f"{of_transforms}map", f"{of_transforms}base_link", (5.0, 0, 0), 0)
+    frames = [(of_objects if k % 2 else "base_link", [carla(k, 1)]) for k in range(N)]
+    path = write_ros(tmp_path / "log.mcap", frames, static_only=True, static=[(START_NS, still)])
+    own = read_tracks(path, frame="/base_link").position
+    for asked in (None, "map", "/map"):
+        np.testing.assert_allclose(read_tracks(path, frame=asked).position, own + np.array([5.0, 0.0]), atol=1e-9)
 
 
 def test_a_log_in_one_frame_without_transforms_is_left_alone(tmp_path):

@@ -1,6 +1,7 @@
 """What was sent to an .rrd file is what comes back, at the log's own times; files are whole or not there."""
 
 import logging
+import os
 import socket
 import subprocess
 import sys
@@ -175,7 +176,7 @@ def test_the_same_file_has_the_same_identity_in_every_run(tmp_path: Path, scene_
 def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, scene_map: PrimitiveMap) -> None:
     path = tmp_path / "run.rrd"
     path.write_bytes(b"precious")
-    with pytest.raises(FileExistsError, match=r"run\.rrd: exists already; overwrite it with --force"):
+    with pytest.raises(FileExistsError, match=r"run\.rrd: expected a new file, it exists; .*--force"):
         open_stream(save=path)
     assert path.read_bytes() == b"precious"
     write_all(path, [], scene_map, force=True)
@@ -193,9 +194,20 @@ def test_after_an_error_the_file_keeps_its_temporary_name_and_reads(
 
     with caplog.at_level(logging.WARNING), pytest.raises(RuntimeError, match="the filter broke"):
         fail()
-    assert [p.name for p in tmp_path.iterdir()] == ["run.part.rrd"]
-    assert "run.part.rrd: holds what was written before the error" in caplog.text
-    assert len(rows_of(tmp_path / "run.part.rrd", "/detections", "Points3D:positions")) == 1
+    (left,) = tmp_path.iterdir()
+    assert left.name == f"run.rrd.{os.getpid()}.partial"
+    assert f"{left}: holds what was written" in caplog.text
+    left.rename(tmp_path / "left.rrd")
+    assert len(rows_of(tmp_path / "left.rrd", "/detections", "Points3D:positions")) == 1
+
+
+def test_what_is_called_like_a_part_of_it_is_another_file(
+    tmp_path: Path, scene_frames: list[TrackedFrame], scene_map: PrimitiveMap
+) -> None:
+    other = tmp_path / "run.part.rrd"
+    other.write_bytes(b"precious")
+    write_all(tmp_path / "run.rrd", scene_frames[:1], scene_map)
+    assert other.read_bytes() == b"precious"
 
 
 def test_ctrl_c_leaves_a_whole_file(tmp_path: Path, scene_frames: list[TrackedFrame]) -> None:
@@ -210,7 +222,7 @@ def test_ctrl_c_leaves_a_whole_file(tmp_path: Path, scene_frames: list[TrackedFr
 
 
 def test_a_stream_needs_a_place_to_go_and_a_viewer_that_answers() -> None:
-    with pytest.raises(ValueError, match="at least one place to stream to"):
+    with pytest.raises(ValueError, match=r"^expected at least one place to stream to"):
         open_stream()
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

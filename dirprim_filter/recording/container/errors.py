@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from os import PathLike, fspath
 
@@ -10,8 +11,21 @@ from dirprim_filter.recording.container.other_formats import other_format
 Path = str | PathLike[str]
 
 
+_URL = re.compile(r"([A-Za-z][\w+.-]*:/+)(?:[^/@\s]+@)?([^\s?]*)(\?\S*?(?=[:,;.]?(?:\s|$)))?")
+"""With what gives access: the user and the password, and the query, which may be a signature."""
+
+
+def without_secrets(text: str) -> str:
+    """The text with what gives access to a URL left out."""
+    return _URL.sub(lambda url: url[1] + url[2] + "?..." * bool(url[3]), text)
+
+
 def one_line(text: str) -> str:
-    """The text with escapes for what would break the line: names in a file of any origin may hold anything."""
+    """The text as it may be shown: with escapes for what would break the line or steer a terminal, without secrets.
+
+    Names in a file of any origin may hold anything.
+    """
+    text = without_secrets(text)
     return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in text)
 
 
@@ -45,10 +59,3 @@ class DamagedRecordingError(RecordingError):
     def __init__(self, path: Path, damage: Sequence[object]) -> None:
         more = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
         super().__init__(f"{fspath(path)}: expected an undamaged log, got {damage[0]}{more}; read it without strict")
-
-
-class OutputExistsError(RecordingError):
-    """The file to write is there already."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(f"{fspath(path)}: expected a new file, it exists; choose another name or use --force")

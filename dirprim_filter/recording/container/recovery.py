@@ -17,6 +17,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from dirprim_filter.arrays import AnyArray
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.container.chunk import Chunk, chunk_at
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.definitions import definition_records
@@ -24,7 +25,6 @@ from dirprim_filter.recording.container.errors import DamagedRecordingError
 from dirprim_filter.recording.container.log import FilePass, Log, Scan
 from dirprim_filter.recording.container.mcap_writer import McapWriter
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.partial_file import PartialFile
 from dirprim_filter.recording.container.records import (
     MESSAGE_HEADER,
     RECORD_HEADER_SIZE,

@@ -12,9 +12,11 @@ from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import (
     CUT,
     ENCAPSULATION,
+    LONGEST,
     MAX_ELEMENTS,
     OK,
     OVERLONG,
+    TEXT_BITS,
     TOO_MANY,
     Tables,
     load,
@@ -98,7 +100,7 @@ def walk_cdr(
                     break
                 if code == READ_TEXT:
                     used = length - 1 if length > 0 and data[at + length - 1] == 0 else length
-                    cells[base[table] + row[table] * width[table] + b] = (at << 32) | used
+                    cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(used, LONGEST)
                 at += length
             elif code in (READ_BYTES, SKIP_SEQUENCE):
                 length = a  # READ_BYTES: fixed number or -1; SKIP_SEQUENCE: size of an item
@@ -119,10 +121,13 @@ def walk_cdr(
                         at = origin + ((at - origin + step) & ~step)
                         at += length * a * c
                 else:
-                    cells[base[table] + row[table] * width[table] + b] = (at << 32) | length
+                    if length > end - at:
+                        state = CUT
+                        break
+                    cells[base[table] + row[table] * width[table] + b] = (at << TEXT_BITS) | min(length, LONGEST)
                     at += length
                 if at > end:
-                    state = CUT if code == READ_BYTES and a >= 0 else OVERLONG
+                    state = OVERLONG
                     break
             elif code == LOOP:
                 n = a

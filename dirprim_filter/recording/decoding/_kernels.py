@@ -2,8 +2,8 @@
 
 A batch is one array of bytes and where each message starts. A walk writes *tables*: table 0 has a row for each
 message, another one a row for each element of a repeated field. A row is `width` cells of 64 bits: the message,
-the row above it, then the columns, as bits. Texts are cells of (offset << 32 | length). A message that cannot be
-read leaves no row in any table but its own in table 0, and a status.
+the row above it, then the columns, as bits. Texts are cells of offset and length, see `TEXT_BITS`. A message
+that cannot be read leaves no row in any table but its own in table 0, and a status.
 """
 
 from __future__ import annotations
@@ -19,6 +19,11 @@ from tessellation._compiling import COMPILED, UNCOUNTED
 OK, CUT, OVERLONG, ENCAPSULATION, WIRE_TYPE, TOO_MANY = range(6)
 MAX_ELEMENTS = 1 << 17
 """More elements of one repeated field than this in one message are no objects of traffic."""
+
+TEXT_BITS = 16
+"""A text's cell is its offset, then so many bits of its length: offsets of 2^47 bytes fit."""
+LONGEST = (1 << TEXT_BITS) - 1
+"""Longer texts count as so long; names are cut well before."""
 
 
 class Tables(NamedTuple):
@@ -82,7 +87,7 @@ def gather_texts(data: AnyArray, cells: IntArray, width: int) -> AnyArray:
     """(n, width) the bytes of each text cell, cut at `width`, padded with zeros."""
     out = np.zeros((cells.size, width), np.uint8)
     for i in range(cells.size):
-        start = cells[i] >> 32
-        for j in range(min(cells[i] & 0xFFFFFFFF, width)):
+        start = cells[i] >> TEXT_BITS
+        for j in range(min(cells[i] & LONGEST, width)):
             out[i, j] = data[start + j]
     return out

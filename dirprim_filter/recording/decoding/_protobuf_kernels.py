@@ -13,9 +13,11 @@ from numba import njit
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.recording.decoding._kernels import (
     CUT,
+    LONGEST,
     MAX_ELEMENTS,
     OK,
     OVERLONG,
+    TEXT_BITS,
     TOO_MANY,
     WIRE_TYPE,
     Tables,
@@ -186,11 +188,11 @@ def walk_protobuf(
                 elif wire != 2:
                     continue
                 elif action == TEXT:
-                    cells[cell] = (at << 32) | length
+                    cells[cell] = (at << TEXT_BITS) | min(length, LONGEST)
                 elif action == ONE_TEXT:
                     seen = cells[rows[depth] + presence]
                     if seen == child:
-                        cells[cell] = (at << 32) | length
+                        cells[cell] = (at << TEXT_BITS) | min(length, LONGEST)
                     cells[rows[depth] + presence] = seen + 1
                 elif action in (EACH_TEXT, EACH_MESSAGE):
                     if n_rows[table] - before[table] >= MAX_ELEMENTS:
@@ -200,7 +202,7 @@ def walk_protobuf(
                     if made < 0:
                         return True
                     if action == EACH_TEXT:
-                        cells[base[table] + made * width[table] + column] = (at << 32) | length
+                        cells[base[table] + made * width[table] + column] = (at << TEXT_BITS) | min(length, LONGEST)
                     else:
                         depth += 1
                         ends[depth], nodes[depth] = after, child

@@ -27,6 +27,8 @@ _SIZES: dict[str, tuple[int, Form]] = {
 _BYTES = ("uint8", "byte", "octet", "char")
 MAX_FIXED = 1 << 24
 """More elements of a fixed array than this are no message, but would overflow offsets."""
+MAX_BOUND = (1 << 32) - 1
+"""Lengths in messages have 32 bits."""
 MAX_DEPTH = 32
 """Definitions nest no deeper; one that names itself would for ever."""
 
@@ -82,7 +84,28 @@ def _types_of(schema: str, encoding: str, definition: bytes) -> dict[str, list[t
         raise SchemaError(
             f"{schema}: expected a definition in {encoding}, got one that does not parse: {reason}"
         ) from error
+    for name, (_, members) in types.items():
+        for member, description in members:
+            _check_lengths(f"{schema}: {name}.{member}", description)
     return {name: members for name, (_, members) in types.items()}
+
+
+def _check_lengths(what: str, description: Description) -> None:
+    """Every element then takes a byte at least, and walks of a message no more turns than it has bytes.
+
+    Raises:
+        SchemaError: a fixed array that is empty or too long, or a bound that no length can reach.
+    """
+    from rosbags.interfaces import Nodetype  # noqa: PLC0415
+
+    node, arguments = description
+    if node == Nodetype.NAME:
+        return
+    least, most = (1, MAX_FIXED) if node == Nodetype.ARRAY else (0, MAX_BOUND)
+    if not least <= arguments[1] <= most:
+        raise SchemaError(f"{what}: expected a length from {least} to {most}, got {arguments[1]}")
+    if node != Nodetype.BASE:
+        _check_lengths(what, arguments[0])
 
 
 class _Program:
@@ -184,7 +207,7 @@ class _Program:
             )
         if EACH in want:
             inner = Place(self.output.table(f"{at.path}[]"), f"{at.path}[]")
-            start = self._open_loop(description, inner.table, at.path)
+            start = self._open_loop(description, inner.table)
             self._member(element, {None: want[EACH]}, inner)
             self._close_loop(start)
             return
@@ -193,7 +216,7 @@ class _Program:
             self._elements(element, length, chosen, at)
             return
         selected = {k: self.output.column(at.table) for k in chosen}
-        start = self._open_loop(description, -1, at.path)
+        start = self._open_loop(description, -1)
         jumps = []
         for k, presence in selected.items():
             unless = self.emit(kernels.UNLESS_SELECTED, k, 0)
@@ -218,11 +241,9 @@ class _Program:
                 self._member(element, {None: one}, at.at(f"[{k}]"))
             done = k + 1
 
-    def _open_loop(self, description: Description, table: int, path: str) -> int:
+    def _open_loop(self, description: Description, table: int) -> int:
         length = description[1][1]
         fixed = description[0] == self._node.ARRAY
-        if fixed and not 0 < length <= MAX_FIXED:
-            raise SchemaError(f"{self.output.schema}: expected at most {MAX_FIXED} elements of {path}, got {length}")
         self._loops += 1
         self.deepest = max(self.deepest, self._loops)
         self._target = len(self.ops) + 1
@@ -248,7 +269,7 @@ class _Program:
             if node == self._node.SEQUENCE and even is not None:
                 self.emit(kernels.SKIP_SEQUENCE, even[0], length, even[1])
                 return
-            start = self._open_loop(description, -1, path)
+            start = self._open_loop(description, -1)
             self._skip(element, path)
             self._close_loop(start)
 

@@ -128,7 +128,7 @@ class FieldColumns:
         return np.where(column.missing, "", values) if column.missing is not None else values
 
     def _texts(self, cells: IntArray, table: str, *, is_text: bool) -> AnyArray:
-        length = cells & 0xFFFFFFFF
+        length = cells & kernels.LONGEST
         width = int(min(length.max(initial=0), MAX_NAME_LENGTH + 1))
         if width == 0:
             return np.full(cells.size, "")
@@ -144,7 +144,8 @@ class FieldColumns:
             return gathered.astype(np.uint32).view(f"U{width}")[:, 0]
         names = []
         for row, (cell, size) in enumerate(zip(cells.tolist(), length.tolist(), strict=True)):
-            text = self.data[cell >> 32 : (cell >> 32) + size].tobytes()
+            at = cell >> kernels.TEXT_BITS
+            text = self.data[at : at + size].tobytes()
             try:
                 name = (
                     text.decode() if size <= MAX_NAME_LENGTH else text.decode(errors="replace")[: MAX_NAME_LENGTH + 1]

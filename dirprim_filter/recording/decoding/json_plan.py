@@ -150,6 +150,8 @@ def _converted(kind: Kind, value: Any) -> Any:
         return None
     if kind == "time":
         return _time(value)
+    if kind == "name" and isinstance(value, float) and value.is_integer():
+        value = int(value)  # of writers that have one kind of number
     if kind == "name" and isinstance(value, str | int):
         name = str(value)[: MAX_NAME_LENGTH + 1]
         name.encode()  # half a surrogate pair is no text: refused here, not where the name is written

@@ -31,6 +31,7 @@ from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
 from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
 from dirprim_filter.recording.foxglove.templates import MessageTemplates, number_of
 from dirprim_filter.recording.schemas.dirprim import set_time
+from dirprim_filter.recording.schemas.scene_update import DRAWN_NOTE
 from dirprim_filter.track_ids import as_texts
 
 REGION_SHARE = 0.9
@@ -140,6 +141,7 @@ def _drawn_estimate(color: Color | None, name: str, numbers: Sequence[float]) ->
     red, green, blue = color or (track_color([name])[0, :3] / 255.0).tolist()
     entity = SceneEntity(id=name, frame_id=SCENE_FRAME)
     set_time(entity.lifetime, 0)
+    entity.metadata.add(key=DRAWN_NOTE, value="body")
     body = entity.cubes.add()
     x, y, sine, cosine, z = take(5)
     turn(body.pose, x, y, sine, cosine, z=z)

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.container.partial_file import PartialFile
 from dirprim_filter.recording.foxglove.frames import SCENE_FRAME, view_of
 
 BACKGROUND = "#10131a"

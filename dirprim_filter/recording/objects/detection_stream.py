@@ -14,6 +14,9 @@ from dirprim_filter.recording.objects.observations import Observations, TimedRow
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
+LATEST_NS = 1_000_000_000
+"""So much later than others of later stamps may messages be logged: sensors are late by different times."""
+
 
 class DetectionStream:
     """Iterates the detections of a log, one instant each, ascending; then knows what was lost.
@@ -28,6 +31,7 @@ class DetectionStream:
         self._options = options
         self.topics = topics
         self._motion = motion
+        self._late_ns = 0 if options.time_source == "log" else LATEST_NS
         self.losses = Losses()
 
     @property
@@ -45,18 +49,18 @@ class DetectionStream:
         """
         observations = Observations(self._scan, self._options)
         self.losses = observations.losses
-        came_ns = -(1 << 63)
+        came_ns = -(1 << 63) + LATEST_NS
         rest = Detections.none()
         for batch in observations:
             latest_ns = np.maximum.accumulate(np.maximum(batch.time_ns, came_ns))
-            in_order = batch.time_ns == latest_ns
+            in_order = batch.time_ns >= latest_ns - self._late_ns
             self.losses.drop(BACKWARD, ~in_order)
             came_ns = int(latest_ns[-1])
-            seen = Detections.concatenate([rest, self._detections(batch)[in_order]])
-            *whole, rest = self._without_repeats(seen).frames()  # what follows may be of the last instant too
-            yield from whole
-        if len(rest):
-            yield rest
+            seen = self._without_repeats(Detections.concatenate([rest, self._detections(batch)[in_order]]))
+            is_whole = seen.time_ns < came_ns - self._late_ns
+            yield from seen[is_whole].frames()
+            rest = seen[~is_whole]  # what follows may be earlier, or of the last instant too
+        yield from rest.frames()
         self.losses.log(self._scan.path)
 
     def _detections(self, batch: TimedRows) -> Detections:

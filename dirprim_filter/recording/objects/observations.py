@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_TIME, signed
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import INVALID, UNPLACED, UNTIMED, Clock, Losses
+from dirprim_filter.recording.losses import INVALID, LONG_STEP_NS, UNPLACED, UNTIMED, Clock, Losses
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema
@@ -43,6 +44,9 @@ class Observations:
         self._decoders = Decoders(options.mapping)
         self._is_label = None if options.labels is None else matching(options.labels, of="labels")
         self._frame = FrameChange(scan.log, options.frame, options.origin, strict=options.strict)
+        topics = {c.topic for c in scan.log.channels() if scan.is_wanted(c.topic) and self._decoders.reads(c)}
+        self._are_several = len(topics) > 1
+        self._first_stamp: dict[str, int] = {}  # of each topic; `NO_TIME` where its first messages have none
 
     @property
     def origin(self) -> Origin | None:
@@ -92,6 +96,8 @@ class Observations:
                 raise DecodeError.of(self._scan.path, messages, failures)
             self.losses.fail(failures.values())
             time_ns = self._times(messages, rows)
+            if self._are_several:
+                rows = replace(rows, track_id=_by_topic(messages, rows))
             self._clock.watch_objects(messages, rows.message, time_ns)
             self.losses.clock = self._clock.faults
             parts.append((places, time_ns, rows))
@@ -113,10 +119,20 @@ class Observations:
 
     def _times(self, messages: MessageColumns, rows: ObjectRows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
-        if self._options.time_source == "header":
-            return rows.stamp_ns
-        times = messages.log_time_ns if self._options.time_source == "log" else messages.publish_time_ns
-        return signed(times)[rows.message]
+        times = messages.publish_time_ns if self._options.time_source == "publish" else messages.log_time_ns
+        time_ns = signed(times)[rows.message]
+        if self._options.time_source != "header":
+            return time_ns
+        channel, has_stamp = messages.channel[rows.message], (rows.stamp_ns != NO_TIME) & (rows.stamp_ns != 0)
+        first = np.full(len(messages.channels), NO_TIME)
+        for i in np.flatnonzero(np.bincount(channel)).tolist():
+            stamps = rows.stamp_ns[has_stamp & (channel == i)]
+            first[i] = self._first_stamp.setdefault(
+                messages.channels[i].topic, int(stamps[0]) if stamps.size else NO_TIME
+            )
+        begun = first[channel]
+        is_unset = (rows.stamp_ns == 0) & (begun > LONG_STEP_NS)  # the clock does not run on from 0
+        return np.where(begun == NO_TIME, time_ns, np.where(is_unset, NO_TIME, rows.stamp_ns))
 
     def _wanted(self, message: IntArray, time_ns: IntArray, rows: ObjectRows) -> BoolArray:
         timed = time_ns != NO_TIME
@@ -139,6 +155,13 @@ class Observations:
             valid &= np.asarray(np.strings.str_len(rows.track_id) <= MAX_NAME_LENGTH)
         self.losses.drop(INVALID, ~valid)
         return valid
+
+
+def _by_topic(messages: MessageColumns, rows: ObjectRows) -> AnyArray:
+    """(n,) str, the ids of objects with their topics in front: each vehicle of a fleet calls itself `base_link`."""
+    topic = messages.topic[rows.message]
+    is_own = (rows.track_id == "") | np.strings.startswith(rows.track_id, topic)  # none, or made of the topic
+    return np.where(is_own, rows.track_id, np.strings.add(np.strings.add(topic, "/"), rows.track_id))
 
 
 def _is_near(position: FloatArray) -> BoolArray:

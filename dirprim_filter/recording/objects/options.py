@@ -9,7 +9,8 @@ from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.transforms.geodesy import Origin
 
 TimeSource = Literal["log", "publish", "header"]
-"""Which of a message's times counts: of logging, of publishing, or the one its contents carry."""
+"""Which of a message's times counts: of logging, of publishing, or the stamp that its contents carry; of topics
+without stamps that of logging."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,7 +20,8 @@ class ReadOptions:
     Attributes:
         topics: name of the topic, or a regular expression that matches topics in full. Left out: one topic,
             by what its schema holds: `dirprim.Observations` before ASAM OSI before `foxglove.SceneUpdate`; of
-            several of one kind the one with most messages, `/detections...` last, `/dirprim/...` never.
+            several of one kind the one with most messages, `/detections...` last, `/dirprim/...` never; or all topics
+            of one schema whose messages are of one body each, as of a fleet. Of several topics ids are `topic/id`.
         time_source: which time of a message counts.
         start_ns: the first time wanted, nanoseconds.
         end_ns: the first time no longer wanted.
@@ -35,7 +37,7 @@ class ReadOptions:
     """
 
     topics: str | None = None
-    time_source: TimeSource = "log"
+    time_source: TimeSource = "header"
     start_ns: int | None = None
     end_ns: int | None = None
     strict: bool = False

@@ -16,12 +16,15 @@ from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
 from dirprim_filter.recording.schemas import KINDS
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, schema_name
+from dirprim_filter.recording.schemas.dirprim import OBSERVATIONS
 
 logger = logging.getLogger(__name__)
 
 _KINDS = [{name for family in kind for name in family.schemas} for kind in KINDS]
 OUTPUT_PREFIX = "/dirprim/"
 """Topics that this package writes as results; never taken for input unless named."""
+SHOWN = 5
+"""Of the topics that could be read too."""
 
 
 def choose_topics(log: Log, options: ReadOptions, *, prefer_detections: bool = False) -> frozenset[str]:
@@ -29,9 +32,10 @@ def choose_topics(log: Log, options: ReadOptions, *, prefer_detections: bool = F
 
     With `options.topics` those of that name, or else those that match it in full as a regular expression, if their
     schema is one of `FAMILIES`. Without it, one topic: of the first of `KINDS` of which some topic's messages
-    hold objects the one that has most messages. Topics named `/detections...` stand back there behind others
-    of their kind, but with `prefer_detections` the topic `/detections` goes before all. Topics under
-    `/dirprim/` are not considered. With `options.mapping` every topic whose schema has its fields can be read.
+    hold objects the one that has most messages, and where a message of it is one body, all topics of its schema.
+    Topics named `/detections...` stand back there behind others of their kind, but with `prefer_detections` ours,
+    `/detections` or `/detections/SENSOR`, go before all. Topics under `/dirprim/` are not considered. With
+    `options.mapping` every topic whose schema has its fields can be read.
 
     Raises:
         NoTracksError: there is none.
@@ -68,16 +72,30 @@ def _named(topics: str, schema_of: dict[str, str]) -> list[str]:
 def _default(
     log: Log, schema_of: dict[str, str], decoders: Decoders, kinds: Sequence[set[str]], *, prefer_detections: bool
 ) -> frozenset[str]:
-    if prefer_detections and topic_names.DETECTIONS in schema_of:
-        return frozenset({topic_names.DETECTIONS})
+    if prefer_detections and (reported := [topic for topic in schema_of if _is_a_sensors(topic, schema_of[topic])]):
+        return frozenset(reported)
     for names in kinds:
         carrying = _carrying_objects(log, decoders, {topic for topic, schema in schema_of.items() if schema in names})
         true = {topic for topic in carrying if not topic.startswith(topic_names.DETECTIONS)} or carrying
         if len(true) > 1:
-            return frozenset({_longest(log, true)})
+            longest = _longest(log, true)
+            same = {topic for topic in true if schema_of[topic] == schema_of[longest]}
+            chosen = same if decoders.is_of_one_body(schema_of[longest]) else {longest}
+            if others := sorted(true - chosen):
+                read, more = ", ".join(sorted(chosen)), f" and {len(others) - SHOWN} more" * (len(others) > SHOWN)
+                logger.warning(
+                    "%s: %s is read, not %s%s; --topics chooses", log.path, read, ", ".join(others[:SHOWN]), more
+                )
+            return frozenset(chosen)
         if true:
             return frozenset(true)
     return frozenset()
+
+
+def _is_a_sensors(topic: str, schema: str) -> bool:
+    """Whether a topic is as we write what one sensor, or one of several, detected."""
+    is_named = topic == topic_names.DETECTIONS or topic.startswith(f"{topic_names.DETECTIONS}/")
+    return is_named and schema in OBSERVATIONS.schemas
 
 
 def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str]:
@@ -105,6 +123,4 @@ def _longest(log: Log, topics: set[str]) -> str:
     n_messages: Counter[str] = Counter()
     for _, columns in Scan(log, topics.__contains__).parts():
         n_messages.update(columns.topic.tolist())
-    chosen = min(topics, key=lambda topic: (-n_messages[topic], topic))
-    logger.info("%s: of the topics %s, %s is read", log.path, ", ".join(sorted(topics)), chosen)
-    return chosen
+    return min(topics, key=lambda topic: (-n_messages[topic], topic))

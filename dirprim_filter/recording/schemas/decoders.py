@@ -73,6 +73,11 @@ class Decoders:
         family = family_of(channel)
         return self.reads(channel) and (self._mapped is not None or any(family in kind for kind in KINDS))
 
+    def is_of_one_body(self, schema: str) -> bool:
+        """Whether each message of a schema that is read is of one object: a topic of them is then a vehicle."""
+        family = self._mapped or FAMILIES[schema]
+        return not any(field.table for field in family.fields.values())
+
     def unreadable(self) -> list[str]:
         """Why schemas that were looked at cannot be read."""
         return [str(plan) for plan in self._plans.values() if isinstance(plan, SchemaError)]
@@ -123,11 +128,7 @@ def batches(columns: Iterable[MessageColumns], decoders: Decoders) -> Iterator[M
     size = n = 0
     for part in columns:
         readable = np.array([decoders.reads(channel) for channel in part.channels])[part.channel]
-        kept = part if readable.all() else part[readable]
-        through = np.cumsum(kept.stop - kept.start) // BATCH_BYTES + np.arange(len(kept)) // BATCH_MESSAGES
-        cuts = [0, *(np.flatnonzero(np.diff(through)) + 1).tolist(), len(kept)]
-        for first, last in pairwise(cuts):
-            piece = kept[first:last]
+        for piece in pieces(part if readable.all() else part[readable]):
             batch.append(piece)
             n += len(piece)
             size += int((piece.stop - piece.start).sum())
@@ -136,6 +137,13 @@ def batches(columns: Iterable[MessageColumns], decoders: Decoders) -> Iterator[M
                 batch, size, n = [], 0, 0
     if n:
         yield joined(batch)
+
+
+def pieces(messages: MessageColumns) -> Iterator[MessageColumns]:
+    """The same, so few together that what is made of them is bounded: chunks may be of any size."""
+    through = np.cumsum(messages.stop - messages.start) // BATCH_BYTES + np.arange(len(messages)) // BATCH_MESSAGES
+    for first, last in pairwise([0, *(np.flatnonzero(np.diff(through)) + 1).tolist(), len(messages)]):
+        yield messages[first:last]
 
 
 def joined(parts: list[MessageColumns]) -> MessageColumns:

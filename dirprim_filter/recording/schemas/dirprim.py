@@ -11,6 +11,7 @@ import numpy as np
 from google.protobuf.message import DecodeError, Message
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from google.protobuf.timestamp_pb2 import Timestamp
-
-    from dirprim_filter.detections import Detections
 
 MAP_FRAME = "map"
 """The frame_id of all that we write: local metres, x east, y north."""
@@ -111,7 +110,7 @@ def _covariance_of(message: Message, n: int) -> FloatArray:
 def encode_observations(
     observed: Tracks | Detections, rows: IntArray, time_ns: int, *, labels: Mapping[int | str, str] | None = None
 ) -> dirprim_pb2.Observations:
-    """The rows of one instant as a message; detections have no group, and only the motion that was measured.
+    """The rows of one instant as a message; of detections only the motion that was measured.
 
     Args:
         observed: rows of any instants.
@@ -131,9 +130,9 @@ def encode_observations(
     if not (np.isnan(direction).all() and np.isnan(speed).all()):
         message.direction.extend(direction.tolist())
         message.speed.extend(speed.tolist())
-    if isinstance(observed, Tracks):
+    if isinstance(observed, Tracks) or observed.group.any():
         message.group.extend(observed.group[rows].tolist())
-    elif not np.isnan(observed.covariance[rows]).all():
+    if isinstance(observed, Detections) and not np.isnan(observed.covariance[rows]).all():
         message.covariance_xx.extend(observed.covariance[rows, 0, 0].tolist())
         message.covariance_xy.extend(observed.covariance[rows, 0, 1].tolist())
         message.covariance_yy.extend(observed.covariance[rows, 1, 1].tolist())

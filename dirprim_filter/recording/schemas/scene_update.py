@@ -3,9 +3,9 @@
 One entity is one object; its first cube is the object's body, or its first upright cylinder, or its first model;
 other primitives (lines of a lane map, arrows, texts) are no objects, so entities without a body are passed over.
 Velocity is not part of the schema: it is taken from the entity's metadata `direction_rad` and `speed_mps` where these
-are, and `group` and `category`, what the object is, likewise. The size is the body's, a model's unknown, and the
-heading that of a cube; where metadata contain the speed both are there too, as `length_m`, `width_m`, `height_m` and
-`heading_rad`, and those of the cube are but drawn.
+are, and `group` and `category`, what the object is, likewise. The size is the body's, a model's and that of an
+estimate, noted as `drawn`, unknown, and the heading that of a cube; where metadata contain the speed both are there
+too, as `length_m`, `width_m`, `height_m` and `heading_rad`, and those of the cube are but drawn.
 
 Source: https://docs.foxglove.dev/docs/sdk/schemas/scene-update and https://github.com/foxglove/nuscenes2mcap.
 """
@@ -39,6 +39,8 @@ _PLACES = (POSITION, ("r.x", "r.y", "r.z"), ("m.x", "m.y", "m.z"))
 _ROUND = ("round.x", "round.y", "round.z")
 SIZE_NOTES = ("length_m", "width_m", "height_m")
 """In the metadata: of what was observed, where the cube may be of a middling size."""
+DRAWN_NOTE = "drawn"
+"""In the metadata: the body is for the eye, and what is not noted beside it was not measured."""
 HEADING_NOTE = "heading_rad"
 """In the metadata: of what was observed, where the cube may be turned into the course."""
 
@@ -69,7 +71,7 @@ def _of_body(columns: FieldColumns, cube: Sequence[str], cylinder: Sequence[str]
 def _sizes(columns: FieldColumns, notes: _Notes) -> FloatArray:
     """(n, 3) metres."""
     drawn = _of_body(columns, SIZE, _ROUND, SIZE)  # who has a model alone has no cube, so none of its size
-    noted = notes.has("speed_mps")
+    noted = notes.has("speed_mps") | notes.has(DRAWN_NOTE)
     if noted.any():
         drawn[noted] = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)[noted]
     return drawn

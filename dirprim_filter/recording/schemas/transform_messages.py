@@ -43,12 +43,12 @@ NO_TRANSFORMS = TransformRows(
 
 
 def transforms_of(columns: FieldColumns) -> TransformRows:
-    """The transforms of messages of one of `FAMILIES`."""
+    """The transforms of messages of one of `FAMILIES`; frames without the slash that names began with in ROS 1."""
     return TransformRows(
         message=columns.message_of(columns.fields["child"].table),
         stamp_ns=columns.times("stamp"),
-        parent=columns.names("frame"),
-        child=columns.names("child"),
+        parent=np.strings.lstrip(columns.names("frame"), "/"),
+        child=np.strings.lstrip(columns.names("child"), "/"),
         translation=columns.vectors(POSITION),
         rotation=columns.vectors(ORIENTATION),
     )

@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
+from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import MissingExtraError, TableError
 from dirprim_filter.recording.tables.delimited import MAX_SECONDS
 from dirprim_filter.recording.tables.named_columns import (
+    DETECTED,
     FLOATS,
     LABEL,
-    REQUIRED,
+    SENSOR,
     SIZE,
     TIME_NS,
     places_of,
-    suspect_degrees,
+    refuse_degrees,
     vehicle_columns,
 )
 from dirprim_filter.recording.tables.table import Table, table_of
@@ -49,7 +51,7 @@ def read_arrow(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
     table = ArrowTable(path)
     columns = columns or {}
     has_ns = TIME_NS in table.names or TIME_NS in columns
-    required = (TIME_NS if has_ns else REQUIRED[0], *REQUIRED[1:])
+    required = (TIME_NS if has_ns else DETECTED[0], *DETECTED[1:])
     place, unused = places_of(table.path, "its columns", table.names, columns, required=required)
     present = {name: table.names[at] for name, at in place.items()}
     read: dict[str, AnyArray] = {
@@ -58,9 +60,12 @@ def read_arrow(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
     read[TIME_NS] = table.nanoseconds(present[TIME_NS]) if has_ns else table.seconds(present["time_s"])
     if "group" in present:
         read["group"] = table.whole_numbers(present["group"])
-    rows = VehicleRows.of(table.texts(present["track_id"]), **vehicle_columns(read))
-    suspect_degrees(table.path, rows)
-    return table_of(rows, label=table.texts(present[LABEL]) if LABEL in present else None, unused=unused)
+    label, sensor, ids = (
+        table.texts(present[name]) if name in present else None for name in (LABEL, SENSOR, "track_id")
+    )
+    rows = VehicleRows.of(np.full(len(read["x_m"]), NO_ID) if ids is None else ids, **vehicle_columns(read))
+    refuse_degrees(table.path, rows)
+    return table_of(rows, label=label, sensor=sensor, unused=unused)
 
 
 class ArrowTable:
@@ -149,6 +154,8 @@ class ArrowTable:
 
     def _cast(self, name: str, kind: Any, what: str, *, safe: bool = True) -> Any:
         column = self._column(name)
+        if self._arrow.types.is_boolean(column.type) and kind != self._arrow.string():
+            raise TableError(self.path, f"column {name}", what, "bool", "write it in this type")
         try:
             return column.cast(kind, safe=safe)
         except self._arrow.ArrowException as error:

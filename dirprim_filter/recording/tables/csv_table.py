@@ -1,4 +1,4 @@
-"""Tracks from text separated by commas, semicolons or tabs, columns by name; gzip is read as well."""
+"""Tracks and detections from text separated by commas, semicolons or tabs, columns by name; gzip is read as well."""
 
 from __future__ import annotations
 
@@ -8,20 +8,22 @@ from pathlib import Path
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
+from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.tables.delimited import Block, DelimitedText
 from dirprim_filter.recording.tables.named_columns import (
     FLOATS,
     LABEL,
+    SENSOR,
     SIZE,
     places_of,
-    suspect_degrees,
+    refuse_degrees,
     vehicle_columns,
 )
 from dirprim_filter.recording.tables.table import GrowingTable, Table
 
 
 def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None) -> Table:
-    """The tracks of a csv file; `named_columns` lists its columns.
+    """The tracks and detections of a csv file; `named_columns` lists its columns.
 
     Rows without a time or a place, with an infinite number, with a negative speed, and second rows of a vehicle at one
     time are dropped and counted. `course_rad` is kept where a vehicle has it and `speed_mps` in all rows; else the
@@ -41,9 +43,11 @@ def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None) -> T
     table = GrowingTable()
     for block in text.blocks(n_cells=len(header), has_header=True):
         label = np.char.strip(np.array(block.texts(place[LABEL]), np.str_)) if LABEL in place else None
-        table.extend(block.texts(place["track_id"]), label=label, **vehicle_columns(_columns(block, place)))
+        sensor = np.char.strip(np.array(block.texts(place[SENSOR]), np.str_)) if SENSOR in place else None
+        ids = block.ids(place["track_id"]) if "track_id" in place else [NO_ID] * len(block.cells)
+        table.extend(ids, label=label, sensor=sensor, **vehicle_columns(_columns(block, place)))
     rows = table.rows()
-    suspect_degrees(text.path, rows)
+    refuse_degrees(text.path, rows)
     return table.whole(rows, unused=unused)
 
 

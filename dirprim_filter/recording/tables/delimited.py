@@ -9,6 +9,7 @@ import csv
 import gzip
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
@@ -33,6 +34,9 @@ GZIP = b"\x1f\x8b"
 """How a compressed file begins, whatever its name."""
 DELIMITERS = ",;\t"
 """Between cells; where it is a semicolon, numbers may have a decimal comma."""
+
+FORMULA, FORMULA_GUARD = frozenset("=+-@\t\r'"), "'"
+"""How a cell begins that spreadsheets run as a formula, and what stands before such an id where it is text."""
 
 
 class DelimitedText:
@@ -155,6 +159,13 @@ class Block:
         """(n) the cells of a column."""
         return [cells[column] for cells in self.cells]
 
+    def ids(self, column: int) -> list[str]:
+        """(n) the cells of a column of ids, without a guard."""
+        texts = self.texts(column)
+        if not any(text.startswith(FORMULA_GUARD) for text in texts):
+            return texts
+        return [text[1:] if text[:1] == FORMULA_GUARD and text[1:2] in FORMULA else text for text in texts]
+
     def _decimals(self, column: int) -> list[str]:
         """(n) the cells of a column of numbers, with a decimal point."""
         texts = self.texts(column)
@@ -167,10 +178,11 @@ class Block:
             TableError: a cell is no number.
         """
         texts = self._decimals(column)
-        try:
-            return np.fromiter(map(float, texts), np.float64, len(texts))
-        except ValueError:
-            texts_or_nan = [text if text.strip() else "nan" for text in texts]
+        with suppress(ValueError):
+            numbers = np.fromiter(map(float, texts), np.float64, len(texts))
+            if "_" not in "".join(texts):  # 1_000 is a number in Python alone
+                return numbers
+        texts_or_nan = [text if text.strip() else "nan" for text in texts]
         row = next((row for row, text in enumerate(texts_or_nan) if not is_number(text)), None)
         if row is not None:
             self.fail(row, f"a number as {name}", repr(texts[row]), "mend the cell, or empty it to drop the row")
@@ -183,11 +195,12 @@ class Block:
             TableError: a cell is no whole number, or none that fits into int64.
         """
         texts = self.texts(column)
-        try:
-            return np.fromiter(map(int, texts), np.int64, len(texts))
-        except (ValueError, OverflowError):
-            row = next(row for row, text in enumerate(texts) if not _is_int64(text))
-            self.fail(row, f"a whole number as {name}", repr(texts[row]), "mend or remove the line")
+        with suppress(ValueError, OverflowError):
+            numbers = np.fromiter(map(int, texts), np.int64, len(texts))
+            if "_" not in "".join(texts):
+                return numbers
+        row = next(row for row, text in enumerate(texts) if not _is_int64(text))
+        return self.fail(row, f"a whole number as {name}", repr(texts[row]), "mend or remove the line")
 
     def frame_times(self, column: int, *, frames_per_second: float) -> IntArray:
         """(n,) nanoseconds of numbered frames; `NO_TIME` where the cell holds none.
@@ -246,11 +259,11 @@ def is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text
 
 
 def _is_int64(text: str) -> bool:
     try:
-        return -(2**63) <= int(text) < 2**63
+        return "_" not in text and -(2**63) <= int(text) < 2**63
     except ValueError:
         return False

@@ -18,8 +18,9 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.recording.container.partial_file import PartialFile
+from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.tables.arrow_table import pyarrow
+from dirprim_filter.recording.tables.delimited import FORMULA, FORMULA_GUARD, is_number
 from dirprim_filter.track_ids import as_texts, numbered
 
 FORMATS = (".csv", ".parquet", ".txt")
@@ -101,7 +102,9 @@ def _seconds(time_ns: int) -> str:
 
 
 def _quoted(name: str) -> str:
-    """A cell of RFC 4180."""
+    """A cell of RFC 4180; of a text that spreadsheets would run as a formula with `FORMULA_GUARD` in front."""
+    if name[:1] in FORMULA and not is_number(name):
+        name = FORMULA_GUARD + name
     special = any(character in name for character in ',"\r\n') or name != name.strip()
     return '"' + name.replace('"', '""') + '"' if special else name
 

@@ -1,14 +1,15 @@
 """The columns of tables by their names, which say the unit: of csv, Parquet and Arrow alike.
 
-`time_s, track_id, x_m, y_m` and, if there, `heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m` and
-`label` (or `category` or `class`); other columns are not used. x is east and y north in metres, the heading (yaw of the
+`time_s, x_m, y_m` and, if there, `track_id, heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m`,
+`sensor` and `label` (or `category` or `class`); other columns are not used. Rows without an id are detections, of
+that sensor. x is east and y north in metres, the heading (yaw of the
 body) and the course over ground are radians counter-clockwise from east, the size of the body is in metres; an empty
 cell of a size, an angle or a label is one that is unknown.
 """
 
 from __future__ import annotations
 
-import logging
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -19,19 +20,23 @@ from dirprim_filter.optional_columns import unknown
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 
-logger = logging.getLogger(__name__)
-
 REQUIRED = ("time_s", "track_id", "x_m", "y_m")
+"""Of tracks; detections have no id."""
+DETECTED = ("time_s", "x_m", "y_m")
+ID = re.compile(r"(track|vehicle|object|agent|car|obj|veh)?[ _-]?id|track|vehicle|mmsi", re.IGNORECASE)
+"""What other tables call the column of ids: without its name their tracks would be taken for detections."""
 TIME_NS = "time_ns"
 """Whole nanoseconds, which formats with numbers of their own may have in place of `time_s`."""
 SIZE = ("length_m", "width_m", "height_m")
 FLOATS = {"heading_rad": "heading", "course_rad": "direction", "speed_mps": "speed"}
 """What the columns of `VehicleRows` are called."""
 LABEL = "label"
+SENSOR = "sensor"
 LABELS = (LABEL, "category", "class")
 """The first of these that a table has says what its vehicles are."""
-KNOWN = (*REQUIRED, *FLOATS, "group", *SIZE, LABEL)
-TURN = 2 * np.pi
+KNOWN = (*REQUIRED, *FLOATS, "group", *SIZE, SENSOR, LABEL)
+LARGEST_ANGLE = 6.3
+"""A turn, rounded."""
 
 REMEDY: Mapping[str, str] = {
     "time_ms": "divide by 1e3", "time_us": "divide by 1e6", "time_ns": "divide by 1e9",
@@ -68,7 +73,7 @@ def places_of(
     header: Sequence[str],
     columns: Mapping[str, str],
     *,
-    required: Sequence[str] = REQUIRED,
+    required: Sequence[str] = DETECTED,
 ) -> tuple[dict[str, int], list[str]]:
     """Which column of a table is which, by our names; and those that are not used.
 
@@ -87,10 +92,12 @@ def places_of(
         raise TableError(path, line, f"column {missing[0]}", ", ".join(header) or "none", "name one that is there")
     ours = {column: name for name, column in columns.items()}
     names = [ours.get(name, f"({name})" if name in columns else name) for name in header]
+    if any(ID.fullmatch(name) for name in names):
+        required = (required[0], "track_id", *required[1:])
     check_header(path, line, names, required)
     label = next((name for name in LABELS if name in names), LABEL)
     names = [LABEL if name == label else name for name in names]
-    place = {name: names.index(name) for name in (*required, *KNOWN[len(REQUIRED) :]) if name in names}
+    place = {name: names.index(name) for name in _known(required) if name in names}
     return place, [name for i, name in enumerate(names) if i not in place.values()]
 
 
@@ -100,7 +107,7 @@ def check_header(path: Path, line: int | str, columns: list[str], required: Sequ
     Raises:
         TableError: otherwise.
     """
-    known = (*required, *KNOWN[len(REQUIRED) :])
+    known = _known(required)
     twice = [name for name in (*known, *LABELS[1:]) if columns.count(name) > 1]
     if twice:
         raise TableError(path, line, f"one column {twice[0]}", f"{columns.count(twice[0])}", "remove the others")
@@ -120,6 +127,11 @@ def check_header(path: Path, line: int | str, columns: list[str], required: Sequ
         )  # fmt: skip
 
 
+def _known(required: Sequence[str]) -> list[str]:
+    """The names of columns that are read, where these are required: a table has one column of times."""
+    return list(dict.fromkeys((*required, *KNOWN[1:])))
+
+
 def vehicle_columns(columns: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
     """Columns by our names, with `time_ns` for the times, as `VehicleRows` takes them."""
     same = {name: columns[name] for name in (TIME_NS, "group") if name in columns}
@@ -130,9 +142,15 @@ def vehicle_columns(columns: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
     return same | {"position": np.column_stack([columns["x_m"], columns["y_m"]])}
 
 
-def suspect_degrees(path: Path, rows: VehicleRows) -> None:
-    """A warning where angles are too large for radians."""
+def refuse_degrees(path: Path, rows: VehicleRows) -> None:
+    """Angles are radians, of one turn.
+
+    Raises:
+        TableError: one is not.
+    """
     for name, ours in list(FLOATS.items())[:2]:
         angle = np.abs(getattr(rows, ours))
-        if (angle > TURN).any():
-            logger.warning("%s: %s reaches %g; is it in degrees?", path, name, np.nanmax(angle))
+        if (angle[np.isfinite(angle)] > LARGEST_ANGLE).any():
+            largest = f"{np.max(angle[np.isfinite(angle)]):g}"
+            remedy = f"{REMEDY['heading_deg']} if it is in degrees, else bring it to -pi to pi"
+            raise TableError(path, f"column {name}", "radians, of one turn", largest, remedy)

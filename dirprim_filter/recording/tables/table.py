@@ -1,4 +1,4 @@
-"""What every table format becomes: tracks, and an account of the rows that were left out."""
+"""What every table format becomes: tracks, detections, and an account of the rows that were left out."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
+from dirprim_filter.detections import Detections
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
@@ -22,10 +23,12 @@ from dirprim_filter.tracks import Tracks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """The tracks of a table.
+    """The tracks and the detections of a table.
 
     Attributes:
-        tracks: the rows that are good.
+        tracks: the rows that are good, of vehicles with an id.
+        detections: where some rows have no id, or each vehicle but one row, all that are good, by sensor; the name is
+            empty where the table has none.
         losses: how many rows were left out, by reason; and what was put right without a loss.
         labels: what each vehicle is, by its id; of those that the table gives a label.
         unused: the columns of which nothing was read.
@@ -33,6 +36,7 @@ class Table:
     """
 
     tracks: Tracks
+    detections: Mapping[str, Detections] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     labels: Mapping[int | str, str] = field(default_factory=dict)
     unused: Sequence[str] = ()
@@ -51,6 +55,7 @@ class GrowingTable:
         self._numbers = Numbers()
         self._parts: list[VehicleRows] = []
         self._labels: list[AnyArray] = []
+        self._sensors: list[AnyArray] = []
 
     def extend(
         self,
@@ -58,6 +63,7 @@ class GrowingTable:
         *,
         kept: BoolArray | None = None,
         label: AnyArray | None = None,
+        sensor: AnyArray | None = None,
         **columns: Any,
     ) -> None:
         """Append rows, by the columns of `VehicleRows`; of a mask only those that are kept."""
@@ -65,6 +71,8 @@ class GrowingTable:
         self._parts.append(rows if kept is None else rows[kept])
         if label is not None:
             self._labels.append(label if kept is None else label[kept])
+        if sensor is not None:
+            self._sensors.append(sensor)
 
     def rows(self) -> VehicleRows:
         """All rows."""
@@ -75,14 +83,15 @@ class GrowingTable:
     ) -> Table:
         """The table of all rows, or of what the reader has made of them."""
         rows = self.rows() if rows is None else rows
-        label = np.concatenate(self._labels) if self._labels else None
-        return table_of(rows, losses=self.losses, label=label, unused=unused, files=files)
+        label, sensor = (np.concatenate(parts) if parts else None for parts in (self._labels, self._sensors))
+        return table_of(rows, losses=self.losses, label=label, sensor=sensor, unused=unused, files=files)
 
 
 def table_of(
     rows: VehicleRows,
     *,
     label: AnyArray | None = None,
+    sensor: AnyArray | None = None,
     losses: Losses | None = None,
     unused: Sequence[str] = (),
     files: Sequence[Path] = (),
@@ -93,10 +102,12 @@ def table_of(
     speed, and of two rows of a vehicle at one time the second. A vehicle id that stands in two groups means two
     vehicles: all ids become `group/id`. Where the course is missing in a row of a vehicle it is derived from all its
     positions, and so is the speed; a row that stands alone in time, and has no heading, is then dropped as well.
+    Where some rows have no id, or each would be alone, all are detections.
 
     Args:
         rows: as they were read, bad ones among them.
         label: (n,) str, what the vehicle is, empty where unknown; None where the table has none.
+        sensor: (n,) str, what detected it; None where the table has none.
         losses: what the reader left out, or put right, before.
         unused: the columns of which nothing was read.
         files: all that were read.
@@ -107,19 +118,42 @@ def table_of(
     good = finite & ~(rows.speed < 0)
     losses.drop("negative speed", finite & ~good)
     losses.drop("a number that is missing, not finite or too large", ~finite)
+    as_read = rows = replace(rows, size=known_sizes(rows.size))
+    is_named = (np.strings.strip(rows.names) != "")[rows.vehicle]
+    seen, kept = np.flatnonzero(good), np.flatnonzero(good & is_named)
+    own, vehicle = np.unique(rows.vehicle[kept], return_inverse=True)  # without the empty id, all others may be numbers
+    rows = replace(rows[kept], names=rows.names[own], vehicle=vehicle)
     names, vehicle = _vehicles(rows, losses)
-    rows = replace(rows, names=np.array(names, np.str_), vehicle=vehicle, size=known_sizes(rows.size))
-    kept = np.flatnonzero(good)
-    repeated = repeated_rows(rows.vehicle[kept], rows.time_ns[kept])
+    rows = replace(rows, names=np.array(names, np.str_), vehicle=vehicle)
+    repeated = repeated_rows(rows.vehicle, rows.time_ns)
     losses.drop("a second row of a vehicle at one time", repeated)
-    kept = kept[~repeated]
-    rows = rows[kept]
+    rows, kept = rows[~repeated], kept[~repeated]
     late = _n_out_of_order(rows.vehicle, rows.time_ns)
     losses.note("rows earlier than the row before of the same vehicle; sorted", late)
     partly = int((rows.has_motion() & ~rows.is_known_throughout()).sum())
     losses.note("rows of vehicles whose course or speed is known of a part; derived from positions", partly)
     labels = {} if label is None else _labels(as_track_ids(rows.names)[rows.vehicle], label[kept], losses)
-    return Table(tracks=rows.to_tracks(losses), losses=losses, labels=labels, unused=unused, files=files)
+    alone = Losses()
+    tracks = rows.to_tracks(alone)
+    if len(tracks):
+        losses += alone
+    if len(tracks) and seen.size == np.count_nonzero(good & is_named):
+        seen = seen[:0]
+    detections = _detections(as_read, seen, sensor)
+    return Table(tracks=tracks, detections=detections, losses=losses, labels=labels, unused=unused, files=files)
+
+
+def _detections(rows: VehicleRows, seen: IntArray, sensor: AnyArray | None) -> dict[str, Detections]:
+    """The rows (k,) that are detections, by sensor."""
+    of = np.full(seen.size, "") if sensor is None else sensor[seen]
+    detections = {}
+    for name in dict.fromkeys(of.tolist()):
+        own = rows[seen[of == name]]
+        detections[name] = Detections(
+            track_id=np.strings.strip(own.names)[own.vehicle], time_ns=own.time_ns, position=own.position,
+            direction=own.direction, speed=own.speed, size=own.size, group=own.group,
+        )  # fmt: skip
+    return detections
 
 
 def _labels(track_id: AnyArray, label: AnyArray, losses: Losses) -> dict[int | str, str]:

@@ -104,7 +104,7 @@ def _of_csv(path: Path) -> dict[str, AnyArray]:
 
 def _block(block: Block, place: dict[str, int]) -> dict[str, AnyArray]:
     time_ns = block.nanoseconds(place["time_s"], "time_s")
-    columns: dict[str, AnyArray] = {"track_id": np.array(block.texts(place["track_id"]), dtype=np.str_)}
+    columns: dict[str, AnyArray] = {"track_id": np.array(block.ids(place["track_id"]), dtype=np.str_)}
     columns |= {
         name: block.floats(at, name) for name, at in place.items() if name not in ("time_s", "track_id", "group")
     }

@@ -38,7 +38,7 @@ class FrameChange:
     """
 
     def __init__(self, log: Log, target: str | None, origin: Origin | None = None, *, strict: bool = False) -> None:
-        self.target = target or ""
+        self.target = (target or "").lstrip("/")
         self.origin = origin
         self.tree: TransformTree | None = None
         self._strict = strict
@@ -56,10 +56,11 @@ class FrameChange:
                 of the object's frame is one that moves.
         """
         placed = np.ones(len(rows), np.bool_)
-        for frame in dict.fromkeys(rows.frame_id.tolist()) if not _all_equal(rows) else [str(rows.frame_id[0])]:
+        for name in dict.fromkeys(rows.frame_id.tolist()) if not _all_equal(rows) else [str(rows.frame_id[0])]:
+            frame = name.lstrip("/")
             if frame in ("", self.target):
                 continue
-            here = np.flatnonzero(rows.frame_id == frame)
+            here = np.flatnonzero(rows.frame_id == name)
             if frame == GEODETIC:
                 rows = self._on_plane(rows, here)
                 continue

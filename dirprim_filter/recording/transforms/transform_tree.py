@@ -38,6 +38,8 @@ MAX_GAP_NS = 2_000_000_000
 MAX_EXTRAPOLATION_NS = 100_000_000
 """So far beyond the first and the last transform a frame is taken to move on as it did: one frame of 10 Hz."""
 GEOCENTRIC = "earth"
+STATIC = "tf_static"
+"""How topics of transforms end that hold from then on, at all times: of a frame the latest one, as in tf2."""
 
 
 class Placement(NamedTuple):
@@ -145,7 +147,9 @@ class TransformTree:
                 losses.fail(failures.values())
                 valid = _valid(rows)
                 losses.drop(TRANSFORMS, ~valid)
-                transforms.extend(rows.of(valid))
+                is_static = np.strings.endswith(messages.topic[rows.message], STATIC)
+                transforms.extend(rows.of(valid & ~is_static))
+                transforms.hold(rows.of(valid & is_static))
         if strict and scan.damage:
             raise DamagedRecordingError(log.path, scan.damage)
         losses.damage = scan.damage
@@ -236,6 +240,16 @@ class _Transforms:
 
     def __init__(self) -> None:
         self._edges: dict[str, _GrowingEdge] = {}
+        self._static: dict[str, Edge] = {}
+
+    def hold(self, rows: TransformRows) -> None:
+        """Take the last of each frame's static transforms."""
+        for i, name in enumerate(rows.child.tolist()):
+            one = slice(i, i + 1)
+            self._static[name] = Edge(
+                parent=str(rows.parent[i]), time_ns=rows.stamp_ns[one], translation=rows.translation[one],
+                rotation=rows.rotation[one] / np.linalg.norm(rows.rotation[one]),
+            )  # fmt: skip
 
     def extend(self, rows: TransformRows) -> None:
         if not rows.stamp_ns.size:
@@ -255,4 +269,4 @@ class _Transforms:
         for name, edge in self._edges.items():
             if edge.has_others:
                 logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, edge.parent)
-        return {name: edge.whole() for name, edge in self._edges.items()}
+        return {name: edge.whole() for name, edge in self._edges.items()} | self._static

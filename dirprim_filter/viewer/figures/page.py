@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib as mpl
@@ -16,6 +17,7 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.partial_file import OutputExistsError, PartialFile
 
 DOTS_PER_INCH = 200
 FORMATS = (".png", ".pdf", ".svg")
@@ -32,13 +34,13 @@ def check_figure_path(path: Path, *, force: bool) -> None:
     """Whether a figure can be written there: to be asked before the work, not after it.
 
     Raises:
-        FileExistsError: the file exists and `force` is not given.
+        OutputExistsError: the file exists and `force` is not given.
         ValueError: the suffix is none of `FORMATS`.
     """
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f"{path}: expected a name that ends in {', '.join(FORMATS)}, got {path.suffix or 'no suffix'}")
     if path.exists() and not force:
-        raise FileExistsError(f"{path}: exists already; overwrite it with --force or choose another name")
+        raise OutputExistsError(path)
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: bool = False) -> None:
@@ -54,22 +56,18 @@ def save_figure(figure: Figure, path: Path, *, dpi: float | None = None, force: 
         force: replace an existing file.
 
     Raises:
-        FileExistsError: the file exists and `force` is not given.
+        OutputExistsError: the file exists and `force` is not given.
         ValueError: the suffix is none of `FORMATS`.
         OSError: the file cannot be written.
     """
     check_figure_path(path, force=force)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.stem}.part{path.suffix}")
+    drawn = BytesIO()
     undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
-    try:
-        with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
-            figure.savefig(part, dpi=dpi or "figure", metadata=undated)
-        part.replace(path)
-    except OSError as error:  # of the name that the caller knows
-        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
-    finally:
-        part.unlink(missing_ok=True)
+    with mpl.rc_context({"svg.hashsalt": "dirprim", "svg.fonttype": "none", "pdf.fonttype": 42}):
+        figure.savefig(drawn, dpi=dpi or "figure", metadata=undated, format=path.suffix[1:].lower())
+    with PartialFile(path, force=force) as file:
+        file.write(drawn.getvalue())
 
 
 def add_axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
