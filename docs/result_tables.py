@@ -213,7 +213,7 @@ TABLES: dict[str, Table] = {
         of="cue",
         columns=(
             Column(head="cross-entropy of the exit, nat", read=of_key("mean"), digits=3),
-            Column(head="less without a cue", read=changes, digits=3),
+            Column(head="against no cue", read=changes, digits=3),
             Column(head="vehicles", read=of_key("vehicles"), digits=0),
         ),
     ),
