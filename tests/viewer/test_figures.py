@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -107,7 +108,7 @@ def test_a_figure_is_whole_and_is_not_overwritten(tmp_path: Path, scene_map: Pri
     save_figure(figure, path)
     first = path.read_bytes()
     assert first.startswith({"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[name[-3:]])
-    with pytest.raises(FileExistsError, match="overwrite it with --force"):
+    with pytest.raises(FileExistsError, match="choose another name or use --force"):
         save_figure(figure, path)
     save_figure(map_figure(scene_map), path, force=True)
     assert path.read_bytes() == first  # no date, no random name
@@ -128,8 +129,8 @@ def test_a_figure_that_cannot_be_drawn_leaves_what_was_there(
     save_figure(figure, tmp_path / "map.png")
     before = (tmp_path / "map.png").read_bytes()
 
-    def half(part: Path, **_: object) -> None:
-        part.write_bytes(b"half")
+    def half(part: BytesIO, **_: object) -> None:
+        part.write(b"half")
         raise OSError("disk full")
 
     monkeypatch.setattr(figure, "savefig", half)
