@@ -9,12 +9,13 @@ import pytest
 from dirprim_filter import Tracks
 from dirprim_filter.config import TrackingConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 
 sys.path.insert(0, str(Path(__file__).with_name("benchmarks")))
 
 from peer_scenes import Fold, Part, at_instants, at_ten_hertz
-from peer_trackers import Knob, Peer, Tracked
+from peer_trackers import HALF_DECADE, Peer, Tracked
 from peers import PACKAGES, scored, tuned
 
 
@@ -56,7 +57,7 @@ def test_the_search_goes_as_far_as_the_optimum_lies():
             0.0,
         )
 
-    best = tuned(Peer(off_by_settings, {"far": Knob(1.0), "near": Knob(1.0, 1.5)}), fold, {})
+    best = tuned(Peer(off_by_settings, (Axis("far", 1.0, HALF_DECADE), Axis("near", 1.0, 1.5))), fold, {})
     assert best["far"] == pytest.approx(10.0**2.5, rel=1e-3)  # the grid's nearest to 300 and to .2
     assert best["near"] == pytest.approx(1.5**-4, rel=1e-3)
 
@@ -88,7 +89,7 @@ def test_every_tracker_follows_vehicles_that_are_always_seen(package):
     fold = fold_of(circling(rate_hz=10.0))
     starts: dict[str, dict[str, float]] = {}
     for name, peer in package(fold).items():
-        starts[name] = starts.get(peer.after, {}) | {knob: of.start for knob, of in peer.knobs.items()}
+        starts[name] = starts.get(peer.after, {}) | {of.name: of.start for of in peer.axes}
         found = peer.track(fold.judged[0], starts[name])
         score = scored(found, fold.judged[0], fold.scales)
         assert score.switches <= 1, name

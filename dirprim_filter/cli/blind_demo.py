@@ -34,7 +34,7 @@ def with_blind_ring(seen: Detections) -> Detections:
 def departure_rate(tracks: Tracks) -> float:
     """1/s, how often a vehicle leaves: one time each in all the time that they are watched.
 
-    Where they leave is what a map knows; a tracker without one is told how often.
+    Where they leave is what a map knows; a tracker without one is given how often.
     """
     vehicle = tracks.vehicle
     last_ns = np.zeros(tracks.n_tracks, np.int64)

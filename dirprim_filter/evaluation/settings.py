@@ -44,22 +44,25 @@ class Choice(NamedTuple):
         return self.low < self.chosen < self.high
 
 
-def choose(axes: Sequence[Axis], mean_log_density: Callable[[tuple[float, ...]], float]) -> tuple[Choice, ...]:
+def choose(
+    axes: Sequence[Axis], score: Callable[[tuple[float, ...]], float], *, least_gain: float = LEAST_GAIN
+) -> tuple[Choice, ...]:
     """Climb from the start, setting by setting, until no neighbour on the grid is better.
 
     Both neighbours of what is chosen have been tried on every axis, but for those beyond a physical limit.
 
     Args:
         axes: the settings.
-        mean_log_density: of held-out rows, as a function of the settings' values, nat a row.
+        score: what is best where greatest, of the settings' values, such as the mean log density of held-out rows.
+        least_gain: in its unit; what gains less is not taken.
 
     Raises:
         ValueError: a setting runs off: it is still better 40 steps from the start.
     """
 
     @cache
-    def score(place: tuple[int, ...]) -> float:
-        return mean_log_density(values(place))
+    def score_at(place: tuple[int, ...]) -> float:
+        return score(values(place))
 
     def values(place: tuple[int, ...]) -> tuple[float, ...]:
         return tuple(axis.start * axis.factor**steps for axis, steps in zip(axes, place, strict=True))
@@ -75,6 +78,6 @@ def choose(axes: Sequence[Axis], mean_log_density: Callable[[tuple[float, ...]],
                     raise ValueError(f"{axis.name}: expected a best value within {MOST_STEPS} steps of {axis.start:g}")
                 if axis.least <= values(there)[i] <= axis.most:
                     tried[i].add(there[i])
-                    best = there if score(there) > score(best) + LEAST_GAIN else best
+                    best = there if score_at(there) > score_at(best) + least_gain else best
     low, high = (values(tuple(extreme(steps) for steps in tried)) for extreme in (min, max))
     return tuple(map(Choice, (axis.name for axis in axes), low, values(best), high))

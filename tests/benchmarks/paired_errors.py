@@ -13,7 +13,7 @@ from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.evaluation.calibration.pairing import Scene
 from dirprim_filter.evaluation.intervals import Interval, interval, mean
-from dirprim_filter.evaluation.settings import LEAST_GAIN, Axis, choose
+from dirprim_filter.evaluation.settings import Axis, choose
 from dirprim_filter.evaluation.tracking_report import coverage, normalised_squared
 from dirprim_filter.tracks import Tracks
 
@@ -177,5 +177,5 @@ def _side_by_side(
 def likeliest(log_likelihood: Callable[[tuple[float, ...]], float], **start: float) -> tuple[float, ...]:
     """The parameters of greatest likelihood, from these on, on a grid that widens until none beside gains `GAIN`."""
     axes = [Axis(name, value) for name, value in start.items()]
-    found = choose(axes, lambda at: log_likelihood(at) * LEAST_GAIN / GAIN)
+    found = choose(axes, log_likelihood, least_gain=GAIN)
     return tuple(of.chosen for of in found)

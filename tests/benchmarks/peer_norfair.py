@@ -19,7 +19,7 @@ from norfair import Detection, OptimizedKalmanFilterFactory, Tracker
 def tracked(given: dict, settings: dict) -> dict:  # type: ignore[type-arg]
     """Arrays of detections and of tracks; norfair's unit of time is a frame."""
     step_s = settings["step_s"]
-    delay = round(settings["confirmed_after"])
+    delay = round(settings["confirmed_after"]) - 1
     tracker = Tracker(
         distance_function="euclidean",
         distance_threshold=settings["gate_m"],
@@ -56,7 +56,7 @@ def main() -> None:
         since = time.process_time()
         found = tracked(arrays, request["settings"])
         seconds = time.process_time() - since
-        np.savez(request["told"], **found)
+        np.savez(request["answer"], **found)
         print(seconds, flush=True)
 
 

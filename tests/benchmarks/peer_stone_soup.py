@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 from peer_scenes import Fold, Part, UnavailableError
-from peer_trackers import START_SPEED_M_S, Knob, Peer, Reported, Settings, Tracked
+from peer_trackers import HALF_DECADE, START_SPEED_M_S, Peer, Reported, Settings, Tracked
+
+from dirprim_filter.evaluation.settings import Axis
 
 START = datetime(2026, 1, 1)
 NS_PER_US = 1000
@@ -25,20 +27,21 @@ def stone_soup(fold: Fold) -> dict[str, Peer]:
         import stonesoup  # noqa: F401
     except ImportError as error:
         raise UnavailableError("stonesoup is not installed: the extra `peers`") from error
-    gate, deleted = Knob(4.0, 1.3), Knob(10.0, 1.5, 1.0)
+    acceleration, confirmed = Axis("acceleration", 1.0, HALF_DECADE), Axis("confirmed_after", 2.0, 1.5, 2.0)
+    gate, deleted = Axis("gate", 4.0, 1.3), Axis("deleted_after", 10.0, 1.5, 1.0)
     first = "Stone Soup GNN"
     return {
         first: Peer(
             partial(_by_association, fold, is_joint=False),
-            {"acceleration": Knob(1.0), "gate": gate, "deleted_after": deleted, "confirmed_after": Knob(2.0, 0.0, 2.0)},
+            (acceleration, gate, deleted, confirmed),
         ),
         "Stone Soup JPDA": Peer(
             partial(_by_association, fold, is_joint=True),
-            {"gate": gate, "deleted_after": deleted, "widest": Knob(10.0, 2.0)}, after=first,
+            (gate, deleted, Axis("widest", 10.0)), after=first,
         ),
         "Stone Soup GM-PHD": Peer(
             partial(_by_phd, fold),
-            {"gate": gate, "merged_below": Knob(8.0, 2.0), "pruned_below": Knob(1e-5, 1e2, most=1e-2)}, after=first,
+            (gate, Axis("merged_below", 8.0), Axis("pruned_below", 1e-5, 1e2, most=1e-2)), after=first,
         ),
     }  # fmt: skip
 

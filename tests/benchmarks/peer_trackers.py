@@ -1,7 +1,7 @@
 """The trackers that `peers.py` compares, behind one function each: ours three ways, motpy and norfair.
 
 A tracker takes the frames of a `Part` and settings, and returns what it reports at each instant: confirmed tracks, also
-those that coast, each under an id of its own. Its `knobs` are what is chosen on training data.
+those that coast, each under an id of its own. Its `axes` are what is chosen on training data.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from peer_scenes import Fold, Part, UnavailableError
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import EstimateList
+from dirprim_filter.evaluation.settings import Axis
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, Tracker
 from dirprim_filter.primitives import PrimitiveMap
@@ -31,28 +32,8 @@ from dirprim_filter.primitives import PrimitiveMap
 Settings = Mapping[str, float]
 START_SPEED_M_S = 10.0
 """Prior standard deviation of a velocity, for all."""
-
-
-@dataclass(frozen=True, slots=True)
-class Knob:
-    """A setting to be chosen: where the search starts, and the factor or the whole number that it goes by.
-
-    Attributes:
-        start: the first value.
-        factor: between neighbouring values; 0: they are whole numbers, one apart.
-        least: no value is below it.
-        most: nor above it.
-    """
-
-    start: float
-    factor: float = 10.0**0.5
-    least: float = 0.0
-    most: float = float("inf")
-
-    def beside(self, value: float) -> list[float]:
-        """The two neighbours of a value, where there are two."""
-        pair = (value - 1.0, value + 1.0) if self.factor == 0.0 else (value / self.factor, value * self.factor)
-        return [float(f"{of:.6g}") for of in pair if self.least <= of <= self.most]
+HALF_DECADE = 10.0**0.5
+"""Between neighbouring values of settings whose scale is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +50,12 @@ class Peer:
 
     Attributes:
         track: a part by settings.
-        knobs: by name; none where nothing is to be chosen.
-        after: the tracker whose choice is taken over, where they share settings; knobs are searched on from there.
+        axes: the settings to choose; none where nothing is. Whole numbers are rounded from what is chosen.
+        after: the tracker whose choice is taken over; settings that they share are searched on from there.
     """
 
     track: Callable[[Part, Settings], Tracked]
-    knobs: Mapping[str, Knob]
+    axes: tuple[Axis, ...]
     after: str = ""
 
 
@@ -120,11 +101,11 @@ def ours(fold: Fold, learned: PrimitiveMap) -> dict[str, Peer]:
         tracking = replace(fold.tracking, departure_rate=settings["departure_rate"])
         return _followed(part, model, config, tracking)
 
-    leaves = {"departure_rate": Knob(fold.tracking.departure_rate)}
+    leaves = Axis("departure_rate", fold.tracking.departure_rate, HALF_DECADE)
     return {
-        "ours, with the map": Peer(partial(by_map, learned), {}),
-        "ours, without the map": Peer(partial(by_map, learned.without_places()), leaves),
-        "ours, constant velocity": Peer(by_kalman, {"acceleration": Knob(1.0)} | leaves),
+        "ours, with the map": Peer(partial(by_map, learned), ()),
+        "ours, without the map": Peer(partial(by_map, learned.without_places()), (leaves,)),
+        "ours, constant velocity": Peer(by_kalman, (Axis("acceleration", 1.0, HALF_DECADE), leaves)),
     }
 
 
@@ -174,11 +155,11 @@ def motpy(fold: Fold) -> dict[str, Peer]:
                 reported.add(found.id, time_ns, 0.5 * (found.box[:2] + found.box[2:]))
         return reported.done()
 
-    knobs = {
-        "acceleration": Knob(10.0), "box": Knob(4.0, 1.5), "deleted_after": Knob(10.0, 1.5, 1.0),
-        "stale_share": Knob(1.0, 2.0), "confirmed_after": Knob(3.0, 0.0, 1.0),
-    }  # fmt: skip
-    return {"motpy": Peer(track, knobs)}
+    axes = (
+        Axis("acceleration", 10.0, HALF_DECADE), Axis("box", 4.0, 1.5), Axis("deleted_after", 10.0, 1.5, 1.0),
+        Axis("stale_share", 1.0), Axis("confirmed_after", 3.0, 1.5, 1.0),
+    )  # fmt: skip
+    return {"motpy": Peer(track, axes)}
 
 
 def step_s_of(part: Part) -> float:
@@ -200,11 +181,11 @@ def norfair(fold: Fold) -> dict[str, Peer]:
             dict(settings) | {"noise_m": fold.noise_m, "step_s": step_s_of(part), "speed_m_s": START_SPEED_M_S},
         )
 
-    knobs = {
-        "acceleration": Knob(10.0), "gate_m": Knob(4.0, 1.5), "deleted_after": Knob(10.0, 1.5, 3.0),
-        "confirmed_after": Knob(2.0, 0.0, 0.0, 8.0),
-    }  # fmt: skip
-    return {"norfair": Peer(track, knobs)}
+    axes = (
+        Axis("acceleration", 10.0, HALF_DECADE), Axis("gate_m", 4.0, 1.5), Axis("deleted_after", 10.0, 1.5, 3.0),
+        Axis("confirmed_after", 3.0, 1.5, 1.0, 9.0),
+    )  # fmt: skip
+    return {"norfair": Peer(track, axes)}
 
 
 @cache
@@ -233,18 +214,18 @@ class _Worker:
         return (self._process.stdout.readline() if self._process.stdout else "").strip()
 
     def track(self, part: Part, settings: Mapping[str, float]) -> Tracked:
-        given, told = (Path(self._folder.name) / name for name in ("given.npz", "told.npz"))
+        given, answer = (Path(self._folder.name) / name for name in ("given.npz", "answer.npz"))
         frames = list(part.frames())
         np.savez(
             given, instants=np.array([time_ns for time_ns, _ in frames], np.int64),
             n_seen=np.array([len(seen) for _, seen in frames]),
             position=np.concatenate([np.empty((0, 2)), *(seen.position for _, seen in frames)]),
         )  # fmt: skip
-        request = {"given": str(given), "told": str(told), "settings": settings}
+        request = {"given": str(given), "answer": str(answer), "settings": settings}
         if self._process.stdin:
             print(json.dumps(request), file=self._process.stdin, flush=True)
         seconds = float(self._answer())
-        with np.load(told) as found:
+        with np.load(answer) as found:
             rows = TrackedRows(
                 track_id=found["track_id"], time_ns=found["time_ns"], position=found["position"].reshape(-1, 2)
             )

@@ -6,7 +6,7 @@ A is the intersection that ships. B is the same without detections in a ring of 
 track must last. The dense scenes are SUMO's, with a fifth of the vehicles missed and ten false detections a frame;
 Lankershim, Mcity and autoferry are real, and skipped where the data are absent.
 
-Every tracker is told the sensor's true noise, detection rate and density of false detections. Those with settings to
+Every tracker is given the sensor's true noise, detection rate and density of false detections. Those with settings to
 choose are tuned on other traffic of the same place, with the same sensor and the same blind ring, by HOTA: from a usual
 start each setting goes to its neighbours on a log grid while that gains, in turn, until none does; the grid has no end
 but those that have a meaning, such as two detections before a track is confirmed. Ours with the map keeps its defaults.
@@ -39,12 +39,11 @@ from peer_trackers import Peer, Settings, Tracked, motpy, norfair, ours
 
 from dirprim_filter import learn_primitives
 from dirprim_filter.evaluation.intervals import difference_of_means, interval, mean
+from dirprim_filter.evaluation.settings import choose
 from dirprim_filter.evaluation.tracking_report import Scales, TrackingReport
 
 PACKAGES = (stone_soup, motpy, norfair)
 FIRST = "ours, with the map"
-ROUNDS = 5
-"""At most so often each setting is looked at."""
 GAIN = 1e-4
 """Of HOTA; less is no gain."""
 Row = dict[str, Any]
@@ -131,7 +130,7 @@ class Ran:
     @classmethod
     def of(cls, peer: Peer, fold: Fold, settings: Settings) -> Ran:
         """Run it on what is judged."""
-        if not peer.knobs:
+        if not peer.axes:
             peer.track(fold.training[0], settings)  # compiled before it is timed
         tracked = [peer.track(part, settings) for part in fold.judged]
         reports = [scored(found, part, fold.scales) for found, part in zip(tracked, fold.judged, strict=True)]
@@ -146,29 +145,17 @@ def scored(found: Tracked, part: Part, scales: Scales) -> TrackingReport:
 
 
 def tuned(peer: Peer, fold: Fold, start: Settings) -> dict[str, float]:
-    """The settings of the best HOTA, by going to neighbours while that gains: none is at the end of a grid."""
-    best = {name: knob.start for name, knob in peer.knobs.items()} | dict(start)
-    known: dict[tuple[float, ...], float] = {}
+    """The settings of the best HOTA, searched from a start as those of every rival are."""
+    axes = [axis._replace(start=start.get(axis.name, axis.start)) for axis in peer.axes]
 
-    def value(settings: Mapping[str, float]) -> float:
-        key = tuple(settings.values())
-        if key not in known:
-            reports = [scored(peer.track(part, settings), part, fold.scales) for part in fold.training]
-            known[key] = float(np.mean([report.hota for report in reports]))
-        return known[key]
+    def settings_of(values: Sequence[float]) -> dict[str, float]:
+        return dict(start) | dict(zip((axis.name for axis in axes), values, strict=True))
 
-    for _ in range(ROUNDS if peer.knobs else 0):
-        before = dict(best)
-        for name, knob in peer.knobs.items():
-            for side in range(2):
-                while len(beside := knob.beside(best[name])) > side:
-                    other = best | {name: beside[side]}
-                    if value(other) < value(best) + GAIN:
-                        break
-                    best = other
-        if best == before:
-            break
-    return best
+    def hota(values: tuple[float, ...]) -> float:
+        of = settings_of(values)
+        return float(np.mean([scored(peer.track(part, of), part, fold.scales).hota for part in fold.training]))
+
+    return settings_of([of.chosen for of in choose(axes, hota, least_gain=GAIN)]) if axes else dict(start)
 
 
 def figures(ran: Sequence[Ran], first: Sequence[TrackingReport]) -> Row:

@@ -42,3 +42,10 @@ def test_where_the_grid_cannot_widen_the_choice_lies_on_its_bound():  # the nega
     (choice,) = choose([SIZE._replace(most=16.0)], lambda values: -abs(np.log(values[0] / 37.0)))
     assert choice == ("size, m", 1.0, 16.0, 16.0)
     assert not choice.is_inside
+
+
+def test_what_gains_less_than_asked_is_not_taken():
+    def slope(values):
+        return -abs(np.log2(values[0] / 8.0))  # each step gains 1
+
+    assert [choose([SIZE], slope, least_gain=gain)[0].chosen for gain in (0.9, 1.1)] == [8.0, 1.0]
