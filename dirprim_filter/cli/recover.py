@@ -27,7 +27,7 @@ def recover(
     """Write the intact part of a damaged log as a valid log, and report what was lost.
 
     A command that was killed leaves its output beside where it belongs, as NAME.PID.partial: all but its last chunk
-    can be recovered. Intact chunks are taken over byte for byte; the Summary section and the indexes are rewritten.
+    can be recovered. Every message is written anew.
 
     Example: dirprim recover tracks.mcap.4711.partial -o tracks.mcap
     """
@@ -44,8 +44,7 @@ def _text(output: Path, recovery: Recovery) -> str:
     from dirprim_filter.recording.container.errors import one_line
 
     lines = [
-        f"{output}: {counted(recovery.saved, 'message')} saved, {recovery.chunks_copied} chunks as they were, "
-        f"{recovery.chunks_rewritten} written anew, "
+        f"{output}: {counted(recovery.saved, 'message')} saved, "
         f"{counted(recovery.attachments, 'attachment')}, {recovery.metadata} metadata"
     ]
     lines += [f"  damage: {damage}" for damage in recovery.damage]

@@ -135,18 +135,15 @@ class _Inspection:
 
     def take(self, columns: MessageColumns) -> None:
         """The messages of a chunk, of which there is at least one."""
-        channels = columns.channels
         first_ns, last_ns = int(columns.log_time_ns[0]), int(columns.log_time_ns[-1])
         self.start_ns = first_ns if self.start_ns is None else min(self.start_ns, first_ns)
         self.end_ns = last_ns if self.end_ns is None else max(self.end_ns, last_ns)
         columns = columns[np.argsort(columns.start, kind="stable")]
         self.clocks["log"].watch(columns.channel, signed(columns.log_time_ns))
         self.clocks["publish"].watch(columns.channel, signed(columns.publish_time_ns))
-        counts = np.bincount(columns.channel, minlength=len(channels)).tolist()
-        for channel, n in zip(channels, counts, strict=True):
-            self._tally(channel).messages += n
-        carrying = np.array([self._tally(channel).track_ids is not None for channel in channels])
-        for piece in pieces(columns[carrying[columns.channel]]):
+        for i, n in zip(*np.unique(columns.channel, return_counts=True), strict=True):
+            self._tally(columns.channels[i]).messages += int(n)
+        for piece in pieces(columns[columns.by_channel(lambda channel: self._tally(channel).track_ids is not None)]):
             for _, messages in by_schema(piece):
                 if messages.first_channel.schema.name == ESTIMATES_SCHEMA:
                     self._take_estimates(messages)
@@ -164,23 +161,18 @@ class _Inspection:
 
     def _take_objects(self, messages: MessageColumns) -> None:
         rows, failures = self.decoders.rows(messages)
-        known = [self._tally(channel).track_ids for channel in messages.channels]
-        names = [known[i] for i in messages.channel.tolist()]
-        is_placed = np.isfinite(rows.position).all(axis=1)  # else not where `--fields` says
-        for number, name in zip(rows.message[is_placed].tolist(), rows.track_id[is_placed].tolist(), strict=True):
-            if (ids := names[number]) is not None:
-                ids.add(name)
         self.clocks["header"].watch_objects(messages, rows.message, rows.stamp_ns)
-        topic_of = messages.topic[rows.message]
-        for topic in np.unique(topic_of).tolist():
-            labels, n = np.unique(rows.label[topic_of == topic], return_counts=True)
-            counts = dict(zip(labels.tolist(), n.tolist(), strict=True))
-            self.labels.setdefault(topic, Counter()).update(counts)
-            groups, n = np.unique(rows.group[topic_of == topic], return_counts=True)
-            self.groups.setdefault(topic, Counter()).update(dict(zip(groups.tolist(), n.tolist(), strict=True)))
-            size = rows.size[topic_of == topic]
-            if np.isfinite(size).any():
-                self.sizes[topic].add(size)
+        is_placed = np.isfinite(rows.position).all(axis=1)  # else not where `--fields` says
+        channel = messages.channel[rows.message]
+        order = np.argsort(channel, kind="stable")
+        for own in np.split(order, np.flatnonzero(np.diff(channel[order])) + 1) if len(rows) else ():
+            of, here = messages.channels[channel[own[0]]], rows[own]
+            if (ids := self._tally(of).track_ids) is not None:
+                ids.update(here.track_id[is_placed[own]].tolist())
+            self.labels.setdefault(of.topic, Counter()).update(here.label.tolist())
+            self.groups.setdefault(of.topic, Counter()).update(here.group.tolist())
+            if np.isfinite(here.size).any():
+                self.sizes[of.topic].add(here.size)
         self.undecodable += len(failures)
 
     def _take_estimates(self, messages: MessageColumns) -> None:

@@ -145,8 +145,7 @@ class Clock:
             time_ns: (n,) nanoseconds, `NO_TIME` where there is none.
         """
         of, first = np.unique(message, return_index=True)
-        numbers = np.array([self._topics[channel.topic] for channel in messages.channels], np.int64)
-        self.watch(numbers[messages.channel[of]], time_ns[first])
+        self.watch(messages.by_channel(lambda channel: self._topics[channel.topic])[of], time_ns[first])
 
     def watch(self, topic: IntArray, time_ns: IntArray) -> None:
         """Count what is odd in the next times of topics.
@@ -161,7 +160,8 @@ class Clock:
             self._last_ns = np.append(self._last_ns, np.full(more, NO_TIME))
             self._zero = np.append(self._zero, np.zeros(more, np.int64))
             self._runs_from_zero = np.append(self._runs_from_zero, np.zeros(more, np.bool_))
-        seen = np.flatnonzero(self._last_ns != NO_TIME)
+        seen = np.unique(topic[known])
+        seen = seen[self._last_ns[seen] != NO_TIME]
         topics = np.concatenate([seen, topic[known]])
         times = np.concatenate([self._last_ns[seen], time_ns[known]])
         order = np.argsort(topics, kind="stable")

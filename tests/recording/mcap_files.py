@@ -87,5 +87,6 @@ def columns_of(channel, payloads):
     stop, times = np.cumsum(length), np.arange(n, dtype=np.uint64)
     return MessageColumns(
         log_time_ns=times, publish_time_ns=times, sequence=np.zeros(n, np.uint32), channel=np.zeros(n, np.int32),
+        position=np.zeros(n, np.int32),
         start=stop - length, stop=stop, contents=b"".join(payloads), channels=[channel],
     )  # fmt: skip

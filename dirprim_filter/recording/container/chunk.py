@@ -9,7 +9,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from mmap import mmap
 from typing import Any
 
 import lz4.frame
@@ -18,11 +17,12 @@ import zstandard
 
 from dirprim_filter.recording.container._kernels import index_run
 from dirprim_filter.recording.container.damage import Damage, DamageKind
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import CHUNK, RECORD_HEADER_SIZE, U32, U64
 
-MAX_CHUNK_BYTES = 1 << 30
-"""No chunk is decompressed beyond this: writers close chunks after some MiB; a larger claim is damage, or an
-attack."""
+MAX_CHUNK_BYTES, SMALL_BYTES, MOST_TIMES = 1 << 30, 1 << 26, 1000
+"""No chunk is decompressed beyond the first, nor beyond the second and so many times its data: writers close chunks
+after some MiB; a larger claim is damage, or an attack."""
 PIECE_BYTES = 1 << 24
 FED_BYTES = 512
 """zstd can write 128 KiB for four bytes."""
@@ -74,7 +74,7 @@ class Chunk:
         return Damage(kind=kind, offset=self.offset, length=self.end - self.offset, messages=messages, detail=detail)
 
 
-def chunk_at(file: mmap, offset: int) -> Chunk | None:
+def chunk_at(file: FileBytes, offset: int) -> Chunk | None:
     """The chunk record that starts at `offset`, by its own fields alone; None where these make no sense."""
     if (place := _data_place(file, offset)) is None:
         return None
@@ -94,13 +94,13 @@ def chunk_at(file: mmap, offset: int) -> Chunk | None:
     )
 
 
-def chunk_end(file: mmap, offset: int) -> int | None:
+def chunk_end(file: FileBytes, offset: int) -> int | None:
     """The `end` of the `chunk_at` the offset; None where there is none."""
     place = _data_place(file, offset)
     return min(place[1] + place[2], len(file)) if place else None
 
 
-def _data_place(file: mmap, offset: int) -> tuple[str, int, int] | None:
+def _data_place(file: FileBytes, offset: int) -> tuple[str, int, int] | None:
     """A chunk's compression, and where its data start and how long they are by its own fields."""
     name_at = offset + RECORD_HEADER_SIZE + CHUNK.size
     if name_at + U64.size > len(file):
@@ -115,15 +115,18 @@ def _data_place(file: mmap, offset: int) -> tuple[str, int, int] | None:
     return compression, data_offset, U64.unpack_from(file, data_offset - U64.size)[0]
 
 
-def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
+def read_contents(file: FileBytes, chunk: Chunk) -> tuple[bytes, Damage | None]:
     """A chunk's contents, and what is wrong with them; none where they cannot be trusted.
 
     Contents of a chunk that the end of the file cuts are given as far as they go: they come without a
     checksum, and with damage that says so. A wrong size field is forgiven where the checksum vouches for the
     contents.
     """
+    data = file[chunk.data_offset : chunk.end]
+    if len(data) < chunk.data_length:
+        return b"", chunk.damaged("truncated", None, "the file was cut short while it was read")
     try:
-        contents, is_ended = _decompress(file, chunk)
+        contents, is_ended = _decompress(data, chunk)
     except (zstandard.ZstdError, RuntimeError, _TooLargeError) as error:  # lz4 raises bare RuntimeErrors
         return b"", _lost(file, chunk, "chunk_data", f"its data cannot be decompressed: {error}")
     if chunk.is_cut:
@@ -137,32 +140,30 @@ def read_contents(file: mmap, chunk: Chunk) -> tuple[bytes, Damage | None]:
     wrong = "its compressed data do not end"
     if len(contents) != chunk.size:
         wrong = f"expected {chunk.size} bytes of contents, got {len(contents)}"
-    if not crc:
-        return b"", _lost(file, chunk, "chunk_header", wrong)
-    return contents, chunk.damaged("chunk_header", 0, f"{wrong}; the checksum confirms the contents")
+    forgiven = chunk.damaged("chunk_header", 0, f"{wrong}; the checksum confirms the contents")
+    return (contents, forgiven) if crc else (b"", _lost(file, chunk, "chunk_header", wrong))
 
 
-def _crc_of(file: mmap, chunk: Chunk) -> int:
+def _crc_of(file: FileBytes, chunk: Chunk) -> int:
     """Its checksum by what the file says now: of a chunk that came only as it was read, the outline knows none."""
-    is_record = chunk.data_offset > chunk.offset
-    return int(CHUNK.unpack_from(file, chunk.offset + RECORD_HEADER_SIZE)[3]) if is_record else 0
+    at = chunk.offset + RECORD_HEADER_SIZE
+    return int(CHUNK.unpack(file[at : at + CHUNK.size])[3]) if chunk.data_offset > chunk.offset else 0
 
 
 class _TooLargeError(ValueError):
     pass
 
 
-def _decompress(file: mmap, chunk: Chunk) -> tuple[bytes, bool]:
+def _decompress(data: bytes, chunk: Chunk) -> tuple[bytes, bool]:
     """A chunk's contents, and whether the compressed data come to an end."""
-    data = file[chunk.data_offset : chunk.end]
     if not chunk.compression:
         return data, True
     is_zstd = chunk.compression == "zstd"
-    if is_zstd and not chunk.is_cut and zstandard.frame_content_size(data) == chunk.size <= MAX_CHUNK_BYTES:
+    limit = min(chunk.size, MAX_CHUNK_BYTES, max(SMALL_BYTES, MOST_TIMES * len(data)))
+    if is_zstd and not chunk.is_cut and zstandard.frame_content_size(data) == chunk.size == limit:
         return zstandard.ZstdDecompressor().decompress(data), True
     decompressor = zstandard.ZstdDecompressor().decompressobj() if is_zstd else lz4.frame.LZ4FrameDecompressor()
     pieces, length = [], 0
-    limit = min(chunk.size, MAX_CHUNK_BYTES)
     for piece in _zstd_pieces(decompressor, data) if is_zstd else _lz4_pieces(decompressor, data):
         length += len(piece)
         if length > limit:
@@ -187,7 +188,7 @@ def _lz4_pieces(decompressor: Any, data: bytes) -> Iterator[bytes]:
         piece = b"" if ended else decompressor.decompress(b"", max_length=PIECE_BYTES)
 
 
-def _lost(file: mmap, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:
+def _lost(file: FileBytes, chunk: Chunk, kind: DamageKind, detail: str) -> Damage:
     """All of a chunk, with as many messages as the indexes behind it count; None where there is no index."""
-    end, n_messages = index_run(np.frombuffer(file, np.uint8), chunk.end)
+    end, n_messages = index_run(np.frombuffer(file, np.uint8), chunk.end) if file.has(len(file)) else (chunk.end, 0)
     return chunk.damaged(kind, n_messages if end > chunk.end else None, detail)

@@ -27,7 +27,7 @@ from dirprim_filter.recording.container.merge import TimeMerge
 from dirprim_filter.recording.container.message_columns import MessageColumns
 from dirprim_filter.recording.container.outline import LogFile, read_outline
 from dirprim_filter.recording.container.records import Attachment, Channel, MalformedRecordError, Message
-from dirprim_filter.recording.container.source import let_go, local_files, mapped
+from dirprim_filter.recording.container.source import local_files, mapped
 
 UNSEEN, UNKNOWN, UNWANTED = -3, -2, -1
 """What stands for a channel id in place of an index into the list of channels."""
@@ -218,7 +218,7 @@ def _merged(chunks: list[tuple[FilePass, Chunk]]) -> Iterator[MessageColumns]:
             file, chunk = chunks[position]
             if not file.is_beside(chunk):
                 yield from merge.release((chunk.start_ns, position))
-                merge.hold(position, file.messages(chunk))
+                merge.hold(file.messages(chunk, position))
         yield from merge.release(None)
 
 
@@ -273,10 +273,9 @@ class FilePass:
         channels = map(self.outline.summary.channels.get, said.message_index_offsets)
         return all(channel is not None and not self._scan.is_wanted(channel.topic) for channel in channels)
 
-    def messages(self, chunk: Chunk) -> MessageColumns:
-        """The wanted messages of a chunk, sorted by log time, stably."""
+    def messages(self, chunk: Chunk, position: int = 0) -> MessageColumns:
+        """The wanted messages of a chunk, the `position`-th of the log, sorted by log time, stably."""
         contents, damage = read_contents(self.bytes_of, chunk)
-        let_go(self.bytes_of, chunk.offset, chunk.end)
         if damage:
             self._report(damage)
         buffer = np.frombuffer(contents, np.uint8)
@@ -288,7 +287,8 @@ class FilePass:
         columns = MessageColumns(
             log_time_ns=log_time, publish_time_ns=publish_time, sequence=sequence,
             channel=self._resolved(chunk, contents, channel_id, start, others),
-            start=start, stop=stop, contents=contents, channels=self._seen.channels,
+            start=start, stop=stop, position=np.full(n_messages, position, np.int32),
+            contents=contents, channels=self._seen.channels,
         )  # fmt: skip
         columns = self._scan.wanted(columns).sorted()
         if len(columns) and columns.log_time_ns[0] < chunk.start_ns:

@@ -1,8 +1,7 @@
 """Writing MCAP by the records of the `mcap` package: messages into chunks, indexes behind them, a summary at the end.
 
-Its own writer knows no way to take over a chunk of another file byte for byte, nor to choose the compression's level.
-Each chunk goes to the operating system when it is closed, so that it outlives the process. The same calls give the
-same bytes.
+Its own writer takes four times as long, and knows no level of compression. Each chunk goes to the operating system when
+it is closed, so that it outlives the process. The same calls give the same bytes.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import zstandard
 from mcap import records as fields
 from mcap.opcode import Opcode
 
-from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container.records import (
     MAGIC,
     MESSAGE_HEADER,
@@ -29,7 +27,6 @@ from dirprim_filter.recording.container.records import (
     Schema,
     channel_record,
     encoded,
-    fields_of,
     schema_record,
     written,
 )
@@ -60,8 +57,8 @@ class McapWriter:
         self._crc = 0
         self._chunk_bytes = chunk_bytes
         self._compressor = zstandard.ZstdCompressor(level=level)
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, tuple[int, Channel]] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, tuple[int, Channel]] = {}
         self._counts: Counter[int] = Counter()
         self._chunks: list[fields.ChunkIndex] = []
         self._attachments: list[fields.AttachmentIndex] = []
@@ -70,31 +67,25 @@ class McapWriter:
         self._entries: list[int] = []  # channel, log time, offset; again and again
         self._put(MAGIC + written(fields.Header(profile, library)))
 
-    def define(self, channel: Channel, channel_id: int | None = None, schema_id: int | None = None) -> int:
+    def define(self, channel: Channel) -> int:
         """Write a channel and its schema into the open chunk. -> its id.
-
-        Args:
-            channel: to be defined.
-            channel_id: wanted; another is given where it is taken.
-            schema_id: wanted, likewise.
 
         Raises:
             ValueError: all ids are taken.
         """
-        schema_id = 0 if channel.schema == NO_SCHEMA else self.define_schema(channel.schema, schema_id)
-        channel_id = _free_id(self.channels, channel_id)
+        schema_id = 0 if channel.schema == NO_SCHEMA else self._define_schema(channel.schema)
+        channel_id = _free_id(self._channels)
         self._buffer += written(channel_record(channel_id, schema_id, channel))
-        self.channels[channel_id] = (schema_id, channel)
+        self._channels[channel_id] = (schema_id, channel)
         return channel_id
 
-    def define_schema(self, schema: Schema, schema_id: int | None = None) -> int:
-        """Write a schema into the open chunk, unless it is there under some id. -> its id."""
-        for known_id, known in self.schemas.items():
+    def _define_schema(self, schema: Schema) -> int:
+        for known_id, known in self._schemas.items():
             if known == schema:
                 return known_id
-        schema_id = _free_id(self.schemas, schema_id or None)
+        schema_id = _free_id(self._schemas)
         self._buffer += written(schema_record(schema_id, schema))
-        self.schemas[schema_id] = schema
+        self._schemas[schema_id] = schema
         return schema_id
 
     def add(self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: bytes) -> None:
@@ -122,34 +113,22 @@ class McapWriter:
             compression="zstd", data=data, message_start_time=first, message_end_time=last,
             uncompressed_crc=zlib.crc32(contents), uncompressed_size=len(contents),
         )  # fmt: skip
-        self.put_chunk(written(chunk), entries[:, 0], entries[:, 1:])
-
-    def put_chunk(self, chunk: bytes, channel_id: AnyArray, entries: AnyArray) -> None:
-        """Write a whole chunk and its message indexes, behind what was appended so far.
-
-        Args:
-            chunk: the record.
-            channel_id: (n) of its messages.
-            entries: (n, 2) uint64, their log times and their offsets in the contents.
-        """
-        said = fields_of(chunk, 0)
+        record = written(chunk)
         index = fields.ChunkIndex(
-            message_start_time=said["message_start_time"], message_end_time=said["message_end_time"],
-            compression=said["compression"], compressed_size=said["data"][1] - said["data"][0],
-            uncompressed_size=said["uncompressed_size"], chunk_start_offset=self._at, chunk_length=len(chunk),
+            message_start_time=first, message_end_time=last, compression="zstd", compressed_size=len(data),
+            uncompressed_size=len(contents), chunk_start_offset=self._at, chunk_length=len(record),
             message_index_length=0, message_index_offsets={},
         )  # fmt: skip
-        order = np.argsort(channel_id, kind="stable")
-        ids, starts = np.unique(channel_id[order], return_index=True)
-        packed = np.ascontiguousarray(entries[order].astype("<u8", copy=False))
+        entries = entries[np.argsort(entries[:, 0], kind="stable")]
+        ids, starts = np.unique(entries[:, 0], return_index=True)
         indexes = bytearray()
-        for one, rows in zip(ids.tolist(), np.split(packed, starts[1:]), strict=False):
-            index.message_index_offsets[one] = self._at + len(chunk) + len(indexes)
-            indexes += encoded(Opcode.MESSAGE_INDEX, {"channel_id": one, "records": rows.tobytes()})
+        for one, rows in zip(ids.tolist(), np.split(entries[:, 1:], starts[1:]), strict=False):
+            index.message_index_offsets[one] = self._at + len(record) + len(indexes)
+            indexes += encoded(Opcode.MESSAGE_INDEX, {"channel_id": one, "records": rows.astype("<u8").tobytes()})
             self._counts[one] += len(rows)
         index.message_index_length = len(indexes)
         self._chunks.append(index)
-        self._put(chunk + indexes)
+        self._put(record + indexes)
 
     def add_metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """Write a metadata record."""
@@ -175,8 +154,8 @@ class McapWriter:
         self.close_chunk()
         self._put(written(fields.DataEnd(self._crc)))
         groups: dict[Opcode, list[fields.McapRecord]] = {
-            Opcode.SCHEMA: [schema_record(*schema) for schema in self.schemas.items()],
-            Opcode.CHANNEL: [channel_record(i, *channel) for i, channel in self.channels.items()],
+            Opcode.SCHEMA: [schema_record(*schema) for schema in self._schemas.items()],
+            Opcode.CHANNEL: [channel_record(i, *channel) for i, channel in self._channels.items()],
             Opcode.STATISTICS: [self._statistics()],
             Opcode.CHUNK_INDEX: [*self._chunks],
             Opcode.ATTACHMENT_INDEX: [*self._attachments],
@@ -200,10 +179,10 @@ class McapWriter:
         with_messages = [chunk for chunk in self._chunks if chunk.message_index_offsets]
         return fields.Statistics(
             message_count=self._counts.total(),
-            channel_message_counts={i: self._counts[i] for i in self.channels},
+            channel_message_counts={i: self._counts[i] for i in self._channels},
             message_start_time=min((chunk.message_start_time for chunk in with_messages), default=0),
             message_end_time=max((chunk.message_end_time for chunk in with_messages), default=0),
-            schema_count=len(self.schemas), channel_count=len(self.channels), chunk_count=len(self._chunks),
+            schema_count=len(self._schemas), channel_count=len(self._channels), chunk_count=len(self._chunks),
             attachment_count=len(self._attachments), metadata_count=len(self._metadata),
         )  # fmt: skip
 
@@ -215,10 +194,7 @@ class McapWriter:
             view = view[self._file.write(view) :]
 
 
-def _free_id(taken: Mapping[int, object], wanted: int | None) -> int:
-    if wanted is not None and wanted not in taken:
-        return wanted
-    free = next((i for i in range(1, N_IDS) if i not in taken), None)
-    if free is None:
+def _free_id(taken: Mapping[int, object]) -> int:
+    if len(taken) >= N_IDS - 1:
         raise ValueError(f"expected fewer than {N_IDS} channels and schemas in one file")
-    return free
+    return len(taken) + 1

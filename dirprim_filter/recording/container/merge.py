@@ -14,28 +14,39 @@ from typing import BinaryIO
 
 import numpy as np
 
-from dirprim_filter.recording.container.message_columns import MessageColumns, interleaved
+from dirprim_filter.recording.container.message_columns import MessageColumns, gathered, interleaved, ordered
 
 HELD_BYTES = 1 << 25
 """Chunks that overlap in time are held in memory up to this size."""
 WINDOW_ROWS = 1 << 13
 """About so many messages of overlapping chunks are merged at a time."""
 WINDOWS_KEPT = 64
+FAN_IN = 16
+"""So many small parts become one: else each window would ask all of them."""
+JOINED_BYTES = HELD_BYTES // FAN_IN
+"""Parts of more bytes are joined no further: there are few of them."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Part:
-    """A chunk's messages that are not yet delivered."""
+    """Messages of a chunk, or of several, that are not yet delivered: in order of time, and of one time of the file."""
 
-    position: int  # of the chunk in the file
     columns: MessageColumns
+    level: int = 0  # how often it was joined with others
     start: int = 0
     is_on_disk: bool = False
 
-    def until(self, time_ns: int, *, inclusive: bool) -> int:
-        """The row after the last one of a time before `time_ns`."""
-        times = self.columns.log_time_ns[self.start :]
-        return self.start + int(np.searchsorted(times, np.uint64(time_ns), "right" if inclusive else "left"))
+    def until(self, time_ns: int, position: int) -> int:
+        """The row after the last one before that time, and of that time before the chunk of that position."""
+        columns = self.columns
+        first, last = (
+            self.start + int(np.searchsorted(columns.log_time_ns[self.start :], np.uint64(time_ns), side))
+            for side in ("left", "right")
+        )
+        return first + int(np.searchsorted(columns.position[first:last], position))
+
+    def key(self, row: int) -> tuple[int, int]:
+        return int(self.columns.log_time_ns[row]), int(self.columns.position[row])
 
     def take(self, stop: int) -> MessageColumns:
         rows = self.columns[self.start : stop]
@@ -60,54 +71,39 @@ class TimeMerge:
         self._parts.clear()
         self._open.close()
 
-    def hold(self, position: int, columns: MessageColumns) -> None:
-        """Keep the messages of the chunk that is the `position`-th of the file."""
-        if not len(columns):
-            return
-        self._parts.append(_Part(position, columns))
-        self._parts.sort(key=lambda part: part.position)
-        self._in_memory += columns.nbytes
+    def hold(self, columns: MessageColumns) -> None:
+        """Keep the messages of a chunk."""
+        part = _Part(columns)
+        while len(alike := [one for one in self._parts if one.level == part.level and _is_small(one)]) >= FAN_IN:
+            self._parts = [one for one in self._parts if one not in alike]
+            rows = [one.columns[one.start :] for one in (*alike, part)]
+            part = _Part(gathered(rows, ordered(rows)), part.level + 1)
+        if len(part.columns):
+            self._parts.append(part)
+        self._in_memory = sum(one.columns.nbytes for one in self._parts if not one.is_on_disk)
         if self._in_memory > HELD_BYTES and len(self._parts) > 1:
             self._put_on_disk()
 
     def release(self, before: tuple[int, int] | None) -> Iterator[MessageColumns]:
         """What comes before all that is not yet held: before a chunk of that start time and position; None: all."""
         while self._parts:
-            stops = [self._final(part, before) for part in self._parts]
-            if all(stop == part.start for stop, part in zip(stops, self._parts, strict=True)):
+            stops = [len(part.columns) if before is None else part.until(*before) for part in self._parts]
+            open_parts = [(part, stop) for part, stop in zip(self._parts, stops, strict=True) if stop > part.start]
+            if not open_parts:
                 return
-            yield from self._window(stops)
-            if any(part.start == len(part.columns) for part in self._parts):
-                self._parts = [part for part in self._parts if part.start < len(part.columns)]
-                self._in_memory = sum(part.columns.nbytes for part in self._parts if not part.is_on_disk)
+            yield from self._window(open_parts)
+            self._parts = [part for part in self._parts if part.start < len(part.columns)]
             self._let_go()
 
-    def _final(self, part: _Part, before: tuple[int, int] | None) -> int:
-        """The row up to which nothing can come in between any more."""
-        if before is None:
-            return len(part.columns)
-        start_ns, position = before
-        return part.until(start_ns, inclusive=part.position < position)
-
-    def _window(self, stops: list[int]) -> Iterator[MessageColumns]:
-        """The next messages of all parts, about `WINDOW_ROWS`, or one whole part if it stands alone."""
-        open_parts = [(part, stop) for part, stop in zip(self._parts, stops, strict=True) if stop > part.start]
-        if len(open_parts) == 1:
-            part, stop = open_parts[0]
+    def _window(self, parts: list[tuple[_Part, int]]) -> Iterator[MessageColumns]:
+        """The next messages, about `WINDOW_ROWS`, up to the first of the rows that the parts then come to."""
+        if len(parts) == 1:
+            part, stop = parts[0]
             yield part.take(min(stop, part.start + WINDOW_ROWS))
             return
-        step = max(WINDOW_ROWS // len(open_parts), 16)
-        last_ns = min(int(part.columns.log_time_ns[min(part.start + step, stop) - 1]) for part, stop in open_parts)
-        ends = [min(part.until(last_ns, inclusive=True), stop) for part, stop in open_parts]
-        if sum(end - part.start for end, (part, _) in zip(ends, open_parts, strict=True)) <= 4 * WINDOW_ROWS:
-            yield from interleaved([part.take(end) for end, (part, _) in zip(ends, open_parts, strict=True)])
-            return
-        before = [part.take(part.until(last_ns, inclusive=False)) for part, _ in open_parts]
-        if any(map(len, before)):
-            yield from interleaved(before)
-        for end, (part, _) in zip(ends, open_parts, strict=True):  # many of one time: in the order of the file
-            while part.start < end:
-                yield part.take(min(end, part.start + WINDOW_ROWS))
+        step = max(WINDOW_ROWS // len(parts), 16)
+        time_ns, position = min(part.key(min(part.start + step, stop) - 1) for part, stop in parts)
+        yield from interleaved([part.take(min(part.until(time_ns, position + 1), stop)) for part, stop in parts])
 
     def _put_on_disk(self) -> None:
         if self._spill is None:
@@ -124,3 +120,7 @@ class TimeMerge:
         if self._spill is not None and self._windows % WINDOWS_KEPT == 0:
             for part in self._parts:
                 part.columns.let_go()
+
+
+def _is_small(part: _Part) -> bool:
+    return not part.is_on_disk and part.columns.nbytes <= JOINED_BYTES

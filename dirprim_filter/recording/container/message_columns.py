@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import mmap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from io import BytesIO
 from itertools import repeat
@@ -13,8 +13,8 @@ import numpy as np
 
 from dirprim_filter.arrays import AnyArray
 from dirprim_filter.recording.container._kernels import gather
+from dirprim_filter.recording.container.file_bytes import let_go
 from dirprim_filter.recording.container.records import Bytes, Channel, Message
-from dirprim_filter.recording.container.source import let_go
 
 SHORT_BYTES = 1 << 11
 """Messages longer than this on average are not copied to be read: that would cost more than it saves."""
@@ -31,6 +31,7 @@ class MessageColumns:
         channel: (n,) int32, index into `channels`.
         start: (n,) int64, first byte of the data in `contents`.
         stop: (n,) int64, the byte after them.
+        position: (n,) int32, of the chunk in the log that each is of.
         contents: what the data are slices of.
         channels: of the iteration that these are of; the list grows as it meets more.
     """
@@ -41,6 +42,7 @@ class MessageColumns:
     channel: AnyArray
     start: AnyArray
     stop: AnyArray
+    position: AnyArray
     contents: Bytes
     channels: list[Channel]
 
@@ -72,7 +74,13 @@ class MessageColumns:
     @property
     def topic(self) -> AnyArray:
         """(n,) str, of each message."""
-        return np.array([channel.topic for channel in self.channels], np.str_)[self.channel]
+        return self.by_channel(lambda channel: channel.topic)
+
+    def by_channel(self, of: Callable[[Channel], Any]) -> AnyArray:
+        """(n,) what each message's channel has; only those that these messages are of are asked."""
+        used = np.flatnonzero(np.bincount(self.channel))
+        values = np.array([of(self.channels[i]) for i in used.tolist()])
+        return values[np.searchsorted(used, self.channel)]
 
     def messages(self) -> Iterator[Message]:
         """The messages in the order of these columns, made one by one, without a step of Python for each.
@@ -131,7 +139,7 @@ def gathered(parts: Sequence[MessageColumns], order: AnyArray | slice) -> Messag
     """The messages of all parts in an order, their data side by side in it."""
     columns = {
         name: np.concatenate([getattr(part, name) for part in parts])[order]
-        for name in ("log_time_ns", "publish_time_ns", "sequence", "channel")
+        for name in ("log_time_ns", "publish_time_ns", "sequence", "channel", "position")
     }
     length = np.concatenate([part.stop - part.start for part in parts])
     lengths = length[order]
@@ -148,12 +156,20 @@ def gathered(parts: Sequence[MessageColumns], order: AnyArray | slice) -> Messag
     )
 
 
+def ordered(parts: Sequence[MessageColumns]) -> AnyArray:
+    """(n,) the rows of all parts in order of log time, and of one time in the order of the log."""
+    time, position = (np.concatenate([getattr(part, name) for part in parts]) for name in ("log_time_ns", "position"))
+    order = np.argsort(time, kind="stable")
+    back = (time[order[1:]] == time[order[:-1]]) & (position[order[1:]] < position[order[:-1]])
+    return np.lexsort((position, time)) if back.any() else order
+
+
 def interleaved(parts: Sequence[MessageColumns]) -> Iterator[MessageColumns]:
-    """The messages of several parts in order of log time; those of one time in the order of the parts.
+    """The messages of several parts in order of log time; those of one time in the order of the log.
 
     Long ones stay where they are: each run out of one part comes by itself.
     """
-    order = np.argsort(np.concatenate([part.log_time_ns for part in parts]), kind="stable")
+    order = ordered(parts)
     n_bytes = sum(int((part.stop - part.start).sum()) for part in parts)
     if n_bytes <= SHORT_BYTES * order.size:
         yield gathered(parts, order)

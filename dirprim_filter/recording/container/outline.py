@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field, replace
-from mmap import mmap
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -18,6 +17,7 @@ from mcap.opcode import Opcode
 from dirprim_filter.recording.container._kernels import index_run, message_run
 from dirprim_filter.recording.container.chunk import Chunk, chunk_at
 from dirprim_filter.recording.container.damage import Damage, DamageKind
+from dirprim_filter.recording.container.file_bytes import FileBytes, let_go
 from dirprim_filter.recording.container.records import (
     MAGIC,
     PRIVATE,
@@ -34,7 +34,6 @@ from dirprim_filter.recording.container.records import (
     record_end,
 )
 from dirprim_filter.recording.container.resync import ChunkFinder, is_record, salvageable, starts_record
-from dirprim_filter.recording.container.source import let_go
 from dirprim_filter.recording.container.summary_section import Summary
 
 RUN_BYTES = 1 << 22
@@ -87,16 +86,16 @@ class LogFile:
     """
 
     name: str
-    bytes_of: mmap
+    bytes_of: FileBytes
     outline: Outline
 
 
-def read_outline(file: mmap) -> Outline:
+def read_outline(file: FileBytes) -> Outline:
     """The outline of a file that starts like an MCAP log."""
     walk = _Walk(file)
     walk.check_opening()
     at, held = len(MAGIC), 0
-    while (after := walk.step(at)) is not None:
+    while walk.is_there(at) and (after := walk.step(at)) is not None:
         walk.previous, at = at, after
         if at - held > HELD_BYTES:  # the system maps what stands around each header too: 64 KiB of each chunk
             let_go(file, held, at)
@@ -109,7 +108,7 @@ def read_outline(file: mmap) -> Outline:
 class _Walk:
     """The state of the pass: what was found so far, what the summary claims."""
 
-    def __init__(self, file: mmap) -> None:
+    def __init__(self, file: FileBytes) -> None:
         self.file = file
         self.size = len(file)
         self.chunks = ChunkFinder(file)
@@ -123,6 +122,13 @@ class _Walk:
     def check_opening(self) -> None:
         if self.file[: len(MAGIC)] != MAGIC:
             self.damaged("magic", 0, len(MAGIC), 0, f"expected {MAGIC!r} at the start, got {self.file[: len(MAGIC)]!r}")
+
+    def is_there(self, at: int) -> bool:
+        """Whether the file has not been cut short meanwhile."""
+        if not self.file.has(self.size):
+            self.damaged("truncated", at, self.size - at, None, "the file was cut short while it was read")
+            return False
+        return True
 
     def step(self, at: int) -> int | None:
         """Take the record at `at`; the byte after it, or None at the end of the file."""

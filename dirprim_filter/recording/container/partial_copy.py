@@ -10,14 +10,13 @@ Source: the MCAP specification, version 0, records 0x06 to 0x08.
 
 from __future__ import annotations
 
-import mmap
 import struct
 import zlib
 from bisect import bisect_right
 from io import FileIO
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, Self, SupportsIndex, overload
+from typing import Any, NamedTuple, Self
 
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
@@ -234,23 +233,6 @@ class PartialCopy:
         with path.open("r+b", buffering=0) as file:
             _write(file, first, own)
         self._missing.difference_update(part.start for part in run)
-
-
-class PartialMap(mmap.mmap):
-    """A partial copy mapped into memory: what slices ask for comes first."""
-
-    copy: PartialCopy
-    path: Path
-
-    @overload
-    def __getitem__(self, key: SupportsIndex, /) -> int: ...
-    @overload
-    def __getitem__(self, key: slice, /) -> bytes: ...
-    def __getitem__(self, key: SupportsIndex | slice, /) -> int | bytes:
-        if isinstance(key, slice):
-            start, stop, _ = key.indices(len(self))
-            self.copy.fetch(self.path, start, stop)
-        return super().__getitem__(key)
 
 
 def _but_crc(at: int, head: bytes) -> bytes:

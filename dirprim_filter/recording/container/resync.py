@@ -14,11 +14,11 @@ from array import array
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import replace
-from mmap import mmap
 
 from mcap.opcode import Opcode
 
 from dirprim_filter.recording.container.chunk import FIXED_SIZE, Chunk, chunk_at, chunk_end, read_contents
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import PRIVATE, RECORD_HEADER_SIZE, RECORDS, fields_end, record_end
 
 MAX_CHECKS = 8
@@ -45,7 +45,7 @@ def is_record(chunks: ChunkFinder, at: int, end: int) -> bool:
     return (opcode == Opcode.FOOTER or starts_record(file, end)) and chunks.next_chunk(stop, end) is None
 
 
-def starts_record(file: mmap, at: int) -> bool:
+def starts_record(file: FileBytes, at: int) -> bool:
     """Whether a known record that fits in the file starts at `at`, or the file ends there."""
     if at + RECORD_HEADER_SIZE > len(file):
         return at == len(file)
@@ -63,7 +63,7 @@ class ChunkFinder:
         file: the log.
     """
 
-    def __init__(self, file: mmap) -> None:
+    def __init__(self, file: FileBytes) -> None:
         self.file = file
         self._start = self._stop = 0  # what was looked through, and what was found there
         self._whole = array("q")

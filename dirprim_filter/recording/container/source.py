@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from io import FileIO
 from os import PathLike, fspath
 from pathlib import Path
@@ -25,8 +26,9 @@ from typing import Any, BinaryIO, cast
 
 from dirprim_filter.recording.container import partial_copy
 from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.other_formats import READ_BYTES
-from dirprim_filter.recording.container.partial_copy import NotInPartsError, PartialCopy, PartialMap, Remote
+from dirprim_filter.recording.container.partial_copy import NotInPartsError, PartialCopy, Remote
 from dirprim_filter.recording.container.records import MAGIC
 
 logger = logging.getLogger(__name__)
@@ -122,7 +124,7 @@ def _key(path: str | PathLike[str]) -> str:
     return str(Path(path))
 
 
-def mapped(file: Path, path: str | PathLike[str]) -> mmap.mmap:
+def mapped(file: Path, path: str | PathLike[str]) -> FileBytes:
     """The bytes of a local file of a log.
 
     Args:
@@ -136,22 +138,15 @@ def mapped(file: Path, path: str | PathLike[str]) -> mmap.mmap:
     with file.open("rb") as opened:
         if file.stat().st_size == 0:
             raise NotMcapError(path, b"")
-        kind = PartialMap if _key(path) in _in_parts else mmap.mmap
-        bytes_of = kind(opened.fileno(), 0, access=mmap.ACCESS_READ)
-    if isinstance(bytes_of, PartialMap):
-        bytes_of.copy, bytes_of.path = _in_parts[_key(path)], file
+        bytes_of = FileBytes(opened.fileno(), 0, access=mmap.ACCESS_READ)
+        bytes_of.number = os.dup(opened.fileno())
+    if copy := _in_parts.get(_key(path)):
+        bytes_of.fetch = partial(copy.fetch, file)
     opening = bytes_of[:READ_BYTES]
     if not opening.startswith(VERSION_FREE_MAGIC) and bytes_of[-len(MAGIC) :] != MAGIC:
         bytes_of.close()
         raise NotMcapError(path, opening)
     return bytes_of
-
-
-def let_go(file: mmap.mmap, start: int, end: int) -> None:
-    """Pages of the file leave this process's memory until they are read again; else a long log would fill it."""
-    first = start - start % mmap.PAGESIZE
-    if hasattr(file, "madvise") and end > first:
-        file.madvise(mmap.MADV_DONTNEED, first, end - first)
 
 
 def as_url(name: str) -> str | None:

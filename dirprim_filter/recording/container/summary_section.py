@@ -11,11 +11,11 @@ from __future__ import annotations
 import zlib
 from collections import ChainMap
 from dataclasses import dataclass, field
-from mmap import mmap
 
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Statistics
 
+from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.records import (
     CHUNK_INDEX,
     MAGIC,
@@ -82,7 +82,7 @@ class Summary:
             self.statistics = parse(file, at)
 
 
-def read_summary(file: mmap) -> Summary | None:
+def read_summary(file: FileBytes) -> Summary | None:
     """The Summary section of a file; None where it has none, or one that cannot be trusted."""
     footer = len(file) - len(MAGIC) - FOOTER_SIZE
     if footer < len(MAGIC) or file[-len(MAGIC) :] != MAGIC or file[footer] != Opcode.FOOTER:
@@ -109,7 +109,7 @@ def read_summary(file: mmap) -> Summary | None:
     return summary if summary.is_whole else None
 
 
-def _is_of_chunk(file: mmap, at: int, end: int, data_end: int) -> bool:
+def _is_of_chunk(file: FileBytes, at: int, end: int, data_end: int) -> bool:
     """Whether a chunk stands where the chunk index, the record from `at` to `end`, says."""
     if end - at < RECORD_HEADER_SIZE + CHUNK_INDEX.size:
         return False

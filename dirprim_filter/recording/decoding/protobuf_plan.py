@@ -8,6 +8,7 @@ Source: https://protobuf.dev/programming-guides/encoding.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from graphlib import CycleError, TopologicalSorter
 from typing import cast
 
 import numpy as np
@@ -75,13 +76,13 @@ def message_descriptor(name: str, descriptors: bytes) -> Descriptor:
             f"{name}: expected a google.protobuf.FileDescriptorSet, got {len(descriptors)} other bytes"
         ) from error
     pool = DescriptorPool()
-    pending = {file.name: file for file in files.file}
+    by_name = {file.name: file for file in files.file}
+    needed = {file.name: [other for other in file.dependency if other in by_name] for file in by_name.values()}
     try:
-        while ready := [f for f in pending.values() if not any(needed in pending for needed in f.dependency)]:
-            for file in ready:
-                pool.AddSerializedFile(pending.pop(file.name).SerializeToString())
+        for ready in TopologicalSorter(needed).static_order():
+            pool.AddSerializedFile(by_name[ready].SerializeToString())
         return pool.FindMessageTypeByName(name)
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, CycleError) as error:
         raise SchemaError(f"{name}: expected a descriptor set that defines it, got {error}") from error
 
 

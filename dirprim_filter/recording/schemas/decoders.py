@@ -127,7 +127,7 @@ def batches(columns: Iterable[MessageColumns], decoders: Decoders) -> Iterator[M
     batch: list[MessageColumns] = []
     size = n = 0
     for part in columns:
-        readable = np.array([decoders.reads(channel) for channel in part.channels])[part.channel]
+        readable = part.by_channel(decoders.reads)
         for piece in pieces(part if readable.all() else part[readable]):
             batch.append(piece)
             n += len(piece)
@@ -154,8 +154,7 @@ def joined(parts: list[MessageColumns]) -> MessageColumns:
 def by_schema(batch: MessageColumns) -> Iterator[tuple[IntArray, MessageColumns]]:
     """The messages of each schema and encoding together, with where they stand in the batch."""
     keys: dict[tuple[str, Schema], int] = {}
-    number = [keys.setdefault((c.message_encoding, c.schema), len(keys)) for c in batch.channels]
-    group = np.array(number, np.int64)[batch.channel]
+    group = batch.by_channel(lambda c: keys.setdefault((c.message_encoding, c.schema), len(keys)))
     for key in np.unique(group).tolist():
         places = np.flatnonzero(group == key)
         yield places, batch if len(places) == len(batch) else batch[places]
