@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
-from dirprim_filter.optional_columns import chosen, joined
+from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
 from dirprim_filter.sizes import as_sizes
 from dirprim_filter.track_ids import as_texts, world_names
 from dirprim_filter.tracks import Tracks, as_groups, as_times, check_lengths
@@ -32,11 +32,13 @@ class Detections(ArrayValue):
         covariance: (n, 2, 2) of the position's error, square metres; NaN where the sensor does not report it, and the
             filter's own noise applies. Left out: nowhere.
         size: (n, 3) measured length, width and height of the body, metres; NaN where unknown. Left out: nowhere known.
+        cue: (n, 2) what the vehicle signals of its next turn (p_t of Eq. 4): the mean turn relative to its heading,
+            radians counter-clockwise, and its von Mises concentration; NaN where it signals nothing. Left out: nowhere.
         group: (n,) int64, the world that each row is of, as in `Tracks`. Left out: all 0.
 
     Raises:
         ValueError: shapes that do not fit, a position that is not finite, an infinite direction, a speed below 0, a
-            covariance that is not positive definite, or a size that is not positive.
+            covariance that is not positive definite, a size that is not positive, or a concentration below 0.
     """
 
     track_id: AnyArray
@@ -46,6 +48,7 @@ class Detections(ArrayValue):
     speed: FloatArray = field(default_factory=lambda: np.empty(0))
     covariance: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
     size: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    cue: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     group: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
@@ -55,13 +58,15 @@ class Detections(ArrayValue):
             "position": as_floats("position", self.position, "n 2"),
         }
         n = len(columns["position"])
-        for name, rest in (("direction", ()), ("speed", ()), ("covariance", (2, 2))):
+        for name, rest in (("direction", ()), ("speed", ()), ("covariance", (2, 2)), ("cue", (2,))):
             columns[name] = _where_known(name, getattr(self, name), (n, *rest))
         columns["size"] = as_sizes(self.size, n)
         columns["group"] = as_groups(self.group, n)
         check_lengths(columns)
         if (columns["speed"] < 0).any():
             raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(columns['speed'])}")
+        if is_held(columns["cue"]) and (columns["cue"][:, 1] < 0).any():
+            raise ValueError(f"cue: expected a concentration of at least 0, got {np.nanmin(columns['cue'][:, 1])}")
         known = ~np.isnan(columns["covariance"][:, 0, 0])
         if known.any() and not is_covariance(columns["covariance"][known]).all():
             raise ValueError("covariance: expected symmetric positive definite matrices, or NaN where unknown")
@@ -73,16 +78,7 @@ class Detections(ArrayValue):
 
     def __getitem__(self, rows: BoolArray | IntArray) -> Detections:
         """The chosen rows, by mask or indices."""
-        return Detections(
-            track_id=self.track_id[rows],
-            time_ns=self.time_ns[rows],
-            position=self.position[rows],
-            direction=self.direction[rows],
-            speed=self.speed[rows],
-            covariance=self.covariance[rows],
-            size=chosen(self.size, rows),
-            group=self.group[rows],
-        )
+        return Detections(**{f.name: chosen(getattr(self, f.name), rows) for f in fields(self)})
 
     @classmethod
     def of(cls, tracks: Tracks) -> Detections:
@@ -100,11 +96,7 @@ class Detections(ArrayValue):
         parts = list(parts)
         if not parts:
             return cls.none()
-        names = [f.name for f in fields(cls) if f.name != "size"]
-        return cls(
-            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-            size=joined([part.size for part in parts]),
-        )
+        return cls(**{f.name: joined([getattr(part, f.name) for part in parts]) for f in fields(cls)})
 
     def in_one_world(self) -> Detections:
         """The same rows as of no group, under the names that `world_names` gives them."""
@@ -115,10 +107,7 @@ class Detections(ArrayValue):
 
     def without_ids(self) -> Detections:
         """The same rows without ids."""
-        return Detections(
-            track_id=np.full(len(self), NO_ID, np.str_), time_ns=self.time_ns, position=self.position,
-            direction=self.direction, speed=self.speed, covariance=self.covariance, size=self.size, group=self.group,
-        )  # fmt: skip
+        return replace(self, track_id=np.full(len(self), NO_ID, np.str_))
 
     def instant(self, *, after_ns: int) -> int:
         """The time of these rows as the next frame of a log that has come to `after_ns`; `after_ns` if there are none.
@@ -169,7 +158,7 @@ def _where_known(name: str, value: FloatArray, shape: tuple[int, ...]) -> FloatA
     """The column, NaN where not reported; a column of no rows stands for one that is not reported at all."""
     column = np.asarray(value, dtype=np.float64)
     if column.shape[:1] == (0,) and shape[0]:
-        return np.full(shape, np.nan)
+        return unknown(*shape)
     if column.shape != shape:
         raise ValueError(f"{name}: expected shape {shape}, got {column.shape}")
     if np.isinf(column).any():

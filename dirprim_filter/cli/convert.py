@@ -57,7 +57,8 @@ def convert(
     """Write a table of tracks, or of detections, as an MCAP log.
 
     csv, parquet and feather have columns by name: time_s, track_id, x_m, y_m; optional heading_rad (of the body),
-    course_rad (over ground), speed_mps, group, length_m, width_m, height_m, and label (or category, or class).
+    course_rad (over ground), speed_mps, group, length_m, width_m, height_m, turn_signal (left, right, none),
+    and label (or category, or class).
     Without track_id, or where it is empty, rows are detections, of one sensor or, by a column sensor, of several.
     Between cells of a csv are commas, semicolons or tabs; a .csv.gz is read as well. parquet and feather may have
     time_ns in place of time_s.

@@ -4,11 +4,12 @@ One tracker serves the particle filter on the map and the Kalman filters, so tha
 alone.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Samples
+from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.traffic import Traffic
 
 
@@ -24,6 +25,15 @@ class Evidence(NamedTuple):
     log_density: FloatArray
     is_unexplained: BoolArray
     is_moved: BoolArray
+
+
+@runtime_checkable
+class WeighsCues(Protocol):
+    """A filter whose beliefs hold what vehicles will do next, which cues report."""
+
+    def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
+        """Weigh beliefs by a cue, Eq. 4. (v,) -> (v,) natural log of the cue's density under each, per radian."""
+        ...
 
 
 class BayesFilter(Protocol):

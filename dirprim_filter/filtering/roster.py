@@ -17,7 +17,7 @@ TENTATIVE = "\0"
 """Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
 _COLUMNS = (
     "time_ns", "existence_ns", "measured_ns", "counted_ns", "is_labelled", "is_confirmed", "existence",
-    "outside", "in_sight", "ends", "n_unexplained", "log_evidence",
+    "outside", "in_sight", "ends", "n_unexplained", "log_evidence", "cue",
 )  # fmt: skip
 
 
@@ -37,6 +37,7 @@ class Roster:
         ends: (slots,) 1/s, rate at which journeys end where it was when its existence was last moved on.
         n_unexplained: (slots,) consecutive measurements that its belief did not explain.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
+        cue: (slots, 2) what it is weighed by, as in `Detections`; NaN for nothing.
     """
 
     def __init__(self, bayes_filter: BayesFilter) -> None:
@@ -57,6 +58,7 @@ class Roster:
         self.ends: FloatArray = np.empty(0)
         self.n_unexplained: IntArray = np.empty(0, np.int64)
         self.log_evidence: FloatArray = np.empty(0)
+        self.cue: FloatArray = np.empty((0, 2))
         self._grow(FIRST_CAPACITY)
 
     def __len__(self) -> int:
@@ -82,6 +84,7 @@ class Roster:
         self.ends[slot] = 0.0
         self.n_unexplained[slot] = 0
         self.log_evidence[slot] = 0.0
+        self.cue[slot] = np.nan
         return slot
 
     @property

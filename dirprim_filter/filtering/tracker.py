@@ -19,16 +19,20 @@ from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.current_frame import NO_ROWS, CurrentFrame
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance
 from dirprim_filter.filtering.particle_filter import ParticleFilter
-from dirprim_filter.filtering.protocols import BayesFilter
+from dirprim_filter.filtering.protocols import BayesFilter, WeighsCues
 from dirprim_filter.filtering.roster import Roster
 from dirprim_filter.filtering.sensed_particles import SensedParticles
 from dirprim_filter.filtering.track_existence import TrackExistence
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives.cues import Cue
+from dirprim_filter.primitives.motion_sums import AHEAD_S
 from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
 
+CUE_LASTS_S = AHEAD_S
+"""A cue is about the turn until then: of a vehicle out of sight for longer nothing is known of its next."""
 AWAY_S = 1.0
 """Where a belief does not reach a labelled vehicle that is back after longer than this, the belief is wrong: after
 seconds unseen that is likelier than that the first measurement is an outlier."""
@@ -71,6 +75,7 @@ class Tracker:
         self.recoveries = 0
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
+        self._cues = self._filter if isinstance(self._filter, WeighsCues) else None
         self._by_map = self._filter if isinstance(self._filter, ParticleFilter) else None
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         sight = None if sensor is None else sensor.sight
@@ -156,6 +161,7 @@ class Tracker:
         frame, roster, time_ns = self._frame, self._roster, self._time_ns
         slot, row = frame.hits
         measured = frame.detections[row]
+        self._change_cues(slot, measured.cue)
         if self._with_innovations:
             frame.innovation = self._innovation(slot, measured)
         evidence = self._filter.weigh(slot, measured)
@@ -230,6 +236,29 @@ class Tracker:
         """Renew the samples of measured beliefs that have lost their weight."""
         self._filter.resample(self._frame.hits.slot)
 
+    def _change_cues(self, slot: IntArray, cue: FloatArray) -> None:
+        """Weigh beliefs (v,) by what vehicles have begun to signal, (v, 2), and no more by what they have ceased to."""
+        former = self._roster.cue[slot]
+        changed = slot[(cue != former).any(axis=1) & ~(np.isnan(cue) & np.isnan(former)).all(axis=1)]
+        if changed.size:
+            self._weigh_by_cues(changed, away=True)
+            self._roster.cue[slot] = cue
+            self._weigh_by_cues(changed)
+
+    def _weigh_by_cues(self, slot: IntArray, *, away: bool = False) -> None:
+        """Weigh beliefs (v,) by the cues that their vehicles give (Eq. 4); or take these weights `away`.
+
+        The inverse of a von Mises is, but for a factor, the one of the opposite direction.
+        """
+        cue = self._roster.cue[slot]
+        given = ~np.isnan(cue[:, 0])
+        if self._cues is None or not given.any():
+            return
+        kinds, kind = np.unique(cue[given], axis=0, return_inverse=True)
+        for i, (turn, concentration) in enumerate(kinds):
+            one = Cue(turn=turn + np.pi * away, concentration=concentration)
+            self._cues.weigh_by_cue(slot[given][kind == i], one)
+
     def _look_around(self) -> None:
         """Have the filter note where the last frame's vehicles are, of those that are likely there."""
         frame, roster = self._frame, self._roster
@@ -292,7 +321,7 @@ class Tracker:
         if between.any():
             frame.n_aside = int(between.sum())
             aside[between] = roster.spare(frame.n_aside)
-            self._filter.copy(absent[between], aside[between])
+            self._copy(absent[between], aside[between])
             self._advance(aside, dt_ns)
         home, held = np.concatenate([seen, absent]), np.concatenate([seen, aside])
         self._existence.age(home, held, self._time_ns)
@@ -304,7 +333,7 @@ class Tracker:
         if not self._latency_ns:
             return slot
         now = self._roster.spare(self._frame.n_aside + slot.size)[: slot.size]
-        self._filter.copy(slot, now)
+        self._copy(slot, now)
         self._advance(now, np.full(slot.size, self._latency_ns))
         return now
 
@@ -317,9 +346,18 @@ class Tracker:
         roster.time_ns[slot] += n_steps * self._step_ns
 
     def _advance(self, slot: IntArray, dt_ns: IntArray) -> None:
-        late = dt_ns > 0
-        if late.any():
-            self._filter.predict(slot[late], _seconds(dt_ns[late]))
+        """Predict beliefs (v,); a cue that their vehicles give is weighed once, as it bears on what they do then."""
+        slot, dt_ns = slot[dt_ns > 0], dt_ns[dt_ns > 0]
+        if slot.size:
+            self._weigh_by_cues(slot, away=True)
+            self._filter.predict(slot, _seconds(dt_ns))
+            self._roster.cue[slot[self._time_ns - self._roster.measured_ns[slot] > CUE_LASTS_S * 1e9]] = np.nan
+            self._weigh_by_cues(slot)
+
+    def _copy(self, source: IntArray, target: IntArray) -> None:
+        self._filter.copy(source, target)
+        for column in (self._roster.cue, self._roster.measured_ns):
+            column[target] = column[source]
 
     def _begin(self, slot: IntArray, row: IntArray) -> None:
         if slot.size == 0:
@@ -331,6 +369,7 @@ class Tracker:
         self.recoveries += int(slot.size)
         self._frame.lost = slot
         self._roster.n_unexplained[slot] = 0
+        self._roster.cue[slot] = np.nan
         logger.info("at %d ns %d beliefs did not explain what was measured: begun anew", self._time_ns, slot.size)
         self._begin(slot, row)
 

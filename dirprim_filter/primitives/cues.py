@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from dirprim_filter.arrays import FloatArray, as_floats
+from dirprim_filter.arrays import BoolArray, FloatArray, as_floats
 from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.distributions.angles import wrap
 
@@ -67,6 +67,14 @@ class Cue:
             mean_direction=mean,
             concentration=np.broadcast_to(np.asarray(self.concentration), mean.shape),
         )
+
+
+def signalled(is_left: BoolArray, is_right: BoolArray) -> FloatArray:
+    """Turn signals as `Detections.cue`: (n,), (n,) -> (n, 2); those that are neither, or both, say nothing."""
+    turn = 0.5 * np.pi * (is_left.astype(np.float64) - is_right)
+    return np.where(
+        (is_left ^ is_right)[:, None], np.column_stack([turn, np.full_like(turn, SIGNAL_CONCENTRATION)]), np.nan
+    )
 
 
 TURN_RIGHT = Cue(turn=-np.pi / 2, concentration=SIGNAL_CONCENTRATION)

@@ -29,6 +29,7 @@ class VehicleRows(Rows):
         group: (n,) int64; left out: all 0.
         size: (n, 3) length, width and height, metres; NaN where unknown.
         heading: (n,) yaw of the body, radians; NaN where unknown.
+        cue: (n, 2) turn signals, as in `Detections`; NaN where there are none.
 
     Columns of which nothing is known are left out.
     """
@@ -42,9 +43,11 @@ class VehicleRows(Rows):
     group: IntArray = LEFT_OUT
     size: FloatArray = LEFT_OUT
     heading: FloatArray = LEFT_OUT
+    cue: FloatArray = LEFT_OUT
 
     NOTHING: ClassVar[Mapping[str, Any]] = {
         "direction": np.nan, "speed": np.nan, "group": np.int64(0), "size": [np.nan] * 3, "heading": np.nan,
+        "cue": [np.nan] * 2,
     }  # fmt: skip
     OF_ALL: ClassVar[tuple[str, ...]] = ("names",)
 

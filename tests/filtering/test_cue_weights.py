@@ -1,5 +1,7 @@
 """Cues weigh what vehicles are about to do: Eq. 4 over the manoeuvres that they may drive."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -7,9 +9,11 @@ from scipy import stats
 from dirprim_filter import forecast
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.primitives.cues import TURN_LEFT, TURN_RIGHT, Cue
 from moving import motion_by_hand, squares
+from situations import TRUSTING
 
 SIDE, RADIUS = 400.0, 20.0
 MIDDLE = (SIDE / 2, SIDE / 2)
@@ -75,3 +79,41 @@ def test_a_particle_is_weighed_by_how_far_its_manoeuvre_turns(started):
     fit = stats.vonmises(2.5, loc=np.pi / 2).pdf(turn)
     assert started.weigh_by_cue(slot, TURN_LEFT)[0] == pytest.approx(np.log(weight @ fit))
     np.testing.assert_allclose(cloud.weight[0], weight * fit / (weight @ fit), rtol=1e-9)
+
+
+def signalling(side, *, n_frames=8, off_from=99):
+    """Particles after some frames of a vehicle on the crossing that signals from the third on; none is resampled."""
+    still = {"resample_below": 0.0, "widen_below": 0.0, "innovation_outlier_rate": 0.0, "noise_m": 20.0}
+    tracker = Tracker(
+        crossing(right=4, straight=10, left=6), config=FilterConfig(n_particles=400, **still), tracking=TRUSTING,
+        rng=np.random.default_rng(3),
+    )  # fmt: skip
+    for i in range(n_frames):
+        cue = [[np.nan, np.nan] if side is None or not 2 <= i < off_from else [side * np.pi / 2, 2.5]]
+        place = [[MIDDLE[0] + i, MIDDLE[1]]]
+        tracker.predict(Detections(track_id=["a"], time_ns=[i * 10**8], position=place, cue=cue))
+        tracker.weigh()
+        particles = tracker.frame().particles.thinned(1)
+        tracker.resample()
+    return particles
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_through_the_tracker_a_signal_weighs_once_however_long_it_lasts_and_not_when_it_is_off(side):
+    without, given = signalling(None), signalling(side)
+    np.testing.assert_array_equal(given.manoeuvre, without.manoeuvre)
+    turn = np.append(TURNS, np.zeros(20))[given.manoeuvre]
+    expected = without.weight * stats.vonmises(2.5, loc=side * np.pi / 2).pdf(turn)
+    np.testing.assert_allclose(given.weight, expected / expected.sum(), rtol=1e-9)
+    its_side, other = (particles.weight[turn == side * np.pi / 2].sum() for particles in (given, without))
+    assert its_side > 2 * other
+    np.testing.assert_allclose(signalling(side, off_from=6).weight, without.weight, rtol=1e-9)
+
+
+def test_a_filter_that_does_not_know_what_comes_next_takes_no_cue():
+    seen = Detections(track_id=["a"], time_ns=[0], position=[[0.0, 0.0]], cue=[[1.0, 2.5]])
+    tracker = Tracker(ConstantVelocityKalman(acceleration_density=1.0), tracking=TRUSTING, rng=np.random.default_rng(0))
+    for i in range(3):
+        tracker.predict(replace(seen, time_ns=seen.time_ns + i))
+        tracker.weigh()
+    assert len(tracker.estimate()) == 1

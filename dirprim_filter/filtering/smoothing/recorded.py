@@ -24,6 +24,7 @@ from dirprim_filter.filtering.smoothing import _kernels
 from dirprim_filter.filtering.smoothing._kernels import N_COLUMNS, N_STATES
 from dirprim_filter.filtering.smoothing.chain import MOVES, Belief, link_type, lower
 from dirprim_filter.filtering.smoothing.recorded_filter import Bridge, RecordedFilter
+from dirprim_filter.primitives.cues import Cue
 
 if TYPE_CHECKING:
     from dirprim_filter.filtering.kalman import ConstantVelocityKalman
@@ -121,6 +122,10 @@ class RecordedParticles(RecordedFilter):
     def sibling(self) -> RecordedParticles:
         """One that moves by the same map, without beliefs."""
         return RecordedParticles(self._of.sibling())
+
+    def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
+        """As the filter does."""
+        return self._of.weigh_by_cue(slot, cue)
 
     def _place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
         self._of.place(slot, key, mean, covariance)

@@ -73,6 +73,7 @@ class DetectionStream:
             position=rows.position,
             covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
             size=rows.size,
+            cue=rows.cue,
             group=np.zeros_like(rows.group) if is_one_world else rows.group,
         )
         if not self._motion:

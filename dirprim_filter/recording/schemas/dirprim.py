@@ -13,7 +13,7 @@ from google.protobuf.message import DecodeError, Message
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
-from dirprim_filter.optional_columns import is_held
+from dirprim_filter.optional_columns import is_held, unknown
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas import dirprim_pb2
@@ -37,6 +37,7 @@ _ESTIMATE_COLUMNS = (
 )  # fmt: skip
 _COVARIANCE = ("covariance_xx", "covariance_xy", "covariance_yy")
 _SIZE = ("length", "width", "height")
+_CUE = ("cue_turn", "cue_concentration")
 _LATER_COLUMNS = ("existence", "unseen_s")
 """Logs of before they were written have none of them."""
 
@@ -136,9 +137,10 @@ def encode_observations(
         message.covariance_xx.extend(observed.covariance[rows, 0, 0].tolist())
         message.covariance_xy.extend(observed.covariance[rows, 0, 1].tolist())
         message.covariance_yy.extend(observed.covariance[rows, 1, 1].tolist())
-    if is_held(observed.size) and not np.isnan(size := observed.size[rows]).all():
-        for name, column in zip(_SIZE, size.T.tolist(), strict=True):
-            getattr(message, name).extend(column)
+    for names, of in ((_SIZE, observed.size), (_CUE, unknown(0, 2) if isinstance(observed, Tracks) else observed.cue)):
+        if is_held(of) and not np.isnan(known := of[rows]).all():
+            for name, column in zip(names, known.T.tolist(), strict=True):
+                getattr(message, name).extend(column)
     if isinstance(observed, Tracks) and is_held(observed.heading):
         heading = observed.heading[rows]
         if not np.isnan(heading).all():
@@ -148,7 +150,7 @@ def encode_observations(
     return message
 
 
-_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE, "heading")
+_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE, "heading", *_CUE)
 _COLUMNS = ("x", "y", *_OPTIONAL)
 
 
@@ -184,6 +186,7 @@ def _observed(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
         direction=floats["direction"], speed=floats["speed"], group=group, label=kinds, heading=floats["heading"],
         covariance=matrices(*(floats[label] for label in _COVARIANCE)),
         size=np.stack([floats[label] for label in _SIZE], axis=-1),
+        cue=np.stack([floats[label] for label in _CUE], axis=-1),
     )[kept]  # fmt: skip
 
 

@@ -43,6 +43,7 @@ class ObjectRows(Rows):
         label: (n,) str, what the object is in the words of its schema; empty where unknown.
         size: (n, 3) length, width and height of the body, metres; NaN where unknown.
         heading: (n,) yaw of the body, radians; NaN where unknown.
+        cue: (n, 2) what it signals of its next turn, as in `Detections`; NaN where it signals nothing.
     """
 
     message: IntArray
@@ -59,10 +60,11 @@ class ObjectRows(Rows):
     label: AnyArray = LEFT_OUT
     size: FloatArray = LEFT_OUT
     heading: FloatArray = LEFT_OUT
+    cue: FloatArray = LEFT_OUT
 
     NOTHING: ClassVar[Mapping[str, Any]] = {
         "direction": np.nan, "speed": np.nan, "climb": 0.0, "group": np.int64(0), "covariance": [[np.nan] * 2] * 2,
-        "label": "", "size": [np.nan] * 3, "heading": np.nan,
+        "label": "", "size": [np.nan] * 3, "heading": np.nan, "cue": [np.nan] * 2,
     }  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray
+from dirprim_filter.primitives.cues import signalled
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.field_groups import UNLABELLED, VELOCITY, extents, label_names, xyz
@@ -21,6 +22,8 @@ from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, mot
 LABELS = ("unknown", "other", "vehicle", "pedestrian", "animal")
 """`MovingObject.Type`."""
 DIMENSION = ("length", "width", "height")
+LEFT, RIGHT = 3, 4
+"""`VehicleClassification.LightState.IndicatorState`."""
 VEHICLE = 2
 VEHICLES = (
     "vehicle", "vehicle", "small_car", "compact_car", "car", "luxury_car", "delivery_van", "heavy_truck",
@@ -44,7 +47,9 @@ def _family(schema: str, truth: str) -> Family:
         yaw = np.where(columns.is_set("turned"), columns.numbers("yaw"), np.nan)
         standing = np.where(np.isnan(yaw), np.arctan2(velocity[:, 1], velocity[:, 0]), yaw)
         moving = motion(columns, standing) | {"climb": None}
-        rows = object_rows(columns, movers, **moving, heading=yaw, label=_labels(columns))
+        light = columns.integers("indicator")
+        cue = signalled(light == LEFT, light == RIGHT)
+        rows = object_rows(columns, movers, **moving, heading=yaw, label=_labels(columns), cue=cue)
         return rows[columns.is_set("placed")]
 
     return Family(
@@ -54,6 +59,7 @@ def _family(schema: str, truth: str) -> Family:
             "id": Field(path=f"{movers}.id.value", kind="name"),
             "type": Field(path=f"{movers}.type", optional=True),
             "vehicle": Field(path=f"{movers}.vehicle_classification.type", optional=True),
+            "indicator": Field(path=f"{movers}.vehicle_classification.light_state.indicator_state", optional=True),
             "placed": Field(path=f"{movers}.base.position", kind="presence"),
             "moves": Field(path=f"{movers}.base.velocity", kind="presence"),
             "turned": Field(path=f"{movers}.base.orientation", kind="presence"),

@@ -19,10 +19,12 @@ from dirprim_filter.recording.tables.named_columns import (
     FLOATS,
     LABEL,
     SENSOR,
+    SIGNAL,
     SIZE,
     TIME_NS,
     places_of,
     refuse_degrees,
+    signal_cues,
     vehicle_columns,
 )
 from dirprim_filter.recording.tables.table import Table, table_of
@@ -63,7 +65,9 @@ def read_arrow(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
     label, sensor, ids = (
         table.texts(present[name]) if name in present else None for name in (LABEL, SENSOR, "track_id")
     )
-    rows = VehicleRows.of(np.full(len(read["x_m"]), NO_ID) if ids is None else ids, **vehicle_columns(read))
+    cue = signal_cues(table.path, None, table.texts(present[SIGNAL])) if SIGNAL in present else None
+    ids = np.full(len(read["x_m"]), NO_ID) if ids is None else ids
+    rows = VehicleRows.of(ids, cue=cue, **vehicle_columns(read))
     refuse_degrees(table.path, rows)
     return table_of(rows, label=label, sensor=sensor, unused=unused)
 

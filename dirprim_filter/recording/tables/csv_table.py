@@ -14,9 +14,11 @@ from dirprim_filter.recording.tables.named_columns import (
     FLOATS,
     LABEL,
     SENSOR,
+    SIGNAL,
     SIZE,
     places_of,
     refuse_degrees,
+    signal_cues,
     vehicle_columns,
 )
 from dirprim_filter.recording.tables.table import GrowingTable, Table
@@ -45,7 +47,8 @@ def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None) -> T
         label = np.char.strip(np.array(block.texts(place[LABEL]), np.str_)) if LABEL in place else None
         sensor = np.char.strip(np.array(block.texts(place[SENSOR]), np.str_)) if SENSOR in place else None
         ids = block.ids(place["track_id"]) if "track_id" in place else [NO_ID] * len(block.cells)
-        table.extend(ids, label=label, sensor=sensor, **vehicle_columns(_columns(block, place)))
+        cue = signal_cues(block.path, block.line, block.texts(place[SIGNAL])) if SIGNAL in place else None
+        table.extend(ids, label=label, sensor=sensor, cue=cue, **vehicle_columns(_columns(block, place)))
     rows = table.rows()
     refuse_degrees(text.path, rows)
     return table.whole(rows, unused=unused)

@@ -1,10 +1,10 @@
 """The columns of tables by their names, which say the unit: of csv, Parquet and Arrow alike.
 
 `time_s, x_m, y_m` and, if there, `track_id, heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m`,
-`sensor` and `label` (or `category` or `class`); other columns are not used. Rows without an id are detections, of
-that sensor. x is east and y north in metres, the heading (yaw of the
-body) and the course over ground are radians counter-clockwise from east, the size of the body is in metres; an empty
-cell of a size, an angle or a label is one that is unknown.
+`sensor`, `turn_signal` (left, right or none) and `label` (or `category` or `class`); other columns are not used. Rows
+without an id are detections, of that sensor. x is east and y north in metres, the heading (yaw of the body) and the
+course over ground are radians counter-clockwise from east, the size of the body is in metres; an empty cell of a size,
+an angle, a signal or a label is one that is unknown.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray
+from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.optional_columns import unknown
+from dirprim_filter.primitives.cues import signalled
 from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 
@@ -32,9 +33,11 @@ FLOATS = {"heading_rad": "heading", "course_rad": "direction", "speed_mps": "spe
 """What the columns of `VehicleRows` are called."""
 LABEL = "label"
 SENSOR = "sensor"
+SIGNAL = "turn_signal"
+SIGNALS = ("left", "right", "none", "")
 LABELS = (LABEL, "category", "class")
 """The first of these that a table has says what its vehicles are."""
-KNOWN = (*REQUIRED, *FLOATS, "group", *SIZE, SENSOR, LABEL)
+KNOWN = (*REQUIRED, *FLOATS, "group", *SIZE, SENSOR, SIGNAL, LABEL)
 LARGEST_ANGLE = 6.3
 """A turn, rounded."""
 
@@ -140,6 +143,22 @@ def vehicle_columns(columns: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
         nothing = unknown(len(columns["x_m"]))
         same["size"] = np.column_stack([columns.get(name, nothing) for name in SIZE])
     return same | {"position": np.column_stack([columns["x_m"], columns["y_m"]])}
+
+
+def signal_cues(path: Path, line: Sequence[int] | None, texts: Sequence[str] | AnyArray) -> FloatArray:
+    """(n,) texts of turn signals -> (n, 2) as in `Detections.cue`.
+
+    Raises:
+        TableError: one is not of `SIGNALS`; at its line where lines (n,) are known.
+    """
+    side = np.strings.lower(np.strings.strip(np.asarray(texts, np.str_)))
+    wrong = np.flatnonzero(~np.isin(side, SIGNALS))
+    if wrong.size:
+        place = f"column {SIGNAL}" if line is None else line[wrong[0]]
+        raise TableError(
+            path, place, f"{', '.join(SIGNALS[:3])} as {SIGNAL}", repr(texts[wrong[0]]), "mend the cell, or empty it"
+        )
+    return signalled(side == "left", side == "right")
 
 
 def refuse_degrees(path: Path, rows: VehicleRows) -> None:

@@ -27,8 +27,8 @@ class Table:
 
     Attributes:
         tracks: the rows that are good, of vehicles with an id.
-        detections: where some rows have no id, or each vehicle but one row, all that are good, by sensor; the name is
-            empty where the table has none.
+        detections: where some rows have no id, or a turn signal, or each vehicle but one row, all that are good, by
+            sensor; the name is empty where the table has none.
         losses: how many rows were left out, by reason; and what was put right without a loss.
         labels: what each vehicle is, by its id; of those that the table gives a label.
         unused: the columns of which nothing was read.
@@ -102,7 +102,7 @@ def table_of(
     speed, and of two rows of a vehicle at one time the second. A vehicle id that stands in two groups means two
     vehicles: all ids become `group/id`. Where the course is missing in a row of a vehicle it is derived from all its
     positions, and so is the speed; a row that stands alone in time, and has no heading, is then dropped as well.
-    Where some rows have no id, or each would be alone, all are detections.
+    Where some rows have no id, or a turn signal, or each would be alone, all are detections.
 
     Args:
         rows: as they were read, bad ones among them.
@@ -137,7 +137,7 @@ def table_of(
     tracks = rows.to_tracks(alone)
     if len(tracks):
         losses += alone
-    if len(tracks) and seen.size == np.count_nonzero(good & is_named):
+    if len(tracks) and seen.size == np.count_nonzero(good & is_named) and np.isnan(as_read.cue).all():
         seen = seen[:0]
     detections = _detections(as_read, seen, sensor)
     return Table(tracks=tracks, detections=detections, losses=losses, labels=labels, unused=unused, files=files)
@@ -151,7 +151,7 @@ def _detections(rows: VehicleRows, seen: IntArray, sensor: AnyArray | None) -> d
         own = rows[seen[of == name]]
         detections[name] = Detections(
             track_id=np.strings.strip(own.names)[own.vehicle], time_ns=own.time_ns, position=own.position,
-            direction=own.direction, speed=own.speed, size=own.size, group=own.group,
+            direction=own.direction, speed=own.speed, size=own.size, cue=own.cue, group=own.group,
         )  # fmt: skip
     return detections
 
