@@ -32,8 +32,8 @@ class Estimates(ArrayValue):
         speed: (n,) mean, m/s.
         speed_std: (n,) standard deviation, m/s.
         effective_sample_size: (n,) of the particle weights before resampling.
-        log_evidence: (n,) natural log of the density of this measurement given those before it; 0 at birth and where
-            there is none.
+        log_evidence: (n,) natural log of the density of this measurement given those before it, per square metre; that
+            of a measured course and speed is a ratio to a false detection's. 0 at birth and where there is none.
         existence: (n,) probability of existence: that there is such a vehicle. Left out: 1.
         unseen_s: (n,) seconds since it was last measured: 0 where it is now. Left out: 0.
 

@@ -21,35 +21,38 @@ LEAST = 1e-200
 
 
 class Noise(NamedTuple):
-    """Densities of measurement errors: (1 - e) of a Gaussian or von Mises, e of an outlier."""
+    """Densities of measurement errors: (1 - e) of a Gaussian or von Mises, e of an outlier.
+
+    Those of course and speed are ratios to the densities of a false detection's, 1/(2 pi) and 1/`FASTEST`.
+    """
 
     outlier: float  # per square metre
     kept: float  # 1 less the probability of an outlier
     direction_concentration: float
-    direction_scale: float  # 1 less the probability of an outlier, over the von Mises normaliser
-    direction_outlier: float  # per radian
+    direction_scale: float
+    direction_outlier: float
     speed_precision: float  # (s/m)^2
     speed_scale: float
-    speed_outlier: float  # s/m
+    speed_outlier: float
 
 
 @njit(cache=True, inline="always")
 def direction_fit(noise: Noise, direction: float, course: float) -> float:
-    """Density of a measured course, per radian."""
+    """Density of a measured course, over that of a false detection's."""
     agreed = noise.direction_concentration * squared_sine(0.5 * (direction - course))
     return float(noise.direction_scale * exp(-2.0 * agreed) + noise.direction_outlier)
 
 
 @njit(cache=True, inline="always")
 def speed_fit(noise: Noise, speed: float, pace: float) -> float:
-    """Density of a measured speed, s/m."""
+    """Density of a measured speed, likewise."""
     off = speed - pace
     return float(noise.speed_scale * exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier)
 
 
 @njit(cache=True, inline="always")
 def log_motion_fit(noise: Noise, direction: float, speed: float, course: float, pace: float) -> float:
-    """Natural log of the density of a measured course and pace; of what is not measured, none."""
+    """Natural log of that of a measured course and pace; 0 of what is not measured."""
     fit = 1.0
     if not math.isnan(course):
         fit *= direction_fit(noise, direction, course)

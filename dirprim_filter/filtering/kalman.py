@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
+from dataclasses import replace
 from functools import lru_cache
 from typing import Self
 
@@ -51,6 +52,8 @@ class KalmanBank:
         self.probability: FloatArray = np.empty((0, m))
         self._log_outlier = _log(config.outlier_probability / config.outlier_extent_m**2)
         self._log_kept = float(np.log1p(-config.outlier_probability))
+        self._log_astray = _log(config.motion_outlier_probability)
+        self._log_steady = float(np.log1p(-config.motion_outlier_probability))
 
     @property
     def traffic(self) -> None:
@@ -108,15 +111,23 @@ class KalmanBank:
             self._take_back(s)
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
-        """Log density of measured positions under the beliefs, outliers aside. (v,), v rows -> (v,)."""
-        spread = self.covariance[slot, :, :2, :2] + measured_covariance(measured, self.config)[:, None]
-        off = measured.position[:, None] - self.mean[slot, :, :2]
+        """Log density of measurements under the beliefs, outlying positions aside. (v,), v rows -> (v,)."""
+        mean, covariance = self.mean[slot], self.covariance[slot]
+        spread = covariance[..., :2, :2] + measured_covariance(measured, self.config)[:, None]
+        off = measured.position[:, None] - mean[..., :2]
         log_p = _log_gaussian(off, spread) + np.log(np.maximum(self.probability[slot], 1e-300))
+        direction, speed = measured_motion(measured)
+        for i in np.flatnonzero(np.isfinite(direction) & np.isfinite(speed)):
+            gain = np.linalg.solve(spread[i], covariance[i, :, :2, 2:4]).swapaxes(-1, -2)
+            moves = mean[i, :, 2:4] + (gain @ off[i, ..., None])[..., 0]
+            p = covariance[i, :, 2:4, 2:4] - gain @ covariance[i, :, :2, 2:4]
+            log_p[i] += np.logaddexp(self._log_velocity(moves, p, direction[i], speed[i]), self._log_astray)
         return np.asarray(np.logaddexp.reduce(log_p, axis=1)) if slot.size else np.empty(0)
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Correct beliefs by measurements; an outlier corrects nothing."""
-        fit = self._log_kept + self.log_likelihood(slot, measured)
+        unmoving = replace(measured, direction=np.empty(0), speed=np.empty(0))
+        fit = self._log_kept + self.log_likelihood(slot, unmoving)
         evidence = np.logaddexp(fit, self._log_outlier)
         place = measured_covariance(measured, self.config)
         direction, speed = measured_motion(measured)
@@ -181,17 +192,20 @@ class KalmanBank:
         spread = self.config.speed_noise**2 * np.outer(along, along) + sideways**2 * np.outer(across, across)
         return speed * along, spread
 
-    def _weigh_velocity(self, s: int, direction: float, speed: float) -> float:
-        """Correct a belief by a measured velocity unless it is an outlier; -> its log density."""
+    def _log_velocity(self, mean: FloatArray, covariance: FloatArray, direction: float, speed: float) -> FloatArray:
+        """(m, 2), (m, 2, 2) of velocities -> (m,) log ratio of a measured one, no outlier, to a false detection's."""
         z, noise = self._velocity(direction, speed)
-        spread = self.covariance[s, :, 2:4, 2:4] + noise
-        log_p = _log_gaussian(z - self.mean[s, :, 2:4], spread) + np.log(np.maximum(self.probability[s], 1e-300))
-        astray = self.config.motion_outlier_probability
-        fit = float(np.logaddexp.reduce(log_p) + np.log1p(-astray))
-        outlier = _log(astray / (np.pi * FASTEST**2))
-        if fit > outlier:
+        per_course_and_speed = speed * 2.0 * np.pi * FASTEST
+        return np.asarray(_log_gaussian(z - mean, covariance + noise) + np.log(per_course_and_speed) + self._log_steady)
+
+    def _weigh_velocity(self, s: int, direction: float, speed: float) -> float:
+        """Correct a belief by a measured velocity unless it is an outlier; -> its log ratio."""
+        log_p = self._log_velocity(self.mean[s, :, 2:4], self.covariance[s, :, 2:4, 2:4], direction, speed)
+        fit = float(np.logaddexp.reduce(log_p + np.log(np.maximum(self.probability[s], 1e-300))))
+        if fit > self._log_astray:
+            z, noise = self._velocity(direction, speed)
             self._update(s, z, VELOCITY, noise)
-        return float(np.logaddexp(fit, outlier))
+        return float(np.logaddexp(fit, self._log_astray))
 
 
 class ConstantVelocityKalman(KalmanBank):

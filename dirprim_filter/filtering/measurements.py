@@ -1,4 +1,8 @@
-"""Measurements of a sensor and their errors."""
+"""Measurements of a sensor and their errors.
+
+A false detection has any course, and any speed below `FASTEST`: of densities 1/(2 pi) and 1/`FASTEST`. What a measured
+course and speed say for a vehicle is the ratio of their densities to these.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from dirprim_filter.detections import Detections
 MOVING_FROM = 0.5
 """m/s; slower vehicles have no measured course."""
 FASTEST = 60.0
-"""m/s; an outlier of a measured speed lies anywhere below it."""
+"""m/s; an outlier of a measured speed, or a false detection's, lies anywhere below it."""
 MOST_SPREADS = 8.0
 """Standard deviations from the mean of a Gaussian within which all draws of it lie."""
 

@@ -334,9 +334,9 @@ def _noise(config: FilterConfig) -> _measuring.Noise:
         outlier=outlier / config.outlier_extent_m**2,
         kept=1.0 - outlier,
         direction_concentration=float(concentration),
-        direction_scale=(1.0 - astray) * float(np.exp(-von_mises.log_normaliser(concentration))),
-        direction_outlier=astray / (2.0 * np.pi),
+        direction_scale=(1.0 - astray) * 2.0 * np.pi * float(np.exp(-von_mises.log_normaliser(concentration))),
+        direction_outlier=astray,
         speed_precision=1.0 / config.speed_noise**2,
-        speed_scale=(1.0 - astray) / (config.speed_noise * float(np.sqrt(2.0 * np.pi))),
-        speed_outlier=astray / FASTEST,
+        speed_scale=(1.0 - astray) * FASTEST / (config.speed_noise * float(np.sqrt(2.0 * np.pi))),
+        speed_outlier=astray,
     )

@@ -17,7 +17,8 @@ class Evidence(NamedTuple):
     """How well beliefs explain their measurements.
 
     Attributes:
-        log_density: (v,) natural log of the density of each measurement given those before it.
+        log_density: (v,) natural log of the density of each measurement given those before it: per square metre of
+            position; that of course and speed is a ratio to a false detection's, see `measurements`.
         is_unexplained: (v,) where an outlier explains it better, or nothing does.
         is_moved: (v,) of whom samples were moved, not only weighed.
     """
@@ -73,7 +74,7 @@ class BayesFilter(Protocol):
         ...
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
-        """(v,) natural log of the density of each measurement under the belief, outliers aside; changes nothing."""
+        """(v,) as `Evidence.log_density`, outlying positions aside; changes nothing."""
         ...
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:

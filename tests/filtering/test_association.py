@@ -7,7 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dirprim_filter.detections import Detections
+from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
 from dirprim_filter.filtering.association import Pairs, best_assignment, gated
+from situations import TRUSTING
 
 
 def best_by_enumeration(table):
@@ -72,3 +75,23 @@ def test_nobody_and_nothing_give_no_pair():
         best_assignment(Pairs(np.array([0]), np.array([0])), np.array([0.0])),
     ):  # fmt: skip
         assert found.one.size == found.other.size == 0
+
+
+def test_of_two_that_pass_each_other_the_course_says_which_is_which():
+    """Each is seen nearer to where the other was expected; the control, without courses, takes them for the other."""
+
+    def courses_of_hits(*, is_measured):
+        tracker = Tracker(
+            ConstantVelocityKalman(acceleration_density=1.0), tracking=TRUSTING, rng=np.random.default_rng(0)
+        )
+        for i in range(11):
+            place = np.array([[-10.0 + i, 0.4], [10.0 - i, -0.4]]) * [1.0, -1.0 if i == 10 else 1.0]
+            known = {"direction": [0.0, np.pi], "speed": [10.0, 10.0]} if is_measured else {}
+            tracker.predict(Detections(track_id=["", ""], time_ns=[i * 10**8] * 2, position=place, **known))
+            hits = tracker._frame.hits
+            if i < 10:
+                tracker.weigh()
+        return tracker._filter.moments(hits.slot)[np.argsort(hits.row), 5]
+
+    np.testing.assert_allclose(np.cos(courses_of_hits(is_measured=True)), [1.0, -1.0], atol=0.1)
+    np.testing.assert_allclose(np.cos(courses_of_hits(is_measured=False)), [-1.0, 1.0], atol=0.1)

@@ -83,7 +83,7 @@ def test_a_particle_is_weighed_by_how_far_its_manoeuvre_turns(started):
 
 def signalling(side, *, n_frames=8, off_from=99):
     """Particles after some frames of a vehicle on the crossing that signals from the third on; none is resampled."""
-    still = {"resample_below": 0.0, "widen_below": 0.0, "innovation_outlier_rate": 0.0, "noise_m": 20.0}
+    still = {"resample_below": 0.0, "innovation_outlier_rate": 0.0, "noise_m": 20.0}
     tracker = Tracker(
         crossing(right=4, straight=10, left=6), config=FilterConfig(n_particles=400, **still), tracking=TRUSTING,
         rng=np.random.default_rng(3),

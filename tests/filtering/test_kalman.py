@@ -7,7 +7,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker
-from dirprim_filter.filtering.kalman import FIRST_SPEED_STD
+from dirprim_filter.filtering.kalman import FIRST_SPEED_STD, ConstantTurnUKF, InteractingModels
 from dirprim_filter.filtering.manoeuvre import acceleration_density
 from dirprim_filter.tracks import Tracks
 from oracles import kalman_positions
@@ -88,3 +88,25 @@ def test_the_density_of_known_white_acceleration_is_found():
 def test_the_density_needs_two_rows_of_a_vehicle_near_in_time(ring):
     with pytest.raises(ValueError, match="two rows at most 2 s apart"):
         acceleration_density(ring[ring.time_ns == 0])
+
+
+MODELS = {
+    "constant velocity": lambda config: ConstantVelocityKalman(acceleration_density=2.0, config=config),
+    "constant turn": lambda config: ConstantTurnUKF(acceleration_density=1.0, turn_density=0.1, config=config),
+    "both": lambda config: InteractingModels(straight=0.5, acceleration_density=1.0, turn_density=0.1, config=config),
+}
+
+
+@pytest.mark.parametrize("known", [{}, {"direction": [0.3], "speed": [9.0]}, {"direction": [3.0], "speed": [9.0]}])
+@pytest.mark.parametrize("model", MODELS)
+def test_the_likelihood_of_a_measurement_is_the_evidence_that_weighing_gives(model, known):
+    made = MODELS[model](FilterConfig(outlier_probability=1e-13))
+    made.reserve(1)
+    slot, key = np.zeros(1, np.int64), np.zeros(1, np.uint64)
+    for i, dt_s in enumerate((0.0, 0.5, 0.5)):
+        seen = Detections(track_id=[""], time_ns=[i], position=[[5.0 * i, 0.7 * i**2]], **(known if i == 2 else {}))
+        if i:
+            made.predict(slot, np.full(1, dt_s))
+        likelihood = made.log_likelihood(slot, seen) if i else None
+        evidence = made.weigh(slot, seen).log_density if i else made.begin(slot, key, seen)
+    np.testing.assert_allclose(likelihood, evidence, rtol=1e-6)

@@ -44,10 +44,10 @@ def fits(made, seen, row, *, outliers=True):
     e = CONFIG.motion_outlier_probability
     if np.isfinite(seen.direction[row]) and not seen.speed[row] < 0.5:
         course = stats.vonmises(1 / CONFIG.direction_noise**2, loc=seen.direction[row]).pdf(cloud.direction[s])
-        fit = fit + np.log((1 - e) * course + e / (2 * np.pi))
+        fit = fit + np.log(2 * np.pi * (1 - e) * course + e)
     if np.isfinite(seen.speed[row]):
         pace = stats.norm(seen.speed[row], CONFIG.speed_noise).pdf(cloud.speed[s])
-        fit = fit + np.log((1 - e) * pace + e / FASTEST)
+        fit = fit + np.log(FASTEST * (1 - e) * pace + e)
     return np.log(cloud.weight[s]) + fit
 
 
