@@ -162,7 +162,7 @@ class _Inspection:
     def _take_objects(self, messages: MessageColumns) -> None:
         rows, failures = self.decoders.rows(messages)
         self.clocks["header"].watch_objects(messages, rows.message, rows.stamp_ns)
-        is_placed = np.isfinite(rows.position).all(axis=1)  # else not where `--fields` says
+        is_placed = np.asarray(np.isfinite(rows.position).all(axis=1))  # else not where `--fields` says
         channel = messages.channel[rows.message]
         order = np.argsort(channel, kind="stable")
         for own in np.split(order, np.flatnonzero(np.diff(channel[order])) + 1) if len(rows) else ():
