@@ -31,8 +31,6 @@ class LearningConfig:
         cell_sizes: metres, the grid's candidates when no size is asked for.
         rows_per_cell: rows of an average cell, the candidates for evenly laid out Voronoi cells; the first also gives
             the usual spreads.
-        softness: share of its own size within which a Voronoi cell also learns from rows beside it; the first is tried
-            first.
     """
 
     max_modes: int = 6
@@ -49,10 +47,9 @@ class LearningConfig:
     max_shape: float = 1e4
     cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
     rows_per_cell: tuple[float, ...] = (40.0, 8.0, 18.0, 90.0)
-    softness: tuple[float, ...] = (0.25, 0.1, 0.5)
 
     def __post_init__(self) -> None:
-        several = ("prior_strengths", "parameter_costs", "cell_sizes", "rows_per_cell", "softness")
+        several = ("prior_strengths", "parameter_costs", "cell_sizes", "rows_per_cell")
         require_positive(self, skip=several)
         for name in several:
             numbers = getattr(self, name)

@@ -43,6 +43,7 @@ class Search(Generic[Data_contra, Cells]):
         fold: (n,) of each of them.
         group: (n,) of each of them, 0 to n_groups - 1.
         salt: (n_all,) random numbers that break ties between members.
+        softness: of the gates.
     """
 
     model: CellModel[Data_contra, Cells]
@@ -53,6 +54,7 @@ class Search(Generic[Data_contra, Cells]):
     fold: IntArray
     group: IntArray
     salt: FloatArray
+    softness: float
 
     @property
     def n_folds(self) -> int:
@@ -66,18 +68,15 @@ class Search(Generic[Data_contra, Cells]):
 
     # States -----------------------------------------------------------------------------------------------------------
 
-    def evaluate(
-        self, generators: FloatArray, softness: float, *before: State[Cells], near: State[Cells] | None = None
-    ) -> State[Cells]:
+    def evaluate(self, generators: FloatArray, *before: State[Cells], near: State[Cells] | None = None) -> State[Cells]:
         """The state of these generators.
 
         Args:
             generators: (n_cells, 2).
-            softness: of the gates.
             before: cells that one of these states has with the same members are taken from it.
             near: a state of as many cells, each with nearly the same members; fits start from its.
         """
-        members, cell = members_of(self.position[self.row], generators, softness=softness)
+        members, cell = members_of(self.position[self.row], generators, softness=self.softness)
         signature = sums(members.weight * self.salt[self.row[members.row]], members.start)
         source, number = known(generators, signature, before)
         new = np.flatnonzero(source < 0)
@@ -96,7 +95,7 @@ class Search(Generic[Data_contra, Cells]):
         score[row] = self._log_density(fits, row, cell[row])
         used = self.weight[self.row]
         return State(
-            generators=generators, softness=softness, members=members, cell=cell, signature=signature, fits=fits,
+            generators=generators, members=members, cell=cell, signature=signature, fits=fits,
             score=score, objective=-float(used @ score) / float(used.sum()), finished=finished,
             refused=before[0].refused if before else np.empty(0),
         )  # fmt: skip
@@ -125,11 +124,9 @@ class Search(Generic[Data_contra, Cells]):
         held_out = cell * self.n_folds + self.fold[row]
         return self.model.log_density(fits, self.position, self.data, self.row[row], held_out)
 
-    def _better(
-        self, state: State[Cells], generators: FloatArray, softness: float | None = None
-    ) -> State[Cells] | None:
+    def _better(self, state: State[Cells], generators: FloatArray) -> State[Cells] | None:
         """The state of these generators, if its objective is lower."""
-        found = self.evaluate(generators, state.softness if softness is None else softness, state)
+        found = self.evaluate(generators, state)
         return found if found.objective < state.objective else None
 
     # Steps ------------------------------------------------------------------------------------------------------------
@@ -156,7 +153,7 @@ class Search(Generic[Data_contra, Cells]):
             kept = np.delete(state.generators, order, axis=0)
             generators = np.vstack([kept, children[axis[order], order].reshape(-1, 2)])
             if room is not None:
-                return self.evaluate(generators, state.softness, state)
+                return self.evaluate(generators, state)
             found = self._better(state, generators)
             if found is not None:
                 return found
@@ -195,7 +192,7 @@ class Search(Generic[Data_contra, Cells]):
         border = np.hstack([mean[tried], unit[tried]])
         place = self.position[self.row]
         start, row, share = halve(
-            part.start, part.row, part.weight, place, border, state.softness * step[tried], LEAST_SHARE
+            part.start, part.row, part.weight, place, border, self.softness * step[tried], LEAST_SHARE
         )
         fits = self._fit(Members(start, row, share, children[tried].reshape(-1, 2)))
         number = np.full(len(state.generators), -1, np.int64)
@@ -251,11 +248,9 @@ class Search(Generic[Data_contra, Cells]):
 
     def _helpful(self, state: State[Cells], trial: FloatArray) -> State[Cells] | None:
         """The better of all the moves, and of those alone that help the cells around; None if neither is any good."""
-        every = self.evaluate(trial, state.softness, state, near=state)
+        every = self.evaluate(trial, state, near=state)
         helped = self._gain_around(state, every) > 0
-        some = self.evaluate(
-            np.where(helped[:, None], trial, state.generators), state.softness, state, every, near=state
-        )
+        some = self.evaluate(np.where(helped[:, None], trial, state.generators), state, every, near=state)
         best = min((every, some), key=lambda found: found.objective)
         return best if best.objective < state.objective else None
 
@@ -297,13 +292,6 @@ class Search(Generic[Data_contra, Cells]):
             if found is not None:
                 return found
             chosen = chosen[: chosen.size // 2]
-        return state
-
-    def soften(self, state: State[Cells], softness: tuple[float, ...]) -> State[Cells]:
-        """The same cells behind softer or harder gates."""
-        for tried in softness:
-            if tried != state.softness:
-                state = self._better(state, state.generators, tried) or state
         return state
 
 

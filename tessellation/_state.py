@@ -23,15 +23,13 @@ class State(Generic[Cells]):
         "refused",
         "score",
         "signature",
-        "softness",
     )
 
     def __init__(
-        self, *, generators: FloatArray, softness: float, members: Members, cell: IntArray, signature: FloatArray,
+        self, *, generators: FloatArray, members: Members, cell: IntArray, signature: FloatArray,
         fits: Cells, score: FloatArray, objective: float, finished: BoolArray, refused: FloatArray,
     ) -> None:  # fmt: skip
         self.generators = generators  # (n_cells, 2)
-        self.softness = softness
         self.members = members
         self.cell = cell  # (n,) of each row
         self.signature = signature  # (n_cells,) the same for the same members

@@ -3,7 +3,7 @@
 Senanayake et al. 2020, section VI, ask for the cells that minimise sum_c sum_x -log p(x_c | theta_c). Left to the data
 that were fitted, that sum falls until each datum has a cell of its own. Here it is taken over data held out: a datum is
 judged by its cell as fitted to the groups of the other folds. This **held-out objective** is the one criterion: it
-places the generators, decides how many there are and how soft the gates between them.
+places the generators and decides how many there are.
 
 From a few large, even cells on, as long as the objective falls:
 
@@ -11,9 +11,7 @@ From a few large, even cells on, as long as the objective falls:
    error over groups;
 2. *move* generators along the gradient of the likelihood of softly gated cells: sum_i (r_ic - g_ic) (x_i - g_c), with
    gates g and responsibilities r (Jordan and Jacobs 1994), where it helps the cells around;
-3. *merge* neighbours that do better as one; cells that starve go this way;
-4. let the gates' softness (see `gates`) rise or fall; it is a share of the cells' size, so that in metres it falls as
-   cells are split.
+3. *merge* neighbours that do better as one; cells that starve go this way.
 
 Every step is judged by the true objective of true Voronoi cells, and is taken back if that has risen: the trace never
 rises. All steps of a kind are tried together, and only cells whose members have changed are fitted again.
@@ -53,7 +51,6 @@ class JointFit(Generic[Cells]):
     Attributes:
         tessellation: the cells.
         cells: their parameters, fitted to all data.
-        softness: of the gates; see `gates.members_of`.
         trace: (n_steps,) the held-out objective after each step, per datum; it never rises. Empty where nothing could
             be held out.
         n_cells: (n_steps,) how many cells there were.
@@ -61,7 +58,6 @@ class JointFit(Generic[Cells]):
 
     tessellation: VoronoiTessellation
     cells: Cells
-    softness: float
     trace: FloatArray
     n_cells: IntArray
 
@@ -75,7 +71,7 @@ def fit_jointly(
     group: IntArray | None = None,
     reach: float,
     n_cells: int | None = None,
-    softness: tuple[float, ...] = (0.25, 0.1, 0.5, 0.0),
+    softness: float = 0.25,
     max_rows: int = 10_000,
     progress: Callable[[int, float], None] | None = None,
     rng: np.random.Generator,
@@ -90,7 +86,7 @@ def fit_jointly(
         group: (n,) whole groups are held out, for data of one group repeat each other; each datum by itself if absent.
         reach: metres around the data that the cells cover; see `VoronoiTessellation.covering`.
         n_cells: how many cells; left out, as many as lower the held-out objective.
-        softness: softness of the gates: the first is the initial value, the others are candidates.
+        softness: of the gates, see `gates.members_of`.
         max_rows: the cells are laid out by so many data at most, drawn at random; all data are then fitted.
         progress: called with the number of cells and the objective after each step.
         rng: deals the folds and chooses the first generators.
@@ -102,8 +98,8 @@ def fit_jointly(
     for name, number in (("max_rows", max_rows), ("n_cells", n_cells)):
         if number is not None and number < 1:
             raise ValueError(f"{name}: expected at least 1, got {number}")
-    if not softness or not all(s >= 0 for s in softness):
-        raise ValueError(f"softness: expected one or more numbers that are not negative, got {softness}")
+    if not softness >= 0:
+        raise ValueError(f"softness: expected a number that is not negative, got {softness}")
     origin = np.round(position[weight > 0].mean(axis=0))  # so that no digit is lost far from it
     used = _sample(weight, max_rows, rng)
     fold = _folds(group[used], rng)
@@ -116,6 +112,7 @@ def fit_jointly(
         fold=fold,
         group=np.unique(group[used], return_inverse=True)[1],
         salt=np.random.default_rng(0).random(len(position)),
+        softness=softness,
     )
 
     def spread(n: int) -> FloatArray:
@@ -131,41 +128,38 @@ def fit_jointly(
             progress(*steps[-1])
 
     if search.n_folds > 1:
-        state = _first(search, spread, n_cells, softness[0])
-        state = _descend(search, state, n_cells, softness, report)
-        generators, chosen = state.generators, state.softness
+        state = _first(search, spread, n_cells)
+        generators = _descend(search, state, n_cells, report).generators
     else:  # nothing can be held out, so the data do not determine the number of cells
-        generators, chosen = spread(n_cells or 1), softness[0]
+        generators = spread(n_cells or 1)
     nearest = nearest_generators((position - origin)[weight > 0], generators, k=1)[1]
     generators = generators[np.bincount(nearest[:, 0], minlength=len(generators)) > 0]  # none that is empty
-    members, _ = members_of(position - origin, generators, softness=chosen)
+    members, _ = members_of(position - origin, generators, softness=softness)
     members = members._replace(weight=members.weight * weight[members.row])
-    logger.info("joint cells: %d, softness %g, after %d steps", len(generators), chosen, len(steps))
+    logger.info("joint cells: %d, after %d steps", len(generators), len(steps))
     return JointFit(
         tessellation=VoronoiTessellation.covering(position[weight > 0], generators=generators + origin, reach=reach),
         cells=model.fit(position - origin, data, members),
-        softness=chosen,
         trace=np.array([objective for _, objective in steps]),
         n_cells=np.array([n for n, _ in steps], dtype=np.int64),
     )
 
 
 def _first(
-    search: Search[Data_contra, Cells], spread: Callable[[int], FloatArray], n_cells: int | None, softness: float
+    search: Search[Data_contra, Cells], spread: Callable[[int], FloatArray], n_cells: int | None
 ) -> State[Cells]:
     """Even cells to begin with, the best power of two: the objective may have several minima, so all are tried."""
     most = n_cells or max(1, search.row.size // FEWEST_ROWS)
     numbers = 2 ** np.arange(int(np.log2(most)) + 1)
-    objective = [search.evaluate(spread(int(n)), softness).objective for n in numbers]
+    objective = [search.evaluate(spread(int(n))).objective for n in numbers]
     best = int(numbers[np.argmin(objective)])
-    return search.evaluate(spread(max(1, int(START_SHARE * best))), softness)
+    return search.evaluate(spread(max(1, int(START_SHARE * best))))
 
 
 def _descend(
     search: Search[Data_contra, Cells],
     state: State[Cells],
     n_cells: int | None,
-    softness: tuple[float, ...],
     report: Callable[[State[Cells]], None],
 ) -> State[Cells]:
     """Step by step, until no kind of step lowers the objective."""
@@ -178,7 +172,6 @@ def _descend(
         if not still_to_come and state.objective >= before.objective - search.least_gain:
             state = search.anneal(state)
             state = search.merge(state) if n_cells is None else state
-            state = search.soften(state, softness)
         if state is not before:
             report(state)
         if not still_to_come and state.objective >= before.objective - search.least_gain:

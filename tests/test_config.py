@@ -15,7 +15,7 @@ from dirprim_filter.sensor import AxisError, Sensor
 from situations import ring_traffic
 
 LASTING = AxisError(spread_m=0.5, correlated_share=0.5)
-SERIES = ("cell_sizes", "prior_strengths", "parameter_costs", "rows_per_cell", "softness")
+SERIES = ("cell_sizes", "prior_strengths", "parameter_costs", "rows_per_cell")
 MAY_BE_OFF = (
     "outlier_probability", "motion_outlier_probability", "resample_below", "widen_below", "place_free_share",
     "straight_share", "redraw_rate", "direction_spread", "push", "innovation_outlier_rate", "reach_m", "drift",

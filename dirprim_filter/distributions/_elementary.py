@@ -13,6 +13,7 @@ from numba import njit
 from dirprim_filter.distributions._arithmetic import fma, polynomial
 from tessellation._compiling import COMPILED
 
+TWO_PI = 2.0 * math.pi
 EXACT: dict[str, Any] = COMPILED | {"error_model": "numpy"}
 """Division by zero gives infinity."""
 
@@ -35,9 +36,7 @@ single: Any = np.float32
 """A number in single precision, which Python's types do not distinguish from others."""
 _ROUND_S, _LOG2_E_S = single(1.5 * 2.0**23), single(_LOG2_E)
 _LN2_HIGH_S, _LN2_LOW_S = single(0.693359375), single(-2.12194440e-4)
-_PI_HIGH_S, _PI_LOW_S, _PER_PI_S = single(3.140625), single(math.pi - 3.140625), single(1.0 / math.pi)
 _OF_EXP_S = tuple(single(1.0 / math.factorial(n)) for n in range(7, -1, -1))
-_OF_SIN_S = tuple(single((-1.0) ** (n // 2) / math.factorial(n)) for n in range(11, 1, -2))
 _LEAST_S, _MOST_S = single(-87.0), single(88.0)
 _TO_EXPONENT_S = np.int32(23)
 
@@ -110,16 +109,15 @@ def exp_single(x: float) -> float:
 
 
 @njit(**EXACT)
-def squared_sine_single(x: float) -> float:
-    """sin(x)^2 in single precision, for |x| up to a hundred."""
-    n = nearest_integer_single(x * _PER_PI_S)
-    y = fma(-n, _PI_LOW_S, fma(-n, _PI_HIGH_S, x))
-    t = y * y
-    s = fma(y * t, polynomial(t, _OF_SIN_S), y)
-    return s * s
-
-
-@njit(**EXACT)
 def nearest_integer_single(x: float) -> float:
     """The integer nearest to x in single precision, for |x| up to a million."""
     return (x + _ROUND_S) - _ROUND_S
+
+
+@njit(inline="always", **COMPILED)
+def wrap(angle: float) -> float:
+    """The same angle in (-pi, pi]."""
+    if -math.pi < angle <= math.pi:
+        return angle
+    turned = math.pi - (math.pi - angle) % TWO_PI
+    return math.pi if turned <= -math.pi else turned  # so that NaN stays NaN

@@ -8,7 +8,7 @@ draw waits for the one before it, so that several are made at a time; normals th
 
 The normal sampler is the ziggurat of Marsaglia and Tsang (2000), with Doornik's (2005) independent bits for layer and
 place; the von Mises sampler is that of Best and Fisher (1979), the gamma sampler that of Marsaglia and Tsang (2000,
-another paper), the Poisson sampler PTRS of Hoermann (1993).
+another paper).
 """
 
 import math
@@ -164,36 +164,7 @@ def draw_gamma(shape: float, state: UIntArray) -> float:
             return boost * d * v
 
 
-@njit(**COMPILED)
-def draw_poisson(mean: float, state: UIntArray) -> float:
-    """A Poisson draw, as a float: it only enters sums."""
-    if mean < 10.0:
-        floor, product, count = math.exp(-mean), uniform(state), 0.0
-        while product > floor:
-            product *= uniform(state)
-            count += 1.0
-        return count
-    root = math.sqrt(mean)
-    b = 0.931 + 2.53 * root
-    a = -0.059 + 0.02483 * b
-    inverse_alpha = 1.1239 + 1.1328 / (b - 3.4)
-    v_r = 0.9277 - 3.6224 / (b - 2.0)
-    log_mean = math.log(mean)
-    while True:
-        u = uniform(state) - 0.5
-        v = uniform(state)
-        us = 0.5 - abs(u)
-        k = math.floor((2.0 * a / us + b) * u + mean + 0.43)
-        if us >= 0.07 and v <= v_r:
-            return k
-        if k < 0.0 or (us < 0.013 and v > us):
-            continue
-        if math.log(v * inverse_alpha / (a / (us * us) + b)) <= k * log_mean - mean - math.lgamma(k + 1.0):
-            return k
-
-
-@njit(inline="always", **COMPILED)
-def wrapped_cauchy(k: float) -> tuple[float, float]:
+def wrapped_cauchy(k: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The envelope of Best and Fisher (1979) for concentration `k`: see `draw_turn`.
 
     Theirs is rho = (tau - sqrt(2 tau)) / (2 k), tau = 1 + sqrt(1 + 4 k^2), and r = (1 + rho^2) / (2 rho), which cancel
@@ -201,8 +172,8 @@ def wrapped_cauchy(k: float) -> tuple[float, float]:
     and q = (1 - rho) / (1 + rho), their test takes c = k (r - cos(turn)) = b + k (1 - cos(turn)): in q and in
     b = k (1 - rho)^2 / (2 rho), rationalised, nothing cancels, from k = 0 (always accepted) to the largest.
     """
-    root = math.sqrt(1.0 + 4.0 * k * k)
-    wide = math.sqrt(2.0 + 2.0 * root)
+    root = np.sqrt(1.0 + 4.0 * k * k)
+    wide = np.sqrt(2.0 + 2.0 * root)
     near = 1.0 + 1.0 / (root + 2.0 * k) + wide
     return near / (1.0 + root + wide + 2.0 * k), near * near / (4.0 * (1.0 + root + wide))
 
@@ -224,10 +195,3 @@ def draw_turn(k: float, q: float, b: float, state: UIntArray) -> float:
         u = uniform(state)
         if c * (2.0 - c) > u or math.log(c / u) + 1.0 >= c:
             return 2.0 * math.atan2(q * y, abs(x))
-
-
-@njit(**COMPILED)
-def draw_von_mises(mean: float, k: float, state: UIntArray) -> float:
-    """A von Mises draw around `mean`, radians, not wrapped."""
-    q, b = wrapped_cauchy(k)
-    return mean + draw_turn(k, q, b, state)

@@ -24,17 +24,3 @@ def wrap(angle: FloatArray) -> FloatArray:
 def difference(a: FloatArray, b: FloatArray) -> FloatArray:
     """The turn from `b` to `a` in (-pi, pi], radians. Broadcasts."""
     return wrap(np.asarray(a) - np.asarray(b))
-
-
-def mean_direction(angle: FloatArray, weight: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """Circular mean over the last axis and the length of the mean resultant vector. (..., n) -> (...), (...).
-
-    Args:
-        angle: (..., n) radians.
-        weight: (..., n) not negative, with a positive sum; equal weights if absent.
-    """
-    w = np.ones_like(angle) if weight is None else weight
-    total = w.sum(axis=-1)
-    c = (w * np.cos(angle)).sum(axis=-1) / total
-    s = (w * np.sin(angle)).sum(axis=-1) / total
-    return wrap(np.arctan2(s, c)), np.hypot(c, s)

@@ -13,12 +13,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.distributions.gamma import Gamma
 from dirprim_filter.distributions.von_mises_mixture import VonMisesMixture, log_weights
 
 
@@ -26,13 +25,6 @@ class MixtureProduct(NamedTuple):
     """A normalised product of mixtures (..., M1 * M2) and the log of what it was normalised by (...)."""
 
     mixture: VonMisesMixture
-    log_evidence: FloatArray
-
-
-class GammaProduct(NamedTuple):
-    """A normalised product of gammas (...) and the log of what it was normalised by (...)."""
-
-    gamma: Gamma
     log_evidence: FloatArray
 
 
@@ -62,23 +54,6 @@ def multiply_mixtures(prior: VonMisesMixture, belief: VonMisesMixture) -> Mixtur
         concentration=concentration.reshape(shape),
     )
     return MixtureProduct(mixture, log_evidence)
-
-
-def multiply_gammas(prior: Gamma, belief: Gamma) -> GammaProduct:
-    """p*(s) proportional to prior(s) belief(s): shapes add less one, rates add; broadcasts.
-
-    Raises:
-        ValueError: the shapes add to at most one, so that the product cannot be normalised.
-    """
-    shape, rate = np.broadcast_arrays(prior.shape + belief.shape - 1.0, prior.rate + belief.rate)
-    if (shape <= 0).any():
-        raise ValueError(f"shape: expected shapes that add to more than 1, got {float(shape.min()) + 1.0}")
-    log_evidence = (
-        (prior.shape * np.log(prior.rate) - gammaln(prior.shape))
-        + (belief.shape * np.log(belief.rate) - gammaln(belief.shape))
-        - (shape * np.log(rate) - gammaln(shape))
-    )
-    return GammaProduct(Gamma(shape=shape, rate=rate), np.asarray(log_evidence))
 
 
 LogDensity = Callable[[FloatArray], FloatArray]
@@ -160,15 +135,6 @@ def sample_by_rejection(
         if found == 0 and proposed > 1_000_000:
             raise ValueError("log_envelope: none of a million proposals was accepted; lower k")
     return Accepted(np.concatenate(parts)[:n_samples], found / proposed)
-
-
-def sample_by_importance(
-    log_target: LogDensity, proposal: VonMisesMixture, *, n_samples: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Directions from the proposal, and weights that make them samples of the target. -> (n,), (n,) summing to one."""
-    theta, _ = proposal.sample(n_samples=n_samples, rng=rng)
-    log_weight = log_target(theta) - proposal.log_density(theta)
-    return theta, np.exp(log_weight - logsumexp(log_weight))
 
 
 def kernel_density(sample: FloatArray, *, concentration: float) -> VonMisesMixture:

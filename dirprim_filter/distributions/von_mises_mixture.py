@@ -9,8 +9,6 @@ from scipy.special import logsumexp
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray, as_floats
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
-from dirprim_filter.distributions._samplers import draw_mixtures
 from dirprim_filter.distributions.angles import wrap
 
 
@@ -76,24 +74,20 @@ class VonMisesMixture:
 
         Args:
             n_samples: how many from each mixture; left out, one, and the results have shape (...).
-            rng: what is drawn from; the draws do not depend on the number of threads.
+            rng: what is drawn from.
 
         Raises:
             ValueError: `n_samples` is negative.
         """
         if n_samples is not None and n_samples < 0:
             raise ValueError(f"n_samples: expected no negative number, got {n_samples}")
-        leading = self.weight.shape[:-1]
-        shape = leading if n_samples is None else (n_samples, *leading)
-        weight, mean, concentration = (
-            column.reshape(-1, column.shape[-1]) for column in (self.weight, self.mean_direction, self.concentration)
+        shape = self.weight.shape[:-1] if n_samples is None else (n_samples, *self.weight.shape[:-1])
+        last = np.array(self.weight.shape[-1] - 1 - (self.weight[..., ::-1] > 0).argmax(axis=-1))  # that has weight
+        drawn = rng.random(shape)[..., None]
+        mode = np.minimum((np.cumsum(self.weight, axis=-1) <= drawn).sum(axis=-1), last)
+        pick = np.broadcast_to(mode[..., None], (*shape, 1))
+        mean, concentration = (
+            np.take_along_axis(np.broadcast_to(column, (*shape, column.shape[-1])), pick, axis=-1)[..., 0]
+            for column in (self.mean_direction, self.concentration)
         )
-        direction, mode = np.empty(shape).ravel(), np.empty(shape, np.int64).ravel()
-        key = block_keys(direction.size, rng)
-
-        def work(first: int, last: int) -> None:
-            part, keys = slice(first, last), key[first // ROWS :]
-            draw_mixtures(weight, mean, concentration, first, keys, direction[part], mode[part])
-
-        over_blocks(work, direction.size)
-        return direction.reshape(shape), mode.reshape(shape)
+        return wrap(rng.vonmises(mean, concentration)), mode

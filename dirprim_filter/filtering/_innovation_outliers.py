@@ -17,9 +17,8 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._elementary import cos, exp, sin
+from dirprim_filter.distributions._elementary import cos, exp, sin, wrap
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering._measuring import DIRECTION, SPEED, XX, XY, YY, Noise, X, Y
@@ -94,5 +93,5 @@ def displace(cloud: Cloud, v: int, p: int, east: float, north: float, state: UIn
         c, s, alone = cos(theta), sin(theta), math.sqrt(1.0 - TOGETHER * TOGETHER)
         ahead = SPEED_OFF * (TOGETHER * (east * c + north * s) / PLACE_M + alone * random.draw_normal(state))
         aside = SPEED_OFF * (TOGETHER * (north * c - east * s) / PLACE_M + alone * random.draw_normal(state))
-        cloud.direction[v, p] = density.wrap(theta + aside / (pace + SPEED_OFF))
+        cloud.direction[v, p] = wrap(theta + aside / (pace + SPEED_OFF))
         cloud.speed[v, p] = max(pace + ahead, 0.0)

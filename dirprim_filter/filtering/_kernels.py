@@ -10,11 +10,10 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import dot, total_of, weighted_sums
 from dirprim_filter.distributions._blocks import ROWS
-from dirprim_filter.distributions._elementary import EXACT, squared_sine
+from dirprim_filter.distributions._elementary import EXACT, squared_sine, wrap
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.primitives import _map_kernels, _motion
 from dirprim_filter.primitives._manoeuvres import MotionTable
@@ -211,7 +210,7 @@ def resample_vehicle(cloud: Cloud, v: int, effective: float, room: ResampleRoom)
         a = parent[p]
         position[p, 0] = position[a, 0] + east * normal[k]
         position[p, 1] = position[a, 1] + north * normal[m + k]
-        direction[p] = density.wrap(direction[a] + wider * normal[2 * m + k])
+        direction[p] = wrap(direction[a] + wider * normal[2 * m + k])
         speed[p] = max(speed[a] + faster * normal[3 * m + k], 0.0)
         cell[p], manoeuvre[p], push[p] = cell[a], manoeuvre[a], push[a]
     for word in range(state.size):

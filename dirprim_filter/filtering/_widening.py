@@ -17,10 +17,9 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions import _kernels as density
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._arithmetic import dot, total_of
-from dirprim_filter.distributions._elementary import EXACT, cos, exp, sin
+from dirprim_filter.distributions._elementary import EXACT, cos, exp, sin, wrap
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering._measuring import DIRECTION, SPEED, XX, XY, YY, Noise, X, Y, direction_fit, speed_fit
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
@@ -88,7 +87,7 @@ def states_of(cloud: Cloud, v: int, weight: FloatArray, z: FloatArray, state: Fl
     mean = math.atan2(dot(weight, state[1]), dot(weight, state[0]))
     for p in range(weight.size):
         state[0, p], state[1, p] = cloud.position[v, p, 0] - z[X], cloud.position[v, p, 1] - z[Y]
-        state[2, p] = density.wrap(direction[p] - mean)
+        state[2, p] = wrap(direction[p] - mean)
         state[3, p], state[4, p] = cloud.speed[v, p], cloud.push[v, p]
 
 
@@ -188,7 +187,7 @@ def draw(
         cloud.position[v, p, 0] += off[0, p]
         cloud.position[v, p, 1] += off[1, p]
         if cloud.speed[v, p] >= STANDING_BELOW:
-            cloud.direction[v, p] = density.wrap(cloud.direction[v, p] + off[2, p])
+            cloud.direction[v, p] = wrap(cloud.direction[v, p] + off[2, p])
             cloud.speed[v, p] = max(cloud.speed[v, p] + off[3, p], 0.0)
             cloud.push[v, p] += off[4, p]
 

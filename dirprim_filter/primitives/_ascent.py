@@ -10,8 +10,7 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray
-from dirprim_filter.distributions import _kernels as density
-from dirprim_filter.distributions._elementary import EXACT
+from dirprim_filter.distributions._elementary import EXACT, wrap
 from dirprim_filter.primitives._expectation import CURVED_SUMS, SUMS, expectation, room_for
 from dirprim_filter.primitives._maximisation import bend, log_prior, maximisation, usual_log_density
 from dirprim_filter.primitives._modes import (
@@ -88,7 +87,7 @@ def ascend(
                 for q in range(width):
                     moved, to = history[here, m, q] - history[was, m, q], table[m, q] - history[here, m, q]
                     if q == MEAN:  # the short way round
-                        moved, to = density.wrap(moved), density.wrap(to)
+                        moved, to = wrap(moved), wrap(to)
                     history[step, m, q] = to
                     history[slot, m, q], history[DEPTH + slot, m, q] = moved, to - history[would, m, q]
                     table[m, q] = history[here, m, q] + to
@@ -147,7 +146,7 @@ def _mix(history: FloatArray, n: int, bounds: Bounds, table: FloatArray) -> None
             for q in range(width):
                 table[m, q] -= share[i] * (history[i, m, q] + history[DEPTH + i, m, q])
     for m in range(k):
-        table[m, MEAN] = density.wrap(table[m, MEAN])
+        table[m, MEAN] = wrap(table[m, MEAN])
         table[m, LOG_CONCENTRATION] = min(max(table[m, LOG_CONCENTRATION], 0.0), math.log1p(bounds.max_concentration))
         table[m, LOG_SHAPE] = min(max(table[m, LOG_SHAPE], 0.0), math.log(bounds.max_shape))
         norm += math.exp(min(table[m, LOG_WEIGHT], 300.0))

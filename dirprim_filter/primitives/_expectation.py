@@ -11,7 +11,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions._arithmetic import dot, fma, weighted_sums
 from dirprim_filter.distributions._elementary import EXACT, cos, exp, log, sin
-from dirprim_filter.primitives._maximisation import gamma_remainder, log_normaliser
+from dirprim_filter.distributions._estimates import gamma_remainder, log_normaliser
 from dirprim_filter.primitives._modes import (
     BEND_EAST,
     BEND_NORTH,

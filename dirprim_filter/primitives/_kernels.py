@@ -6,10 +6,9 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions import _kernels as density
-from dirprim_filter.distributions._elementary import EXACT
+from dirprim_filter.distributions._elementary import EXACT, TWO_PI, wrap
+from dirprim_filter.distributions._estimates import shape_from
 from dirprim_filter.primitives._ascent import ascend
-from dirprim_filter.primitives._maximisation import shape_from
 from dirprim_filter.primitives._modes import (
     COSINE,
     LOG_CONCENTRATION,
@@ -130,7 +129,7 @@ def sort_around(columns: FloatArray, at: int, n: int, filled: FloatArray) -> tup
     weight = np.zeros(ON_CIRCLE)
     total, speed = 0.0, 0.0
     for i in range(at, at + n):
-        turn = math.atan2(columns[SINE, i], columns[COSINE, i]) / density.TWO_PI
+        turn = math.atan2(columns[SINE, i], columns[COSINE, i]) / TWO_PI
         weight[int((turn + 0.5) * ON_CIRCLE) % ON_CIRCLE] += columns[WEIGHT, i]
         total += columns[WEIGHT, i]
         speed += columns[WEIGHT, i] * columns[SPEED, i]
@@ -173,7 +172,7 @@ def start_evenly(
         for q in range(N_FLAT, N_CURVED):
             table[m, q] = 0.0
         table[m, LOG_WEIGHT] = -math.log(k)
-        table[m, MEAN] = density.wrap(((filled[0, i] + inside) / ON_CIRCLE - 0.5) * density.TWO_PI)
+        table[m, MEAN] = wrap(((filled[0, i] + inside) / ON_CIRCLE - 0.5) * TWO_PI)
         table[m, LOG_CONCENTRATION] = math.log1p(1.0 * k * k)
         table[m, LOG_SHAPE] = math.log(shape_from(bounds.speed_spread, bounds.max_shape))
         table[m, LOG_MEAN_SPEED] = math.log(mean_speed)

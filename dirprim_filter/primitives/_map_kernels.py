@@ -14,8 +14,7 @@ from numba import njit
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._blocks import ROWS
-from dirprim_filter.distributions._elementary import exp, log, squared_sine
-from dirprim_filter.distributions._kernels import log_normaliser, wrap
+from dirprim_filter.distributions._elementary import exp, log, squared_sine, wrap
 from dirprim_filter.distributions._random import UIntArray
 from tessellation._compiling import COMPILED, INLINED
 from tessellation._kernels import Locator, locate
@@ -44,40 +43,6 @@ class MapTable(NamedTuple):
     mode: FloatArray  # (n_modes, N_COLUMNS)
     most_modes: int  # of a row
     curved: bool
-
-
-@njit(nogil=True, **COMPILED)
-def fill_modes(
-    weight: FloatArray,
-    mean: FloatArray,
-    concentration: FloatArray,
-    shape: FloatArray,
-    rate: FloatArray,
-    bend: FloatArray,
-    gain: FloatArray,
-    first: IntArray,
-    mode: FloatArray,
-) -> None:
-    """Fill `first` (n_cells + 2,) and the rows of `mode` from the columns (n_cells + 1, M) of a map."""
-    n = 0
-    for row in range(weight.shape[0]):
-        first[row], cumulative = n, 0.0
-        for m in range(weight.shape[1]):
-            if weight[row, m] > 0.0:
-                k, a = concentration[row, m], shape[row, m]
-                cumulative += weight[row, m]
-                mode[n, LOG_WEIGHT] = math.log(weight[row, m])
-                mode[n, LOG_DIRECTION] = -log_normaliser(k)
-                mode[n, MEAN] = mean[row, m]
-                mode[n, TWICE_CONCENTRATION] = 2.0 * k
-                mode[n, LOG_SPEED] = a * math.log(rate[row, m]) - math.lgamma(a)
-                mode[n, SHAPE], mode[n, RATE] = a, rate[row, m]
-                mode[n, BEND_EAST], mode[n, BEND_NORTH] = bend[row, m, 0], bend[row, m, 1]
-                mode[n, GAIN_EAST], mode[n, GAIN_NORTH] = gain[row, m, 0], gain[row, m, 1]
-                mode[n, CUMULATIVE] = cumulative
-                mode[n, ENVELOPE_Q], mode[n, ENVELOPE_B] = random.wrapped_cauchy(k)
-                n += 1
-    first[weight.shape[0]] = n
 
 
 class Pairs(NamedTuple):

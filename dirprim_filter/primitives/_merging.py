@@ -12,8 +12,7 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions import _kernels as density
-from dirprim_filter.distributions._elementary import EXACT, log
+from dirprim_filter.distributions._elementary import EXACT, TWO_PI, log
 from dirprim_filter.primitives._modes import COSINE, EAST, LOG_SPEED, NORTH, SINE, SPEED, WEIGHT
 
 LOOKED_AT = 2048
@@ -79,7 +78,7 @@ def merge(
     begins = 0
     for f in range(1, FINE + 1):
         if f == FINE or of_direction[f] != of_direction[begins]:
-            middle[of_direction[begins]] = 0.5 * (begins + f) * (density.TWO_PI / FINE) - math.pi
+            middle[of_direction[begins]] = 0.5 * (begins + f) * (TWO_PI / FINE) - math.pi
             begins = f
     record = np.zeros((n_direction * n_speed * n_place * n_place, _RECORD))
     v, log_v, off, bin_of = np.zeros(_BLOCK), np.zeros(_BLOCK), np.zeros(_BLOCK), np.zeros(_BLOCK, np.int64)
@@ -92,7 +91,7 @@ def merge(
         for j in range(n):
             log_v[j] = log(v[j])
         for j in range(n):  # to 32 bits: there are vector instructions for that
-            fine_theta[j] = np.int32((off[j] + math.pi) * (FINE / density.TWO_PI))
+            fine_theta[j] = np.int32((off[j] + math.pi) * (FINE / TWO_PI))
         for j in range(n):
             fine = (log_v[j] - low) * per_log
             fine = fine if fine > 0.0 else 0.0
@@ -137,7 +136,7 @@ def merge(
 
 @njit(**EXACT)
 def _fine(theta: float) -> int:
-    return int((theta + math.pi) * (FINE / density.TWO_PI)) & (FINE - 1)
+    return int((theta + math.pi) * (FINE / TWO_PI)) & (FINE - 1)
 
 
 @njit(**EXACT)

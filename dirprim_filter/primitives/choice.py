@@ -26,6 +26,9 @@ WEAK = 0.002
 """Pseudo-vehicles that lean on nothing, while it is found out what is usual."""
 TRIAL_ROWS = 100_000
 """So many rows are enough to find out what is usual, and how strongly cells lean on it: vehicles drawn at random."""
+SOFTNESS = 0.25
+"""Of a Voronoi cell's size: so far beyond its border it also learns from rows beside it, see `tessellation.gates`.
+Where .1 and .5 could be chosen too, the densities of two towns were the same."""
 REACH_M = 3.0
 """Metres around the data that Voronoi cells cover: about a lane."""
 
@@ -86,10 +89,9 @@ def other_layouts(rows: TrackRows, layout: Layout, recipe: Recipe, *, rng: np.ra
     n_used = np.unique(layout.cells.cell_of(rows.position)).size
     if n_used < 2 or recipe.modes != "bic":
         return []
-    softness = layout.softness or recipe.config.softness[0]
     place = rows.some(TRIAL_ROWS, rng=rng).position
     even = [VoronoiTessellation.lloyd(place, n_cells=n_used, rng=rng, reach=REACH_M) for _ in range(N_LAYOUTS)]
-    return [Layout(cells, softness) for cells in even]
+    return [Layout(cells, SOFTNESS) for cells in even]
 
 
 def with_usual(rows: TrackRows, layout: Layout, recipe: Recipe, free: PlaceFree) -> Recipe:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import numpy.typing as npt
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray, as_floats
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.distributions.angles import wrap
-from dirprim_filter.primitives import _ascent, _kernels, _merging, _two_steps
+from dirprim_filter.primitives import _ascent, _kernels, _merging
 from dirprim_filter.primitives._modes import (
     COSINE,
     EAST,
@@ -31,6 +27,7 @@ from dirprim_filter.primitives._modes import (
     empty_table,
 )
 from dirprim_filter.primitives.rows import CellRows
+from dirprim_filter.primitives.two_steps import fit_in_two_steps
 
 MIN_STANDING_MEAN = 0.05
 """m/s; standing vehicles of a simulator have speed 0, which would make the density at 0 unbounded."""
@@ -56,71 +53,6 @@ SHARE = 8192
 """Threads take cells of so many rows at a time: few enough to level out what cells cost, and a thread is worth it."""
 ROWS_OF_A_CELL = 32
 """A cell costs as many rows do, beside its own."""
-
-
-def fit_motion(
-    direction: npt.ArrayLike,
-    speed: npt.ArrayLike,
-    *,
-    weight: npt.ArrayLike | None = None,
-    prior_strength: float = 0.02,
-    config: LearningConfig | None = None,
-) -> tuple[VonMisesMixture, Gamma]:
-    """How vehicles move that were seen at one place, each once: flat modes, as many as BIC prefers, for any many rows.
-
-    Args:
-        direction: (n,) radians; of rows that stand it means nothing.
-        speed: (n,) m/s, not negative.
-        weight: (n,) how many vehicles each row stands for, not negative; 1 each if absent.
-        prior_strength: pseudo-vehicles in each mode, see `LearningConfig.prior_strengths`.
-        config: every other knob.
-
-    Returns:
-        The modes, (K + 1,), heaviest first; the last is for standing vehicles, of weight 0 where none stands. Where all
-        stand it is the only one.
-
-    Raises:
-        ValueError: shapes that do not fit, a number that is not finite, a negative speed or weight, no weight at all.
-    """
-    config = config or LearningConfig()
-    theta, v = as_floats("direction", direction, "n"), as_floats("speed", speed, "n")
-    w = np.ones(v.size) if weight is None else as_floats("weight", weight, "n")
-    if not theta.size == v.size == w.size:
-        raise ValueError(f"direction, speed, weight: expected one length, got {theta.size}, {v.size} and {w.size}")
-    for name, column in (("speed", v), ("weight", w)):
-        if column.size and column.min() < 0:
-            raise ValueError(f"{name}: expected none below 0, got {column.min()} in row {column.argmin()}")
-    total = float(w.sum())
-    if total == 0.0:
-        raise ValueError("weight: expected at least one row of positive weight, got none")
-    if theta.min() < -np.pi or theta.max() > np.pi:
-        turned = np.abs(theta) > np.pi
-        theta = theta.copy()
-        theta[turned] = wrap(theta[turned])
-    standing, standing_mean = 0.0, MIN_STANDING_MEAN
-    if v.min() < config.standing_speed:
-        slow = v < config.standing_speed
-        standing = float(w[slow].sum())
-        standing_mean = max(float(w[slow] @ v[slow]) / standing, MIN_STANDING_MEAN) if standing else standing_mean
-        theta, v, w = theta[~slow], v[~slow], w[~slow]
-    in_cell = CellRows.one(theta, v, weight=w, n_vehicles=total - standing)
-    bounds = bounds_of(config, prior_strength=prior_strength)
-    columns, start = columns_of(in_cell, bounds, to_merge(in_cell, bounds, worth_merging=0))
-    table = empty_table(1, bounds.max_modes)
-    if columns.size:
-        share = columns[WEIGHT] / columns[WEIGHT].sum()
-        spread = max(float(np.log(share @ columns[SPEED]) - share @ columns[LOG_SPEED]), MIN_SPREAD)
-        bounds = bounds._replace(speed_spread=spread)
-        _kernels.fit_cells_at_once(columns, start, in_cell.n_vehicles, bounds, 0, 1, table)
-    found = Modes.of(table[0], bounds)
-    used = np.argsort(-found.weight, kind="stable")[: int((found.weight > 0).sum())]
-    direction_of_modes = VonMisesMixture(
-        weight=np.append((1.0 - standing / total) * found.weight[used], standing / total),
-        mean_direction=np.append(found.mean[used], 0.0),
-        concentration=np.append(found.concentration[used], 0.0),
-    )
-    shape, rate = np.append(found.shape[used], 1.0), np.append(found.rate[used], 1.0 / standing_mean)
-    return direction_of_modes, Gamma(shape=shape, rate=rate)
 
 
 def bounds_of(
@@ -166,11 +98,9 @@ def fit_all(
     Returns:
         (n_cells, max_modes) each; of weight 0 where a cell has no rows or fewer modes.
     """
-    fit: Callable[..., None] = _kernels.fit_cells_at_once if at_once else _two_steps.fit_cells_in_two_steps
-    given = in_cells if at_once else in_cells.by_direction()
     bounds = bounds._replace(with_speed=at_once, curved=at_once and bounds.curved)
     merged = to_merge(in_cells, bounds, worth_merging) if at_once else np.zeros(in_cells.n_vehicles.size, np.bool_)
-    columns, start = columns_of(given, bounds, merged)
+    columns, start = columns_of(in_cells, bounds, merged)
     n_cells = in_cells.n_vehicles.size
     table = empty_table(n_cells, bounds.max_modes) if near is None or not at_once else near.table()
 
@@ -178,7 +108,12 @@ def fit_all(
     bound = np.unique(np.append(np.searchsorted(cost, np.arange(0, cost[-1], SHARE)), n_cells))
 
     def fit_share(i: int) -> None:
-        fit(columns, start, in_cells.n_vehicles, bounds, bound[i], bound[i + 1], table)
+        if at_once:
+            _kernels.fit_cells_at_once(columns, start, in_cells.n_vehicles, bounds, bound[i], bound[i + 1], table)
+            return
+        for c in range(bound[i], bound[i + 1]):
+            rows = np.ascontiguousarray(columns[:, start[c] : start[c + 1]])
+            fit_in_two_steps(rows, float(in_cells.n_vehicles[c]), bounds, table[c])
 
     def finish(i: int) -> None:
         _finish(in_cells, i, bounds, table[i])

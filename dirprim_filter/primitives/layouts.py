@@ -5,7 +5,6 @@ The paper's section VI asks for the latter.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 
 import numpy as np
@@ -14,17 +13,11 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout
 from dirprim_filter.primitives.cell_model import PrimitiveModel
-from dirprim_filter.primitives.choice import REACH_M, TRIAL_ROWS, choose, other_layouts, with_usual
-from dirprim_filter.primitives.held_out import HeldOut
+from dirprim_filter.primitives.choice import REACH_M, SOFTNESS, TRIAL_ROWS, with_usual
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly
-
-logger = logging.getLogger(__name__)
-
-MANY_ROWS = 5000
-"""From so many on, joint cells are better than even ones."""
 
 Progress = Callable[[int, float], None]
 
@@ -46,7 +39,7 @@ def layouts_of(
         return [Layout(GridTessellation.covering(position, cell_size=size), 0.0) for size in sizes]
     if cell_size is not None:
         n_cells = GridTessellation.covering(position, cell_size=cell_size).n_cells
-    if tessellation == "voronoi" or (n_cells is None and not _joint_is_worth_it(rows, recipe, free, rng=rng)):
+    if tessellation == "voronoi":
         return _lay_out_evenly(rows, n_cells, config, rng=rng)
     return [_lay_out_jointly(rows, n_cells, recipe, free, progress=progress, rng=rng)]
 
@@ -54,36 +47,15 @@ def layouts_of(
 def _lay_out_evenly(
     rows: TrackRows, n_cells: int | None, config: LearningConfig, *, rng: np.random.Generator
 ) -> list[Layout]:
-    """Cells by positions alone, behind gates of every softness."""
+    """Cells by positions alone."""
     numbers = [_even_cells(rows, each) for each in config.rows_per_cell] if n_cells is None else [n_cells]
     cells = [VoronoiTessellation.lloyd(rows.position, n_cells=n, rng=rng, reach=REACH_M) for n in numbers]
-    return [Layout(tessellation, softness) for tessellation in cells for softness in config.softness]
+    return [Layout(tessellation, SOFTNESS) for tessellation in cells]
 
 
 def _even_cells(rows: TrackRows, rows_per_cell: float) -> int:
     """How many cells of so many rows each there are: a number that does not change when the data are moved."""
     return 1 + int(len(rows) / rows_per_cell)
-
-
-def _joint_is_worth_it(rows: TrackRows, recipe: Recipe, free: PlaceFree, *, rng: np.random.Generator) -> bool:
-    """Whether vehicles that neither has seen like joint cells better than even ones.
-
-    The search picks what the held-out vehicles like, among thousands of layouts: with few vehicles, by luck. With
-    many it never lost, and to ask would cost as much again.
-    """
-    groups = np.unique(rows.group)
-    if len(rows) >= MANY_ROWS or groups.size < 4:
-        return True
-    unseen = np.isin(rows.group, rng.permutation(groups)[: groups.size // 3])
-    seen = rows[~unseen]
-    joint = [_lay_out_jointly(seen, None, recipe, free, progress=None, rng=rng)]
-    scores = []
-    for layouts in (joint, _lay_out_evenly(seen, None, recipe.config, rng=rng)):
-        candidates = [[layout, *other_layouts(seen, layout, recipe, rng=rng)] for layout in layouts]
-        found, chosen, _ = choose(seen, candidates, recipe, free, rng=rng)
-        scores.append(float(HeldOut(rows, unseen, free).scores(found, chosen).max()))
-    logger.info("unseen vehicles: joint cells %.3f, even ones %.3f", *scores)
-    return scores[0] >= scores[1]
 
 
 def _lay_out_jointly(
@@ -95,13 +67,13 @@ def _lay_out_jointly(
     few = rows.some(TRIAL_ROWS, rng=rng)
     n_even = _even_cells(few, config.rows_per_cell[0])
     even = VoronoiTessellation.lloyd(few.position, n_cells=n_even, rng=rng, reach=REACH_M)
-    recipe = with_usual(few, Layout(even, config.softness[0]), recipe, free)
+    recipe = with_usual(few, Layout(even, SOFTNESS), recipe, free)
     model = PrimitiveModel.of(rows, recipe._replace(thorough=False), free)
     found = fit_jointly(
-        model, rows.position, rows, group=rows.group, reach=REACH_M, n_cells=n_cells, softness=config.softness,
+        model, rows.position, rows, group=rows.group, reach=REACH_M, n_cells=n_cells, softness=SOFTNESS,
         progress=progress, rng=rng,
     )  # fmt: skip
-    return Layout(found.tessellation, found.softness)
+    return Layout(found.tessellation, SOFTNESS)
 
 
 def _grid_of_about(position: FloatArray, n_cells: int) -> GridTessellation:

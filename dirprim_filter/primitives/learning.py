@@ -20,7 +20,7 @@ from dirprim_filter.primitives.borrowing import borrow
 from dirprim_filter.primitives.choice import TRIAL_ROWS, Leaning, choose, other_layouts
 from dirprim_filter.primitives.layouts import Progress, layouts_of
 from dirprim_filter.primitives.leader_learning import learn_leader
-from dirprim_filter.primitives.motion_choice import learn_motion
+from dirprim_filter.primitives.motion_learning import learn_motion
 from dirprim_filter.primitives.place_free import PlaceFree, fit_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.recipe import CellsRule, ModesRule, Recipe, Usual

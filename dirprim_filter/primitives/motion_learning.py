@@ -1,7 +1,4 @@
-"""Learning how vehicles go on: visits are grouped into manoeuvres, and motion follows from their sums.
-
-How much the place-free manoeuvres count, and how far vehicles stray: see `motion_choice`.
-"""
+"""Learning how vehicles go on: visits are grouped into manoeuvres, and motion follows from their sums."""
 
 from __future__ import annotations
 
@@ -21,6 +18,7 @@ from dirprim_filter.primitives.motion import CREEP, Motion, joined
 from dirprim_filter.primitives.motion_sums import MotionSums, pace_field
 from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE, learn_place_free
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
 
 DETAIL = 0.3
@@ -47,17 +45,15 @@ FEWEST_VISITS = 3
 """Of a manoeuvre from which the usual spread is estimated."""
 MOST_REVERSION = 2.0
 """1/s, of the speed to the mean."""
-
-
-class LearningKnobs(NamedTuple):
-    """What learning is given beside the visits; `motion_choice` chooses the strength by forecasts."""
-
-    strength: float = 30.0
-    """How much the place-free manoeuvres count against those of a cell, in visits."""
-    spread: float = 1.8
-    """By how much vehicles stray further than those that a manoeuvre was fitted to. On five logs the 90 % region of
-    forecasts holds 84 to 90 % by 1.4, 87 to 91 % by 1.7 and 88 to 92 % by 2, but for few vehicles and noisy starts; the
-    energy score differs by 1 %. Chosen for each log it would be too small: its cells have seen who is held out."""
+STRENGTH = 30.0
+"""Visits, by which the background's manoeuvres count against those of a cell. Of 5, 30, 200 and 1000 held-out
+forecasts chose this one on every log."""
+SPREAD = 1.8
+"""By how much vehicles stray further than those that a manoeuvre was fitted to. On five logs the 90 % region of
+forecasts holds 84 to 90 % by 1.4, 87 to 91 % by 1.7 and 88 to 92 % by 2, but for few vehicles and noisy starts; the
+energy score differs by 1 %. Chosen for each log it would be too small: its cells have seen who is held out."""
+MOST_ROWS = 300_000
+"""Of vehicles drawn at random: of so many rows every manoeuvre has been seen often."""
 
 
 class Labels(NamedTuple):
@@ -68,13 +64,20 @@ class Labels(NamedTuple):
     mode: IntArray  # (z,)
 
 
-def fit_motion(
-    primitives: PrimitiveMap, visits: Visits, knobs: LearningKnobs, *, rng: np.random.Generator
-) -> Motion:  # fmt: skip
-    """The motion of visits, with knobs that are given."""
+def learn_motion(primitives: PrimitiveMap, rows: TrackRows, *, rng: np.random.Generator) -> Motion:
+    """The motion of a map's vehicles.
+
+    Args:
+        primitives: the map; its own motion is not looked at.
+        rows: observations sorted by vehicle and time.
+        rng: draws rows where there are many, and the order of grouping.
+    """
+    visits = Visits.of(rows.some(MOST_ROWS, rng=rng), primitives.tessellation)
+    if len(visits) == 0:
+        return primitives.motion
     labels = label_visits(primitives, visits, rng=rng)
     sums = MotionSums.of(visits, *labels, primitives)
-    return motion_of(sums, labels, primitives, learn_place_free(visits, rng=rng), knobs)
+    return motion_of(sums, labels, primitives, learn_place_free(visits, rng=rng))
 
 
 def label_visits(
@@ -141,7 +144,7 @@ def likeliest_modes(primitives: PrimitiveMap, visits: Visits, modes: range) -> I
 
 def motion_of(
     sums: MotionSums, labels: Labels, primitives: PrimitiveMap, place_free: tuple[dict[str, FloatArray], csr_array],
-    knobs: LearningKnobs,
+    *, strength: float = STRENGTH, spread: float = SPREAD,
 ) -> Motion:  # fmt: skip
     """Motion from sums over visits.
 
@@ -150,7 +153,8 @@ def motion_of(
         labels: of which cells and modes they are.
         primitives: what the sums deviate from.
         place_free: columns of the place-free manoeuvres, and how often one followed the other.
-        knobs: chosen ones.
+        strength: see `STRENGTH`.
+        spread: see `SPREAD`.
     """
     cell, mode = labels.cell, labels.mode
     field = _fields(sums, labels, primitives)
@@ -169,7 +173,7 @@ def motion_of(
         "path": path, "path_direction": direction, "acceleration": acceleration, "stretch": stretch,
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),
         "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(cell.size),
-        **deviations.spreads(deviations.usual_squares(), knobs.spread),
+        **deviations.spreads(deviations.usual_squares(), spread),
     }  # fmt: skip
     free, jumps = place_free
     transition = csr_array(block_diag([sums.transition, jumps], format="csr"))
@@ -178,7 +182,7 @@ def motion_of(
     return Motion(
         **joined(placed, free), first=transition.indptr.astype(np.int64),
         following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
-        strength=knobs.strength, spread=knobs.spread,
+        strength=strength, spread=spread,
     )  # fmt: skip
 
 
@@ -218,7 +222,7 @@ class Deviations(NamedTuple):
 
         Args:
             usual: (4,) squares, see `usual_squares`.
-            stray: `LearningKnobs.spread`.
+            stray: see `SPREAD`.
         """
         freedom = np.maximum(self.visits - 1.5, 0.0) + SPREAD_VISITS
         variance = (self.visits * self.square + SPREAD_VISITS * usual[:, None]) / freedom

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import gammaln, logsumexp
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats
-from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions import Gamma, VonMisesMixture, von_mises
 from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
+from dirprim_filter.distributions._random import wrapped_cauchy
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
 from dirprim_filter.primitives.motion import Motion
@@ -249,20 +250,23 @@ class PrimitiveMap:
         return cast(MapTable, self._table)
 
     def _tabulated(self) -> MapTable:
-        weight, speed = self.direction.weight, self.speed
-        n_modes = np.count_nonzero(weight, axis=1)
-        first, mode = np.empty(len(weight) + 1, np.int64), np.empty((int(n_modes.sum()), _map_kernels.N_COLUMNS))
-        _map_kernels.fill_modes(
-            weight, self.direction.mean_direction, self.direction.concentration, speed.shape, speed.rate,
-            self.bend, self.gain, first, mode,
-        )  # fmt: skip
+        direction, speed, used = self.direction, self.speed, self.direction.weight > 0
+        first = np.append(0, np.cumsum(np.count_nonzero(used, axis=1)))
+        weight, concentration, shape, rate = (
+            column[used] for column in (direction.weight, direction.concentration, speed.shape, speed.rate)
+        )
+        mode = np.column_stack([
+            np.log(weight), -von_mises.log_normaliser(concentration), direction.mean_direction[used],
+            2.0 * concentration, shape * np.log(rate) - gammaln(shape), shape, rate, self.bend[used], self.gain[used],
+            np.cumsum(direction.weight, axis=1)[used], *wrapped_cauchy(concentration),
+        ])  # fmt: skip
         return MapTable(
             locator=locator_of(self.tessellation),
             center=self.centers,
             first=first[:-1],
             last=first[1:],
             mode=mode,
-            most_modes=int(n_modes.max()),
+            most_modes=int(np.diff(first).max()),
             curved=bool(self.bend.any() or self.gain.any()),
         )
 

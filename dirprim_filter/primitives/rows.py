@@ -183,9 +183,3 @@ class CellRows:
         """(n_cells,) members, by weight."""
         cell = np.repeat(np.arange(self.n_vehicles.size), np.diff(self.start))
         return np.asarray(np.bincount(cell, self.weight, minlength=self.n_vehicles.size), np.float64)
-
-    def by_direction(self) -> CellRows:
-        """The same, each cell's members in order of their directions."""
-        cell = np.repeat(np.arange(self.n_vehicles.size), np.diff(self.start))
-        order = np.lexsort((self.direction[self.row], cell))
-        return replace(self, row=self.row[order], weight=self.weight[order])

@@ -12,6 +12,7 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.assembly import Layout, assemble
 from dirprim_filter.primitives.borrowing import borrow
 from dirprim_filter.primitives.cell_model import PrimitiveCells, PrimitiveModel
+from dirprim_filter.primitives.choice import SOFTNESS
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -56,7 +57,7 @@ class Basis(NamedTuple):
         region = cells.region if isinstance(cells, VoronoiTessellation) else cells
         if not isinstance(region, GridTessellation):
             raise TypeError(f"tessellation: expected cells that maps know, got {type(region).__name__}")
-        softness = refit.softness or refit.recipe.config.softness[0]
+        softness = refit.softness or SOFTNESS
         lenders = [Layout(VoronoiTessellation(generators=g, region=region), softness) for g in refit.lenders]
         turning = None if learned.schedule is None else Turning(learned.schedule.by, learned.schedule.zone)
         own = Layout(cells, refit.softness)

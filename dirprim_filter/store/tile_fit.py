@@ -16,7 +16,6 @@ from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.motion_learning import (
     Deviations,
     Labels,
-    LearningKnobs,
     label_visits,
     modes_of,
     motion_of,
@@ -102,7 +101,7 @@ class TileFit(NamedTuple):
         """
         min_vehicles, free = counted.min_vehicles, basis.motion
         motion = motion_of(
-            self.sums, self.labels, self.fitted, basis.place_free_motion(), LearningKnobs(free.strength, free.spread)
+            self.sums, self.labels, self.fitted, basis.place_free_motion(), strength=free.strength, spread=free.spread
         )
         n_modes = self.fitted.n_own_modes + self.fitted.n_borrowed_modes
         enough = np.ones((self.cells.size, n_modes), np.bool_)

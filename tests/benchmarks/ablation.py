@@ -19,12 +19,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
@@ -56,7 +54,6 @@ class Mechanism:
         filter: of `FilterConfig`.
         tracking: of `TrackingConfig`.
         learning: arguments of `learn_primitives`: the map is learned again.
-        patched: constants that are another value meanwhile, by their full names.
         strip: takes something off a particle filter.
         white: the sensor's errors do not last.
     """
@@ -65,14 +62,13 @@ class Mechanism:
     filter: Mapping[str, Any] = field(default_factory=dict)
     tracking: Mapping[str, Any] = field(default_factory=dict)
     learning: Mapping[str, Any] = field(default_factory=dict)
-    patched: Mapping[str, Any] = field(default_factory=dict)
     strip: Callable[[Any], None] | None = None
     white: bool = False
 
     @property
     def changes_map(self) -> bool:
         """Whether the map is learned again."""
-        return bool(self.learning or self.patched)
+        return bool(self.learning)
 
 
 def without_births(bayes: Any) -> None:
@@ -114,12 +110,7 @@ MECHANISMS: dict[str, Mechanism] = {
     "curved primitives": Mechanism(scenes=LEARNED, learning={"primitive": "flat"}),
     "joint cells (even ones instead)": Mechanism(scenes=LEARNED, learning={"tessellation": "voronoi"}),
     "borrowed layouts": Mechanism(scenes=LEARNED, learning={"lenders": ()}),
-    "tempering": Mechanism(scenes=LEARNED, patched={"tessellation._search.Search.anneal": lambda _, state: state}),
-    "choice of softness": Mechanism(scenes=LEARNED, learning={"config": LearningConfig(softness=(0.25,))}),
     "choice of prior weights": Mechanism(scenes=LEARNED, learning={"config": ONE_PRIOR}),
-    "choice of transitions' weight": Mechanism(
-        scenes=LEARNED, patched={"dirprim_filter.primitives.motion_choice.STRENGTHS": (30.0,)}
-    ),
 }  # fmt: skip
 STATISTICS = {
     "in sight": reduction_of_rmse, "in gaps": reduction_of_rmse, "energy at 1 s": reduction_of_mean,
@@ -148,10 +139,7 @@ def run(scene: str, part: str, seed: int) -> dict[str, Outcome]:
     found["leaders"] = situation.forecast(situation.learned(), alone=True)
     for name, off in MECHANISMS.items():
         if off.changes_map:
-            with ExitStack() as meanwhile:
-                for what, value in off.patched.items():
-                    meanwhile.enter_context(patch(what, value))
-                learned = situation.relearned(**off.learning)
+            learned = situation.relearned(**off.learning)
             found[name] = situation.tracked(learned, Mechanism()) | situation.forecast(learned)
     return found
 

@@ -22,7 +22,8 @@ from dirprim_filter import Tracks, learn_primitives
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions.modes import dbscan
-from dirprim_filter.primitives.fitting import bounds_of, fit_all, fit_motion
+from dirprim_filter.primitives._modes import Modes
+from dirprim_filter.primitives.fitting import bounds_of, fit_all
 from dirprim_filter.primitives.rows import CellRows, TrackRows
 from tessellation import GridTessellation
 from tessellation.gates import residents
@@ -59,6 +60,14 @@ def em_in_numpy(direction, n_modes=3, tolerance=1e-6, most=100):
     return weight, mean, kappa
 
 
+def fitted(direction, speed):
+    """The modes of one cell, merged where there are many rows."""
+    spread = float(np.log(speed.mean()) - np.log(speed).mean())
+    bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=spread)
+    cell = CellRows.one(direction, speed, n_vehicles=speed.size)
+    return Modes(*(column[0] for column in fit_all(cell, bounds, at_once=True, worth_merging=0)))
+
+
 def least(work, seconds=1.0):
     """The least time of some runs."""
     times, until = [], time.perf_counter() + seconds
@@ -69,8 +78,11 @@ def least(work, seconds=1.0):
     return min(times)
 
 
-def density(modes, speeds, direction, speed):
+def density(found, direction, speed):
     """Mean log density of the rows."""
+    weight, mean, concentration, shape, rate = found[:5]
+    modes = VonMisesMixture(weight=weight, mean_direction=mean, concentration=concentration)
+    speeds = Gamma(shape=shape, rate=rate)
     log_p = modes.mode_log_density(direction) + speeds.log_density(speed[:, None])
     return logsumexp(log_p, axis=1).mean()
 
@@ -81,15 +93,12 @@ def against_numpy():
         direction, speed = fig_2(n, np.random.default_rng(0))
         ours, theirs = np.inf, np.inf
         for _ in range(3):  # taking turns, as others may share the machine
-            ours = min(ours, least(partial(fit_motion, direction, speed), 0.5))
+            ours = min(ours, least(partial(fitted, direction, speed), 0.5))
             theirs = min(theirs, least(partial(em_in_numpy, direction), 0.5))
-        modes, speeds = fit_motion(direction, speed)
+        modes = fitted(direction, speed)
         bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.025)
         exact = fit_all(CellRows.one(direction, speed, n_vehicles=n), bounds, at_once=True, worth_merging=10**9)
-        weight, mean, concentration, shape, rate = (column[0] for column in exact[:5])
-        unmerged = VonMisesMixture(weight=weight, mean_direction=mean, concentration=concentration)
-        loss = density(unmerged, Gamma(shape=shape, rate=rate), direction, speed)
-        loss -= density(modes, speeds, direction, speed)
+        loss = density([column[0] for column in exact], direction, speed) - density(modes, direction, speed)
         print(
             f"{n:>8,} angles  {1e3 * ours:8.3f} ms {1e3 * theirs:11.1f} ms {theirs / ours:6.0f}x (asked {asked:,}x)"
             f"  {(modes.weight > 0).sum()}  {loss:.1e} nat"
@@ -98,7 +107,7 @@ def against_numpy():
 
 def counted():
     draws = [fig_2(500, np.random.default_rng(seed)) for seed in range(100)]
-    bic = sum((fit_motion(*draw)[0].weight > 0).sum() == 3 for draw in draws)
+    bic = sum((fitted(*draw).weight > 0).sum() == 3 for draw in draws)
     for eps, share in ((0.5, 0.05), (0.2, 0.05), (0.1, 0.05), (0.1, 0.02)):
         right = sum(dbscan(d, eps=eps, min_samples=max(3, int(share * d.size))).max() == 2 for d, _ in draws)
         print(f"three modes found in 100 draws of 500 angles: BIC {bic}, DBSCAN (eps {eps}, share {share}) {right}")
@@ -156,7 +165,7 @@ def by_rows(most):
 
 
 if __name__ == "__main__":
-    fit_motion(*fig_2(5_000, np.random.default_rng(0)))  # compiles
+    fitted(*fig_2(5_000, np.random.default_rng(0)))  # compiles
     against_numpy()
     counted()
     by_rows(int(float(sys.argv[1])) if len(sys.argv) > 1 else 10_000_000)

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dirprim_filter.distributions.angles import difference, mean_direction, wrap
+from dirprim_filter.distributions.angles import difference, wrap
 
 ODD_PI = np.array([np.nextafter(k * np.pi, s * np.inf) for k in range(-9, 10) for s in (-1, 1)] + [-np.pi, np.pi])
 
@@ -24,9 +24,3 @@ def test_wrap_at_the_edges():
 
 def test_difference_is_the_short_way_round():
     assert np.isclose(difference(np.array(-3.1), np.array(3.1)), 2 * np.pi - 6.2)
-
-
-def test_mean_direction_across_the_wrap():
-    mean, resultant = mean_direction(np.array([np.pi - 0.1, -np.pi + 0.1]))
-    assert np.isclose(abs(mean), np.pi)
-    assert np.isclose(resultant, np.cos(0.1))

@@ -2,12 +2,10 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.distributions import VonMisesMixture
 from dirprim_filter.distributions.product import (
     kernel_density,
-    multiply_gammas,
     multiply_mixtures,
-    sample_by_importance,
     sample_by_rejection,
 )
 from oracles import kuiper_p_value
@@ -60,17 +58,6 @@ def test_leading_axes_broadcast():
     assert log_evidence.shape == (4,)
 
 
-def test_gammas_multiply_as_their_densities():
-    a, b = Gamma(shape=np.array(20.0), rate=np.array(2.0)), Gamma(shape=np.array(5.0), rate=np.array(0.7))
-    product, log_evidence = multiply_gammas(a, b)
-    speed = np.linspace(0.1, 30, 50)
-    np.testing.assert_allclose(
-        product.log_density(speed) + log_evidence, a.log_density(speed) + b.log_density(speed), atol=1e-10
-    )
-    with pytest.raises(ValueError, match="more than 1"):
-        multiply_gammas(Gamma(shape=np.array(0.4), rate=np.array(1.0)), Gamma(shape=np.array(0.5), rate=np.array(1.0)))
-
-
 def cumulative(log_density):
     edges = np.append(CIRCLE, np.pi) - 0.5 * STEP
     steps = np.concatenate([[0.0], np.cumsum(np.exp(log_density(CIRCLE))) * STEP])
@@ -108,18 +95,6 @@ def test_an_envelope_below_the_target_is_refused():
         papers_sampler(JUNCTION, TURN_RIGHT, log_envelope=np.log(0.1))
     with pytest.raises(ValueError, match="lower k"):
         papers_sampler(JUNCTION, TURN_RIGHT, log_envelope=200.0)
-
-
-def test_importance_weights_make_the_proposal_the_target():
-    product = multiply_mixtures(JUNCTION, TURN_RIGHT).mixture
-    theta, weight = sample_by_importance(
-        product.log_density, mixture((1.0, -1.0, 0.8)), n_samples=200_000, rng=np.random.default_rng(4)
-    )
-    expected = (np.exp(product.log_density(CIRCLE)) * np.exp(1j * CIRCLE)).sum() * STEP
-    seen = (weight * np.exp(1j * theta)).sum()
-    standard_error = np.sqrt((weight**2).sum())
-    assert abs(seen - expected) < 4.5 * standard_error  # two components at 4.5 sigma: 1.4e-5
-    assert abs((np.exp(1j * theta)).mean() - expected) > 4.5 * standard_error  # unweighted it is another law
 
 
 def test_the_kernel_density_estimate_runs_through_its_samples():

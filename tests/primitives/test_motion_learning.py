@@ -8,8 +8,7 @@ import pytest
 from dirprim_filter import learn_primitives
 from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives import motion_learning
-from dirprim_filter.primitives.motion_choice import _energy, learn_motion
-from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, label_visits
+from dirprim_filter.primitives.motion_learning import label_visits, learn_motion
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.visits import Visits
 from dirprim_filter.tracks import Tracks
@@ -33,19 +32,6 @@ def energy_score(learned, tracks):
         apart = np.linalg.norm(paths[:, :, None] - paths[:, None], axis=-1).sum(axis=(1, 2)) / (64 * 63)
         scores.append((off - apart / 2).mean())
     return float(np.mean(scores))
-
-
-def test_the_score_that_knobs_are_chosen_by_is_the_energy_score():
-    rng = np.random.default_rng(0)
-    paths, later = rng.normal(size=(30, 5, 2, 2)), rng.normal(size=(30, 2, 2))
-    later[:3, 1] = np.nan
-    mean = [0.0, 0.0]
-    for lag, cases in enumerate((range(30), range(3, 30))):
-        for i in cases:
-            x, y = paths[i, :, lag], later[i, lag]
-            off, apart = (np.mean([np.linalg.norm(a - b) for a in x for b in others]) for others in ([y], x))
-            mean[lag] += (off - 0.5 * apart * 5 / 4) / len(cases)
-    assert _energy(paths, later) == pytest.approx(np.log(mean).mean(), rel=1e-12)
 
 
 @pytest.mark.parametrize("traffic", [ring_traffic, junction_traffic])
@@ -94,13 +80,6 @@ def test_twice_the_vehicles_are_less_than_half_as_many_manoeuvres_more(junction)
     assert n_manoeuvres(some, 1e-6) > 1.5 * n_manoeuvres(few, 1e-6)  # where every visit is a manoeuvre of its own
 
 
-def test_finer_detail_is_more_manoeuvres(junction):
-    learned, rows = junction
-    visits = Visits.of(rows, learned.tessellation)
-    sizes = [label_visits(learned, visits, detail=d, rng=np.random.default_rng(0)).cell.size for d in (0.1, 1.0, 10.0)]
-    assert sizes[0] > sizes[1] > sizes[2] > learned.tessellation.n_cells
-
-
 def test_where_nobody_was_in_a_cell_motion_is_of_no_place(junction):
     learned, rows = junction
     elsewhere = replace(rows, position=rows.position + 1e4)
@@ -126,8 +105,7 @@ def test_labels_are_of_one_cell_and_mode_each(junction):
 def test_the_manoeuvres_of_a_junction_tell_who_turns(junction):
     """Before the junction nobody has turned; by their manoeuvre's count vehicles go on left, right and straight."""
     learned, rows = junction
-    visits = Visits.of(rows, learned.tessellation)
-    motion = fit_motion(learned, visits, LearningKnobs(), rng=np.random.default_rng(0))
+    motion = learn_motion(learned, rows, rng=np.random.default_rng(0))
     entry = learned.tessellation.cell_of(np.array([[35.0, 0.5], [35.0, -0.5]]))
     here = np.isin(motion.cell, entry)
     for turn in (-np.pi / 2, 0.0, np.pi / 2):
@@ -176,13 +154,13 @@ def braking_traffic(rng, *, n_vehicles, length_m=60.0, end=6.0):
 def test_who_is_faster_brakes_harder_for_the_same_place(monkeypatch):
     traffic, others = (braking_traffic(np.random.default_rng(seed), n_vehicles=40) for seed in (0, 1))
     learned = learn_primitives(traffic, tessellation="grid", cell_size=12.0, rng=np.random.default_rng(0))
-    visits = Visits.of(TrackRows.thinned(traffic, interval_s=0.1), learned.tessellation)
+    rows = TrackRows.thinned(traffic, interval_s=0.1)
     now, later = others[others.time_ns == 0], others[others.time_ns == 4_000_000_000]
     assert (now.track_id == later.track_id).all()
 
     def error_by_speed():
         """Metres that a forecast of 4 s is too far, for each m/s that the vehicle is faster now."""
-        motion = fit_motion(learned, visits, LearningKnobs(), rng=np.random.default_rng(0))
+        motion = learn_motion(learned, rows, rng=np.random.default_rng(0))
         paths = forecast_states(
             replace(learned, motion=motion), position=now.position, direction=now.direction, speed=now.speed,
             time_s=[4.0], n_samples=64, rng=np.random.default_rng(2),

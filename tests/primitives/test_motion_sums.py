@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dirprim_filter import learn_primitives
-from dirprim_filter.primitives.motion_learning import LearningKnobs, label_visits, motion_of
+from dirprim_filter.primitives.motion_learning import label_visits, motion_of
 from dirprim_filter.primitives.motion_sums import MotionSums, Regression
 from dirprim_filter.primitives.place_free_motion import learn_place_free
 from dirprim_filter.primitives.rows import TrackRows
@@ -61,7 +61,7 @@ def test_motion_follows_from_the_sums_alone(counted):
     place_free = learn_place_free(visits, rng=np.random.default_rng(0))
 
     def motion(sums):
-        made = motion_of(sums, labels, learned, place_free, LearningKnobs())
+        made = motion_of(sums, labels, learned, place_free)
         return {name: np.asarray(getattr(made, name)) for name in made.__dataclass_fields__ if name != "leader"}
 
     at_once, added, taken, other = (motion(s) for s in (of_all, of_some + of_others, of_all - of_others, of_some))

@@ -9,7 +9,9 @@ from streets import FAR_M, add, bytes_of, store_of, street, summed
 from dirprim_filter import Tracks, learn_primitives, load_map, save_map, write_tracks
 from dirprim_filter.primitives.choice import Leaning
 from dirprim_filter.primitives.learning import _learned
-from dirprim_filter.primitives.motion_learning import LearningKnobs, fit_motion, modes_of
+from dirprim_filter.primitives.motion_learning import label_visits, modes_of, motion_of
+from dirprim_filter.primitives.motion_sums import MotionSums
+from dirprim_filter.primitives.place_free_motion import learn_place_free
 from dirprim_filter.primitives.rows import TrackRows
 from dirprim_filter.primitives.schedule import Schedule
 from dirprim_filter.primitives.visits import Visits
@@ -40,7 +42,9 @@ def folder(tmp_path_factory):
 
 
 def motion_of_whole(primitives, visits):
-    return fit_motion(primitives, visits, LearningKnobs(), rng=np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    labels = label_visits(primitives, visits, rng=rng)
+    return motion_of(MotionSums.of(visits, *labels, primitives), labels, primitives, learn_place_free(visits, rng=rng))
 
 
 def learned_from(store, *, min_vehicles=2):

@@ -25,7 +25,9 @@ def world(n=2500, seed=0, generators=TRUE, level=LEVEL):
 
 
 def learned(position, value, seed=0, **options):
-    return fit_jointly(GaussianCells(), position, value, reach=5.0, rng=np.random.default_rng(seed), **options)
+    return fit_jointly(
+        GaussianCells(), position, value, reach=5.0, rng=np.random.default_rng(seed), **{"softness": 0.0} | options
+    )
 
 
 def held_out(found, position, value):
@@ -45,7 +47,7 @@ def test_the_known_optimum_is_found(found):
     four_errors = 4 * np.sqrt(0.5 / 20_000)
     asked_for = learned(*world()[:2], n_cells=5)
     assert best - 0.15 < held_out(asked_for, position, value) < best + four_errors
-    assert best - 0.18 < held_out(found, position, value) < best + four_errors
+    assert best - 0.22 < held_out(found, position, value) < best + four_errors
     single = learned(*world()[:2], n_cells=1)
     assert held_out(single, position, value) < best - 1.0  # what is lost without cells: the test can tell
 
@@ -83,7 +85,7 @@ def test_the_trace_never_rises_and_ends_with_the_cells(found):
 def test_the_cells_are_fitted_to_all_data(found):
     position, value, _ = world()
     generators = found.tessellation.generators
-    members, _ = members_of(position, generators, softness=found.softness)
+    members, _ = members_of(position, generators, softness=0.0)
     for mine, theirs in zip(found.cells, GaussianCells().fit(position, value, members), strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=1e-9)
 
@@ -99,7 +101,7 @@ def test_a_model_that_can_start_from_parameters_gives_the_same_cells(found):
             moved.append(np.abs(fitted.mean - cells.mean).mean())
             return fitted
 
-    again = fit_jointly(Refitting(), *world()[:2], reach=5.0, rng=np.random.default_rng(0))
+    again = fit_jointly(Refitting(), *world()[:2], reach=5.0, softness=0.0, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(again.tessellation.generators, found.tessellation.generators)
     np.testing.assert_array_equal(again.trace, found.trace)
     assert np.mean(moved) < 0.25 * found.cells.mean.std()  # those of other cells are as far as that spread
@@ -132,7 +134,7 @@ def test_data_that_are_moved_or_turned_have_the_same_cells(found, moved):
 def test_as_many_cells_as_asked_for():
     position, value, _ = world(1000)
     for n in (1, 2, 7, 20):
-        assert learned(position, value, n_cells=n).tessellation.n_cells == n
+        assert learned(position, value, n_cells=n, softness=0.25).tessellation.n_cells == n
 
 
 def test_a_datum_of_weight_two_counts_as_two_of_its_group():
@@ -171,7 +173,7 @@ def test_a_sample_lays_out_the_cells_when_there_are_many_data():
     some = learned(position, value, max_rows=2000)
     unseen = world(20_000, seed=9)[:2]
     assert held_out(some, *unseen) > -1.42 - 0.2
-    members, _ = members_of(position, some.tessellation.generators, softness=some.softness)
+    members, _ = members_of(position, some.tessellation.generators, softness=0.0)
     mass = np.add.reduceat(members.weight, members.start[:-1])
     expected = np.add.reduceat(members.weight * value[members.row], members.start[:-1]) / (mass + 1)
     np.testing.assert_allclose(some.cells.mean, expected, rtol=1e-6)  # of all 6,000, not of 2,000
@@ -215,8 +217,7 @@ def test_little_or_odd_data_give_cells(name, n_cells):
         ({"weight": np.ones(49)}, r"weight: expected shape \(50,\)"),
         ({"group": np.ones(49, int)}, r"group: expected shape \(50,\)"),
         ({"n_cells": 0}, "n_cells: expected at least 1, got 0"),
-        ({"softness": ()}, "softness: expected one or more numbers"),
-        ({"softness": (-0.1,)}, "softness: expected one or more numbers"),
+        ({"softness": -0.1}, "softness: expected a number that is not negative"),
         ({"max_rows": 0}, "max_rows: expected at least 1, got 0"),
     ],
 )
@@ -254,7 +255,7 @@ def test_the_search_begins_with_half_the_best_number_of_even_cells_though_a_smal
     class Evaluated:
         row = np.arange(1024)
 
-        def evaluate(self, generators, softness):
+        def evaluate(self, generators):
             return SimpleNamespace(generators=generators, objective=objective[len(generators)])
 
-    assert len(joint._first(Evaluated(), lambda n: np.zeros((n, 2)), None, 0.25).generators) == 32
+    assert len(joint._first(Evaluated(), lambda n: np.zeros((n, 2)), None).generators) == 32
