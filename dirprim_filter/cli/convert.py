@@ -43,14 +43,14 @@ def convert(
     ] = None,
     columns: Annotated[
         str | None,
-        typer.Option(help="csv, parquet, feather: how columns are called in the table: x_m=Easting,y_m=Northing,..."),
+        typer.Option(help="csv, parquet, feather: how the table calls columns: x_m=Easting,group=site+day,..."),
     ] = None,
     fields: Annotated[
         str | None,
         typer.Option(help="json: where a frame holds its objects, as time_s=.t,id=.objects[].id,x=.objects[].x,..."),
     ] = None,
     origin: Annotated[
-        str | None, typer.Option(help="json, kitti: latitude,longitude of the plane; left out, the first place.")
+        str | None, typer.Option(help="Latitude,longitude of the plane, for satellite positions. Default: the first.")
     ] = None,
     force: Force = False,
 ) -> int:
@@ -60,8 +60,9 @@ def convert(
     course_rad (over ground), speed_mps, group, length_m, width_m, height_m, turn_signal (left, right, none),
     and label (or category, or class).
     Without track_id, or where it is empty, rows are detections, of one sensor or, by a column sensor, of several.
-    Between cells of a csv are commas, semicolons or tabs; a .csv.gz is read as well. parquet and feather may have
-    time_ns in place of time_s.
+    In place of time_s may stand time_ns, or ISO times as time or timestamp; in place of x_m and y_m latitude_deg and
+    longitude_deg. Between cells of a csv are commas, semicolons or tabs; a .csv.gz is read as well. Such tables need no
+    converting: learn, track, evaluate and score take them as they are.
 
     json is an array of frames, or has a frame in each line. --fields names the paths of time_s (or time, nanoseconds),
     id, x and y (or latitude and longitude), and what else there is of speed, heading, label, length, width, ...

@@ -127,14 +127,16 @@ def _existing_or_auto(text: str | None) -> str | None:
 
 
 Log = Annotated[
-    Path, typer.Argument(help="An MCAP log or rosbag2 folder; - for standard input, or a URL.", parser=_log)
+    Path, typer.Argument(help="An MCAP log, rosbag2 folder or table; - for standard input, or a URL.", parser=_log)
 ]
 Logs = Annotated[
-    list[Path], typer.Argument(help="MCAP logs or rosbag2 folders; - for standard input, or URLs.", parser=_log)
+    list[Path], typer.Argument(help="MCAP logs, rosbag2 folders or tables; - for standard input, or URLs.", parser=_log)
 ]
 LogsOrStore = Annotated[
     list[Path],
-    typer.Argument(metavar="LOG...|STORE", help="MCAP logs; - for standard input, or URLs. Or one store.", parser=_log),
+    typer.Argument(
+        metavar="LOG...|STORE", help="MCAP logs or tables; - for standard input, or URLs. Or one store.", parser=_log
+    ),
 ]
 Map = Annotated[Path, typer.Option("--map", help="A map that `dirprim learn` wrote.", exists=True, dir_okay=False)]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The file to write.", callback=named_file), WRITTEN]

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dirprim_filter.recording.losses import Losses
     from dirprim_filter.recording.playback import Playback
     from dirprim_filter.recording.reader import DetectionStream, ReadOptions, TrackResult
+    from dirprim_filter.recording.tables.source import TableDetections
 
 logger = logging.getLogger(__name__)
 Result = TypeVar("Result")
@@ -108,7 +109,7 @@ class Reading:
             "`dirprim info` lists times, labels and groups"
         )
 
-    def detections(self, log: Path, *, motion: bool) -> DetectionStream:
+    def detections(self, log: Path, *, motion: bool) -> DetectionStream | TableDetections:
         """What a log's sensor reported, an instant at a time; `motion`: its directions and speeds were measured."""
         from dirprim_filter.recording.reader import stream_detections
 

@@ -62,7 +62,7 @@ def score(
     from dirprim_filter.evaluation.scores import score_rows
     from dirprim_filter.evaluation.tracking_report import Scales
     from dirprim_filter.recording.tables.estimate_table import FORMATS
-    from dirprim_filter.recording.tables.tracked_table import read_tracked_rows
+    from dirprim_filter.recording.tracked_table import read_tracked_rows
 
     check_plot(plot, force=force)
     log = reading.tracks([truth])

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from os import PathLike
+from pathlib import Path
 from typing import Unpack
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
@@ -14,7 +15,7 @@ from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import Log, LogSource, Scan, opened
-from dirprim_filter.recording.errors import DecodeError, NoTracksError
+from dirprim_filter.recording.errors import DecodeError, NoTracksError, RecordingError
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import REPEATED, Losses
 from dirprim_filter.recording.objects.detection_stream import DetectionStream
@@ -26,6 +27,7 @@ from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
+from dirprim_filter.recording.tables.source import TableDetections, is_table, read_table
 from dirprim_filter.recording.transforms.geodesy import Origin
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.track_ids import repeated_rows
@@ -43,7 +45,7 @@ NS_PER_S = 1_000_000_000
 def read_tracks(
     source: LogSource | Sequence[PathOrText], options: ReadOptions = EVERYTHING, **changes: Unpack[Reading]
 ) -> Tracks:
-    """The tracks of a log, or of several; what could not be read is logged, and returned by `read_track_logs`.
+    """The tracks of logs and tables; what could not be read is logged, and returned by `read_track_logs`.
 
     Direction and speed are taken where the log carries them for a whole track, and else derived from that
     track's positions by central differences. Of rows that repeat a vehicle and a time the first is kept.
@@ -51,7 +53,7 @@ def read_tracks(
     the log's name in front.
 
     Args:
-        source: a log, which may be open, or several.
+        source: a log, which may be open, or a .csv, .parquet or .feather; or several.
         options: what is read, and how.
         changes: fields of `ReadOptions` by name, in place of those of `options`.
 
@@ -80,8 +82,19 @@ def read_track_logs(
     losses = Losses()
     parts: list[VehicleRows] = []
     names: list[str] = []
+    frame = ""
     options = replace(options, **changes)
     for one in sources:
+        if is_table(one):
+            table = read_table(Path(one), options)
+            if table.detections and not len(table.tracks):
+                way = "`dirprim track --no-ids` tracks them"
+                raise RecordingError(f"{one}: expected tracks, got detections without ids; {way}")
+            parts.append(table.rows())
+            names.append(Path(one).name.partition(".")[0])
+            losses += table.losses
+            options = replace(options, origin=table.origin or options.origin)
+            continue
         with opened(one) as log:
             scan = _wanted(log, choose_topics(log, options), options)
             observations = Observations(scan, options)
@@ -93,9 +106,10 @@ def read_track_logs(
             names.append(log.path.stem)
             observations.losses.log(log.path)
         losses += observations.losses
+        frame = observations.frame
         options = replace(options, origin=observations.origin)  # one plane for all logs
     tracks = rows_of_logs(parts, names).to_tracks(losses)
-    return TrackResult(tracks=tracks, losses=losses, frame=observations.frame)
+    return TrackResult(tracks=tracks, losses=losses, frame=frame)
 
 
 def _reporting(
@@ -112,11 +126,11 @@ def _reporting(
 
 def stream_detections(
     path: PathOrText, options: ReadOptions = EVERYTHING, *, motion: bool = False, **changes: Unpack[Reading]
-) -> DetectionStream:
-    """The detections of a log, an instant at a time, in bounded memory.
+) -> DetectionStream | TableDetections:
+    """The detections of a log, an instant at a time, in bounded memory; or of a table.
 
     Args:
-        path: the log.
+        path: the log, or a .csv, .parquet or .feather.
         options: as for `read_tracks`; without topics, `/detections` goes before all others. Messages that go back in
             the time that counts are left out and counted.
         motion: take the log's directions and speeds for measurements. Often they are no sensor's, but were derived from
@@ -129,6 +143,8 @@ def stream_detections(
         ValueError: `topics` is neither a name nor a regular expression.
     """
     options = replace(options, **changes)
+    if is_table(path):
+        return TableDetections(Path(path), options, motion=motion)
     log = Log(path)
     chosen = choose_topics(log, options, prefer_detections=True)
     return DetectionStream(_wanted(log, chosen, options), options, topics=chosen, motion=motion)

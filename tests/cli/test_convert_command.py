@@ -1,10 +1,12 @@
 """`dirprim convert`: tables as people have them become logs; what is not used is named, what is lost ends with 3."""
 
 import gzip
+import json
+import math
 
 import pytest
 
-from dirprim_filter import read_tracks
+from dirprim_filter import read_estimates, read_tracks, save_map
 from dirprim_filter.cli.main import run
 from dirprim_filter.detections import NO_ID
 from dirprim_filter.recording.reader import stream_detections
@@ -37,7 +39,7 @@ def test_a_survey_becomes_a_log_with_labels(survey, tmp_path, capsys):
     assert read_tracks(log).position.tolist() == [[3.5, 0.0], [9.5, 0.0], [3.5, 1.0], [9.5, 1.0]]
     assert set(read_tracks(log, labels="car").track_id) == {"a"}
     assert run(["info", str(log)]) == DONE
-    assert "labels in /objects: bus 2, car 2" in capsys.readouterr().out
+    assert "labels in /objects: car 2, bus 2" in capsys.readouterr().out
 
 
 def test_a_mapping_is_for_csv(survey, tmp_path, capsys):
@@ -96,3 +98,24 @@ def test_a_number_out_of_range_is_named_as_its_option(options, tmp_path, capsys)
     given = ("track", tmp_path / "l", "--map", tmp_path / "m", "-o", tmp_path / "o", *options)
     assert run([*map(str, given)]) == USAGE
     assert f"Invalid value for '{options[0]}'" in capsys.readouterr().err
+
+
+def test_a_table_goes_where_a_log_does(ring_map, tmp_path, capsys):
+    """The same detections as a csv and as the log of it: tracked alike, and scored against a truth in a table."""
+    save_map(ring_map, tmp_path / "map.mcap")
+    seen, truth = tmp_path / "seen.csv", tmp_path / "truth.csv"
+    rows = [(k / 10, 12 * math.cos(k / 15), 12 * math.sin(k / 15)) for k in range(40)]
+    seen.write_text("\n".join(["time_s,sensor,x_m,y_m", *(f"{t},radar,{x},{y}" for t, x, y in rows)]))
+    truth.write_text("\n".join(["time_s,track_id,x_m,y_m", *(f"{t},a,{x},{y}" for t, x, y in rows)]))
+    assert convert(seen, "-o", tmp_path / "seen.mcap") == DONE
+    outputs = []
+    for source in (seen, tmp_path / "seen.mcap"):
+        out = source.with_name(f"{source.name}.tracked")
+        options = ("--map", tmp_path / "map.mcap", "--no-ids", "--particles", "200", "-o", out)
+        assert run(["track", str(source), *map(str, options)]) == DONE
+        outputs.append(read_estimates(out))
+    assert outputs[0] == outputs[1]
+    assert len(outputs[0]) > 0
+    capsys.readouterr()
+    assert run(["score", str(out), "--truth", str(truth), "--json"]) == DONE
+    assert json.loads(capsys.readouterr().out)["scores"][0]["report"]["rmse"] < 1.0

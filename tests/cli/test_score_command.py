@@ -14,7 +14,7 @@ from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.recording.tables.estimate_table import write_estimates
-from dirprim_filter.recording.tables.tracked_table import read_tracked_rows
+from dirprim_filter.recording.tracked_table import read_tracked_rows
 from dirprim_filter.recording.writer import EstimateWriter
 
 DONE, FAILED, USAGE = 0, 1, 2
@@ -123,7 +123,7 @@ def test_motchallenge_frames_are_the_instants_of_the_log(truth, tracked, tmp_pat
     assert not list(tmp_path.glob("few.txt*"))
 
 
-def test_exports_are_whole_or_not_there_and_overwrite_nothing(tracked, tmp_path, capsys, monkeypatch):
+def test_exports_are_whole_or_not_there_and_overwrite_nothing(tracked, tmp_path, capsys):
     out = tmp_path / "out.csv"
     assert dirprim("export", tracked, "-o", out) == DONE
     assert dirprim("export", tracked, "-o", out) == FAILED
@@ -132,9 +132,6 @@ def test_exports_are_whole_or_not_there_and_overwrite_nothing(tracked, tmp_path,
     assert dirprim("export", tracked, "-o", tmp_path / "out.xls") == FAILED
     assert "expected a name that ends in .csv, .parquet, .txt, got .xls" in capsys.readouterr().err
     assert dirprim("export", tracked, "-o", out, "--frames-of", tracked) == USAGE
-    monkeypatch.setitem(__import__("sys").modules, "pyarrow.parquet", None)
-    assert dirprim("export", tracked, "-o", tmp_path / "out.parquet") == FAILED
-    assert "pip install 'dirprim-filter[parquet]'" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
 
 

@@ -1,6 +1,7 @@
 """Data sets in their own forms: a vehicle that drives in the world comes out where it was, however the sensor moved."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -13,18 +14,19 @@ from scipy.spatial.transform import Rotation
 from dirprim_filter import read_tracks
 from dirprim_filter.cli.convert import Format
 from dirprim_filter.cli.main import run
-from dirprim_filter.recording.errors import MissingExtraError, TableError
+from dirprim_filter.recording.errors import TableError
 from dirprim_filter.recording.tables import (
     FORMATS,
     read_argoverse,
-    read_arrow,
-    read_csv,
     read_kitti,
     read_nuscenes,
+    read_sdd,
+    read_sumo_fcd,
     read_trajnet,
 )
 from dirprim_filter.recording.transforms.geodesy import Origin
 
+DATA = Path(__file__).parents[2] / "../shared/data/death_circle"
 DONE, FAILED, USAGE, INPUT_LOST = 0, 1, 2, 3
 N = 6
 STEPS = np.arange(N)
@@ -46,88 +48,6 @@ def assert_is_the_vehicle(table, *, n=N, tilt=1e-6):
     np.testing.assert_allclose(tracks.direction, COURSE, atol=1e-3)
     np.testing.assert_allclose(tracks.speed, 10.0, atol=1e-3)
     np.testing.assert_allclose(tracks.size, np.tile(SIZE, (n, 1)))
-
-
-def columns():
-    return {
-        "time_ns": TIMES_NS, "track_id": np.repeat(["a", "b"], N // 2), "x_m": WORLD[:, 0].astype(np.float32),
-        "y_m": WORLD[:, 1], "heading_rad": pa.array([0.5, None, 1.0, 1.5, 2.0, 2.5]), "group": np.zeros(N, np.int32),
-        "length_m": np.full(N, 4.5), "class": pa.array(["car"] * 3 + [None] + ["bus"] * 2).dictionary_encode(),
-        "lane": STEPS,
-    }  # fmt: skip
-
-
-WRITERS = {"t.parquet": pa.parquet.write_table, "t.feather": pa.feather.write_feather}
-
-
-@pytest.mark.parametrize("name", WRITERS)
-def test_arrow_tables_read_as_the_csv_of_the_same_columns_does(tmp_path, name):
-    made = pa.table(columns())
-    WRITERS[name](made, tmp_path / name)
-    read = read_arrow(tmp_path / name)
-    seconds = [f"{t // 10**9}.{t % 10**9:09d}" for t in TIMES_NS.tolist()]
-    texts = made.drop_columns(["time_ns"]).to_pydict() | {"time_s": seconds}
-    lines = [",".join("" if one is None else str(one) for one in row) for row in zip(*texts.values(), strict=True)]
-    (tmp_path / "t.csv").write_text("\n".join([",".join(texts), *lines]))
-    assert read == read_csv(tmp_path / "t.csv")
-    assert read.labels == {"a": "car", "b": "bus"}
-    assert list(read.unused) == ["lane"]
-
-
-@pytest.mark.parametrize(
-    ("time", "named"),
-    [
-        (pa.array(TIMES_NS).cast(pa.timestamp("ns", "UTC")), "time_ns"),
-        (pa.array(TIMES_NS // 1000).cast(pa.timestamp("us")), "time_ns"),
-        (TIMES_NS / 1e9, "time_s"),
-    ],
-)
-def test_times_of_an_arrow_table_are_nanoseconds_timestamps_or_seconds(tmp_path, time, named):
-    made = {"stamp" if name == "time_ns" else name: values for name, values in columns().items()} | {"stamp": time}
-    pa.parquet.write_table(pa.table(made), tmp_path / "t.parquet")
-    read = read_arrow(tmp_path / "t.parquet", columns={named: "stamp"})
-    np.testing.assert_allclose(read.tracks.time_ns - TIMES_NS, 0, atol=1000 if named == "time_ns" else 250)
-
-
-def test_bad_rows_of_an_arrow_table_are_dropped_and_counted(tmp_path):
-    made = columns() | {"x_m": pa.array([0.0, None, 2.0, np.inf, 4.0, 5.0]), "time_ns": pa.array([1, 2, None, 4, 5, 6])}
-    pa.parquet.write_table(pa.table(made), tmp_path / "t.parquet")
-    read = read_arrow(tmp_path / "t.parquet")
-    assert read.losses.dropped["a number that is missing, not finite or too large"] == 3
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ({"x_m": None}, r"expected columns time_ns, track_id, x_m, y_m.* missing: x_m"),
-        ({"x_m": ["east"] * N}, r"column x_m: expected numbers, got string"),
-        ({"group": [1.5] * N}, r"column group: expected whole numbers, got double"),
-        ({"group": pa.array([1, 2, None, 3, 4, 5])}, r"column group: expected whole numbers, got 1 null"),
-        ({"track_id": [[1]] * N}, r"column track_id: expected texts or whole numbers, got list"),
-        ({"heading_rad": None, "heading_deg": [0.0] * N}, "expected column heading_rad, got heading_deg; multiply by"),
-        ({"time_ns": None, "time_s": TIMES_NS}, r"column time_s: expected seconds, got 1\.7e\+18; name whole nano"),
-    ],
-)
-def test_a_wrong_arrow_table_is_told_in_one_line(tmp_path, change, told):
-    made = {name: values for name, values in (columns() | change).items() if values is not None}
-    pa.parquet.write_table(pa.table(made), tmp_path / "t.parquet")
-    with pytest.raises(TableError, match=told) as caught:
-        read_arrow(tmp_path / "t.parquet")
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("data", [b"PAR1" + bytes(50) + b"PAR1", b"ARROW1\0\0" + bytes(50), b"PAR1", b""])
-def test_a_broken_arrow_file_is_told_in_one_line(tmp_path, data):
-    (tmp_path / "t.parquet").write_bytes(data)
-    with pytest.raises(TableError, match="expected a Parquet, Feather or Arrow file, got") as caught:
-        read_arrow(tmp_path / "t.parquet")
-    assert "\n" not in str(caught.value)
-
-
-def test_without_pyarrow_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pyarrow.parquet", None)
-    with pytest.raises(MissingExtraError, match=r"expected pyarrow.*pip install 'dirprim-filter\[parquet\]'"):
-        read_arrow(tmp_path / "t.parquet")
 
 
 def quaternions(turn):
@@ -334,7 +254,7 @@ def test_kitti_labels_come_onto_the_ground_by_poses_of_the_camera(tmp_path):
             lambda text: text.replace("49.", "north", 1),
             r"oxts/0000\.txt, line 1: expected a number as number 1",
         ),
-        ("oxts", lambda _: "", r"oxts/0000\.txt, line 1: expected rows, got none"),
+        ("oxts", lambda _: "", r"oxts/0000\.txt: expected rows, got none"),
         ("calib", lambda text: text.replace("R_rect", "R"), r"calib/0000\.txt: expected R_rect, Tr_velo_cam and"),
         (
             "calib",
@@ -374,20 +294,111 @@ def test_trajnet_frames_are_those_of_the_video(tmp_path, between):
     np.testing.assert_allclose(table.tracks.direction, 0.0, atol=1e-12)
 
 
+SDD = """\
+0 10 20 30 60 0 0 0 0 "Cart"
+0 20 20 40 60 15 0 0 1 "Cart"
+0 30 20 50 60 30 0 1 1 "Cart"
+0 30 20 50 60 45 1 0 1 "Cart"
+1 0 0 2 4 0 0 0 0 "Biker"
+1 0 -60 2 -56 30 0 0 0 "Biker"
+"""
+
+
+def test_sdd_boxes_become_centres_with_north_up(tmp_path):
+    (tmp_path / "annotations.txt").write_text(SDD)
+    read = read_sdd(tmp_path / "annotations.txt", metres_per_pixel=0.1)
+    assert (read.losses.dropped, read.labels) == ({"marked as lost": 1}, {0: "Cart", 1: "Biker"})
+    cart, biker = (read.tracks[read.tracks.track_id == name] for name in (0, 1))
+    np.testing.assert_allclose(cart.position, [[2, -4], [3, -4], [4, -4]])
+    assert cart.time_ns.tolist() == [0, 500_000_000, 1_000_000_000]
+    for one, speed, direction in ((cart, 2.0, 0.0), (biker, 6.0, np.pi / 2)):  # up in the image
+        np.testing.assert_allclose(one.speed, speed)
+        np.testing.assert_allclose(one.direction, direction)
+
+
+@pytest.mark.skipif(not DATA.exists(), reason=f"real data are not at {DATA}")
+@pytest.mark.parametrize(("video", "scale", "n_rows"), [("video2", 0.03948, 15_085), ("video4", 0.03898, 29_380)])
+def test_real_annotations_are_all_accounted_for(video, scale, n_rows):
+    read = read_sdd(DATA / video / "annotations.txt", metres_per_pixel=scale)
+    assert len(read.tracks) + sum(read.losses.dropped.values()) == n_rows
+    assert (read.tracks.speed > 25.0).mean() < 0.005  # some boxes jump when a lost track is found again
+    assert np.ptp(read.tracks.position, axis=0).max() < 100.0
+
+
+FCD = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<!-- generated by SUMO -->
+<fcd-export xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance">
+    <timestep time="0.10">
+        <vehicle id="a.0" x="1.5" y="-2.5" angle="90.00" speed="3.00" pos="5.1" lane="1_0" slope="0.0"/>
+        <person id="p" x="0" y="0" angle="0" speed="1"/>
+    </timestep>
+    <timestep time="0.20">
+        <vehicle id="a.0" x="1.8" y="-2.5" angle="0.00" speed="3.50" pos="5.4" lane="1_0" slope="0.0"/>
+        <vehicle id="b" x="7" y="8" angle="225.00" speed="0" pos="5.4" lane="1_0" slope="0.0"/>
+    </timestep>
+</fcd-export>
+"""
+
+
+def fcd(tmp_path, text):
+    (tmp_path / "fcd.xml").write_text(text)
+    return tmp_path / "fcd.xml"
+
+
+def test_sumo_vehicles_turn_from_compass_to_direction(tmp_path):
+    read = read_sumo_fcd(fcd(tmp_path, FCD))
+    assert read.losses.dropped == {"persons and containers": 1}
+    assert read.tracks.track_id.tolist() == ["a.0", "a.0", "b"]
+    assert read.tracks.time_ns.tolist() == [100_000_000, 200_000_000, 200_000_000]
+    assert read.tracks.position.tolist() == [[1.5, -2.5], [1.8, -2.5], [7.0, 8.0]]
+    np.testing.assert_allclose(read.tracks.heading, [0.0, np.pi / 2, -3 * np.pi / 4], atol=1e-12)
+    np.testing.assert_allclose(read.tracks.direction, [0, 0, -3 * np.pi / 4], atol=1e-12)  # who is alone has yaw
+    assert read.tracks.speed.tolist() == [3.0, 3.5, 0.0]
+    read = read_sumo_fcd(fcd(tmp_path, FCD.replace(' speed="3.50"', "")))
+    np.testing.assert_allclose(read.tracks.speed, 3.0)
+    assert read.losses.dropped["alone in time, so that no velocity can be derived"] == 1
+
+
+OF = {"trajnet": lambda path: read_trajnet(path, frames_per_second=25), "fcd": read_sumo_fcd,
+      "sdd": lambda path: read_sdd(path, metres_per_pixel=0.1)}  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    ("text", "rate", "told"),
+    ("form", "text", "told"),
     [
-        ("0 1 2 3\n10 1 2\n", 25, r"line 2: expected 4 cells, got 3"),
-        ("0 1 2 north\n", 25, r"line 1: expected a number as y, got 'north'"),
-        ("1e30 1 2 3\n", 25, r"line 1: expected seconds as frame, got 4e\+28"),
-        ("", 25, "expected rows, got none"),
-        ("0 1 2 3\n", 0, "frames_per_second: expected a positive number"),
+        ("trajnet", "0 1 2 3\n10 1 2\n", r"line 2: expected 4 cells, got 3"),
+        ("trajnet", "0 1 2 north\n", r"line 1: expected a number as y, got 'north'"),
+        ("trajnet", "1e30 1 2 3\n", r"line|row 1: expected seconds as frame, got 4e\+28"),
+        ("trajnet", "", "expected rows, got none"),
+        ("sdd", SDD[: SDD.index("\n") + 1] + "1 2 3\n", r"line 2: expected 10 cells, got 3"),
+        ("sdd", SDD.replace("10", "ten", 1), r"line 1: expected a number as xmin, got 'ten'"),
+        ("fcd", "", "no element found"),
+        ("fcd", FCD[:300], r"expected well-formed xml"),
+        ("fcd", FCD.replace("<fcd", "<!DOCTYPE a [<!ENTITY b 'c'>]>\n<fcd"), "line 3: expected no DOCTYPE"),
+        ("fcd", "<net><edge/></net>", "expected an fcd-export, got <net>"),
+        ("fcd", "<fcd-export><timestep time='0'/></fcd-export>", "expected vehicles"),
+        ("fcd", '<fcd-export><vehicle id="a" x="0" y="0"/></fcd-export>', "expected vehicles in time steps, got one"),
+        ("fcd", FCD.replace('x="7"', 'x="seven"'), "line 10: expected a number as x, got 'seven'"),
+        ("fcd", FCD.replace('x="7"', ""), "line 10: expected x of a vehicle"),
+        *(
+            ("fcd", FCD.replace('"0.20"', f'"{time}"'), f"line 9: expected seconds as time, got '{time}'")
+            for time in ("later", "snan_", "1e30", "1e999999999")
+        ),
     ],
-)
-def test_a_wrong_trajnet_file_is_told_in_one_line(tmp_path, text, rate, told):
+)  # fmt: skip
+def test_a_wrong_file_is_told_in_one_line(tmp_path, form, text, told):
     (tmp_path / "t.txt").write_text(text)
-    with pytest.raises((TableError, ValueError), match=told):
-        read_trajnet(tmp_path / "t.txt", frames_per_second=rate)
+    with pytest.raises(TableError, match=told) as caught:
+        OF[form](tmp_path / "t.txt")
+    assert "\n" not in str(caught.value)
+
+
+def test_scales_that_are_none_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="frames_per_second: expected a positive number"):
+        read_trajnet(fcd(tmp_path, "0 1 2 3\n"), frames_per_second=0)
+    with pytest.raises(ValueError, match="metres_per_pixel"):
+        read_sdd(tmp_path / "fcd.xml", metres_per_pixel=0.0)
 
 
 def test_the_command_line_knows_every_format():
@@ -395,7 +406,8 @@ def test_the_command_line_knows_every_format():
 
 
 def test_folders_and_tables_are_recognised_and_the_log_says_what_it_is_of(argoverse, nuscenes, tmp_path, capsys):
-    pa.parquet.write_table(pa.table(columns()), tmp_path / "t.parquet")
+    columns = {"time_ns": TIMES_NS, "track_id": ["a"] * N, "x_m": STEPS * 1.0, "y_m": STEPS * 1.0}
+    pa.parquet.write_table(pa.table(columns), tmp_path / "t.parquet")
     for source in (argoverse, nuscenes, argoverse / "annotations.feather", tmp_path / "t.parquet"):
         out = tmp_path / "out.mcap"
         assert run(["convert", str(source), "-o", str(out), "--force"]) == DONE

@@ -18,10 +18,10 @@ FILES = {
     "bag_0": (b"SQLite format 3\0", "a ROS 2 bag in SQLite; `dirprim` reads its folder, or a file named .db3"),
     "old.bag": (b"#ROSBAG V2.0\n", "a ROS 1 bag; `rosbags-convert"),
     "run.rrd": (b"RRF2\0\0\0\0", "a rerun recording; `dirprim view`"),
-    "av2.feather": (b"ARROW1\0\0", "a Feather table; `dirprim convert` without --format makes"),
-    "t.parquet": (b"PAR1\x15\x04", "a Parquet table; `dirprim convert` without --format makes"),
-    "t.csv.gz": (b"\x1f\x8b\x08\x08", "gzip; decompress it; `dirprim convert` reads a .csv.gz as it is"),
-    "t.csv": (b"time_s,track_id\n", "`dirprim convert` makes logs of tables"),
+    "av2.bin": (b"ARROW1\0\0", "a Feather table; `dirprim convert` without --format makes"),
+    "t.bin": (b"PAR1\x15\x04", "a Parquet table; `dirprim convert` without --format makes"),
+    "t.gz": (b"\x1f\x8b\x08\x08", "gzip; decompress it; `dirprim convert` reads a .csv.gz as it is"),
+    "t.txt": (b"time_s,track_id\n", "`dirprim convert` makes logs of tables"),
     "empty.mcap": (b"", "an empty file"),
 }
 

@@ -1,6 +1,6 @@
-"""Estimates as tables, so that they go to other tools, and what other trackers wrote.
+"""Estimates as tables, so that they go to other tools.
 
-`.csv` and `.parquet` have a row for each vehicle and instant and a column for each thing that is believed; the first
+`.csv` and `.parquet` have a row for each vehicle and instant and a column for each thing that is estimated; the first
 columns are those of `read_csv`. `.txt` is MOTChallenge's: frame, id, a box of the image (here -1), confidence, and x, y
 and z in metres; its frames are numbered from 1.
 
@@ -9,23 +9,22 @@ Source: Dendorfer et al., MOTChallenge: A Benchmark for Single-Camera Multiple T
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from io import BufferedWriter, FileIO
+from io import BufferedWriter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
 
-from dirprim_filter.arrays import AnyArray, IntArray
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.partial_file import PartialFile
-from dirprim_filter.recording.tables.arrow_table import pyarrow
-from dirprim_filter.recording.tables.delimited import FORMULA, FORMULA_GUARD, is_number
+from dirprim_filter.recording.tables.columns import FORMULA, FORMULA_GUARD, is_number
 from dirprim_filter.track_ids import as_texts, numbered
 
 FORMATS = (".csv", ".parquet", ".txt")
-NS_PER_S = 1_000_000_000
-BLOCK_ROWS = 4096
 
 
 def write_estimates(
@@ -44,19 +43,22 @@ def write_estimates(
 
     Raises:
         OutputExistsError: the file exists, and `force` is not set.
-        MissingExtraError: a .parquet, and pyarrow is not installed.
         ValueError: another suffix, or an estimate at a time that is no frame's.
         OSError: the file cannot be written.
     """
     form = check_table_format(path)
-    if form == ".parquet":
-        arrow = pyarrow(path)
-        with _new(path, force=force) as file:
-            arrow.parquet.write_table(arrow.table(_columns(estimates)), file)
-        return
-    lines = _csv_lines(estimates) if form == ".csv" else _mot_lines(estimates, frame_ns)
-    with _new(path, force=force) as file:
-        file.writelines(line.encode() + b"\n" for line in lines)
+    table = pa.table(_mot(estimates, frame_ns) if form == ".txt" else _columns(estimates))
+    if form == ".csv":
+        table = table.set_column(0, "time_s", _decimal_seconds(estimates.time_ns))
+        table = table.set_column(1, "track_id", pa.array([_guarded(name) for name in table["track_id"].to_pylist()]))
+    with PartialFile(path, force=force) as file:
+        buffered = BufferedWriter(file)
+        if form == ".parquet":
+            pa.parquet.write_table(table, buffered)
+        else:
+            pa.csv.write_csv(table, buffered, pa.csv.WriteOptions(include_header=form == ".csv"))
+        buffered.flush()
+        buffered.detach()  # the file is its owner's to close
 
 
 def check_table_format(path: str | Path) -> str:
@@ -84,57 +86,27 @@ def _columns(estimates: Estimates) -> dict[str, AnyArray]:
     }  # fmt: skip
 
 
-def _csv_lines(estimates: Estimates) -> Iterator[str]:
-    columns = _columns(estimates)
-    times = columns.pop("time_ns")
-    names = columns.pop("track_id")
-    yield ",".join(["time_s", "track_id", *columns])
-    for start in range(0, times.size, BLOCK_ROWS):
-        rows = slice(start, start + BLOCK_ROWS)
-        numbers = np.column_stack([column[rows] for column in columns.values()]).tolist()
-        for time_ns, name, row in zip(times[rows].tolist(), names[rows].tolist(), numbers, strict=True):
-            yield ",".join([_seconds(time_ns), _quoted(name), *map(repr, row)])
+def _decimal_seconds(time_ns: IntArray) -> Any:
+    """Arrow's decimals are whole numbers of 16 bytes, here of nanoseconds."""
+    words = np.column_stack([time_ns, time_ns >> 63]).astype("<i8")
+    return pa.Array.from_buffers(pa.decimal128(28, 9), time_ns.size, [None, pa.py_buffer(words.tobytes())])
 
 
-def _seconds(time_ns: int) -> str:
-    whole, rest = divmod(abs(time_ns), NS_PER_S)
-    return f"{'-' if time_ns < 0 else ''}{whole}.{rest:09d}"
+def _guarded(name: str) -> str:
+    """A name that spreadsheets would run as a formula with `FORMULA_GUARD` in front."""
+    return FORMULA_GUARD + name if name[:1] in FORMULA and not is_number(name) else name
 
 
-def _quoted(name: str) -> str:
-    """A cell of RFC 4180; of a text that spreadsheets would run as a formula with `FORMULA_GUARD` in front."""
-    if name[:1] in FORMULA and not is_number(name):
-        name = FORMULA_GUARD + name
-    special = any(character in name for character in ',"\r\n') or name != name.strip()
-    return '"' + name.replace('"', '""') + '"' if special else name
-
-
-def _mot_lines(estimates: Estimates, frame_ns: IntArray | None) -> Iterator[str]:
+def _mot(estimates: Estimates, frame_ns: IntArray | None) -> dict[str, IntArray | FloatArray]:
+    """The ten columns of MOTChallenge, in order of time."""
     frames = np.unique(estimates.time_ns if frame_ns is None else frame_ns)
-    frame = np.searchsorted(frames, estimates.time_ns)
     known = np.isin(estimates.time_ns, frames)
     if not known.all():
         missing = int((~known).sum())
         raise ValueError(f"frames: expected one at the time of each estimate, got none for {missing} of {known.size}")
-    order = np.lexsort((estimates.time_ns,))
-    number = _whole_numbers(estimates.track_id)
-    for i in order.tolist():
-        x, y = estimates.position[i].tolist()
-        yield f"{frame[i] + 1},{number[i]},-1,-1,-1,-1,{estimates.existence[i].item()!r},{x!r},{y!r},0"
-
-
-def _whole_numbers(track_id: AnyArray) -> IntArray:
-    """(n,) ids that MOTChallenge can hold: positive whole numbers."""
-    if track_id.dtype.kind == "i" and (track_id > 0).all():
-        return track_id
-    return numbered(as_texts(track_id))[1] + 1
-
-
-@contextmanager
-def _new(path: str | Path, *, force: bool) -> Iterator[BufferedWriter[FileIO]]:
-    """A buffered file that takes its name when it is whole."""
-    with PartialFile(path, force=force) as file:
-        buffered = BufferedWriter(file)
-        yield buffered
-        buffered.flush()
-        buffered.detach()  # the file is its owner's to close
+    order = np.argsort(estimates.time_ns, kind="stable")
+    name, none = estimates.track_id, np.full(known.size, -1)
+    number = name if name.dtype.kind == "i" and (name > 0).all() else numbered(as_texts(name))[1] + 1
+    x, y = estimates.position.T
+    columns = (np.searchsorted(frames, estimates.time_ns) + 1, number, *[none] * 4, estimates.existence, x, y, 0 * none)
+    return {str(place): column[order] for place, column in enumerate(columns)}

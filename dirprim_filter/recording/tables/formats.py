@@ -8,18 +8,20 @@ from pathlib import Path
 
 from dirprim_filter.recording.container.other_formats import READ_BYTES
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.tables.argoverse import ANNOTATIONS as ARGOVERSE
-from dirprim_filter.recording.tables.argoverse import read_argoverse
-from dirprim_filter.recording.tables.arrow_table import PARQUET, read_arrow
-from dirprim_filter.recording.tables.csv_table import read_csv
+from dirprim_filter.recording.tables.datasets import (
+    ANNOTATIONS,
+    NUSCENES,
+    read_argoverse,
+    read_nuscenes,
+    read_sdd,
+    read_trajnet,
+)
+from dirprim_filter.recording.tables.files import PARQUET
 from dirprim_filter.recording.tables.json_table import read_json
 from dirprim_filter.recording.tables.kitti import read_kitti
-from dirprim_filter.recording.tables.nuscenes import ANNOTATIONS as NUSCENES
-from dirprim_filter.recording.tables.nuscenes import read_nuscenes
-from dirprim_filter.recording.tables.sdd import read_sdd
+from dirprim_filter.recording.tables.named_columns import read_arrow, read_csv
 from dirprim_filter.recording.tables.sumo_fcd import read_sumo_fcd
 from dirprim_filter.recording.tables.table import Table
-from dirprim_filter.recording.tables.trajnet import read_trajnet
 
 FORMATS: Mapping[str, Callable[..., Table]] = {
     "csv": read_csv, "parquet": read_arrow, "feather": read_arrow, "json": read_json, "sumo-fcd": read_sumo_fcd,
@@ -28,7 +30,7 @@ FORMATS: Mapping[str, Callable[..., Table]] = {
 }  # fmt: skip
 OF_FILE = {PARQUET: "parquet", b"ARROW1": "feather", b"FEA1": "feather"}
 """Of how a file begins, its format."""
-OF_FOLDER = {ARGOVERSE: "argoverse2", f"{NUSCENES}.json": "nuscenes"}
+OF_FOLDER = {ANNOTATIONS: "argoverse2", f"{NUSCENES}.json": "nuscenes"}
 """Of a file that a folder has, its format."""
 
 

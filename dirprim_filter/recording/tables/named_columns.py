@@ -1,58 +1,89 @@
-"""The columns of tables by their names, which say the unit: of csv, Parquet and Arrow alike.
+"""Tables whose columns say by their names what they hold and in which unit: csv, Parquet, Feather.
 
 `time_s, x_m, y_m` and, if there, `track_id, heading_rad, course_rad, speed_mps, group, length_m, width_m, height_m`,
 `sensor`, `turn_signal` (left, right or none) and `label` (or `category` or `class`); other columns are not used. Rows
 without an id are detections, of that sensor. x is east and y north in metres, the heading (yaw of the body) and the
 course over ground are radians counter-clockwise from east, the size of the body is in metres; an empty cell of a size,
-an angle, a signal or a label is one that is unknown.
+an angle, a signal or a label is one that is unknown. In place of `time_s` stand `time_ns`, whole nanoseconds, or `time`
+or `timestamp`, ISO times; in place of `x_m` and `y_m`, `latitude_deg` and `longitude_deg`.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, FloatArray
-from dirprim_filter.optional_columns import unknown
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.cues import signalled
 from dirprim_filter.recording.errors import TableError
+from dirprim_filter.recording.rows import LEFT_OUT
+from dirprim_filter.recording.tables.columns import Columns
+from dirprim_filter.recording.tables.files import arrow_columns, text_columns
+from dirprim_filter.recording.tables.table import Table, table_of
+from dirprim_filter.recording.transforms.geodesy import Origin, placed_on_plane
 from dirprim_filter.recording.vehicle_rows import VehicleRows
+from dirprim_filter.track_ids import Numbers
 
-REQUIRED = ("time_s", "track_id", "x_m", "y_m")
-"""Of tracks; detections have no id."""
-DETECTED = ("time_s", "x_m", "y_m")
 ID = re.compile(r"(track|vehicle|object|agent|car|obj|veh)?[ _-]?id|track|vehicle|mmsi", re.IGNORECASE)
 """What other tables call the column of ids: without its name their tracks would be taken for detections."""
-TIME_NS = "time_ns"
-"""Whole nanoseconds, which formats with numbers of their own may have in place of `time_s`."""
+TIMES = {"time_s": "s", "time_ns": "ns", "time": "iso"}
+"""The columns of times, and how they count."""
+PLACE, GLOBE = ("x_m", "y_m"), ("latitude_deg", "longitude_deg")
 SIZE = ("length_m", "width_m", "height_m")
-FLOATS = {"heading_rad": "heading", "course_rad": "direction", "speed_mps": "speed"}
-"""What the columns of `VehicleRows` are called."""
-LABEL = "label"
-SENSOR = "sensor"
-SIGNAL = "turn_signal"
 SIGNALS = ("left", "right", "none", "")
-LABELS = (LABEL, "category", "class")
-"""The first of these that a table has says what its vehicles are."""
-KNOWN = (*REQUIRED, *FLOATS, "group", *SIZE, SENSOR, SIGNAL, LABEL)
-LARGEST_ANGLE = 6.3
-"""A turn, rounded."""
-
-REMEDY: Mapping[str, str] = {
-    "time_ms": "divide by 1e3", "time_us": "divide by 1e6", "time_ns": "divide by 1e9",
-    "x_ft": "multiply by 0.3048", "y_ft": "multiply by 0.3048",
-    "x_cm": "divide by 100", "y_cm": "divide by 100", "x_km": "multiply by 1000", "y_km": "multiply by 1000",
-    "x_px": "multiply by the metres per pixel", "y_px": "multiply by the metres per pixel",
-    "heading_deg": "multiply by pi/180, and make it counter-clockwise from east",
-    "course_deg": "multiply by pi/180, and make it counter-clockwise from east",
-    "speed_kmh": "divide by 3.6", "speed_kph": "divide by 3.6", "speed_mph": "multiply by 0.44704",
-    "speed_fps": "multiply by 0.3048", "speed_kn": "multiply by 0.514444",
-    "length_ft": "multiply by 0.3048", "width_ft": "multiply by 0.3048", "height_ft": "multiply by 0.3048",
-    "length_cm": "divide by 100", "width_cm": "divide by 100", "height_cm": "divide by 100",
+MEASURED = ("heading_rad", "course_rad", "speed_mps", *SIZE)
+ALSO = {
+    "time": ("timestamp",), "label": ("category", "class"), "latitude_deg": ("latitude", "lat"),
+    "longitude_deg": ("longitude", "lon", "lng"),
 }  # fmt: skip
+"""What else a table may call a column; the first that it has counts."""
+KNOWN = (
+    "time_s", "track_id", *PLACE, *MEASURED, "group", "sensor", "turn_signal", "label", "time_ns", "time", *GLOBE,
+)  # fmt: skip
+REMEDY: Mapping[str, str] = {
+    "ms": "divide by 1e3", "us": "divide by 1e6", "ft": "multiply by 0.3048", "cm": "divide by 100",
+    "km": "multiply by 1000", "px": "multiply by the metres per pixel",
+    "deg": "multiply by pi/180, and make it counter-clockwise from east", "kmh": "divide by 3.6",
+    "kph": "divide by 3.6", "mph": "multiply by 0.44704", "fps": "multiply by 0.3048", "kn": "multiply by 0.514444",
+}  # fmt: skip
+"""By the unit that a name ends with."""
+
+
+def read_csv(path: str | Path, *, columns: Mapping[str, str] | None = None, origin: Origin | None = None) -> Table:
+    """The tracks and detections of a csv file, which may be compressed by gzip; the module lists its columns.
+
+    Rows without a time or a place, with an infinite number, with a negative speed, and second rows of a vehicle at one
+    time are dropped and counted. `course_rad` is kept where a vehicle has it and `speed_mps` in all rows; else the
+    course is derived from the positions. So is the speed where it is missing in a row of a vehicle.
+
+    Args:
+        path: the file; commas, semicolons or tabs stand between its cells.
+        columns: how the table calls a column, by our name for it; left out, as we do. Its unit is ours all the same.
+            Of several columns for the group, with `+` between, each combination is a group.
+        origin: of the plane, where places are latitudes and longitudes; left out, the first place.
+
+    Raises:
+        TableError: a column is missing or in another unit, or a cell is no number.
+        MissingExtraError: places are latitudes, and pyproj is not installed.
+        OSError: the file cannot be read.
+    """
+    return _named(text_columns(path), columns or {}, origin)
+
+
+def read_arrow(path: str | Path, *, columns: Mapping[str, str] | None = None, origin: Origin | None = None) -> Table:
+    """The tracks and detections of a Parquet, Feather or Arrow file; as `read_csv`, null is an empty cell.
+
+    Raises:
+        TableError: as `read_csv`; or a column is of another type.
+        MissingExtraError: as `read_csv`.
+        OSError: the file cannot be read.
+    """
+    return _named(arrow_columns(path), columns or {}, origin)
 
 
 def parse_columns(text: str) -> dict[str, str]:
@@ -64,112 +95,112 @@ def parse_columns(text: str) -> dict[str, str]:
     columns: dict[str, str] = {}
     for part in text.split(","):
         name, _, column = (word.strip() for word in part.partition("="))
-        if name not in (*KNOWN, TIME_NS) or not column or name in columns:
+        if name not in KNOWN or not column or name in columns:
             raise ValueError(f"columns: expected NAME=COLUMN, each of {', '.join(KNOWN)} once, got {part!r}")
         columns[name] = column
     return columns
 
 
-def places_of(
-    path: Path,
-    line: int | str,
-    header: Sequence[str],
-    columns: Mapping[str, str],
-    *,
-    required: Sequence[str] = DETECTED,
-) -> tuple[dict[str, int], list[str]]:
-    """Which column of a table is which, by our names; and those that are not used.
+def _named(table: Columns, renamed: Mapping[str, str], origin: Origin | None) -> Table:
+    name_of, unused = _names(table, renamed)
 
-    Args:
-        path: the table.
-        line: of the header; stands in the error.
-        header: the names of all columns.
-        columns: how the table calls a column, by our name for it; its unit is ours all the same.
-        required: the names that must be there.
+    def maybe(name: str, read: Any) -> Any:
+        return read(name_of[name]) if name in name_of else LEFT_OUT
+
+    names, vehicle = maybe("track_id", table.ids) or (np.array([""]), np.zeros(len(table), np.int64))
+    position, origin = _positions(table, name_of, origin)
+    size = {name: table.floats(name_of[name]) for name in SIZE if name in name_of}
+    nothing = np.full(len(table), np.nan)
+    rows = VehicleRows(
+        names=names, vehicle=vehicle, time_ns=_times(table, name_of), position=position,
+        heading=maybe("heading_rad", table.angles), direction=maybe("course_rad", table.angles),
+        speed=maybe("speed_mps", table.floats), cue=maybe("turn_signal", lambda name: _cues(table, name)),
+        group=maybe("group", table.whole_numbers) if "+" not in name_of.get("group", "") else _groups(table, name_of),
+        size=np.column_stack([size.get(name, nothing) for name in SIZE]) if size else LEFT_OUT,
+    )  # fmt: skip
+    label, sensor = maybe("label", table.texts), maybe("sensor", table.texts)
+    return replace(table_of(rows, label=label, sensor=sensor, unused=unused), origin=origin)
+
+
+def _cues(table: Columns, name: str) -> FloatArray:
+    """(n, 2) as in `Detections.cue`."""
+    side = np.strings.lower(table.texts(name))
+    if (wrong := ~np.isin(side, SIGNALS)).any():
+        row = int(np.argmax(wrong))
+        table.fail(row, f"{', '.join(SIGNALS[:3])} as {name}", repr(str(side[row])), "mend the cell, or empty it")
+    return signalled(side == "left", side == "right")
+
+
+def _times(table: Columns, name_of: Mapping[str, str]) -> IntArray:
+    name, unit = next((name, unit) for name, unit in TIMES.items() if name in name_of)
+    return table.nanoseconds(name_of[name], unit=unit)
+
+
+def _positions(table: Columns, name_of: Mapping[str, str], origin: Origin | None) -> tuple[FloatArray, Origin | None]:
+    """(n, 2) metres; and the origin of the plane, if they were latitudes and longitudes."""
+    if PLACE[0] in name_of:
+        return table.numbers(name_of[name] for name in PLACE), None
+    latitude, longitude = table.numbers(name_of[name] for name in GLOBE).T
+    if (exists := (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360)).any():
+        first = int(np.argmax(exists))
+        origin = origin or Origin(float(latitude[first]), float(longitude[first]))
+    return placed_on_plane(np.column_stack([longitude, latitude, 0.0 * latitude]), origin)[:, :2], origin
+
+
+def _groups(table: Columns, name_of: Mapping[str, str]) -> IntArray:
+    """The combinations of several columns, numbered as they first come."""
+    parts = [table.texts(name).tolist() for name in name_of["group"].split("+")]
+    return Numbers().of(["\0".join(cells) for cells in zip(*parts, strict=True)])
+
+
+def _names(table: Columns, renamed: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+    """How the table calls the columns that it has, by our names; and those that are not used.
 
     Raises:
         TableError: a column is missing, is there twice, or is in another unit.
     """
-    missing = [column for column in columns.values() if column not in header]
-    if missing:
-        raise TableError(path, line, f"column {missing[0]}", ", ".join(header) or "none", "name one that is there")
-    ours = {column: name for name, column in columns.items()}
-    names = [ours.get(name, f"({name})" if name in columns else name) for name in header]
-    if any(ID.fullmatch(name) for name in names):
-        required = (required[0], "track_id", *required[1:])
-    check_header(path, line, names, required)
-    label = next((name for name in LABELS if name in names), LABEL)
-    names = [LABEL if name == label else name for name in names]
-    place = {name: names.index(name) for name in _known(required) if name in names}
-    return place, [name for i, name in enumerate(names) if i not in place.values()]
+    header, place = table.names, table.header
+    parts = [part for column in renamed.values() for part in ([column] if column in header else column.split("+"))]
+    if missing := [part for part in parts if part not in header]:
+        got = ", ".join(header) or "none"
+        raise TableError(table.path, place, f"column {missing[0]}", got, "name one that is there")
+    own = [name for name in header if name not in parts and name not in renamed]
+    name_of = dict(renamed)
+    for name in KNOWN:
+        found = [known for known in (name, *ALSO.get(name, ())) if known in own]
+        if found and name not in renamed:
+            name_of[name] = found[0]
+    check_header(table, [*own, *name_of])
+    return name_of, [name for name in header if name not in (*name_of.values(), *parts)]
 
 
-def check_header(path: Path, line: int | str, columns: list[str], required: Sequence[str] = REQUIRED) -> None:
-    """Every required column is there once, and none that we know is in another unit.
+def check_header(table: Columns, names: Sequence[str], *, with_ids: bool = False) -> None:
+    """Every column that is needed is there, and none that is known is there twice, or in another unit.
+
+    Args:
+        table: whose columns they are.
+        names: of its columns, and ours of them.
+        with_ids: an id is needed, as it is where a column looks like one.
 
     Raises:
         TableError: otherwise.
     """
-    known = _known(required)
-    twice = [name for name in (*known, *LABELS[1:]) if columns.count(name) > 1]
-    if twice:
-        raise TableError(path, line, f"one column {twice[0]}", f"{columns.count(twice[0])}", "remove the others")
-    for name in known[:-1]:
+    path, place, known = table.path, table.header, [*KNOWN, *(also for of in ALSO.values() for also in of)]
+    if twice := [name for name in known if table.names.count(name) > 1]:
+        raise TableError(path, place, f"one column {twice[0]}", f"{table.names.count(twice[0])}", "remove the others")
+    where = GLOBE if GLOBE[0] in names else PLACE
+    ids = ["track_id"] if with_ids or any(map(ID.fullmatch, names)) else []
+    required = [next((name for name in TIMES if name in names), "time_s"), *ids, *where]
+    for name in (*required, *MEASURED):
         stem = name.partition("_")[0]
-        other = [c for c in columns if (c == stem and name not in SIZE) or (c in REMEDY and c.startswith(f"{stem}_"))]
-        if name not in columns and other:
-            remedy = REMEDY.get(other[0], "convert it where the unit differs")
-            raise TableError(path, line, f"column {name}", other[0], f"{remedy}, and name it {name}")
-    missing = [name for name in required if name not in columns]
-    if missing:
-        between = ", with commas, semicolons or tabs between them" if len(columns) < 2 else ""
+        units = {stem: "convert it where the unit differs"} if name not in SIZE else {}
+        units |= {f"{stem}_{unit}": remedy for unit, remedy in REMEDY.items()}
+        if name not in names and (other := [column for column in names if column in units]):
+            raise TableError(path, place, f"column {name}", other[0], f"{units[other[0]]}, and name it {name}")
+    if missing := [name for name in required if name not in names]:
+        between = ", with commas, semicolons or tabs between them" if len(names) < 2 else ""
         raise TableError(
-            path, line, f"columns {', '.join(required)}{between}", ", ".join(columns) or "none",
+            path, place, f"columns {', '.join(required)}{between}", ", ".join(table.names) or "none",
             f"name the columns so, or say by --columns {missing[0]}=NAME how the table calls them; missing: "
             f"{', '.join(missing)}",
         )  # fmt: skip
-
-
-def _known(required: Sequence[str]) -> list[str]:
-    """The names of columns that are read, where these are required: a table has one column of times."""
-    return list(dict.fromkeys((*required, *KNOWN[1:])))
-
-
-def vehicle_columns(columns: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
-    """Columns by our names, with `time_ns` for the times, as `VehicleRows` takes them."""
-    same = {name: columns[name] for name in (TIME_NS, "group") if name in columns}
-    same |= {ours: columns[name] for name, ours in FLOATS.items() if name in columns}
-    if any(name in columns for name in SIZE):
-        nothing = unknown(len(columns["x_m"]))
-        same["size"] = np.column_stack([columns.get(name, nothing) for name in SIZE])
-    return same | {"position": np.column_stack([columns["x_m"], columns["y_m"]])}
-
-
-def signal_cues(path: Path, line: Sequence[int] | None, texts: Sequence[str] | AnyArray) -> FloatArray:
-    """(n,) texts of turn signals -> (n, 2) as in `Detections.cue`.
-
-    Raises:
-        TableError: one is not of `SIGNALS`; at its line where lines (n,) are known.
-    """
-    side = np.strings.lower(np.strings.strip(np.asarray(texts, np.str_)))
-    wrong = np.flatnonzero(~np.isin(side, SIGNALS))
-    if wrong.size:
-        place = f"column {SIGNAL}" if line is None else line[wrong[0]]
-        raise TableError(
-            path, place, f"{', '.join(SIGNALS[:3])} as {SIGNAL}", repr(texts[wrong[0]]), "mend the cell, or empty it"
-        )
-    return signalled(side == "left", side == "right")
-
-
-def refuse_degrees(path: Path, rows: VehicleRows) -> None:
-    """Angles are radians, of one turn.
-
-    Raises:
-        TableError: one is not.
-    """
-    for name, ours in list(FLOATS.items())[:2]:
-        angle = np.abs(getattr(rows, ours))
-        if (angle[np.isfinite(angle)] > LARGEST_ANGLE).any():
-            largest = f"{np.max(angle[np.isfinite(angle)]):g}"
-            remedy = f"{REMEDY['heading_deg']} if it is in degrees, else bring it to -pi to pi"
-            raise TableError(path, f"column {name}", "radians, of one turn", largest, remedy)

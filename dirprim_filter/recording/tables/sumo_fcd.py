@@ -8,25 +8,22 @@ clockwise from north; the course is that of the positions.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from xml.parsers import expat
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
-from dirprim_filter.optional_columns import unknown
 from dirprim_filter.recording.errors import TableError
-from dirprim_filter.recording.tables.delimited import BLOCK_ROWS, exact_nanoseconds, is_number
-from dirprim_filter.recording.tables.table import GrowingTable, Table
+from dirprim_filter.recording.losses import Losses
+from dirprim_filter.recording.rows import LEFT_OUT
+from dirprim_filter.recording.tables.columns import Columns
+from dirprim_filter.recording.tables.table import Table, table_of
+from dirprim_filter.recording.vehicle_rows import VehicleRows
 
 READ_BYTES = 1 << 20
-
-
-def angle_of_compass(angle_deg: FloatArray) -> FloatArray:
-    """Radians counter-clockwise from east, of degrees clockwise from north. (...) -> (...)."""
-    return np.asarray(np.pi / 2 - np.radians(angle_deg))
+NEEDED = ("id", "x", "y")
+NAMES = ("time", *NEEDED, "angle", "speed")
 
 
 def read_sumo_fcd(path: str | Path) -> Table:
@@ -39,101 +36,53 @@ def read_sumo_fcd(path: str | Path) -> Table:
             in which a small file can hide an endless one.
         OSError: the file cannot be read.
     """
-    export = _FcdExport(Path(path))
-    with export.path.open("rb") as file:
-        while data := file.read(READ_BYTES):
-            export.feed(data)
-    return export.table()
+    losses = Losses()
+    table = Columns.of_cells(Path(path), NAMES, _vehicles(Path(path), losses))
+    if not len(table):
+        raise TableError(Path(path), "", "vehicles in time steps", "none", "run SUMO with --fcd-output")
+    angle, speed = table.numbers(("angle", "speed")).T
+    moves = not np.isnan(angle + speed).any()
+    names, vehicle = table.ids("id")
+    rows = VehicleRows(
+        names=names, vehicle=vehicle, time_ns=table.nanoseconds("time"), position=table.numbers("xy"),
+        heading=np.pi / 2 - np.radians(angle) if moves else LEFT_OUT, speed=speed if moves else LEFT_OUT,
+    )  # fmt: skip
+    return table_of(rows, losses=losses)
 
 
-class _FcdExport:
-    """Collects the rows of an fcd-export as its xml streams by."""
+def _vehicles(path: Path, losses: Losses) -> Iterator[tuple[int, list[str]]]:
+    """The line and the cells, by `NAMES`, of each vehicle, as the xml streams by."""
+    parser, found, time = expat.ParserCreate(), [], ""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._parser = expat.ParserCreate()
-        self._parser.StartDoctypeDeclHandler = self._on_doctype
-        self._parser.StartElementHandler = self._on_start
-        self._time_ns: int | None = None  # of the time step that is read
-        self._lines: list[int] = []
-        self._times: list[int] = []
-        self._vehicles: list[dict[str, str]] = []
-        self._table = GrowingTable()
-        self._n_rows, self._all_move = 0, True
+    def wrong(expected: str, got: str, remedy: str) -> TableError:
+        return TableError(path, parser.CurrentLineNumber, expected, got, remedy)
 
-    def feed(self, data: bytes, *, last: bool = False) -> None:
-        try:
-            self._parser.Parse(data, last)
-        except expat.ExpatError as error:
-            raise self._error("well-formed xml", expat.ErrorString(error.code), "write it anew") from error
+    def refuse(*_: object) -> None:
+        raise wrong("no DOCTYPE", "one", "remove it: SUMO writes none")
 
-    def table(self) -> Table:
-        self.feed(b"", last=True)
-        if self._vehicles:
-            self._close_block()
-        if not self._n_rows:
-            raise self._error("vehicles in time steps", "none", "run SUMO with --fcd-output")
-        rows = self._table.rows()
-        if not self._all_move:
-            rows = replace(rows, heading=unknown(len(rows)), speed=unknown(len(rows)))
-        return self._table.whole(rows)
-
-    def _on_doctype(self, *_: object) -> None:
-        raise self._error("no DOCTYPE", "one", "remove it: SUMO writes none")
-
-    def _on_start(self, name: str, attributes: dict[str, str]) -> None:
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal time
         if name == "timestep":
             time = attributes.get("time", "")
-            try:
-                self._time_ns = exact_nanoseconds(time)
-            except ValueError as error:
-                raise self._error("seconds as time", repr(time), "write the file anew") from error
         elif name == "vehicle":
-            if self._time_ns is None:
-                raise self._error("vehicles in time steps", "one before the first", "write the file anew")
-            self._lines.append(self._parser.CurrentLineNumber)
-            self._times.append(self._time_ns)
-            self._vehicles.append(attributes)
-            if len(self._vehicles) >= BLOCK_ROWS:
-                self._close_block()
+            if not time:
+                raise wrong("vehicles in time steps", "one without a time", "write the file anew")
+            if missing := [need for need in NEEDED if need not in attributes]:
+                raise wrong(f"{missing[0]} of a vehicle", ", ".join(attributes), "have SUMO write this attribute")
+            found.append((parser.CurrentLineNumber, [time, *(attributes.get(of, "") for of in NAMES[1:])]))
         elif name in ("person", "container"):
-            self._table.losses.drop("persons and containers", 1)
-        elif name != "fcd-export" and self._time_ns is None:
-            raise self._error("an fcd-export", f"<{name}>", "run SUMO with --fcd-output")
+            losses.drop("persons and containers", 1)
+        elif name != "fcd-export" and not time:
+            raise wrong("an fcd-export", f"<{name}>", "run SUMO with --fcd-output")
 
-    def _close_block(self) -> None:
-        motion: dict[str, Any] = {}
-        if all("angle" in vehicle and "speed" in vehicle for vehicle in self._vehicles):
-            motion = {"speed": self._floats("speed"), "heading": angle_of_compass(self._floats("angle"))}
-        self._all_move &= bool(motion)
-        self._n_rows += len(self._vehicles)
-        self._table.extend(
-            self._texts("id"), time_ns=np.array(self._times, np.int64),
-            position=np.column_stack([self._floats("x"), self._floats("y")]), **motion,
-        )  # fmt: skip
-        self._lines, self._times, self._vehicles = [], [], []
-
-    def _texts(self, name: str) -> list[str]:
-        for line, vehicle in zip(self._lines, self._vehicles, strict=True):
-            if name not in vehicle:
-                raise TableError(
-                    self.path,
-                    line,
-                    f"{name} of a vehicle",
-                    ", ".join(vehicle),
-                    "have SUMO write this attribute",
-                )
-        return [vehicle[name] for vehicle in self._vehicles]
-
-    def _floats(self, name: str) -> FloatArray:
-        texts = self._texts(name)
-        try:
-            return np.fromiter(map(float, texts), np.float64, len(texts))
-        except ValueError as error:
-            row = next(row for row, text in enumerate(texts) if not is_number(text))
-            raise TableError(
-                self.path, self._lines[row], f"a number as {name}", repr(texts[row]), "write the file anew"
-            ) from error
-
-    def _error(self, expected: str, got: str, remedy: str) -> TableError:
-        return TableError(self.path, self._parser.CurrentLineNumber, expected, got, remedy)
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler = refuse, start
+    with path.open("rb") as file:
+        data = b"start"
+        while data:
+            data = file.read(READ_BYTES)
+            try:
+                parser.Parse(data, not data)
+            except expat.ExpatError as error:
+                raise wrong("well-formed xml", expat.ErrorString(error.code), "write it anew") from error
+            yield from found
+            found.clear()

@@ -6,18 +6,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, BoolArray, IntArray
+from dirprim_filter.arrays import AnyArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.losses import Losses
-from dirprim_filter.recording.transforms.geodesy import FARTHEST_M
+from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.sizes import known_sizes
-from dirprim_filter.track_ids import Numbers, as_track_ids, repeated_rows
+from dirprim_filter.track_ids import as_track_ids, repeated_rows
 from dirprim_filter.tracks import Tracks
 
 
@@ -33,6 +32,7 @@ class Table:
         labels: what each vehicle is, by its id; of those that the table gives a label.
         unused: the columns of which nothing was read.
         files: all that were read, where the table is a folder.
+        origin: of the plane, where places were latitudes and longitudes.
     """
 
     tracks: Tracks
@@ -41,50 +41,15 @@ class Table:
     labels: Mapping[int | str, str] = field(default_factory=dict)
     unused: Sequence[str] = ()
     files: Sequence[Path] = ()
-
-
-class GrowingTable:
-    """A table whose rows come block by block.
-
-    Attributes:
-        losses: what its reader has left out, or put right.
-    """
-
-    def __init__(self) -> None:
-        self.losses = Losses()
-        self._numbers = Numbers()
-        self._parts: list[VehicleRows] = []
-        self._labels: list[AnyArray] = []
-        self._sensors: list[AnyArray] = []
-
-    def extend(
-        self,
-        track_id: Sequence[str],
-        *,
-        kept: BoolArray | None = None,
-        label: AnyArray | None = None,
-        sensor: AnyArray | None = None,
-        **columns: Any,
-    ) -> None:
-        """Append rows, by the columns of `VehicleRows`; of a mask only those that are kept."""
-        rows = VehicleRows(names=np.empty(0, np.str_), vehicle=self._numbers.of(track_id), **columns)
-        self._parts.append(rows if kept is None else rows[kept])
-        if label is not None:
-            self._labels.append(label if kept is None else label[kept])
-        if sensor is not None:
-            self._sensors.append(sensor)
+    origin: Origin | None = None
 
     def rows(self) -> VehicleRows:
-        """All rows."""
-        return VehicleRows.concatenate(self._parts, names=np.array(list(self._numbers), np.str_))
-
-    def whole(
-        self, rows: VehicleRows | None = None, *, unused: Sequence[str] = (), files: Sequence[Path] = ()
-    ) -> Table:
-        """The table of all rows, or of what the reader has made of them."""
-        rows = self.rows() if rows is None else rows
-        label, sensor = (np.concatenate(parts) if parts else None for parts in (self._labels, self._sensors))
-        return table_of(rows, losses=self.losses, label=label, sensor=sensor, unused=unused, files=files)
+        """The tracks as rows, to be joined with others."""
+        tracks = self.tracks
+        return VehicleRows.of(
+            tracks.track_id, time_ns=tracks.time_ns, position=tracks.position, direction=tracks.direction,
+            speed=tracks.speed, group=tracks.group, size=tracks.size, heading=tracks.heading,
+        )  # fmt: skip
 
 
 def table_of(

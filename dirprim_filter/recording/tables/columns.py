@@ -1,0 +1,311 @@
+"""The columns of a table, whatever file it came from: checked as they are read, so that an error names the line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal, InvalidOperation
+from itertools import islice
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.recording.decoding.field_columns import NO_TIME
+from dirprim_filter.recording.errors import TableError
+
+BLOCK_ROWS = 1 << 11
+"""Rows held as Python's own text at one time: few enough for the processor's cache."""
+MAX_SECONDS = 9e9
+"""Nanoseconds of a later time do not fit into int64."""
+LARGEST_ANGLE = 6.3
+"""A turn, rounded."""
+MEND = "mend the cell, or empty it to drop the row"
+NS_PER_S = 1_000_000_000
+ISO_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?(Z|[+-]\d\d(?::?\d\d)?)?")
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+FORMULA, FORMULA_GUARD = frozenset("=+-@\t\r'"), "'"
+"""How a cell begins that spreadsheets run as a formula, and what stands before such an id where it is text."""
+
+
+class Columns:
+    """A table's columns by name.
+
+    Args:
+        path: the file.
+        table: a `pyarrow.Table`.
+        line: (n,) of the file, of each row; left out where it has no lines.
+        header: the line that names the columns.
+        decimal_comma: a comma in a number stands before its decimals.
+
+    Attributes:
+        path: the file.
+        names: of the columns.
+    """
+
+    def __init__(
+        self, path: Path, table: Any, line: IntArray | None = None, *, header: int = 0, decimal_comma: bool = False
+    ) -> None:
+        self.path, self.names = path, list(table.column_names)
+        self.header: int | str = header or "its columns"
+        self._table, self._line, self._decimal_comma = table, line, decimal_comma
+
+    @classmethod
+    def of_cells(
+        cls,
+        path: Path,
+        names: Sequence[str],
+        rows: Iterable[tuple[int, Sequence[str]]],
+        *,
+        header: int = 1,
+        decimal_comma: bool = False,
+    ) -> Columns:
+        """Of cells of text, with the line of each row.
+
+        Raises:
+            TableError: a row has another number of cells than there are names.
+        """
+        schema, lines, batches = pa.schema([(name, pa.string()) for name in names]), [], []
+        rows = iter(rows)
+        while block := list(islice(rows, BLOCK_ROWS)):
+            for line, cells in block:
+                if len(cells) != len(names):
+                    raise TableError(path, line, f"{len(names)} cells", f"{len(cells)}", "mend or remove the line")
+            columns = zip(*(cells for _, cells in block), strict=True)
+            batches.append(pa.RecordBatch.from_arrays([pa.array(of, pa.string()) for of in columns], schema=schema))
+            lines += [line for line, _ in block]
+        table = pa.Table.from_batches(batches, schema=schema)
+        return cls(path, table, np.array(lines, np.int64), header=header, decimal_comma=decimal_comma)
+
+    def __len__(self) -> int:
+        return int(self._table.num_rows)
+
+    def fail(self, row: int, expected: str, got: str, remedy: str) -> NoReturn:
+        """Raise the error of a row.
+
+        Raises:
+            TableError: always.
+        """
+        place = f"row {row + 1}" if self._line is None else int(self._line[row])
+        raise TableError(self.path, place, expected, got, remedy)
+
+    def require(self, names: Iterable[str]) -> None:
+        """All these columns are there.
+
+        Raises:
+            TableError: otherwise.
+        """
+        names = list(names)
+        if missing := [name for name in names if name not in self.names]:
+            got = ", ".join(self.names) or "none"
+            raise TableError(self.path, "", f"columns {', '.join(names)}", got, f"missing: {', '.join(missing)}")
+
+    def floats(self, name: str) -> FloatArray:
+        """(n,) float64; NaN where there is none.
+
+        Raises:
+            TableError: a cell is no number.
+        """
+        column = self._column(name)
+        if pa.types.is_string(column.type):
+            texts = self._numerals(column)
+            filled = pc.if_else(pc.equal(texts, ""), "nan", texts)
+            try:
+                column = filled.cast(pa.float64())
+            except pa.ArrowInvalid:  # a plus sign; else it is none
+                return np.asarray(self._each(name, texts, _number, "a number", np.nan), np.float64)
+        elif not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or _is_null(column)):
+            raise TableError(self.path, f"column {name}", "numbers", str(column.type), "write it in this type")
+        return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), np.float64)
+
+    def numbers(self, names: Iterable[str]) -> FloatArray:
+        """(n, k) float64, of k columns; NaN where there is none."""
+        return np.column_stack([self.floats(name) for name in names])
+
+    def angles(self, name: str) -> FloatArray:
+        """(n,) radians of one turn; NaN where there is none.
+
+        Raises:
+            TableError: a cell is no number, or a larger one, such as of degrees.
+        """
+        angle = self.floats(name)
+        if (wrong := np.isfinite(angle) & (np.abs(angle) > LARGEST_ANGLE)).any():
+            row = int(np.argmax(wrong))
+            way = "make it radians counter-clockwise from east, -pi to pi; degrees are multiplied by pi/180"
+            self.fail(row, f"radians, of one turn, as {name}", f"{angle[row]:g}", way)
+        return angle
+
+    def whole_numbers(self, name: str, *, missing: int | None = None) -> IntArray:
+        """(n,) int64; `missing` where there is none.
+
+        Raises:
+            TableError: a cell holds another thing, or nothing and nothing stands for that.
+        """
+        column = self._column(name)
+        if pa.types.is_string(column.type):
+            return self._each(name, pc.utf8_trim_whitespace(column), _whole, "a whole number", missing)
+        if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type) or _is_null(column)):
+            raise TableError(self.path, f"column {name}", "whole numbers", str(column.type), "write it in this type")
+        if missing is None and column.null_count:
+            self.fail(pc.index(column.is_null(), True).as_py(), f"a whole number as {name}", "nothing", MEND)
+        try:
+            return np.asarray(column.cast(pa.int64()).fill_null(missing or 0).to_numpy(), np.int64)
+        except pa.ArrowInvalid as error:
+            got = f"{column.type} ({str(error).partition(chr(10))[0]})"
+            raise TableError(self.path, f"column {name}", "whole numbers", got, "write it in this type") from error
+
+    def ids(self, name: str) -> tuple[AnyArray, IntArray]:
+        """(m,) str, each text once, and (n,) the place of each row's among them; empty where there is none."""
+        column = self._column(name)
+        try:
+            coded = column.cast(pa.string()).fill_null("").combine_chunks().dictionary_encode()
+        except pa.ArrowException as error:
+            got = str(column.type)
+            raise TableError(self.path, f"column {name}", "texts or numbers", got, "write it in this type") from error
+        texts = coded.dictionary.to_pylist()
+        if self._line is not None:
+            texts = [text[1:] if text[:1] == FORMULA_GUARD and text[1:2] in FORMULA else text for text in texts]
+        return np.array(texts, np.str_), np.asarray(coded.indices.to_numpy(), np.int64)
+
+    def texts(self, name: str) -> AnyArray:
+        """(n,) str without spaces around; empty where there is none."""
+        texts, place = self.ids(name)
+        return np.asarray(np.char.strip(texts)[place])
+
+    def nanoseconds(self, name: str, *, unit: str = "s") -> IntArray:
+        """(n,) int64, of decimal seconds to the nearest nanosecond; `NO_TIME` where there is none.
+
+        A float64 of seconds since 1970 is off by up to 120 ns, so of text the digits count.
+
+        Args:
+            name: the column; timestamps are taken whatever the unit.
+            unit: "s", which ISO times may stand for; "ns", whole numbers; or "iso".
+
+        Raises:
+            TableError: a cell is no time, or too large for seconds.
+        """
+        column = self._column(name)
+        if pa.types.is_timestamp(column.type):
+            return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).fill_null(NO_TIME).to_numpy(), np.int64)
+        if unit == "ns":
+            return self.whole_numbers(name, missing=NO_TIME)
+        if pa.types.is_string(column.type):
+            parse, what = (_iso_time, "an ISO time") if unit == "iso" else (instant, "seconds")
+            return self._each(name, self._numerals(column), parse, what, NO_TIME)
+        if unit == "iso":
+            raise TableError(self.path, f"column {name}", "times", str(column.type), "name seconds time_s")
+        return self._of_seconds(name, self.floats(name))
+
+    def frame_times(self, name: str, *, frames_per_second: float) -> IntArray:
+        """(n,) nanoseconds of numbered frames; `NO_TIME` where the cell holds none.
+
+        Raises:
+            TableError: a cell is no number, or too large.
+            ValueError: a rate that is not positive.
+        """
+        if not (np.isfinite(frames_per_second) and frames_per_second > 0):
+            raise ValueError(f"frames_per_second: expected a positive number, got {frames_per_second}")
+        return self._of_seconds(name, self.floats(name) / frames_per_second)
+
+    def _of_seconds(self, name: str, seconds: FloatArray) -> IntArray:
+        known = np.isfinite(seconds)
+        if (wrong := known & (np.abs(seconds) > MAX_SECONDS)).any():
+            row = int(np.argmax(wrong))
+            self.fail(row, f"seconds as {name}", f"{seconds[row]:g}", "name whole nanoseconds time_ns")
+        whole = np.floor(np.where(known, seconds, 0.0))
+        rest = np.rint((np.where(known, seconds, 0.0) - whole) * 1e9).astype(np.int64)
+        return np.where(known, whole.astype(np.int64) * NS_PER_S + rest, NO_TIME)
+
+    def _each(
+        self, name: str, texts: Any, parse: Callable[[str], float | None], what: str, missing: float | None
+    ) -> AnyArray:
+        """(n,) what each text says; `missing`, if there is such a thing, where it is empty or says nothing."""
+        coded = texts.combine_chunks().dictionary_encode()
+        found: list[float] = []
+        for at, text in enumerate(coded.dictionary.to_pylist()):
+            try:
+                value = parse(text) if text or missing is None else missing
+            except ValueError as error:
+                row = int(np.argmax(coded.indices.to_numpy() == at))
+                try:
+                    self.fail(row, f"{what} as {name}", repr(text), error.args[1] if len(error.args) > 1 else MEND)
+                except TableError as failure:
+                    raise failure from error
+            found.append(missing if value is None and missing is not None else value)  # type: ignore[arg-type]
+        return np.asarray(np.array(found)[coded.indices.to_numpy()])
+
+    def _numerals(self, texts: Any) -> Any:
+        texts = pc.utf8_trim_whitespace(texts)
+        return pc.replace_substring(texts, ",", ".") if self._decimal_comma else texts
+
+    def _column(self, name: str) -> Any:
+        if not len(self):
+            raise TableError(self.path, "", "rows", "none", "check how the table was made")
+        column = self._table[self.names.index(name)]
+        if pa.types.is_dictionary(column.type):
+            column = column.cast(column.type.value_type)
+        if pa.types.is_large_string(column.type) or pa.types.is_string_view(column.type):
+            column = column.cast(pa.string())
+        return column
+
+
+def _is_null(column: Any) -> bool:
+    return bool(pa.types.is_null(column.type))
+
+
+def _number(text: str) -> float:
+    return float(_refuse_underscores(text))
+
+
+def is_number(text: str) -> bool:
+    """Whether the text is a number, or NaN."""
+    try:
+        _number(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _whole(text: str) -> int:
+    number = int(_refuse_underscores(text))
+    if not -(2**63) <= number < 2**63:
+        raise ValueError(text)
+    return number
+
+
+def _refuse_underscores(text: str) -> str:
+    if "_" in text:  # 1_000 is a number in Python alone
+        raise ValueError(text)
+    return text
+
+
+def instant(text: str) -> int | None:
+    """Nanoseconds of decimal seconds, to the nearest, or of an ISO time; None of NaN.
+
+    Raises:
+        ValueError: it is neither, or later than `MAX_SECONDS`; with the way out as a second argument.
+    """
+    if ISO_TIME.fullmatch(text):
+        return _iso_time(text)
+    try:
+        exact = Decimal(_refuse_underscores(text))
+    except InvalidOperation as error:
+        raise ValueError(text) from error
+    if not exact.is_finite():
+        return None
+    if exact.copy_abs() > MAX_SECONDS:
+        raise ValueError(text, "divide by 1e3, 1e6 or 1e9 if it counts ms, us or ns")
+    return int((exact * NS_PER_S).to_integral_value())
+
+
+def _iso_time(text: str) -> int:
+    """Nanoseconds, in UTC where the time has no zone."""
+    if (iso := ISO_TIME.fullmatch(text)) is None:
+        raise ValueError(text, "name seconds time_s")
+    stamp, fraction, zone = iso.groups()
+    passed = datetime.fromisoformat(stamp + (zone or "Z")) - EPOCH
+    return passed // timedelta(seconds=1) * NS_PER_S + int((fraction or "").ljust(9, "0"))

@@ -1,0 +1,90 @@
+"""A table in place of a log: csv, Parquet or Feather go wherever a log does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import TypeGuard
+
+import numpy as np
+
+from dirprim_filter.arrays import BoolArray
+from dirprim_filter.detections import Detections
+from dirprim_filter.recording.errors import RecordingError
+from dirprim_filter.recording.name_patterns import matching
+from dirprim_filter.recording.objects.options import ReadOptions
+from dirprim_filter.recording.tables.formats import FORMATS, recognised
+from dirprim_filter.recording.tables.table import Table
+from dirprim_filter.recording.topic_names import DETECTIONS, OBJECTS
+from dirprim_filter.tracks import Tracks
+
+SUFFIXES = (".csv", ".csv.gz", ".tsv", ".parquet", ".feather", ".arrow")
+
+
+def is_table(source: object) -> TypeGuard[str | PathLike[str]]:
+    """Whether a source is a table, by the end of its name."""
+    return isinstance(source, str | PathLike) and str(source).lower().endswith(SUFFIXES)
+
+
+def read_table(path: Path, options: ReadOptions) -> Table:
+    """Of a table what is asked for; what is left out is logged.
+
+    Topics are those of the log that `dirprim convert` would make of it; options about messages mean nothing here.
+
+    Raises:
+        RecordingError: as the reader of the format; or rows are left out, and all must be read.
+        OSError: the file cannot be read.
+    """
+    table = FORMATS[recognised(path)](path, origin=options.origin)
+    table.losses.log(path)
+    if options.strict and table.losses.dropped:
+        raise RecordingError(f"{path}: expected a table of which all is read, left out {table.losses}; mend the rows")
+    is_topic, is_label = (
+        (lambda _: True) if names is None else matching(names, of=what)
+        for names, what in ((options.topics, "topics"), (options.labels, "labels"))
+    )
+
+    def wanted(rows: Tracks | Detections) -> BoolArray:
+        mask = np.ones(len(rows), np.bool_) if options.group is None else rows.group == options.group
+        mask &= rows.time_ns >= (-(1 << 63) if options.start_ns is None else options.start_ns)
+        mask &= rows.time_ns < ((1 << 63) - 1 if options.end_ns is None else options.end_ns)
+        if options.labels is not None:
+            mask &= np.fromiter((is_label(table.labels.get(name, "")) for name in rows.track_id.tolist()), np.bool_)
+        return np.asarray(mask)
+
+    named = {f"{DETECTIONS}/{name}".rstrip("/"): seen for name, seen in table.detections.items()}
+    detections = {topic: seen[wanted(seen)] for topic, seen in named.items() if is_topic(topic)}
+    tracks = table.tracks[wanted(table.tracks)] if is_topic(OBJECTS) else table.tracks[:0]
+    return replace(table, tracks=tracks, detections=detections)
+
+
+class TableDetections:
+    """Iterates the detections of a table as a `DetectionStream` does those of a log.
+
+    Attributes:
+        topics: those of the log that `dirprim convert` would make of it.
+        losses: what was left out.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions, *, motion: bool) -> None:
+        table = read_table(path, options)
+        sources = dict(table.detections) or {OBJECTS: _detected(table.tracks)}
+        self.topics, self.losses = frozenset(sources), table.losses
+        seen = Detections.concatenate(sources.values())
+        seen = seen if motion else replace(seen, direction=np.empty(0), speed=np.empty(0))
+        self._seen = seen if options.group is None else replace(seen, group=np.zeros_like(seen.group))
+
+    @property
+    def end_ns(self) -> int | None:
+        """The last time."""
+        return int(self._seen.time_ns.max()) if len(self._seen) else None
+
+    def __iter__(self) -> Iterator[Detections]:
+        """The instants."""
+        return self._seen.frames()
+
+
+def _detected(tracks: Tracks) -> Detections:
+    return replace(Detections.of(tracks), direction=tracks.direction, speed=tracks.speed, size=tracks.size)
