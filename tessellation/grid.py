@@ -9,14 +9,13 @@ from typing import Self
 import numpy as np
 
 from tessellation._arrays import FARTHEST_M, SHORTEST_M, FloatArray, IntArray, as_floats, as_places
-from tessellation._kernels import Locator
+from tessellation._kernels import SIDE, Locator
 from tessellation._pickling import from_fields
-from tessellation.blocks import BLOCK_SQUARES
-from tessellation.locate import cells_of, grid_locator
+from tessellation.locate import Pixels, cells_of, in_blocks
 
 MAX_BLOCKS = 1 << 25
 """A raster takes 4 bytes for each, 134 MB, beside what is covered: 280 km each way at 3 m."""
-MAX_SQUARES = MAX_BLOCKS * BLOCK_SQUARES**2
+MAX_SQUARES = MAX_BLOCKS * SIDE**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +58,9 @@ class GridTessellation:
             raise ValueError(f"square: expected numbers from 0 to {n_squares - 1}, got {square[0]} to {square[-1]}")
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "square", square)
-        object.__setattr__(self, "locator", grid_locator(origin, self.cell_size, self.n_x, self.n_y, square))
+        pixels = Pixels(*np.divmod(square, self.n_x), np.arange(square.size))
+        located = in_blocks(origin, 1.0 / self.cell_size, (self.n_y, self.n_x), pixels)
+        object.__setattr__(self, "locator", located)
 
     def __reduce__(self) -> tuple[partial[Self], tuple[()]]:
         """Without its rasters: see `_pickling`."""
@@ -146,8 +147,8 @@ class GridTessellation:
 
 
 def _check_extent(cell_size: float, extent: FloatArray) -> None:
-    if np.ceil(extent / BLOCK_SQUARES).prod() > MAX_BLOCKS:
+    if np.ceil(extent / SIDE).prod() > MAX_BLOCKS:
         raise ValueError(
             f"cell_size: {cell_size} m makes {extent[0]:.0f} x {extent[1]:.0f} squares, more than {MAX_SQUARES} in "
-            f"blocks of {BLOCK_SQUARES} x {BLOCK_SQUARES}; choose larger cells or remove far outliers"
+            f"blocks of {SIDE} x {SIDE}; choose larger cells or remove far outliers"
         )

@@ -1,29 +1,21 @@
-"""Generators at the means of the positions nearest to them: k-means in the plane, linear in positions."""
+"""Generators at the means of the positions nearest to them: k-means in the plane (Lloyd 1982)."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from tessellation._arrays import FloatArray, IntArray, as_floats
-from tessellation._kernels import Locator
-from tessellation._seeding import means, seeds
 from tessellation.gates import nearest_generators
-from tessellation.locate import cells_of, voronoi_locator
 
 MAX_STEPS = 100
 LEAST_GAIN = 1e-4
 """Of the squared distances; a step that lowers them by less is the last."""
-FEW = 8192
-"""So many positions are looked up in a tree sooner than a raster of the cells is drawn, which is new at every step."""
+SEEDED = 20
+"""Positions for each seed, of which seeds are chosen: with more the means hardly change."""
 
 
 def lloyd_generators(
-    position: FloatArray,
-    *,
-    region: Locator,
-    n_cells: int,
-    rng: np.random.Generator,
-    weight: FloatArray | None = None,
+    position: FloatArray, *, n_cells: int, rng: np.random.Generator, weight: FloatArray | None = None
 ) -> FloatArray:
     """Generators by k-means: seeds far from each other, then means of the nearest positions. -> (at most n_cells, 2).
 
@@ -32,7 +24,6 @@ def lloyd_generators(
 
     Args:
         position: (n, 2) metres.
-        region: squares that hold every position.
         n_cells: at most so many; fewer if there are fewer distinct positions of positive weight.
         rng: chooses the seeds.
         weight: (n,) of each position, not negative; 1 if not given.
@@ -50,49 +41,57 @@ def lloyd_generators(
     if n_cells < 1:
         raise ValueError(f"n_cells: expected at least 1, got {n_cells}")
     position, weight = _distinct(position[weight > 0], weight[weight > 0])
-    weight = weight / weight.max()
-    generators = position[seeds(position, weight, rng.random(min(n_cells, len(position))))]
-    generators = generators[np.lexsort(generators.T)]
+    stride = max(len(position) // (SEEDED * n_cells), 1)
+    generators = position[::stride][seeds(position[::stride], weight[::stride], rng.random(n_cells))]
     before = np.inf
     for _ in range(MAX_STEPS):
-        cell = _nearest(generators, region, position)
-        moved, spread = means(position, weight, cell, generators)
+        cell = nearest_generators(position, generators, k=1)[1][:, 0]
+        off, n = position - generators[cell], len(generators)
+        spread = float(weight @ (off * off).sum(axis=1))
         if spread >= before * (1.0 - LEAST_GAIN):
             break
-        generators, before = moved, spread
-    cell = _nearest(generators, region, position)
-    return generators[np.bincount(cell, minlength=len(generators)) > 0]
+        total = np.bincount(cell, weight, n)
+        moved = np.column_stack([np.bincount(cell, weight * along, n) for along in off.T])
+        generators, before = generators + moved / np.where(total > 0, total, 1.0)[:, None], spread
+    cell = nearest_generators(position, generators, k=1)[1][:, 0]
+    generators = generators[np.bincount(cell, minlength=len(generators)) > 0]
+    return generators[np.lexsort(generators.T)]
 
 
-def _nearest(generators: FloatArray, region: Locator, position: FloatArray) -> IntArray:
-    """The nearest generator of each position, (n, 2) -> (n,)."""
-    if len(position) <= FEW:
-        return nearest_generators(position, generators, k=1)[1][:, 0]
-    return cells_of(voronoi_locator(generators, region), position)
+def seeds(position: FloatArray, weight: FloatArray, uniform: FloatArray) -> IntArray:
+    """k-means++ (Arthur and Vassilvitskii 2007): each is drawn by weight times squared distance to those before.
+
+    Args:
+        position: (n, 2) metres.
+        weight: (n,) positive.
+        uniform: (k,) random numbers in [0, 1).
+
+    Returns:
+        Row numbers, at most (k,): fewer where all others are of one place with them.
+    """
+    chosen: list[int] = []
+    squared = np.ones(weight.size)
+    for u in uniform.tolist():
+        cumulative = np.cumsum(weight * squared)
+        if not cumulative[-1] > 0.0:
+            break
+        at = int(np.searchsorted(cumulative, u * cumulative[-1], side="right"))
+        away = ((position - position[at]) ** 2).sum(axis=1)
+        squared = np.minimum(squared, away) if chosen else away
+        chosen.append(at)
+    return np.array(chosen, dtype=np.int64)
 
 
 def _distinct(position: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distinct positions in Morton order, so that neighbours are near in memory, and their weights."""
-    along = _along_axes(position, weight)
-    low = along.min(axis=0)
-    extent = float((along - low).max())
-    fine: IntArray = ((along - low) * (65535.0 / extent if extent > 0 else 0.0)).astype(np.int64)
-    order = np.lexsort((weight, *along.T, _spread_bits(fine[:, 0]) + 2 * _spread_bits(fine[:, 1])))
-    position, weight = position[order], weight[order]
-    new = np.append(True, (position[1:] != position[:-1]).any(axis=1))
-    return position[new], np.add.reduceat(weight, np.flatnonzero(new))
+    """Distinct positions and their weights, along their principal axes, each towards its longer tail.
 
-
-def _along_axes(position: FloatArray, weight: FloatArray) -> FloatArray:
-    """Positions along their principal axes, each towards its longer tail: the same however they were turned."""
+    So they come in the same order however they were turned.
+    """
     offset = position - position[0]
     offset -= weight @ offset / weight.sum()
     along = offset @ np.linalg.eigh((weight * offset.T) @ offset)[1]
-    return np.asarray(along * np.where(weight @ along**3 < 0, -1.0, 1.0))
-
-
-def _spread_bits(number: IntArray) -> IntArray:
-    """Sixteen bits with a zero between any two."""
-    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-        number = (number | (number << shift)) & mask
-    return number
+    along = along * np.where(weight @ along**3 < 0, -1.0, 1.0)
+    order = np.lexsort((weight, *along.T))
+    position, weight = position[order], weight[order]
+    new = np.append(True, (position[1:] != position[:-1]).any(axis=1))
+    return position[new], np.add.reduceat(weight, np.flatnonzero(new))

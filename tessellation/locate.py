@@ -1,37 +1,48 @@
-"""Point location: the raster of candidate generators of a Voronoi tessellation, and large batches on several threads.
+"""Point location: rasters of cells, of any extent, and of the generators that may be nearest.
 
 After Edahiro, Kokubo and Asano (1984), "A new point-location algorithm and its practical efficiency": buckets of a
-regular raster answer in constant time. Here a bucket holds the generators that may be nearest in it, and one that is
-crowded is divided again, so that clustered generators cost no more.
+regular raster answer in constant time. A pixel lists the generators that may be nearest in it, so the nearest of them
+is, to the last bit, the nearest of all.
 """
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tessellation._arrays import FloatArray, IntArray
-from tessellation._kernels import HEADER, Locator, PixelArray, locate_all
-from tessellation._raster import DEEPEST, LARGEST_SIDE, Frame, fill
-from tessellation.blocks import DENSE_SQUARES, LARGEST_ENTRY, Blocks
+from tessellation._kernels import SIDE, Locator, locate_all
 from tessellation.protocols import Tessellation
 
-PIXELS_PER_CELL = 2
-"""At least, on average; fewer candidates in a pixel against more memory."""
-FINE_RASTER_PIXELS = 1 << 17
-"""A raster of so few pixels stays in the processor's cache, so it may have more of them for a cell."""
+PIXELS_PER_CELL = 16
+"""So many at least, on average, if `MAX_REFINEMENT` allows: few pixels then list several candidates."""
 MAX_REFINEMENT = 64
 PIXELS_ACROSS = 48
 """Of the raster of cells that have no locator of their own, across a cell of mean area."""
 MAX_PIXELS = 20_000_000
 """The largest such raster; beyond, its pixels are larger: 80 MB."""
-BATCH_FOR_THREADS = 1 << 16
-"""Fewer points are located sooner than threads are started."""
-MAX_THREADS = 8
+LARGEST = 1 << 28
+"""Numbers of pixels that have a cell beside them: a gigabyte."""
+N_NEAREST = 8
+"""Candidates that are looked up at once; where these may not be all, four times as many."""
+ASIDE = np.array([1e-4, 0.618e-4])
+"""Pixels: of two that are as near, it decides the same in a part of a map as in all of it."""
+MARGIN = 1e-9
+"""Relative, some million times what rounding of squared distances costs: a candidate more does no harm."""
+
+
+class Pixels(NamedTuple):
+    """Pixels of a raster and their values, see `Locator`; (n,) each."""
+
+    row: IntArray
+    column: IntArray
+    value: IntArray
+
+
+NONE = Pixels(*np.empty((3, 0), np.int64))
 
 
 def locator_of(cells: Tessellation) -> Locator:
@@ -57,23 +68,51 @@ _RASTERS: WeakKeyDictionary[Tessellation, Locator] = WeakKeyDictionary()
 def _raster_of(cells: Tessellation) -> Locator:
     corners = [corners for corners in cells.polygons() if len(corners)]
     if not corners:
-        return Locator(0.0, 0.0, 1.0, np.full((1, 1), -1, np.int32), np.zeros(4))
+        return in_blocks(np.zeros(2), 1.0, (1, 1), NONE)
     low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
     least = float(np.sqrt(np.prod(high - low) / MAX_PIXELS))
     side = max(float(np.sqrt(cells.area.sum() / len(corners))) / PIXELS_ACROSS, least)
     n_x, n_y = (int(n) + 1 for n in (high - low) / side)
     x, y = low[0] + side * (np.arange(n_x) + 0.5), low[1] + side * (np.arange(n_y) + 0.5)
     pixel = np.stack([cells.cell_of(np.column_stack([x, np.full(n_x, north)])) for north in y.tolist()])
-    return Locator(float(low[0]), float(low[1]), 1.0 / side, pixel.astype(np.int32), np.zeros(4))
+    row, column = np.nonzero(pixel >= 0)
+    return in_blocks(low, 1.0 / side, (n_y, n_x), Pixels(row, column, pixel[row, column]))
 
 
-def grid_locator(origin: FloatArray, cell_size: float, n_x: int, n_y: int, square: IntArray) -> Locator:
-    """The locator of square cells, see `GridTessellation`, one to a pixel."""
-    if n_x * n_y > DENSE_SQUARES:
-        return Blocks.of_squares(origin, cell_size, n_x, n_y, square).locator()
-    pixel = np.full(n_x * n_y, -1, np.int32)
-    pixel[square] = np.arange(square.size)
-    return Locator(float(origin[0]), float(origin[1]), 1.0 / cell_size, pixel.reshape(n_y, n_x), np.zeros(4))
+def in_blocks(
+    origin: FloatArray, per_metre: float, shape: tuple[int, int], pixels: Pixels,
+    *, first: IntArray | None = None, entry: FloatArray | None = None,
+) -> Locator:  # fmt: skip
+    """The locator of some pixels, see `Locator`; all others have no cell.
+
+    Raises:
+        ValueError: pixels so scattered that their blocks take too much memory.
+    """
+    row, column, value = pixels
+    n_y, n_x = (-(-n // SIDE) for n in shape)
+    place, of = np.unique(row // SIDE * n_x + column // SIDE, return_inverse=True)
+    if place.size * SIDE**2 > LARGEST:
+        raise ValueError(
+            f"cells: {place.size} blocks of {SIDE} x {SIDE} pixels take {place.size * SIDE**2} numbers, more than "
+            f"{LARGEST}; choose larger cells or remove far outliers"
+        )
+    block = np.full(n_y * n_x, -1, np.int32)
+    block[place] = np.arange(place.size)
+    pixel = np.full((place.size, SIDE * SIDE), -1, np.int32)
+    pixel[of, row % SIDE * SIDE + column % SIDE] = value
+    first, entry = np.zeros(1, np.int64) if first is None else first, np.empty((0, 3)) if entry is None else entry
+    return Locator(float(origin[0]), float(origin[1]), per_metre, block.reshape(n_y, n_x), pixel, first, entry)
+
+
+def pixels_of(locator: Locator, finer: int = 1) -> Pixels:
+    """The pixels that have a cell, each divided into `finer` times `finer`."""
+    north, east = np.nonzero(locator.block >= 0)
+    pixel = locator.pixel[locator.block[north, east]]
+    of, at = np.nonzero(pixel != -1)
+    row, column = north[of] * SIDE + at // SIDE, east[of] * SIDE + at % SIDE
+    i, j = np.divmod(np.arange(finer * finer), finer)
+    row, column = ((finer * whole[:, None] + part).ravel() for whole, part in ((row, i), (column, j)))
+    return Pixels(row, column, np.repeat(pixel[of, at].astype(np.int64), finer * finer))
 
 
 def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
@@ -83,112 +122,110 @@ def voronoi_locator(generators: FloatArray, region: Locator) -> Locator:
         generators: (n_cells, 2) metres, no two the same.
         region: of square cells. Its pixels are halved until there are `PIXELS_PER_CELL`; a power of two keeps its
             borders, to the last bit.
-
-    Raises:
-        ValueError: generators so crowded that the lists of candidates do not fit.
     """
-    blocks = Blocks.of(region)
-    if blocks is not None and len(generators) and blocks.place.size:
-        return _voronoi_in_blocks(generators, blocks)
-    covers = region.pixel >= 0
-    if len(generators) == 0 or not covers.any():
-        return Locator(*region[:3], np.full(covers.shape, -1, np.int32), np.zeros(4))
-    refinement = 1
-    wanted = PIXELS_PER_CELL * len(generators)
-    most = max(8 * wanted, FINE_RASTER_PIXELS)
-    while refinement < MAX_REFINEMENT and (
-        covers.sum() * refinement**2 < wanted or 4 * covers.size * refinement**2 <= FINE_RASTER_PIXELS
-    ):
-        if 4 * covers.size * refinement**2 > most:
-            break
-        refinement *= 2
-    n_y, n_x = covers.shape
-    largest = max(abs(region.origin_x), abs(region.origin_y)) + max(covers.shape) / region.pixels_per_metre
-    rounding = 4.0 * float(np.spacing(largest))
-    per_metre = region.pixels_per_metre * refinement
-    frame = Frame(region.origin_x, region.origin_y, per_metre, n_x * refinement, n_y * refinement, rounding)
-    covered = np.zeros((n_y + 1, n_x + 1), np.int32)
-    covered[1:, 1:] = covers.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
-    everyone = np.arange(len(generators))
-    entry = np.zeros(max(1024, 12 * len(generators)))
-    # Address 0 names no list, so the first four numbers are spare: `locate_all` may touch them.
-    value, entry, top = _filled(frame, generators, everyone, covered, refinement, entry=entry, top=4, depth=1)
-    if top > LARGEST_ENTRY:
-        raise ValueError(f"generators: {len(generators)} of them need {top} candidates, more than {LARGEST_ENTRY}")
-    pixel = value.reshape(frame.n_y, frame.n_x)
-    return Locator(frame.x, frame.y, per_metre, pixel, entry[:top].copy())
+    row, column, _ = pixels_of(region)
+    origin, n = np.array([region.origin_x, region.origin_y]), len(generators)
+    shape = (SIDE * region.block.shape[0], SIDE * region.block.shape[1])
+    if n == 0 or row.size == 0:
+        return in_blocks(origin, region.pixels_per_metre, shape, NONE)
+    finer = 1
+    while finer < MAX_REFINEMENT and row.size * finer**2 < PIXELS_PER_CELL * n:
+        finer *= 2
+    row, column, _ = pixels_of(region, finer)
+    per_metre = region.pixels_per_metre * finer
+    center = origin + (np.column_stack([column, row]) + 0.5) / per_metre
+    rounding = 4.0 * float(np.spacing(np.abs(center).max()))
+    which, cell = _candidates(generators, center, 0.5 * (1.0 + MARGIN) / per_metre + rounding)
+    many = np.bincount(which, minlength=row.size)
+    first = np.concatenate([[0], np.cumsum(many)])
+    value = np.where(many == 1, cell[first[:-1]], -1 - np.cumsum(many > 1))
+    listed = many[which] > 1
+    return in_blocks(
+        origin, per_metre, (shape[0] * finer, shape[1] * finer), Pixels(row, column, value),
+        first=np.concatenate([[0], np.cumsum(many[many > 1])]),
+        entry=np.column_stack([generators[cell[listed]], cell[listed]]),
+    )  # fmt: skip
 
 
-def _voronoi_in_blocks(generators: FloatArray, region: Blocks) -> Locator:
-    """Likewise, block by block: each is a raster of its own, of the generators that may be nearest in it.
+def _candidates(generators: FloatArray, center: FloatArray, half: float) -> tuple[IntArray, IntArray]:
+    """Pairs (p,), (p,) of a square, of half side `half` around a center, and a generator that may be nearest in it.
 
-    So it depends on no generator that is far: pixels are not halved, and a crowded one is divided by itself.
+    Generator g is nowhere nearest in a square if the generator h nearest to its center c is nearer in all of it:
+    |g - c|^2 - |h - c|^2 > 2 half (|h_x - g_x| + |h_y - g_y|). Ascending.
     """
-    covers, side, per_metre = region.value >= 0, region.value.shape[1], region.pixels_per_metre
-    extent = max(region.shape) * side / per_metre
-    rounding = 4.0 * float(np.spacing(max(abs(region.origin_x), abs(region.origin_y)) + extent))
-    entry, top = np.zeros(max(1024, 12 * len(generators))), 4
-    value = np.empty((len(covers), side, side), np.int32)
-    for i, candidate in enumerate(region.candidates(generators)):
-        row, column = divmod(int(region.place[i]), region.shape[1])
-        x, y = (low + n * side / per_metre for low, n in ((region.origin_x, column), (region.origin_y, row)))
-        covered = np.zeros((side + 1, side + 1), np.int32)
-        covered[1:, 1:] = covers[i].cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
-        frame = Frame(x, y, per_metre, side, side, rounding)
-        inner, entry, top = _filled(frame, generators, candidate, covered, 1, entry=entry, top=top, depth=1)
-        value[i] = inner.reshape(side, side)
-    return region._replace(value=value, listed=entry[:top]).locator()
-
-
-def _filled(
-    frame: Frame,
-    generators: FloatArray,
-    candidate: IntArray,
-    covered: PixelArray,
-    refinement: int,
-    *,
-    entry: FloatArray,
-    top: int,
-    depth: int,
-) -> tuple[PixelArray, FloatArray, int]:
-    """The values of a frame's pixels, where a crowded one has a frame of smaller pixels; then `entry`, its end."""
-    value = np.full(frame.n_y * frame.n_x, -1, np.int32)
-    deepest = depth > DEEPEST
-    entry, top, crowded, n, waiting = fill(
-        frame, generators, candidate, covered, refinement, deepest, entry, top, value
-    )
-    for place, start, end in crowded[:n].reshape(-1, 3):
-        side = 2
-        while side < LARGEST_SIDE and side * side < 2 * (end - start):
-            side *= 2
-        row, column = divmod(int(place), frame.n_x)
-        x, y = frame.x + column / frame.pixels_per_metre, frame.y + row / frame.pixels_per_metre
-        smaller = Frame(x, y, frame.pixels_per_metre * side, side, side, frame.rounding)
-        here = top
-        top += HEADER + side * side
-        if top > entry.size:
-            entry = np.concatenate([entry, np.zeros(max(top - entry.size, entry.size))])
-        whole = np.array([[0, 0], [0, 1]], np.int32)
-        inner, entry, top = _filled(
-            smaller, generators, waiting[start:end], whole, side, entry=entry, top=top, depth=depth + 1
+    tree, pairs = cKDTree(generators), []
+    which, k = np.arange(len(center)), min(N_NEAREST, len(generators))
+    while which.size:
+        distance, near = (np.reshape(column, (-1, k)) for column in tree.query(center[which], k=k, workers=-1))
+        apart = np.abs(generators[near] - generators[near[:, :1]]).sum(axis=2)
+        squared = distance**2
+        most = 2.0 * half * apart + MARGIN * (squared + squared[:, :1]) + half * half * MARGIN
+        may = squared - squared[:, :1] <= most
+        # What is not among the k is at least as far as the last of them.
+        all_seen = (distance[:, -1] > (distance[:, 0] + 2.0 * np.sqrt(2.0) * half) * (1.0 + MARGIN)) | (
+            k == len(generators)
         )
-        entry[here : here + HEADER] = x, y, smaller.pixels_per_metre, side, 0.0, 0.0
-        entry[here + HEADER : here + HEADER + side * side] = inner
-        value[place] = -2 - 8 * here
-    return value, entry, top
+        i, j = np.nonzero(may & all_seen[:, None])
+        pairs.append(np.column_stack([which[i], near[i, j]]))
+        which, k = which[~all_seen], min(4 * k, len(generators))
+    pair = np.concatenate(pairs)
+    square, cell = pair[np.lexsort(pair.T[::-1])].T.copy()
+    return square, cell
+
+
+def reaching(locator: Locator, reach_m: float, *, finest_m: float = 1.5, most_finer: int = 10) -> Locator:
+    """The locator whose cells also cover what lies within `reach_m` of them, to the nearest.
+
+    A vehicle just outside of the cells, where none was observed by chance, still follows the road. Where several
+    generators share the nearest pixel, the place is in the cell of the nearest.
+
+    Args:
+        locator: of cells.
+        reach_m: metres; exact to half a pixel.
+        finest_m: pixels are made as small,
+        most_finer: or by this factor.
+    """
+    finer = int(np.clip(np.ceil(1.0 / (locator.pixels_per_metre * finest_m)), 1, most_finer))
+    while finer > 1 and np.count_nonzero(locator.pixel != -1) * finer**2 > MAX_PIXELS:
+        finer -= 1
+    row, column, value = pixels_of(locator, finer)
+    per_metre = locator.pixels_per_metre * finer
+    radius, reach = int(np.ceil(reach_m * per_metre)), reach_m * per_metre
+    margin = -(-radius // SIDE) * SIDE
+    n_y, n_x = (2 * margin + finer * SIDE * n for n in locator.block.shape)
+    own = (row + margin) * n_x + column + margin
+    beside = np.array([-n_x, -1, 1, n_x])
+    edge = own[~np.isin(own[:, None] + beside, own).all(axis=1)]  # what lies beyond is nearest to one of these
+    i, j = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+    i, j = i[i * i + j * j <= reach * reach], j[i * i + j * j <= reach * reach]
+    added = np.setdiff1d(np.unique((edge[:, None] + i * n_x + j).ravel()), own)
+    order = np.argsort(own)
+    places = np.column_stack(np.divmod(edge, n_x))
+    nearest = np.empty(0, np.int64)
+    if added.size:
+        nearest = np.asarray(cKDTree(places).query(np.column_stack(np.divmod(added, n_x)) + ASIDE)[1], np.int64)
+    of_edge = value[order[np.searchsorted(own[order], edge)]]
+    every = np.concatenate([own, added])
+    origin = np.array([locator.origin_x, locator.origin_y]) - margin / per_metre
+    return in_blocks(
+        origin, per_metre, (n_y, n_x), Pixels(*np.divmod(every, n_x), np.concatenate([value, of_edge[nearest]])),
+        first=locator.first, entry=locator.entry,
+    )  # fmt: skip
+
+
+def renumbered(locator: Locator, number: IntArray) -> Locator:
+    """The locator of cells by other numbers: (n_cells,), `OUTSIDE` for those that are left out."""
+    entry, pixel = locator.entry.copy(), locator.pixel.copy()
+    entry[:, 2] = number[entry[:, 2].astype(np.int64)]
+    pixel[pixel >= 0] = number[pixel[pixel >= 0]]
+    left = np.logical_or.reduceat(entry[:, 2] >= 0, locator.first[:-1]) if len(locator.first) > 1 else np.empty(0, bool)
+    shared = pixel < -1
+    pixel[shared] = np.where(left[-2 - pixel[shared]], pixel[shared], -1)
+    return locator._replace(pixel=pixel, entry=entry)
 
 
 def cells_of(locator: Locator, position: FloatArray) -> IntArray:
-    """The cell of each position. (n, 2) -> (n,). A large batch is shared out to the processor's cores."""
-    n = len(position)
-    cell = np.empty(n, np.int64)
-    n_threads = min(MAX_THREADS, os.cpu_count() or 1, n // BATCH_FOR_THREADS)
-    if n_threads < 2:
-        locate_all(locator, position, cell)
-        return cell
-    border = np.linspace(0, n, n_threads + 1).astype(int)
-    with ThreadPoolExecutor(n_threads) as threads:
-        parts = [threads.submit(locate_all, locator, position[a:b], cell[a:b]) for a, b in pairwise(border)]
-    for part in parts:
-        part.result()
+    """The cell of each position. (n, 2) -> (n,)."""
+    cell = np.empty(len(position), np.int64)
+    locate_all(locator, position, cell)
     return cell

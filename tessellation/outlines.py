@@ -1,4 +1,9 @@
-"""The polygons of a Voronoi tessellation, their areas, and which of them share a border."""
+"""The polygons of a Voronoi tessellation, their areas, and which of them share a border.
+
+After Rycroft (2009), "Voro++": a box cut by the bisectors of a generator with those near it, nearest first; once the
+farthest corner is within half the distance of the next generator, no other can cut. Corners are offsets from the
+generator, so that large coordinates cost no precision.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +13,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tessellation._arrays import FloatArray, IntArray
-from tessellation._clipping import cut_boxes, owned_squares
 from tessellation._kernels import Locator
+from tessellation.locate import pixels_of
 
-FIRST_NEIGHBORS = 12
-BATCH_NUMBERS = 1 << 19
-"""Numbers in the arrays of one batch of cells."""
+FIRST_NEIGHBORS = 16
+SHORTEST_EDGE = 1e-9
+"""Of the box's diagonal: shorter edges are rounding, where four or more cells meet in a point."""
 
 
 class Outlines(NamedTuple):
@@ -26,60 +31,103 @@ class Outlines(NamedTuple):
     border: IntArray  # (n_cells + 1,)
 
 
-def outlines(generators: FloatArray, region: Locator, locator: Locator) -> Outlines:
-    """The Voronoi polygons, each clipped to the box around the squares that the cell owns a part of.
+class Corners(NamedTuple):
+    """Corners of convex polygons, polygon by polygon, counter-clockwise."""
+
+    polygon: IntArray  # (n,) which each is of, ascending
+    place: FloatArray  # (n, 2) metres from the generator
+    beyond: IntArray  # (n,) the cell beyond the edge that begins here; -1, the box
+
+    def following(self) -> IntArray:
+        """(n,) the next corner of the same polygon."""
+        n = self.polygon.size
+        last = np.append(self.polygon[1:] != self.polygon[:-1], True)[:n]
+        first = np.flatnonzero(np.append(True, last[:-1])[:n])
+        after = np.arange(1, n + 1)
+        after[last] = first
+        return after
+
+    def cut(self, bisected: IntArray, to: FloatArray) -> Corners:
+        """Where the generators are nearer than others, one for each polygon: their numbers, and offsets (k, 2)."""
+        to = to[self.polygon]
+        off = (self.place * to).sum(axis=1) - 0.5 * (to * to).sum(axis=1)
+        after = self.following()
+        inside, crosses = off <= 0.0, (off <= 0.0) != (off[after] <= 0.0)
+        share = np.divide(off, off - off[after], out=np.zeros(off.size), where=crosses)[:, None]
+        crossing = self.place + share * (self.place[after] - self.place)
+        both = np.column_stack([inside, crosses]).ravel()
+        beyond = np.where(inside, bisected[self.polygon], self.beyond)
+        return Corners(
+            np.repeat(self.polygon, 2)[both], np.stack([self.place, crossing], axis=1).reshape(-1, 2)[both],
+            np.column_stack([self.beyond, beyond]).ravel()[both],
+        )  # fmt: skip
+
+    def longer(self, least: FloatArray) -> Corners:
+        """Without edges as short as rounding, (k,) metres, and without what is then no polygon."""
+        length = np.hypot(*(self.place[self.following()] - self.place).T)
+        kept = length > least[self.polygon]
+        kept &= (np.bincount(self.polygon[kept], minlength=least.size) > 2)[self.polygon]
+        return Corners(self.polygon[kept], self.place[kept], self.beyond[kept])
+
+
+def outlines(generators: FloatArray, locator: Locator) -> Outlines:
+    """The Voronoi polygons, each clipped to the box around the pixels that the cell may own a part of.
 
     Args:
         generators: (n_cells, 2) metres.
-        region: of square cells.
-        locator: of the generators in the region.
+        locator: of the generators in a region.
     """
     n_cells = len(generators)
-    refinement = locator.block // region.block if region.block else locator.pixel.shape[1] // region.pixel.shape[1]
-    squares_per_metre = region.pixels_per_metre * max(region.block, 1)
-    owned = np.repeat(np.array([[1 << 40, 1 << 40, -1, -1]]), n_cells, axis=0)
-    owned_squares(locator, refinement, owned)
-    owns = np.flatnonzero(owned[:, 0] <= owned[:, 2])
-    corner = (owned + np.array([0, 0, 1, 1])) / squares_per_metre
-    box = (np.array([region.origin_x, region.origin_y]) - generators)[:, [0, 1, 0, 1]] + corner
-    tree = cKDTree(generators)
-    parts: list[tuple[IntArray, IntArray, FloatArray, IntArray]] = []  # cells, numbers of vertices, vertices, labels
-    n_near = FIRST_NEIGHBORS
-    while owns.size:
+    box = _boxes(generators, locator)
+    owns = np.flatnonzero(box[:, 0] < box[:, 2])
+    parts, n_near, tree = [], FIRST_NEIGHBORS, cKDTree(generators) if n_cells else None
+    while owns.size and tree is not None:
         n_near = min(n_near, n_cells)
-        undone = []
-        for batch in np.array_split(owns, -(-owns.size * (n_near + 8) * 2 // BATCH_NUMBERS)):
-            near = np.asarray(tree.query(generators[batch], k=np.arange(1, n_near + 1))[1], np.int64)
-            vertex, label = np.empty((batch.size, n_near + 8, 2)), np.full((batch.size, n_near + 8), -1)
-            n, done = np.empty(batch.size, np.int64), np.empty(batch.size, np.bool_)
-            cut_boxes(generators, batch, box[batch], near, vertex, label, n, done)
-            used = np.arange(n_near + 8) < np.where(done, n, 0)[:, None]
-            parts.append((batch[done], n[done], vertex[used], label[used]))
-            undone.append(batch[~done])
-        owns = np.concatenate(undone)
-        n_near *= 4
-    return _joined(generators, parts)
+        corner = box[owns][:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
+        found = Corners(np.repeat(np.arange(owns.size), 4), corner, np.full(len(corner), -1))
+        near = np.asarray(tree.query(generators[owns], k=np.arange(1, n_near + 1))[1], np.int64)
+        for column in near.T[1:]:
+            found = found.cut(column, generators[column] - generators[owns])
+        farthest = np.zeros(owns.size)
+        np.maximum.at(farthest, found.polygon, (found.place**2).sum(axis=1))
+        last = ((generators[near[:, -1]] - generators[owns]) ** 2).sum(axis=1)
+        done = (last >= 4.0 * farthest) | (n_near == n_cells)
+        found = found.longer(SHORTEST_EDGE * np.hypot(*(box[owns, 2:] - box[owns, :2]).T))
+        kept = done[found.polygon]
+        parts.append(Corners(owns[found.polygon[kept]], found.place[kept], found.beyond[kept]))
+        owns, n_near = owns[~done], 4 * n_near
+    every = Corners(*(np.concatenate(column) for column in zip(*parts, strict=True))) if parts else None
+    return _joined(generators, every)
 
 
-def _joined(generators: FloatArray, parts: list[tuple[IntArray, IntArray, FloatArray, IntArray]]) -> Outlines:
+def _boxes(generators: FloatArray, locator: Locator) -> FloatArray:
+    """(n_cells, 4) the box around the pixels that list each cell, from its generator; inside out without any."""
+    row, column, value = pixels_of(locator)
+    listed = np.flatnonzero(value < -1)
+    which = -2 - value[listed]
+    many = np.diff(locator.first)[which]
+    at = np.repeat(locator.first[which] - np.cumsum(many) + many, many) + np.arange(many.sum())
+    cell = np.concatenate([value[value >= 0], locator.entry[at, 2].astype(np.int64)])
+    pixel = np.concatenate([np.flatnonzero(value >= 0), np.repeat(listed, many)])
+    place = np.column_stack([column, row])[pixel]
+    low, high = np.full((len(generators), 2), np.inf), np.full((len(generators), 2), -np.inf)
+    np.minimum.at(low, cell, place)
+    np.maximum.at(high, cell, place + 1.0)
+    origin = np.array([locator.origin_x, locator.origin_y]) - generators
+    return np.hstack([origin + low / locator.pixels_per_metre, origin + high / locator.pixels_per_metre])
+
+
+def _joined(generators: FloatArray, corners: Corners | None) -> Outlines:
     n_cells = len(generators)
-    if not parts:
+    if corners is None:
         start = np.zeros(n_cells + 1, np.int64)
         return Outlines(np.empty((0, 2)), start, np.zeros(n_cells), np.empty(0, np.int64), start)
-    cell = np.repeat(np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts]))
-    order = np.argsort(cell, kind="stable")
-    offset, label = np.concatenate([p[2] for p in parts])[order], np.concatenate([p[3] for p in parts])[order]
-    cell = cell[order]
-    start = np.searchsorted(cell, np.arange(n_cells + 1))
-    following = np.arange(1, cell.size + 1)
-    last = start[1:][np.diff(start) > 0] - 1
-    following[last] = start[:-1][np.diff(start) > 0]
-    (x, y), (next_x, next_y) = offset.T, offset[following].T
+    order = np.argsort(corners.polygon, kind="stable")
+    cell, offset, beyond = corners.polygon[order], corners.place[order], corners.beyond[order]
+    (x, y), (next_x, next_y) = offset.T, offset[Corners(cell, offset, beyond).following()].T
     area = np.bincount(cell, weights=0.5 * (x * next_y - next_x * y), minlength=n_cells)
-    shared = label >= 0
-    pair = np.unique(np.column_stack([cell[shared], label[shared]]), axis=0)
+    pair = np.unique(np.column_stack([cell, beyond])[beyond >= 0], axis=0)
     # A border may leave the box of one of the two cells: it is shared where it lies in both.
-    key = pair @ np.array([n_cells, 1])
-    pair = pair[np.isin(pair @ np.array([1, n_cells]), key, assume_unique=True)]
-    border = np.searchsorted(pair[:, 0], np.arange(n_cells + 1))
+    pair = pair[np.isin(pair @ np.array([1, n_cells]), pair @ np.array([n_cells, 1]))]
+    start, border = (np.searchsorted(of, np.arange(n_cells + 1)) for of in (cell, pair[:, 0]))
     return Outlines(offset + generators[cell], start, area.astype(np.float64), pair[:, 1].copy(), border)

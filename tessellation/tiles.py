@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tessellation._arrays import FloatArray, IntArray
-from tessellation.blocks import BLOCK_SQUARES, Blocks
+from tessellation._kernels import SIDE
 from tessellation.grid import GridTessellation
 from tessellation.voronoi import VoronoiTessellation
+
+BLOCK_SQUARES = SIDE
 
 
 class Tile(NamedTuple):
@@ -37,10 +40,9 @@ def tiles_of(cells: GridTessellation | VoronoiTessellation, side_m: float) -> li
     at = (cells.centers - region.origin) / region.cell_size
     east, north = (np.clip(at, 0, shape - 1).astype(np.int64) // squares).T
     of_cell = of_square if isinstance(cells, GridTessellation) else north * n_tiles_x + east
-    blocks = Blocks.of_squares(region.origin, region.cell_size, region.n_x, region.n_y, region.square)
-    block_row, block_column = np.divmod(blocks.place, blocks.shape[1])
+    block_row, block_column = np.unique(np.column_stack([row, column]) // BLOCK_SQUARES, axis=0).T
     of_block = block_row // n_blocks * n_tiles_x + block_column // n_blocks
-    near, block = _candidates(cells, blocks)
+    near, block = _candidates(cells, region, np.column_stack([block_column, block_row]))
     tiles, square_ends = np.unique(np.concatenate([of_square, of_cell])), np.argsort(of_square, kind="stable")
     cell_order, pair_order = np.argsort(of_cell, kind="stable"), np.argsort(of_block[block], kind="stable")
     low, high = _extents(of_cell[near], block_row[block], block_column[block], tiles)
@@ -60,11 +62,20 @@ def tiles_of(cells: GridTessellation | VoronoiTessellation, side_m: float) -> li
     return made
 
 
-def _candidates(cells: GridTessellation | VoronoiTessellation, blocks: Blocks) -> tuple[IntArray, IntArray]:
-    """Pairs (p,), (p,) of a cell and a block in which it may be the nearest; none of square cells."""
-    if isinstance(cells, GridTessellation) or not cells.n_cells or not blocks.place.size:
+def _candidates(
+    cells: GridTessellation | VoronoiTessellation, region: GridTessellation, block: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Pairs (p,), (p,) of a cell and a block, (b, 2) column and row, in which it may be nearest; none of square cells.
+
+    A generator that is h from a block's centre is no farther than h + r from any point of it, where r is half its
+    diagonal: so what is beyond h + 2 r is nowhere nearest.
+    """
+    if isinstance(cells, GridTessellation) or not cells.n_cells or not len(block):
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    found = blocks.candidates(cells.generators)
+    side, tree = block_side(region), cKDTree(cells.generators)
+    center = region.origin + side * (block + 0.5)
+    near = tree.query(center)[0] + np.sqrt(2.0) * side
+    found = [np.array(sorted(of)) for of in tree.query_ball_point(center, near * (1.0 + 1e-9) + 1e-6)]
     return np.concatenate(found), np.repeat(np.arange(len(found)), [of.size for of in found])
 
 

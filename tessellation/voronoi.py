@@ -97,7 +97,7 @@ class VoronoiTessellation:
         """
         position = as_floats("position", position, "n 2")
         region = _region(position, reach)
-        generators = lloyd_generators(position, region=region.locator, n_cells=n_cells, rng=rng, weight=weight)
+        generators = lloyd_generators(position, n_cells=n_cells, rng=rng, weight=weight)
         return cls(generators=generators, region=region)
 
     @property
@@ -138,7 +138,7 @@ class VoronoiTessellation:
     def polygons(self) -> list[FloatArray]:
         """One convex (k, 2) polygon for each cell, counter-clockwise, not closed; k = 0 where it owns no region.
 
-        It is the Voronoi polygon, clipped to the box around the region's squares of which the cell owns a part. So
+        It is the Voronoi polygon, clipped to a box around what the cell owns of the region. So
         every position lies in the polygon of its cell, and polygons do not overlap; they may cover a part of squares
         that are not in the region.
         """
@@ -148,7 +148,7 @@ class VoronoiTessellation:
     def _drawn(self) -> Outlines:
         """The polygons, made when first asked for."""
         if not self._outlines:
-            self._outlines.append(outlines(self.generators, self.region.locator, self.locator))
+            self._outlines.append(outlines(self.generators, self.locator))
         return self._outlines[0]
 
 

@@ -25,8 +25,7 @@ from dirprim_filter.recording.map_file import MapFile
 from dirprim_filter.recording.schemas import map_tiles, tiled_map
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.sight import Sight
-from tessellation import blocks as of_blocks
-from tessellation import locate, tiles
+from tessellation import tiles
 
 KNOBS = FilterConfig(n_particles=60, max_gap_s=0.3)
 SIDE = 9
@@ -40,10 +39,9 @@ def in_tiles():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tiled_map, "WHOLE_CELLS", 10)
         patch.setattr(map_tiles, "TILE_M", 72.0)
-        for module in (of_blocks, tiles, tiled_map):
+        for module in (tiles, tiled_map):
             patch.setattr(module, "BLOCK_SQUARES", 8)
-        for module in (of_blocks, locate):
-            patch.setattr(module, "DENSE_SQUARES", 0)
+        patch.setattr(tiled_map, "DENSE_SQUARES", 0)
         patch.setattr(nearby_map, "SPARE_M", 15.0)
         patch.setattr(smoother, "WHOLE_S", 0.2)
         for module in (nearby_map, tracker, smoother):

@@ -45,7 +45,7 @@ from dirprim_filter.primitives._manoeuvres import (
 )
 from dirprim_filter.primitives.motion import JUMP_S
 from tessellation._compiling import UNCOUNTED
-from tessellation._kernels import BATCH, LONGEST_LIST, locate, locate_batches
+from tessellation._kernels import locate
 
 STARTS_AT = 0.31
 """m/s: a vehicle that starts no longer stands."""
@@ -93,7 +93,6 @@ class Due(NamedTuple):
     cell: IntArray  # (BLOCK,) where they are now
     which: IntArray  # (3 BLOCK,) those that pass, redraw and jump, one kind after the other
     end: IntArray  # (3,) of each kind
-    locating: IntArray  # room for `locate_batches`
 
 
 @njit(**EXACT)
@@ -142,9 +141,8 @@ def _due(table: MotionTable, h: float) -> Due:
     every = np.empty(2)
     every[REDRAWS] = 1.0 / max(1.0 - math.exp(-table.redraw_rate * h), 1e-15)
     every[JUMPS] = 1.0 / (1.0 - math.exp(-h / JUMP_S))
-    locating = np.empty((LONGEST_LIST + 3, BATCH), np.int64)
     which, end = np.empty(3 * BLOCK, np.int64), np.empty(3, np.int64)
-    return Due(every, np.empty(2), np.empty(2), np.empty(BLOCK, np.int64), which, end, locating)
+    return Due(every, np.empty(2), np.empty(2), np.empty(BLOCK, np.int64), which, end)
 
 
 @njit(**EXACT | UNCOUNTED)
@@ -211,7 +209,7 @@ def _place(table: MotionTable, h: float, block: Block, room: FloatArray, due: Du
     for i in range(n):
         position[i, 0] += room[MOVED_E, i]
         position[i, 1] += room[MOVED_N, i]
-    locate_batches(table.locator, position, now, due.locating)
+        now[i] = locate(table.locator, position[i, 0], position[i, 1])
     for i in range(n):
         if room[STARTING, i] > 0.0 and random.uniform(state) < room[STARTING, i] * h:
             speed[i] = STARTS_AT

@@ -5,21 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, Candidates, MotionTable
 from dirprim_filter.primitives.motion import PUSH_RATE
-from tessellation._kernels import Locator
-from tessellation.blocks import Blocks
-from tessellation.locate import locator_of
+from tessellation.locate import locator_of, reaching
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
 
-FINE_PIXEL_M = 1.5
-MAX_REFINEMENT = 10
-MAX_PIXELS = 20_000_000
 COURSE_FLOOR, PACE_FLOOR, PATH_FLOOR = 0.02, 0.03, 0.1
 """Radians, log speed, metres, added to a manoeuvre's spreads where its fit to a vehicle is computed."""
 
@@ -113,40 +107,3 @@ def _candidates(primitives: PrimitiveMap, knobs: MotionKnobs) -> Candidates:
         number=np.maximum.accumulate(number.reshape(-1, LANES), axis=1),
         free=free.reshape(4, -1, LANES),
     )
-
-
-def reaching(locator: Locator, reach_m: float) -> Locator:
-    """The locator whose cells also cover what lies within `reach_m` of them, to the nearest.
-
-    A vehicle just outside of the cells, where none was observed by chance, still follows the road. The raster is made
-    as fine as `reach_m` asks for, so the reach is right to half of `FINE_PIXEL_M`. Where several generators share the
-    nearest pixel, the vehicle is in the cell of the nearest.
-    """
-    blocks = Blocks.of(locator)
-    if blocks is not None and blocks.place.size:
-        return blocks.reaching(reach_m, _finer(blocks.pixels_per_metre)).locator()
-    finer = _finer(locator.pixels_per_metre)
-    while finer > 1 and locator.pixel.size * finer**2 > MAX_PIXELS:
-        finer -= 1
-    per_metre = locator.pixels_per_metre * finer
-    margin = int(np.ceil(reach_m * per_metre))
-    has_cells = locator.pixel != -1
-    rows, columns = (np.flatnonzero(has_cells.any(axis=axis)) for axis in (1, 0))
-    if not rows.size:
-        return locator
-    # Of a part of a map most of the raster is empty, and distances take eight times its room.
-    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    pixel = np.pad(np.kron(locator.pixel[box], np.ones((finer, finer), np.int32)), margin, constant_values=-1)
-    distance, nearest = distance_transform_edt(pixel == -1, return_indices=True)
-    reached = np.full(finer * np.array(locator.pixel.shape) + 2 * margin, -1, np.int32)
-    row, column = finer * rows[0], finer * columns[0]
-    reached[row : row + pixel.shape[0], column : column + pixel.shape[1]] = np.where(
-        distance <= reach_m * per_metre, pixel[tuple(nearest)], np.int32(-1)
-    )
-    origin_x, origin_y = locator.origin_x - margin / per_metre, locator.origin_y - margin / per_metre
-    return Locator(origin_x, origin_y, per_metre, reached, locator.entry)
-
-
-def _finer(pixels_per_metre: float) -> int:
-    """Into how many smaller ones a side of a pixel is to be divided."""
-    return int(np.clip(np.ceil(1.0 / (pixels_per_metre * FINE_PIXEL_M)), 1, MAX_REFINEMENT))

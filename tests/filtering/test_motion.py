@@ -9,11 +9,11 @@ from scipy import stats
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.filtering.motion import forecast_table, tracking_table
 from dirprim_filter.primitives import _motion
-from dirprim_filter.primitives.motion_table import reaching
 from moving import ALONE, motion_by_hand, moved, only_places, seeded, settled, squares
 from situations import one_cell_map
 from tessellation import GridTessellation
 from tessellation._kernels import locate
+from tessellation.locate import reaching
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 FINE, FINER = FilterConfig(step_s=0.02), FilterConfig(step_s=0.01)

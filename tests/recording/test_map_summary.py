@@ -14,7 +14,6 @@ from dirprim_filter.recording.map_file import MapFile
 from dirprim_filter.recording.schemas import map_tiles, tiled_map
 from dirprim_filter.recording.schemas.map_summary import add_tile, summary_of
 from dirprim_filter.recording.schemas.map_tiles import encode_tiles
-from tessellation import blocks
 
 N_CELLS = 150
 
@@ -23,7 +22,7 @@ N_CELLS = 150
 def small_tiles(monkeypatch):
     monkeypatch.setattr(map_tiles, "TILE_CELLS", 40)
     monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 100)
-    monkeypatch.setattr(blocks, "DENSE_SQUARES", 0)
+    monkeypatch.setattr(tiled_map, "DENSE_SQUARES", 0)
 
 
 def messages_of(made):

@@ -29,9 +29,10 @@ from dirprim_filter.recording.schemas.tile_message import (
     shared_part,
     the_only,
 )
-from tessellation import blocks
-from tessellation.blocks import BLOCK_SQUARES
+from tessellation.tiles import BLOCK_SQUARES
 
+DENSE_SQUARES = 1 << 18
+"""Up to so many squares, 1.5 km at 3 m, a raster of the whole map is small."""
 WHOLE_CELLS = 20_000
 """A map of no more is read whole: it takes 0.2 GB with all that is made of it."""
 
@@ -98,7 +99,7 @@ class TiledMap:
     def is_large(self) -> bool:
         """Whether there is much to gain by reading some tiles alone: else rasters are of the whole, and small."""
         n_squares = self.summary.grid.n_x * self.summary.grid.n_y
-        return self.summary.n_cells > WHOLE_CELLS and n_squares > blocks.DENSE_SQUARES
+        return self.summary.n_cells > WHOLE_CELLS and n_squares > DENSE_SQUARES
 
     @property
     def margin_m(self) -> float:

@@ -1,0 +1,66 @@
+"""Rasters of cells: memory by what is covered, cells that reach beside themselves, what is too large."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from tessellation import GridTessellation, VoronoiTessellation
+from tessellation.locate import Pixels, cells_of, in_blocks, reaching
+
+
+def streets(rng, n=300):
+    """Places along some streets, in clusters, so that pixels are crowded."""
+    way = rng.uniform(-90.0, 110.0, n)
+    side = rng.normal(0.0, 1.5, n)
+    return np.where(rng.random(n)[:, None] < 0.5, np.column_stack([way, side]), np.column_stack([side + 30.0, way]))
+
+
+@pytest.mark.parametrize("reach_m", [0.0, 3.5, 60.0])
+def test_cells_reach_beside_themselves_to_the_nearest(reach_m):
+    rng = np.random.default_rng(2)
+    cells = GridTessellation.covering(streets(rng, 100), cell_size=1.0)
+    place = rng.uniform(-160.0, 160.0, (4000, 2))
+    distance, nearest = cKDTree(cells.centers).query(np.floor(place) + 0.5)
+    found = cells_of(reaching(cells.locator, reach_m), place)
+    np.testing.assert_array_equal(found >= 0, distance <= reach_m)
+    theirs = np.hypot(*(np.floor(place) + 0.5 - cells.centers[np.maximum(found, 0)]).T)
+    np.testing.assert_allclose(theirs[found >= 0], distance[found >= 0])
+    assert reach_m > 0 or (found[found >= 0] == nearest[found >= 0]).all()
+
+
+def test_a_city_takes_memory_by_what_is_covered():
+    """100 km each way, 40 km of streets; some 30 times what a raster of all could hold."""
+    rng = np.random.default_rng(4)
+    way = np.linspace(0.0, 1e5, 20_000)
+    position = np.vstack([np.column_stack([way[:4000], 0.5 * way[:4000]]), np.column_stack([way[-4000:], way[-4000:]])])
+    cells = VoronoiTessellation.covering(position, generators=position[::8] + rng.normal(0, 1, (1000, 2)), reach=3.0)
+    assert cells.region.n_x * cells.region.n_y > 30_000**2
+    assert sum(np.asarray(column).nbytes for column in cells.locator) < 64e6
+    covered = position[rng.integers(len(position), size=500)] + rng.uniform(-3.0, 3.0, (500, 2))
+    squared = ((covered[:, None] - cells.generators) ** 2).sum(axis=2)
+    assert np.array_equal(cells.cell_of(covered), squared.argmin(axis=1))
+    assert (cells.cell_of(rng.uniform(3e4, 7e4, (500, 2))) == -1).all()
+
+
+@pytest.mark.parametrize("apart_m", [1e-9, 1e-6, 1e-3, 1.0])
+def test_rasters_are_as_large_however_near_generators_are(apart_m):
+    rng = np.random.default_rng(5)
+    place = streets(rng)
+    generators = np.vstack([place[::10], place[0] + apart_m * rng.normal(size=(60, 2))])
+    cells = VoronoiTessellation.covering(place, generators=generators, reach=3.0)
+    assert sum(np.asarray(column).nbytes for column in cells.locator) < 3e6
+    squared = ((place[:, None] - generators) ** 2).sum(axis=2)
+    np.testing.assert_array_equal(cells.cell_of(place), squared.argmin(axis=1))
+    assert np.isfinite(cells.area).all()
+
+
+def test_squares_too_scattered_for_memory_are_refused():
+    square = np.arange(0, 1 << 33, 8191, dtype=np.int64)[: 1 << 21]
+    with pytest.raises(ValueError, match=r"blocks of 16 x 16 pixels take .* remove far outliers"):
+        in_blocks(np.zeros(2), 3.0, (1 << 13, 1 << 20), Pixels(*np.divmod(square, 1 << 20), square))
+
+
+def test_extents_beyond_what_rasters_hold_are_refused_before_memory_is_taken():
+    for n_x, n_y in ((1 << 31, 1), (1 << 18, 1 << 17), (1 << 62, 1 << 62)):
+        with pytest.raises(ValueError, match="squares, more than 8589934592 in blocks"):
+            GridTessellation(origin=np.zeros(2), cell_size=1.0, n_x=n_x, n_y=n_y, square=np.empty(0, np.int64))
