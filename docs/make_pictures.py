@@ -34,7 +34,7 @@ from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import ParticleFilter
 from dirprim_filter.simulation.sensor import detect
-from dirprim_filter.viewer.program import viewer_program
+from dirprim_filter.viewer.process import viewer_program
 from dirprim_filter.viewer.timeline import TIMELINE
 
 RECORDINGS = Path("recordings")
@@ -83,8 +83,8 @@ def viewer(folder: Path) -> None:
     log, learned = RECORDINGS / "intersection_track.mcap", folder / "map.mcap"
     succeed("learn", RECORDINGS / "intersection_learn.mcap", "-o", learned)
     succeed(
-        "track", log, "--map", learned, "-o", folder / "tracks.mcap", "--save", folder / "tracks.rrd", "--truth", log,
-        "--no-ids", "--forecast", 4,
+        "track", log, "--map", learned, "-o", folder / "tracks.mcap", "--save", folder / "tracks.rrd",
+        "--set", f"truth={log}", "--no-ids", "--forecast", 4,
     )  # fmt: skip
     window = Image.open(io.BytesIO(screenshot(folder / "tracks.rrd", SHOWN_NS))).convert("RGB")
     shown = window.crop((0, MENU, *window.size))

@@ -134,7 +134,7 @@ LOGS: dict[str, Log] = {
 
 TABLES: dict[str, Table] = {
     "tracking": Table(
-        command=f"dirprim evaluate tracking {{logs}} --learn 0.9 --seeds 5 --smooth{TRACKERS} --json",
+        command=f"dirprim evaluate tracking {{logs}} --set learn=0.9 --seeds 5 --set smooth=true{TRACKERS} --json",
         runs=LOGGED[:3],
         entries=trackers,
         columns=(
@@ -147,13 +147,13 @@ TABLES: dict[str, Table] = {
         ),
     ),
     "no_ids": Table(
-        command="dirprim evaluate tracking {logs} --no-ids --miss-rate 0.2 --false-per-frame 10 "
+        command="dirprim evaluate tracking {logs} --no-ids --set miss_rate=0.2 --set false_per_frame=10 "
         f"--particles 300{TRACKERS} {{options}} --json",
         runs=(
-            Run(name="Lankershim", logs=("lankershim.mcap",), options="--learn 0.9 --gap 0 --seeds 5"),
+            Run(name="Lankershim", logs=("lankershim.mcap",), options="--set learn=0.9 --gap 0 --seeds 5"),
             Run(
                 name="Lankershim, out of sight for 3 s", logs=("lankershim.mcap",),
-                options="--learn 0.9 --gap 3 --seeds 5",
+                options="--set learn=0.9 --gap 3 --seeds 5",
             ),
             *(
                 Run(name=f"dense {of}", logs=(f"{of}_track.mcap",), options=f"--map {of}_map.mcap --gap 0 --seeds 5")

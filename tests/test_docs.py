@@ -20,7 +20,7 @@ FENCE = re.compile(r"^```(\w+)(?: ([\w.]+))?\n(.*?)^```$", flags=re.MULTILINE | 
 SHORTER = {
     "n_seeds = 2 ": "n_seeds = 1 ",
     "n_particles = 1000": "n_particles = 50",
-    "--seeds 1 --method": "--seeds 1 --particles 50 --method",
+    "--seeds 1 --method": "--seeds 1 --set n_particles=50 --method",
     "--every 2": "--every 10",
     "learn fleet -o map.mcap": "learn fleet -o map.mcap --tessellation grid --cell-size 20",
     "--zone Europe/Berlin --tessellation grid --cell-size 8": (
@@ -38,7 +38,7 @@ def test_every_block_of_a_page_runs(page, short_recordings, tmp_path, monkeypatc
     (tmp_path / "recordings").symlink_to(short_recordings)
     monkeypatch.chdir(tmp_path)
     shown: list[list[Path]] = []
-    monkeypatch.setattr("dirprim_filter.viewer.program.show_files", shown.append)  # there is no screen
+    monkeypatch.setattr("dirprim_filter.viewer.process.show_files", shown.append)  # there is no screen
     blocks = FENCE.findall(page.read_text())
     assert blocks
     names: dict[str, object] = {}

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dirprim_filter.tracks import Tracks
 
 
-@reads_logs
+@reads_logs()
 def calibrate(
     logs: Logs,
     truth: Annotated[
@@ -30,8 +30,9 @@ def calibrate(
     ],
     output: Output,
     plot: Plot = None,
-    reading: Reading = Reading(),
     force: Force = False,
+    *,
+    reading: Reading,
 ) -> int:
     """Measure latency, bias, spread, correlation, misses and false detections of a sensor; write them as TOML.
 

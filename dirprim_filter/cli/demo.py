@@ -138,7 +138,7 @@ class Run:
         from dirprim_filter.recording.writer import EstimateWriter
         from dirprim_filter.viewer.moment import Moment
         from dirprim_filter.viewer.report import run_report
-        from dirprim_filter.viewer.stream import open_stream
+        from dirprim_filter.viewer.sink import open_stream
 
         config = FilterConfig()
         said = provenance("demo", inputs=[self.log], config=config, seed=self.seed)
@@ -153,7 +153,7 @@ class Run:
         moment = Moment(_center(self.learned))
         with (
             EstimateWriter(outputs["tracks.mcap"], metadata=said, particle_stride=10, force=force) as written,
-            open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, particle_stride=10) as shown,
+            open_stream("dirprim demo", save=outputs["tracks.rrd"], force=force, n_particles=100) as shown,
         ):
             written.write_map_scene(self.learned)
             shown.log_map(self.learned)

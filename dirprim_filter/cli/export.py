@@ -13,7 +13,7 @@ from dirprim_filter.cli.options import Force, Output
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 
-@reads_logs
+@reads_logs()
 def export(
     estimates: Annotated[Path, typer.Argument(help="A log of `dirprim track`.", exists=True, dir_okay=False)],
     output: Output,
@@ -24,8 +24,9 @@ def export(
     smoothed: Annotated[
         bool, typer.Option("--smoothed", help="Export the smoothed estimates of `track --smooth` or `--lag`.")
     ] = False,
-    reading: Reading = Reading(),
     force: Force = False,
+    *,
+    reading: Reading,
 ) -> int:
     """Write what a tracker believed as .csv, .parquet or, in MOTChallenge's format, .txt.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,11 +15,8 @@ from dirprim_filter.cli.options import (
     WRITTEN,
     Config,
     Force,
-    Interaction,
     Map,
     NoIds,
-    Noise,
-    Particles,
     Seed,
     named_file,
     time_ns,
@@ -26,13 +24,21 @@ from dirprim_filter.cli.options import (
 from dirprim_filter.cli.place import EITHER_WAY, OPTION, tell_if_outside
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_filter
+from dirprim_filter.cli.settings import Settings, taken
 
 if TYPE_CHECKING:
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.forecasting import Forecasts, ForecastSink
 
 
-@reads_logs
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Own:
+    """The settings that are neither of a filter nor of reading; `every_s`: seconds of the log between forecasts."""
+
+    every_s: float = 1.0
+
+
+@reads_logs("every_s", "fields of FilterConfig and TrackingConfig")
 def forecast(
     map_file: Map,
     at: Annotated[tuple[float, float] | None, typer.Option(OPTION, help=f"Position, {EITHER_WAY}.")] = None,
@@ -49,7 +55,6 @@ def forecast(
     ] = None,
     horizon: Annotated[float, typer.Option(help="Seconds to look ahead.")] = 5.0,
     dt: Annotated[float, typer.Option(help="Seconds between positions.")] = 0.5,
-    every: Annotated[float, typer.Option(help="Seconds of the log between forecasts.")] = 1.0,
     samples: Annotated[int, typer.Option(min=1, help="Number of rollouts of each vehicle.")] = 100,
     output: Annotated[
         Path | None,
@@ -57,16 +62,15 @@ def forecast(
         WRITTEN,
     ] = None,
     config: Config = None,
-    particles: Particles = None,
-    noise: Noise = None,
-    interaction: Interaction = None,
     no_ids: NoIds = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print all rollouts as JSON; with --log, a line for each instant.")
     ] = False,
     seed: Seed = 0,
-    reading: Reading = Reading(),
     force: Force = False,
+    *,
+    reading: Reading,
+    settings: Settings,
 ) -> int:
     """Sample rollouts of a vehicle on a map, or of the vehicles of a log from the filter's beliefs.
 
@@ -75,17 +79,14 @@ def forecast(
     if log is not None:
         if output is None or at is not None or time is not None:
             raise typer.BadParameter("--log: expected -o with the MCAP to write, and no --at and --time")
-        knobs, association = read_filter(
-            config, n_particles=particles, noise_m=noise, interaction=interaction and interaction.value
-        )
+        own = taken(Own, settings)
+        knobs, association = read_filter(config, settings)
         return _of_log(
-            log, map_file, output, reading, knobs, association, horizon_s=horizon, dt_s=dt, every_s=every,
+            log, map_file, output, reading, knobs, association, horizon_s=horizon, dt_s=dt, every_s=own.every_s,
             n_samples=samples, no_ids=no_ids, seed=seed, as_json=as_json, force=force,
         )  # fmt: skip
-    if config or particles or noise or no_ids or interaction:
-        raise typer.BadParameter(
-            "--config, --particles, --noise, --no-ids and --interaction are of a tracker: expected --log with them"
-        )
+    if config or no_ids or settings:
+        raise typer.BadParameter("--config, --no-ids and --set are of a tracker: expected --log with them")
     if at is None or direction_deg is None or speed is None:
         raise typer.BadParameter("expected --at, --direction-deg and --speed, or --log")
     _of_state(
@@ -151,7 +152,7 @@ def _of_log(
         "forecast", inputs=[log, map_file], config=config, seed=seed, horizon_s=horizon_s, dt_s=dt_s,
         every_s=every_s, n_samples=n_samples, no_ids=no_ids, **reading.said(),
     )  # fmt: skip
-    with EstimateWriter(output, metadata=said, particle_stride=config.n_particles, force=force) as estimates:
+    with EstimateWriter(output, metadata=said, force=force) as estimates:
         estimates.write_map_scene(nearby.part)
         listening: list[ForecastSink] = [estimates, _Lines(dt_s)] if as_json else [estimates]
         forecaster = Forecaster(

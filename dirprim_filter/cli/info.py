@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import End, Fields, Logs, Start, Strict
-from dirprim_filter.cli.reading import Reading
+from dirprim_filter.cli.options import Logs
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,33 +27,28 @@ LABELS_SHOWN = 12
 """Of a topic, to people; to machines all."""
 
 
+@reads_logs()
 def info(
     logs: Logs,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object for each log.")] = False,
     check: Annotated[bool, typer.Option("--check", help="Read every chunk of a long log too.")] = False,
-    topics: Annotated[
-        str | None, typer.Option("--topics", help="Topic name or regular expression. Default: all.")
-    ] = None,
-    fields: Fields = None,
-    start: Start = None,
-    end: End = None,
-    strict: Strict = False,
+    *,
+    reading: Reading,
 ) -> int:
-    """Summarise logs: topics, which of them carry tracks, times, damage, implausible vehicles.
+    """Say what is in logs: topics, tracks, times, damage.
 
-    Of a log of more than 32 MiB that has an index only this is read, unless with --check, --strict, --fields, --start
-    or --end.
+    Implausible vehicles are listed too. If a log of more than 32 MiB has an index, only the index is read, unless
+    --check or an option of reading other than --topics is given.
 
     Example: dirprim info recordings/roundabout_track.mcap
     """
     from dirprim_filter.faults import Faults
     from dirprim_filter.recording.summary import summarise_by_index
 
-    reading = Reading(topics=topics, fields=fields, start=start, end=end, strict=strict)
-    by_index = not (check or strict or fields or start or end)
+    by_index = not check and replace(reading, topics=None) == Reading()
     worst = losses.DONE
     for path in logs:
-        summary, faults = summarise_by_index(path, topics=topics) if by_index else None, Faults()
+        summary, faults = summarise_by_index(path, topics=reading.topics) if by_index else None, Faults()
         if summary is None:
             summary, faults = _whole(path, reading)
         typer.echo(
@@ -110,7 +105,7 @@ def _text(path: Path, summary: LogSummary, faults: Faults) -> str:
     if summary.is_checked:
         carrying = [t.name for t in summary.topics if t.tracks]
         way = unread_encodings(t.encoding for t in summary.topics if t.encoding)
-        none = f"  no topic carries tracks; {way or '--fields says where the objects of an unknown schema are'}"
+        none = f"  no topic carries tracks; {way or '--set fields=... says where the objects of an unknown schema are'}"
         lines.append(f"  tracks in: {', '.join(carrying)}" if carrying else none)
     lines += [f"  labels in {topic}: {_counts(counts)}" for topic, counts in summary.labels.items()]
     lines += [f"  groups in {topic}: {_groups(counts)}" for topic, counts in summary.groups.items()]
@@ -131,7 +126,7 @@ def _counts(counts: Mapping[str, int]) -> str:
 
 
 def _groups(counts: Mapping[int, int]) -> str:
-    return f"{len(counts)}, from {min(counts)} to {max(counts)}; --group NUMBER takes one of them"
+    return f"{len(counts)}, from {min(counts)} to {max(counts)}; --set group=NUMBER takes one of them"
 
 
 def _size(size: SizeSummary) -> str:

@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import (
-    Cells,
-    Force,
-    LogsOrStore,
-    Output,
-    Scheduler,
-    Seed,
-    SensorFile,
-    StoreWorkers,
-    Tessellation,
-    seconds,
-    time_ns,
-)
+from dirprim_filter.cli.options import Cells, Force, LogsOrStore, Output, Seed, SensorFile, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from dirprim_filter.cli.progress import LearningProgress
     from dirprim_filter.primitives import PrimitiveMap
-    from dirprim_filter.store.workers import Workers
 
 
 class Modes(StrEnum):
@@ -46,89 +33,87 @@ class Shape(StrEnum):
     FLAT = "flat"
 
 
-class Slots(StrEnum):
-    """What weights and speeds turn with."""
-
-    HOUR = "hour"
-    WEEK = "week"
-
-
-MinVehicles = Annotated[
-    int | None, typer.Option("--min-vehicles", min=1, help="Of a store: leave out what fewer vehicles did. Default: 5.")
-]
-HalfLife = Annotated[
-    float | None,
-    typer.Option("--half-life", help="Of a store: in which half of all places change, such as 30d.", parser=seconds),
-]
-Now = Annotated[
-    str | None,
-    typer.Option("--now", help="With --half-life: when age is counted from, as --end. Default: the last log's."),
-]
-By = Annotated[
-    Slots | None,
-    typer.Option("--by", help="Of a store: weights and mean speeds by the hour of the day, or of the week."),
-]
-Zone = Annotated[
-    str | None,
-    typer.Option("--zone", help="With --by: whose clocks count, such as Europe/Berlin. Default: UTC."),
-]
+CellSize = Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")]
+CellCount = Annotated[int | None, typer.Option("--cells", help="Approximate number of cells, instead of their size.")]
+HowModes = Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")]
+HowShaped = Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")]
 
 
-@reads_logs
+@reads_logs()
 def learn(
     logs: LogsOrStore,
     output: Output,
     tessellation: Tessellation = Cells.JOINT,
-    cell_size: Annotated[float | None, typer.Option(help="Metres. Default: chosen on held-out vehicles.")] = None,
-    cells: Annotated[int | None, typer.Option(help="Approximate number of cells, instead of their size.")] = None,
-    modes: Annotated[Modes, typer.Option(help="bic, or the paper's dbscan.")] = Modes.BIC,
-    primitive: Annotated[Shape, typer.Option(help="How a primitive varies inside its cell.")] = Shape.CURVED,
+    cell_size: CellSize = None,
+    cells: CellCount = None,
+    modes: HowModes = Modes.BIC,
+    primitive: HowShaped = Shape.CURVED,
     sensor: SensorFile = None,
-    min_vehicles: MinVehicles = None,
-    half_life: HalfLife = None,
-    now: Now = None,
-    by: By = None,
-    zone: Zone = None,
-    workers: StoreWorkers = None,
-    scheduler: Scheduler = None,
     seed: Seed = 0,
-    reading: Reading = Reading(),
     force: Force = False,
+    *,
+    reading: Reading,
 ) -> int:
-    """Learn from logs, or from a store of them, how vehicles move at each place.
+    """Learn from logs, or a store, how vehicles move.
+
+    What is learned from a store alone, such as a map that fades or turns with the hour, `dirprim store learn` has.
 
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """
+    from dirprim_filter.recording.errors import OutputExistsError
+
+    if output.exists() and not force:  # before the work, not after it
+        raise OutputExistsError(output)
+    source: Source
+    if any(map(_is_store, logs)):
+        if len(logs) > 1 or sensor is not None or reading != Reading():
+            raise ValueError(
+                f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
+            )
+        from dirprim_filter.cli.store_maps import StoreSource
+
+        source = StoreSource(logs[0])
+    else:
+        source = _Logs(logs, sensor, reading)
+    return write_map(
+        source, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
+        modes=modes.value, primitive=primitive.value,
+    )  # fmt: skip
+
+
+class Source(Protocol):
+    """What a map is learned from.
+
+    Attributes:
+        said: what its metadata says besides.
+        counts: of tracks and rows, for people.
+        exit_code: what the command ends with.
+    """
+
+    said: dict[str, Any]
+    counts: str
+    exit_code: int
+
+    @property
+    def files(self) -> Sequence[Path]:
+        """Inputs whose checksums the map carries."""
+        ...
+
+    def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
+        """The map."""
+        ...
+
+
+def write_map(source: Source, output: Path, *, seed: int, force: bool, **options: Any) -> int:
+    """Learn from a source, write the map and say so; -> the exit code."""
     import numpy as np
 
     from dirprim_filter.cli.progress import learning_progress
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.config import LearningConfig
     from dirprim_filter.recording import save_map
-    from dirprim_filter.recording.errors import OutputExistsError
-    from dirprim_filter.store.workers import workers_for
 
-    if output.exists() and not force:  # before the work, not after it
-        raise OutputExistsError(output)
-    source: _Logs | _Store
-    if any(map(_is_store, logs)):
-        if len(logs) > 1 or sensor is not None or reading != Reading():
-            raise ValueError(
-                f"{logs[0]}: a store is learned from alone, and fixes how its logs are read; leave out the rest"
-            )
-        source = _Store(logs[0], min_vehicles, half_life, now, by, zone, workers_for(0, workers, scheduler))
-    elif (min_vehicles, half_life, now, by, zone, workers, scheduler) != (None,) * 7:
-        raise ValueError(
-            "--min-vehicles, --half-life, --now, --by, --zone, --workers, --scheduler: expected a store, got logs; see "
-            "`dirprim store add`"
-        )
-    else:
-        source = _Logs(logs, sensor, reading)
     config = LearningConfig()
-    options = {
-        "tessellation": tessellation.value, "cell_size": cell_size, "n_cells": cells, "modes": modes.value,
-        "primitive": primitive.value,
-    }  # fmt: skip
     with learning_progress() as bars:
         learned = source.learn(config=config, bars=bars, rng=np.random.default_rng(seed), **options)
     said = provenance("learn", inputs=source.files, config=config, seed=seed, **options, **source.said)
@@ -167,7 +152,7 @@ class _Logs:
         log = reading.tracks(logs)
         self._tracks = log.tracks if sensing is None else without_bias(log.tracks, sensing)
         self.files = logs
-        self.said = {"sensor": None if sensing is None else repr(sensing), **reading.said()}
+        self.said: dict[str, Any] = {"sensor": None if sensing is None else repr(sensing), **reading.said()}
         self.counts = f"{counted(log.tracks.n_tracks, 'track')}, {counted(len(log.tracks), 'row')}"
         self.exit_code = losses.exit_code(log.losses)
 
@@ -175,59 +160,3 @@ class _Logs:
         from dirprim_filter.primitives import learn_primitives
 
         return learn_primitives(self._tracks, progress=bars.progress, stage=bars.stage, **options)
-
-
-class _Store:
-    """A store to learn from; what of its logs was lost has been said when they were added."""
-
-    exit_code = losses.DONE
-    files: tuple[Path, ...] = ()
-
-    def __init__(
-        self, folder: Path, min_vehicles: int | None, half_life_s: float | None, now: str | None,
-        by: Slots | None, zone: str | None, workers: Workers,
-    ) -> None:  # fmt: skip
-        from dirprim_filter.store.fading import LATEST, Fading
-        from dirprim_filter.store.learning import MIN_VEHICLES
-        from dirprim_filter.store.store import Store
-
-        if now is not None and half_life_s is None:
-            raise ValueError("--now: expected --half-life with it")
-        if zone is not None and by is None:
-            raise ValueError("--zone: expected --by with it")
-        store = Store.open(folder)
-        entries = store.entries()
-        if not entries:
-            raise ValueError(f"{store.path}: expected logs to learn from, the store is empty; see `dirprim store add`")
-        now_ns = time_ns(now)
-        self._store = store
-        self._by: Literal["hour", "week"] | None = None if by is None else by.value
-        self._zone = "UTC" if zone is None else zone
-        self._workers = workers
-        self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
-        self._fading = None
-        if half_life_s is not None:
-            self._fading = Fading(half_life_s=half_life_s, now_ns=LATEST if now_ns is None else now_ns)
-        self.said = {
-            "sha256 store": store.digest, "min_vehicles": self._least, "half_life_s": half_life_s, "now": now,
-        }  # fmt: skip
-        if by is not None:
-            self.said |= {"by": self._by, "zone": self._zone}
-        n_rows = sum({entry.rows: entry.n_rows for entry in entries}.values())
-        self.counts = f"{counted(len(entries), 'log')}, {counted(n_rows, 'row')}"
-
-    def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
-        from dirprim_filter.store.updating import learn_from_store
-
-        return learn_from_store(
-            self._store,
-            min_vehicles=self._least,
-            fading=self._fading,
-            by=self._by,
-            zone=self._zone,
-            workers=self._workers,
-            progress=bars.progress,
-            stage=bars.stage,
-            fitted=bars.tiles,
-            **options,
-        )

@@ -22,16 +22,15 @@ from dirprim_filter.cli import (
     learn,
     plot,
     recover,
-    replay,
     score,
     simulate,
     store,
     track,
-    update,
     view,
 )
 from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.place import pairs_apart
+from dirprim_filter.cli.settings import renamed
 
 DONE, FAILED, USAGE = 0, 1, 2
 
@@ -90,8 +89,8 @@ class _Shown(logging.Formatter):
 
 
 for command in (
-    info.info, convert.convert, simulate.simulate, learn.learn, update.update, calibrate.calibrate, track.track,
-    forecast.forecast, plot.plot, view.view, recover.recover, replay.replay, score.score, export.export, demo.demo,
+    info.info, convert.convert, simulate.simulate, learn.learn, calibrate.calibrate, track.track, forecast.forecast,
+    plot.plot, view.view, recover.recover, score.score, export.export, demo.demo,
 ):  # fmt: skip
     app.command()(checked(command))
 app.add_typer(evaluate.evaluate)
@@ -107,7 +106,7 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run the command line; -> its exit code."""
     try:
-        code = app(list(pairs_apart(arguments)), prog_name="dirprim", standalone_mode=False)
+        code = app(list(pairs_apart(list(renamed(arguments)))), prog_name="dirprim", standalone_mode=False)
     except KeyboardInterrupt:
         code = interruption.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has seen enough

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -32,21 +32,6 @@ class WholeVehicles(StrEnum):
 
     VEHICLE = "vehicle"
     GROUP = "group"
-
-
-class Interacts(StrEnum):
-    """Which other vehicles a vehicle responds to."""
-
-    NONE = "none"
-    LEADER = "leader"
-
-
-class ParticleColor(StrEnum):
-    """What the colour of particles encodes."""
-
-    DIRECTION = "direction"
-    MODE = "mode"
-    WEIGHT = "weight"
 
 
 def named_file(path: Path | None) -> Path | None:
@@ -82,17 +67,6 @@ def time_ns(text: str | None) -> int | None:
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
-
-
-def former(old: str, new: str) -> Any:
-    """The former name of an option, hidden: still accepted, with a warning, until the next release."""
-
-    def warn(value: Any) -> Any:
-        if value not in (None, False):
-            typer.echo(f"warning: {old} is now {new}; the next release removes {old}", err=True)
-        return value
-
-    return typer.Option(old, hidden=True, callback=warn)
 
 
 def _log(text: str) -> Path:
@@ -162,14 +136,10 @@ Config = Annotated[
     Path | None,
     typer.Option("--config", help="TOML, or the --json or -o of an earlier run, to reproduce it.", exists=True),
 ]
-Particles = Annotated[int | None, typer.Option("--particles", min=1, help="Particles for each vehicle. Default: 1000.")]
+Particles = Annotated[int | None, typer.Option(min=1, help="Particles for each vehicle. Default: 1000.")]
 Noise = Annotated[
     float | None,
-    typer.Option(
-        "--noise",
-        min=1e-6,
-        help="Standard deviation of measured positions, metres. Default: track learns it; else 0.5.",
-    ),
+    typer.Option(min=1e-6, help="Standard deviation of measured positions, metres. Default: learned from the log."),
 ]
 SensorFile = Annotated[
     Path | None,
@@ -186,35 +156,16 @@ SensorOrAuto = Annotated[
 NoIds = Annotated[
     bool, typer.Option("--no-ids", help="Ignore the ids of a log; not needed for detections without ids.")
 ]
-Interaction = Annotated[
-    Interacts | None,
-    typer.Option(
-        "--interaction", help="leader: vehicles respond to the one ahead of them; none: each is alone. Default: leader."
-    ),
-]
 StoreWorkers = Annotated[int | None, typer.Option("--workers", min=1, help="Of a store: processes. Default: one.")]
 Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", help="Of a store: a running scheduler of Dask, such as tcp://192.168.0.7:8786."),
 ]
 Save = Annotated[Path | None, typer.Option("--save", help="Write an .rrd for the rerun viewer."), WRITTEN]
-Layout = Annotated[Path | None, typer.Option("--layout", help="Write a Foxglove layout for this log, .json."), WRITTEN]
 Spawn = Annotated[bool, typer.Option("--spawn", help="Start a new rerun viewer and stream to it.")]
 Serve = Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")]
 Bind = Annotated[
     str, typer.Option("--bind", help="With --serve: the address to bind; 0.0.0.0: reachable from other machines.")
-]
-Focus = Annotated[
-    str | None,
-    typer.Option("--focus", help="Id of the vehicle to follow. Default: the one with the largest innovations."),
-]
-ColorBy = Annotated[ParticleColor, typer.Option("--color-by", help="What the colour of particles encodes.")]
-Truth = Annotated[
-    Path | None, typer.Option("--truth", help="Show the true tracks of this log, and the errors.", exists=True)
-]
-Group = Annotated[
-    int | None,
-    typer.Option("--group", help="Read one group of the log, by its number in `dirprim info`. Default: all."),
 ]
 Connect = Annotated[
     str | None,

@@ -1,7 +1,7 @@
 """How a command reads its logs: the options that all of them share, and the reading itself.
 
-A command that is decorated with `reads_logs` has one parameter `reading`; on the command line it is the fields of
-`Reading`, an option each.
+A command that is decorated with `reads_logs` has one parameter `reading`; on the command line it is an option for each
+of `OPTIONS`, and `--set` for the other fields of `Reading`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from dirprim_filter.cli.options import End, Fields, Group, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.options import End, Start, Strict, Topics, time_ns
+from dirprim_filter.cli.settings import READING, assignments, deal
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.errors import RecordingError
@@ -46,28 +47,37 @@ Time = Annotated[
 ]
 
 
+OPTIONS = {"topics": Topics, "time_source": Time, "start": Start, "end": End, "strict": Strict}
+"""Of reading."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Which of a log's messages are read, and how."""
+    """Which of a log's messages are read, and how.
 
-    topics: Topics = None
-    time_source: Time = TimeSource.HEADER
-    frame: Annotated[
-        str | None, typer.Option("--frame", help="Frame of the positions. Default: the root of the log's transforms.")
-    ] = None
-    fields: Fields = None
-    origin: Annotated[
-        str | None,
-        typer.Option("--origin", help="Latitude,longitude of the origin, for satellite fixes. Default: the first fix."),
-    ] = None
-    labels: Annotated[
-        str | None,
-        typer.Option("--labels", help="Classes to read, such as car|truck; `dirprim info` lists them. Default: all."),
-    ] = None
-    group: Group = None
-    start: Start = None
-    end: End = None
-    strict: Strict = False
+    Attributes:
+        topics: name or regular expression; None: the best available.
+        time_source: which time of a message counts.
+        start: as `time_ns` reads it.
+        end: the same, exclusive.
+        strict: damage is an error.
+        frame: of the positions; None: the root of the log's transforms.
+        fields: where the objects of an unknown schema are, as `id=.objects[].id,x=.objects[].x,...`.
+        origin: latitude,longitude, for satellite fixes; None: the first fix.
+        labels: a regular expression of classes; None: all.
+        group: one of the log's; None: all.
+    """
+
+    topics: str | None = None
+    time_source: TimeSource = TimeSource.HEADER
+    start: str | None = None
+    end: str | None = None
+    strict: bool = False
+    frame: str | None = None
+    fields: str | None = None
+    origin: str | None = None
+    labels: str | None = None
+    group: int | None = None
 
     def tracks(self, logs: list[Path]) -> TrackResult:
         """The tracks of logs, and what was lost; reports implausible vehicles. On a terminal, a bar for each log.
@@ -98,8 +108,8 @@ class Reading:
 
     def _asked(self) -> str:
         """The options that choose a part of a log."""
-        asked = {"--start": self.start, "--end": self.end, "--labels": self.labels, "--group": self.group}
-        return "".join(f" {option} {value}" for option, value in asked.items() if value is not None)
+        asked = {"--start ": self.start, "--end ": self.end, "labels=": self.labels, "group=": self.group}
+        return "".join(f" {option}{value}" for option, value in asked.items() if value is not None)
 
     def _nothing_left(self, logs: list[Path], losses: Losses) -> RecordingError:
         from dirprim_filter.recording.errors import RecordingError
@@ -148,26 +158,51 @@ class Reading:
         )
 
 
-def reads_logs(command: Callable[..., Result]) -> Callable[..., Result]:
-    """The command with an option for each field of `Reading` in place of its parameter `reading`."""
-    hints = get_type_hints(command, include_extras=True)
-    of_options = get_type_hints(Reading, include_extras=True)
-    named = inspect.Parameter.KEYWORD_ONLY
-    options = [
-        inspect.Parameter(field.name, named, default=field.default, annotation=of_options[field.name])
-        for field in fields(Reading)
-    ]
-    own = [
-        parameter.replace(kind=named, annotation=hints[name])
-        for name, parameter in inspect.signature(command).parameters.items()
-        if name != "reading"
-    ]
+def reads_logs(*own: str) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
+    """Decorates a command: in place of its parameter `reading` it has the options of reading, and `--set`.
 
-    @wraps(command)
-    def read(**given: Any) -> Result:
-        reading = Reading(**{option.name: given.pop(option.name) for option in options})
-        return command(reading=reading, **given)
+    Args:
+        own: what else `--set` takes, for the help; the command then has a parameter `settings`, texts by name.
+    """
 
-    read.__signature__ = inspect.Signature([*own, *options], return_annotation=hints["return"])  # type: ignore[attr-defined]
-    read.__annotations__ = {parameter.name: parameter.annotation for parameter in [*own, *options]}
-    return read
+    def decorate(command: Callable[..., Result]) -> Callable[..., Result]:
+        hints = get_type_hints(command, include_extras=True)
+        text = f"NAME=VALUE, again for each: {', '.join([*READING, *own])}. See docs/settings.md."
+        options = OPTIONS | {
+            "given": Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=text)]
+        }
+        defaults = {field.name: field.default for field in fields(Reading)} | {"given": None}
+        named = inspect.Parameter.KEYWORD_ONLY
+        taken = [
+            parameter.replace(kind=named, annotation=hints[name])
+            for name, parameter in inspect.signature(command).parameters.items()
+            if name not in ("reading", "settings")
+        ] + [inspect.Parameter(name, named, default=defaults[name], annotation=of) for name, of in options.items()]
+
+        @wraps(command)
+        def read(**given: Any) -> Result:
+            settings = assignments(given.pop("given") or [])
+            reading = _reading({name: given.pop(name) for name in OPTIONS}, settings)
+            if own:
+                return command(reading=reading, settings=settings, **given)
+            deal(settings)
+            return command(reading=reading, **given)
+
+        read.__signature__ = inspect.Signature(taken, return_annotation=hints["return"])  # type: ignore[attr-defined]
+        read.__annotations__ = {parameter.name: parameter.annotation for parameter in taken}
+        return read
+
+    return decorate
+
+
+def _reading(options: dict[str, Any], settings: dict[str, str]) -> Reading:
+    """The options and, taken out of the settings, those of reading.
+
+    Raises:
+        BadParameter: the group is no number.
+    """
+    texts: dict[str, Any] = {name: settings.pop(name) for name in READING if name in settings}
+    group = texts.pop("group", None)
+    if group is not None and not group.isdecimal():
+        raise typer.BadParameter(f"group: expected its number in `dirprim info`, got {group!r}", param_hint="--set")
+    return Reading(**options, **texts, group=None if group is None else int(group))

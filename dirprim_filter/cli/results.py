@@ -6,8 +6,11 @@ import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from dirprim_filter.cli.settings import Settings, deal
 
 if TYPE_CHECKING:
     from dirprim_filter.cli.reading import Reading
@@ -88,20 +91,20 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
 
 
 def read_filter(
-    path: Path | None, *, sensor: Sensor | None = None, **given: Any
+    path: Path | None, settings: Settings, *, sensor: Sensor | None = None, **given: Any
 ) -> tuple[FilterConfig, TrackingConfig]:
-    """The knobs of a tracker: those given, else those of a sensor, else those of a file, else the defaults.
+    """The configuration of a tracker: what is given, else by the sensor, else by the file, else the defaults.
 
     Args:
         path: TOML with the tables `filter` and `tracking`, or what an earlier `track` or `evaluate tracking` wrote.
+        settings: fields of either, by name.
         sensor: a model of it.
-        given: knobs of either, by name; None is not given.
+        given: the same by options; None is not given.
 
     Raises:
-        ValueError: the file has none, or a knob is unknown or out of range.
+        BadParameter: a setting is neither's.
+        ValueError: the file has none, or a field is unknown or out of range.
     """
-    from dataclasses import fields
-
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.evaluation.tracking_experiment import config_of
     from dirprim_filter.filtering.sensed_particles import knobs_of
@@ -111,12 +114,13 @@ def read_filter(
         unknown = [name for name in config if name not in {"filter", "tracking"}]
         if unknown:
             raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
-    made = []
+    kinds: dict[str, type[Any]] = {"filter": FilterConfig, "tracking": TrackingConfig}
+    names = [[field.name for field in fields(kind)] for kind in kinds.values()]
     of_sensor = {} if sensor is None else knobs_of(sensor)
-    for kind, name in ((FilterConfig, "filter"), (TrackingConfig, "tracking")):
-        by_sensor = {f.name: of_sensor[f.name] for f in fields(kind) if f.name in of_sensor}
-        own = {f.name: given[f.name] for f in fields(kind) if given.get(f.name) is not None}
-        made.append(config_of(kind, dict(config.get(name) or {}) | by_sensor | own, where=name))
+    made = []
+    for (name, kind), own, known in zip(kinds.items(), deal(settings, *names), names, strict=True):
+        stated = {of: value for of, value in (of_sensor | given).items() if of in known and value is not None}
+        made.append(config_of(kind, dict(config.get(name) or {}) | stated | own, where=name))
     return made[0], made[1]
 
 

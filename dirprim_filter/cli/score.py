@@ -15,6 +15,7 @@ from dirprim_filter.cli.options import Force, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import as_json as json_text
 from dirprim_filter.cli.results import check_plot
+from dirprim_filter.cli.settings import Settings, deal, taken
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.scores import ScoreTable
@@ -24,7 +25,7 @@ SMOOTHED = " smoothed"
 JSON_FORMAT, JSON_VERSION = "dirprim score", 2
 
 
-@reads_logs
+@reads_logs("cutoff_m", "similarity_m")
 def score(
     estimates: Annotated[
         list[Path],
@@ -42,12 +43,12 @@ def score(
         bool,
         typer.Option("--ids/--no-ids", help="Assign estimates by id, or to the nearest vehicle."),
     ] = False,
-    cutoff: Annotated[float, typer.Option(help="Cut-off of GOSPA, metres.")] = 5.0,
-    similarity: Annotated[float, typer.Option(help="Distance at which similarity reaches 0, metres.")] = 5.0,
-    reading: Reading = Reading(),
     plot: Plot = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures and settings as JSON.")] = False,
     force: Force = False,
+    *,
+    reading: Reading,
+    settings: Settings,
 ) -> int:
     """Score what trackers wrote against the truth, a column for each file.
 
@@ -67,7 +68,8 @@ def score(
     check_plot(plot, force=force)
     log = reading.tracks([truth])
     one_of_many = reading.group is not None
-    scales = Scales(cutoff_m=cutoff, similarity_m=similarity)
+    scales = taken(Scales, settings)
+    deal(settings)
     with step_progress("scoring", "files") as progress:
         rows = {
             name + SMOOTHED * is_smoothed: read_tracked_rows(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dirprim_filter.cli import losses
+from dirprim_filter.cli import losses, store_maps
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import Fields, Scheduler, Topics, time_ns
 from dirprim_filter.cli.outputs import checked
@@ -210,5 +210,5 @@ def compact(
         typer.echo(f"{there.path}: nothing to make one of, for no other month is over")
 
 
-for command in (add, info, forget, merge, compact):
+for command in (add, store_maps.learn, store_maps.update, info, forget, merge, compact):
     store.command()(checked(command))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,113 +15,86 @@ import typer
 from dirprim_filter.cli import losses
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.options import (
-    Bind,
-    ColorBy,
     Config,
     Connect,
-    Focus,
     Force,
-    Interaction,
-    Layout,
     Log,
     Map,
     NoIds,
     Noise,
     Output,
-    ParticleColor,
     Particles,
     Save,
     Seed,
     SensorOrAuto,
-    Serve,
     Spawn,
-    Truth,
 )
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_filter
 from dirprim_filter.cli.sensing import sensor_of
+from dirprim_filter.cli.settings import Settings, taken
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from dirprim_filter.config import FilterConfig
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.filtering import Worlds
     from dirprim_filter.filtering.smoothing import Smoother
     from dirprim_filter.forecasting import Forecaster, ForecastSink
     from dirprim_filter.nearby_map import NearbyMap
-    from dirprim_filter.recording.writer import EstimateWriter
-
-PARTICLES_WRITTEN = 100
-"""Of each vehicle: they are for the eye, and all of them take longer to write than to move."""
-PARTICLES_SHOWN = 50
-"""The same in rerun: 10 minutes of 100 vehicles then stay well below a gigabyte."""
 
 
-@reads_logs
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Own:
+    """The settings of tracking that are neither of its filter nor of reading.
+
+    Attributes:
+        motion: the log's directions and speeds are measurements too.
+        without_map: track without the map's cells: the ablation.
+        truth: a log of true tracks, which the viewer draws and from which it takes the errors.
+        focus: id of the vehicle that the viewer follows; empty: the one with the largest innovations.
+    """
+
+    motion: bool = False
+    without_map: bool = False
+    truth: str = ""
+    focus: str = ""
+
+
+@reads_logs("motion", "without_map", "truth", "focus", "fields of FilterConfig and TrackingConfig")
 def track(
     log: Log,
     map_file: Map,
     output: Output,
-    layout: Layout = None,
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
-    serve: Serve = False,
-    bind: Bind = "127.0.0.1",
-    truth: Truth = None,
-    focus: Focus = None,
-    color_by: ColorBy = ParticleColor.DIRECTION,
-    config: Config = None,
-    particles: Particles = None,
+    smooth: Annotated[bool, typer.Option("--smooth", help="Also write smoothed estimates, by the whole log.")] = False,
+    lag: Annotated[float | None, typer.Option(min=0.0, help="Also smooth a stream, so many seconds late.")] = None,
+    forecast: Annotated[float, typer.Option(min=0.0, help="Every second, forecast so many seconds ahead.")] = 0.0,
+    no_ids: NoIds = False,
     noise: Noise = None,
     sensor: SensorOrAuto = None,
-    particle_stride: Annotated[
-        int | None,
-        typer.Option(min=1, help="Write every n-th particle. Default: about 100 a vehicle, 50 to rerun."),
-    ] = None,
-    in_full: Annotated[
-        int | None,
-        typer.Option(
-            min=0, help="Number of vehicles drawn in full in rerun, with particles, ellipse, name and forecast."
-        ),
-    ] = None,
-    smooth: Annotated[
-        bool, typer.Option("--smooth", help="Also write smoothed estimates, which use the whole log.")
-    ] = False,
-    lag: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Fixed-lag smoothing for streams: estimates are this many seconds late."),
-    ] = None,
-    forecast: Annotated[
-        float, typer.Option(min=0.0, help="Every second, forecast this many seconds ahead; 0: no forecasts.")
-    ] = 0.0,
-    place_free: Annotated[
-        bool, typer.Option("--place-free", help="Track without the map's cells: the ablation.")
-    ] = False,
-    motion: Annotated[
-        bool, typer.Option("--motion", help="Use the log's directions and speeds as measurements too.")
-    ] = False,
-    interaction: Interaction = None,
-    no_ids: NoIds = False,
-    detection_probability: Annotated[
-        float | None, typer.Option(help="Of a vehicle in sight, per frame. Default: 0.9.")
-    ] = None,
-    clutter_density: Annotated[
-        float | None, typer.Option(help="False detections per m2 and frame. Default: 0.0001; 1e-9 if there are none.")
-    ] = None,
+    particles: Particles = None,
+    particles_out: Annotated[
+        int, typer.Option(min=0, help="Write so many particles of each vehicle, to be looked at.")
+    ] = 0,
+    config: Config = None,
     seed: Seed = 0,
-    reading: Reading = Reading(),
     force: Force = False,
+    *,
+    reading: Reading,
+    settings: Settings,
 ) -> int:
-    """Track the vehicles of a log with a learned map; write the estimates, and stream them to rerun.
+    """Track vehicles of a log with a learned map.
+
+    The estimates are written as an MCAP log, and shown by rerun where --save, --spawn or --connect asks for it.
 
     How the sensor errs is learned from the first minutes of the log, as far as it shows without a truth, and printed;
     unless --noise, --sensor, --config or the log itself says so. With --sensor a detection is of where the vehicle was
     its latency ago, and estimates are of their own time.
 
     Groups of a log are tracked each by itself, whatever their times: the vehicles of a group other than 0 are called
-    group/id in the output. With --group only that one, under its ids.
+    group/id in the output. With `--set group=NUMBER` only that one, under its ids.
 
     Example: dirprim track recordings/roundabout_track.mcap --map map.mcap -o tracks.mcap --save tracks.rrd
     """
@@ -127,76 +102,81 @@ def track(
 
     from dirprim_filter.cli.progress import with_progress
     from dirprim_filter.cli.provenance import provenance
-    from dirprim_filter.cli.watching import keep_serving, open_viewer
+    from dirprim_filter.cli.watching import exit_code, open_viewer
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.nearby_map import NearbyMap
     from dirprim_filter.recording import open_map
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
+    _require_new([output, save], force=force)
+    own = taken(Own, settings)
+    the_map = open_map(map_file)
     sensing = sensor_of(sensor, log, reading, noise_m=noise, config=config, with_ids=not no_ids, seed=seed)
-    knobs, association = read_filter(
-        config, n_particles=particles, noise_m=noise, detection_probability=detection_probability,
-        clutter_density=clutter_density, interaction=interaction and interaction.value, sensor=sensing,
-    )  # fmt: skip
+    knobs, association = read_filter(config, settings, sensor=sensing, n_particles=particles, noise_m=noise)
     nearby = NearbyMap(
-        open_map(map_file), ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=knobs.noise_m,
+        the_map, ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=knobs.noise_m,
         sight=None if sensing is None else sensing.sight,
     )  # fmt: skip
-    stride = particle_stride or max(knobs.n_particles // PARTICLES_WRITTEN, 1)
-    stream = reading.detections(log, motion=motion)
-    watched = save is not None or spawn or connect is not None or serve
+    stream = reading.detections(log, motion=own.motion)
+    watched = bool(save or spawn or connect)
     smoother = _smoother(knobs, smooth=smooth, lag_s=lag)
 
     def tracker_of(group: int) -> Tracker:
         make = Tracker if smoother is None else partial(smoother.tracker, group)
         return make(
-            nearby.part.without_places() if place_free else nearby.part, config=knobs, tracking=association,
+            nearby.part.without_places() if own.without_map else nearby.part, config=knobs, tracking=association,
             sensor=sensing, with_innovations=watched, rng=np.random.default_rng(seed),
         )  # fmt: skip
 
     worlds = Worlds(tracker_of)
     frames = nearby.along((seen.without_ids() for seen in stream) if no_ids else stream, worlds)
-    nearby.followers += [] if place_free else [worlds.move_to]
+    nearby.followers += [] if own.without_map else [worlds.move_to]
     said = provenance(
-        "track", inputs=[log, map_file], config=knobs, seed=seed, place_free=place_free, no_ids=no_ids,
-        motion=motion, smooth=smooth, lag_s=lag,
+        "track", inputs=[log, map_file], config=knobs, seed=seed, without_map=own.without_map, no_ids=no_ids,
+        motion=own.motion, smooth=smooth, lag_s=lag,
         tracking=json.dumps(asdict(association), sort_keys=True),
         sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
     )  # fmt: skip
     said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
+    viewer = None
     with ExitStack() as open_files:
+        stride = max(knobs.n_particles // particles_out, 1) if particles_out else None
         estimates = open_files.enter_context(EstimateWriter(output, metadata=said, particle_stride=stride, force=force))
-        _draw_map(nearby, estimates, layout, force=force)
+        nearby.tell(estimates.write_map_scene)
         sinks: list[EstimateSink] = [estimates]
         forecasts: list[ForecastSink] = [estimates]
-        viewer = None
         if watched:
             viewer = open_viewer(
-                map_file.stem, save=save, spawn=spawn, connect=connect, serve=bind if serve else None, force=force,
-                particle_stride=particle_stride or max(knobs.n_particles // PARTICLES_SHOWN, 1),
-                particle_color=color_by.value, focus=focus, truth=truth,
-                most_in_full=in_full,
-                group=reading.group if truth == log else None,
+                map_file.stem, save=save, spawn=spawn, connect=connect, force=force, n_particles=particles_out,
+                focus=own.focus or None, truth=Path(own.truth) if own.truth else None,
+                group=reading.group if own.truth == str(log) else None,
             )  # fmt: skip
             open_files.enter_context(viewer)
             nearby.tell(viewer.log_map)
             viewer.log_run(said, {})
-            sinks.append(viewer)
-            forecasts.append(viewer)
+            sinks, forecasts = [estimates, viewer], [estimates, viewer]
         if smoother is not None:
-            smoother.sinks += [estimates.write_smoothed, *([] if viewer is None else [viewer.write_smoothed])]
+            smoother.sinks += [shown.write_smoothed for shown in (estimates, viewer) if shown is not None]
             sinks.append(smoother)
         if forecast > 0:
-            sinks.append(_forecaster(nearby, forecasts, forecast, knobs, seed, place_free=place_free))
+            sinks.append(_forecaster(nearby, forecasts, forecast, knobs, seed, without_map=own.without_map))
         with smoother or nullcontext():
             n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.losses)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
-            keep_serving(viewer)
     _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}")
-    return losses.exit_code(stream.losses)
+    return exit_code(viewer, losses.exit_code(stream.losses))
+
+
+def _require_new(outputs: Sequence[Path | None], *, force: bool) -> None:
+    """Before the work, not after it."""
+    from dirprim_filter.recording.errors import OutputExistsError
+
+    for path in outputs:
+        if path is not None and path.exists() and not force:
+            raise OutputExistsError(path)
 
 
 def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoother | None:
@@ -214,16 +194,16 @@ def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoo
 
 def _forecaster(
     nearby: NearbyMap, sinks: list[ForecastSink], horizon_s: float, config: FilterConfig, seed: int, *,
-    place_free: bool,
+    without_map: bool,
 ) -> Forecaster:  # fmt: skip
     import numpy as np
 
     from dirprim_filter.forecasting import Forecaster
 
     rng = np.random.default_rng([seed, 1])
-    part = nearby.part.without_places() if place_free else nearby.part
+    part = nearby.part.without_places() if without_map else nearby.part
     made = Forecaster(part, sinks, horizon_s=horizon_s, config=config, rng=rng)
-    nearby.followers += [] if place_free else [made.move_to]
+    nearby.followers += [] if without_map else [made.move_to]
     return made
 
 
@@ -235,12 +215,3 @@ def _say(worlds: Worlds, what: str) -> None:
     typer.echo(
         one_line(what) + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else "")
     )
-
-
-def _draw_map(nearby: NearbyMap, estimates: EstimateWriter, layout: Path | None, *, force: bool) -> None:
-    """The map as Foxglove draws it, and the layout of its window where one is asked for."""
-    from dirprim_filter.recording.foxglove.layout import write_layout
-
-    nearby.tell(estimates.write_map_scene)
-    if layout is not None:
-        write_layout(nearby.part, layout, force=force)

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from dirprim_filter.cli.options import Bind, Connect, Focus, Force, Group, Save, Serve, Spawn, Truth
+from dirprim_filter.cli import losses
+from dirprim_filter.cli.options import WRITTEN, Connect, Force, Save, Spawn
+from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
+    from dirprim_filter.recording.losses import Losses
     from dirprim_filter.viewer.sink import RerunSink
 
 N_RUNS = 2
@@ -32,6 +35,7 @@ class _Given(NamedTuple):
     runs: list[Path]
 
 
+@reads_logs()
 def view(
     files: Annotated[
         list[Path],
@@ -40,46 +44,96 @@ def view(
     save: Save = None,
     spawn: Spawn = False,
     connect: Connect = None,
-    serve: Serve = False,
-    bind: Bind = "127.0.0.1",
-    truth: Truth = None,
-    focus: Focus = None,
-    group: Group = None,
+    serve: Annotated[bool, typer.Option("--serve", help="Serve the web viewer until Ctrl-C; see --bind.")] = False,
+    bind: Annotated[
+        str, typer.Option("--bind", help="With --serve: the address; 0.0.0.0: reachable from other machines.")
+    ] = "127.0.0.1",
+    rate: Annotated[
+        float | None, typer.Option(help="Play a log: 2 is twice as fast as recorded, inf does not wait.")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", help="Show the true tracks of this log, and the errors.", exists=True)
+    ] = None,
+    focus: Annotated[str | None, typer.Option(help="Id of the vehicle to follow. Default: the least expected.")] = None,
+    layout: Annotated[
+        Path | None, typer.Option("--layout", help="Write a layout for Foxglove of a map, .json."), WRITTEN
+    ] = None,
     force: Force = False,
-) -> None:
-    """Open files in the rerun viewer: a map under its tracks, or two runs side by side on one time line.
+    *,
+    reading: Reading,
+) -> int:
+    """Show maps, logs, tracks and recordings in rerun.
 
-    Without --save, --connect or --serve a viewer is started on this machine.
+    A map lies under its tracks, and two runs stand side by side on one time line. Without --save, --connect, --serve
+    or --layout a viewer is started on this machine. With --rate the tracks of one log are played: the estimates that
+    `dirprim track` wrote, else the objects.
 
     Example: dirprim view map.mcap prior.mcap no_prior.mcap
     """
-    from dirprim_filter.cli.watching import keep_serving, open_viewer
+    from dirprim_filter.cli.watching import exit_code, keep_serving, open_viewer
 
-    elsewhere = save is not None or connect is not None or serve
+    elsewhere = save is not None or connect is not None or serve or layout is not None
     given = _sorted(files, elsewhere=elsewhere)
+    if layout is not None:
+        from dirprim_filter.recording import load_map
+        from dirprim_filter.recording.foxglove.layout import write_layout
+
+        if len(given.maps) != 1:
+            raise typer.BadParameter(f"expected one map among the files, got {len(given.maps)}", param_hint="--layout")
+        write_layout(load_map(given.maps[0]), layout, force=force)
+        typer.echo(f"{layout}: import it by Layouts, Import from file")
+        if save is None and connect is None and not (serve or spawn):
+            return losses.DONE
     if _all_recordings(files) and not elsewhere and len(files) != N_RUNS:
-        from dirprim_filter.viewer.program import show_files
+        from dirprim_filter.viewer.process import show_files
 
         show_files(files)
-        return
+        return losses.DONE
+    played = None if rate is None else _Played(files, rate, reading)
     with open_viewer(
-        " ".join(file.stem for file in files),
-        save=save,
-        spawn=spawn or not elsewhere,
-        connect=connect,
-        serve=bind if serve else None,
-        force=force,
-        focus=focus,
-    ) as viewer:
-        if len(given.runs) == N_RUNS:
-            _beside(given, viewer, truth=truth, focus=focus, group=group)
+        " ".join(file.stem for file in files), save=save, spawn=spawn or not elsewhere, connect=connect,
+        serve=bind if serve else None, force=force, focus=focus,
+    ) as viewer:  # fmt: skip
+        if played is not None:
+            played.show(viewer)
+        elif len(given.runs) == N_RUNS:
+            _beside(given, viewer, truth=truth, focus=focus, group=reading.group)
         elif _all_recordings(files):
             from dirprim_filter.viewer.side_by_side import show_again
 
             show_again(files[0], viewer)
         else:
-            _together(given, viewer, truth=truth, group=group)
+            _together(given, viewer, truth=truth, group=reading.group)
         keep_serving(viewer)
+    return exit_code(viewer, losses.DONE if played is None else losses.exit_code(played.losses))
+
+
+class _Played:
+    """The frames of one log, each when its time has come; `losses`: of what is played so far."""
+
+    def __init__(self, files: Sequence[Path], rate: float, reading: Reading) -> None:
+        from dirprim_filter.recording.playback import paced
+
+        if len(files) > 1:
+            raise typer.BadParameter(f"expected one log to play, got {len(files)} files", param_hint="--rate")
+        self._log = files[0]
+        self._playback = reading.playback(self._log)
+        self._frames = paced(self._playback, rate)
+
+    @property
+    def losses(self) -> Losses:
+        return self._playback.losses
+
+    def show(self, viewer: RerunSink) -> None:
+        """Play it, and say so."""
+        from dirprim_filter.cli.counts import counted
+        from dirprim_filter.cli.progress import with_progress
+
+        n_frames, end_ns = 0, self._playback.end_ns
+        for frame in with_progress(self._frames, what=f"playing {self._log.name}", end_ns=end_ns):
+            viewer.write(frame)
+            n_frames += 1
+        typer.echo(f"{self._log}: {counted(n_frames, 'frame')} of {', '.join(sorted(self._playback.topics))}")
 
 
 def _all_recordings(files: Sequence[Path]) -> bool:
@@ -123,7 +177,7 @@ def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str 
     import tempfile
 
     from dirprim_filter.viewer.side_by_side import show_side_by_side
-    from dirprim_filter.viewer.stream import open_stream
+    from dirprim_filter.viewer.sink import open_stream
 
     with tempfile.TemporaryDirectory() as folder:
         recordings = []

@@ -50,8 +50,6 @@ FEW_FANS = 6
 FAINTEST_FAN = 0.05
 """but not fainter than this."""
 
-NO_MODE: ByteArray = np.array([150, 155, 165], dtype=np.uint8)
-
 
 def speed_color(speed: FloatArray, *, fastest: float) -> ByteArray:
     """Viridis from 0 m/s to `fastest` and beyond. (...) m/s -> (..., 4)."""
@@ -95,11 +93,6 @@ def _color_wheel(n_colors: int = 1024) -> ByteArray:
     linear = np.clip(cone**3 @ to_linear_srgb.T, 0.0, 1.0)
     gamma = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return _rgba(255.0 * gamma)
-
-
-def mode_color(mode: npt.NDArray[np.int64]) -> ByteArray:
-    """One colour for each mode of a cell; grey for none. (...) -> (..., 4)."""
-    return _rgba(np.where((mode >= 0)[..., None], OKABE_ITO[mode % len(OKABE_ITO)], NO_MODE))
 
 
 def track_color(track_id: AnyArray | Sequence[str]) -> ByteArray:

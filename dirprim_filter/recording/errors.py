@@ -36,7 +36,7 @@ class NoTracksError(RecordingError):
         more = f" and {len(topics) - TOPICS_SHOWN} more" if len(topics) > TOPICS_SHOWN else ""
         broken = f"; it is damaged: {damage[0]}" if damage else ""
         way = unread_encodings(c.message_encoding for c in channels) or (
-            "choose a topic or another log, or say by --fields where the objects of a schema are that is not known"
+            "choose a topic or another log, or say by --set fields=... where objects of an unknown schema are"
         )
         shown = ", ".join(topics[:TOPICS_SHOWN]) or "no topics"
         super().__init__(f"{fspath(path)}: expected {wanted}; the log has {shown}{more}{broken}; {way}")
@@ -66,7 +66,7 @@ class MissingTransformError(RecordingError):
     def __init__(self, path: Path, *, frame: str, target: str, time_ns: int) -> None:
         super().__init__(
             f"{fspath(path)}: expected a transform from frame {frame!r} to frame {target!r} at {time_ns} ns, the log "
-            "has none; choose another --frame, other topics, or a log with its transforms"
+            "has none; choose another by --set frame=..., other topics, or a log with its transforms"
         )
 
 

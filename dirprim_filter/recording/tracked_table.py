@@ -82,7 +82,7 @@ def _groups(path: Path, names: AnyArray, truth: Tracks, one_of_many: bool) -> In
         name = names[~known][0] if not known.all() else "none"
         raise RecordingError(
             f"{path}: expected rows that say which of the truth's {groups.size} groups they are of, by a column "
-            f"`group` or an id like {groups[-1]}/{name}, got {name}; or choose one group with --group"
+            f"`group` or an id like {groups[-1]}/{name}, got {name}; or choose one group with --set group=NUMBER"
         )
     return group
 

@@ -124,7 +124,7 @@ class EstimateWriter:
     Args:
         path: the MCAP file.
         metadata: goes into the `dirprim` metadata record: configuration, seed, the inputs' checksums.
-        particle_stride: every how many-th particle is written.
+        particle_stride: every how many-th particle is written; None: none, and there is no such topic.
         force: overwrite an existing file.
 
     Raises:
@@ -133,9 +133,9 @@ class EstimateWriter:
     """
 
     def __init__(
-        self, path: str | Path, *, metadata: Mapping[str, str], particle_stride: int = 1, force: bool = False
+        self, path: str | Path, *, metadata: Mapping[str, str], particle_stride: int | None = None, force: bool = False
     ) -> None:
-        if particle_stride < 1:
+        if particle_stride is not None and particle_stride < 1:
             raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
         self._log = LogWriter(
             path, metadata=metadata, max_chunk_ns=MAX_CHUNK_NS, level=PARTICLES_LEVEL, force=force,
@@ -169,7 +169,7 @@ class EstimateWriter:
             ValueError: an estimate is of another time than the frame, or the time is negative.
             OSError: an earlier frame could not be written.
         """
-        particles = frame.particles.thinned(self._particle_stride)
+        particles = None if self._particle_stride is None else frame.particles.thinned(self._particle_stride)
         self._background.do(lambda: self._append(frame.estimates, frame.detections, particles, frame.time_ns))
 
     def write_smoothed(self, frame: TrackedFrame) -> None:
@@ -195,12 +195,13 @@ class EstimateWriter:
         """
         self._background.do(lambda: self._append_forecast(forecasts))
 
-    def _append(self, estimates: Estimates, detections: Detections, particles: Particles, time_ns: int) -> None:
+    def _append(self, estimates: Estimates, detections: Detections, particles: Particles | None, time_ns: int) -> None:
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
         self._log.write(topic_names.ESTIMATES, encode_estimates(estimates, time_ns), time_ns)
         drawn = self._scene.encode(estimates, detections, time_ns, origin)
         self._log.write_encoded(topic_names.ESTIMATES_SCENE, SceneUpdate, drawn, time_ns)
-        self._log.write(topic_names.PARTICLES, particle_cloud(particles, time_ns, origin), time_ns)
+        if particles is not None:
+            self._log.write(topic_names.PARTICLES, particle_cloud(particles, time_ns, origin), time_ns)
         self._log.write(topic_names.REPORTS, detection_cloud(detections.position, time_ns, origin), time_ns)
         self._not_forecast = frozenset(as_texts(estimates.track_id)[has_no_forecast(estimates)].tolist())
 

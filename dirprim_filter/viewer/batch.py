@@ -10,7 +10,7 @@ import rerun as rr
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.drawing.names import short_name
 from dirprim_filter.drawing.sight import may_be_anywhere
-from dirprim_filter.estimates import Estimates, TrackedFrame
+from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
@@ -28,22 +28,12 @@ class FrameBatch:
     """Gathers frames and turns them into columns, one set for each entity.
 
     Args:
-        particle_stride: one particle in so many is kept.
-        particle_color: what their colour encodes.
         primitives: the map, for what the prior says of the vehicle to look at.
         depth: metres of ground in view: labels and rings keep their size on the screen.
     """
 
-    def __init__(
-        self,
-        *,
-        particle_stride: int,
-        particle_color: marks.ParticleColor = "direction",
-        primitives: PrimitiveMap | None = None,
-        depth: float = 100.0,
-    ) -> None:
-        self._depth = depth
-        self._stride, self._color, self._primitives = particle_stride, particle_color, primitives
+    def __init__(self, *, primitives: PrimitiveMap | None = None, depth: float = 100.0) -> None:
+        self._depth, self._primitives = depth, primitives
         self._time_ns: list[int] = []
         self._believed: list[Estimates] = []
         self._detected: list[FloatArray] = []
@@ -60,6 +50,7 @@ class FrameBatch:
         self,
         frame: TrackedFrame,
         *,
+        particles: Particles,
         in_full: BoolArray,
         steps: tuple[IntArray, FloatArray],
         look: Look | None,
@@ -69,6 +60,7 @@ class FrameBatch:
 
         Args:
             frame: of vehicles.
+            particles: of them.
             in_full: (n_vehicles,) which of them are drawn with all that is known of them.
             steps: which of them were seen before, (n,), and their steps since, (n, 2, 2) metres.
             look: at one of them.
@@ -77,8 +69,7 @@ class FrameBatch:
         self._time_ns.append(frame.time_ns)
         self._believed.append(frame.estimates)
         self._detected.append(frame.detections.position)
-        shown = frame.particles.thinned(self._stride, rows=None if in_full.all() else in_full)
-        self._particles.append(marks.Dots.of(shown, self._color))
+        self._particles.append(marks.Dots.of(particles))
         self._in_full.append(in_full)
         self._steps.append(steps)
         self._looks.append(look)

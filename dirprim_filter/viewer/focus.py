@@ -89,12 +89,10 @@ class Focus:
 
     Args:
         chosen: its id; None: the one with the largest innovations.
-        most_in_full: vehicles of a crowd that are drawn with all that is known of them.
     """
 
-    def __init__(self, chosen: str | None, *, most_in_full: int = DRAWN_IN_FULL) -> None:
+    def __init__(self, chosen: str | None) -> None:
         self._chosen = chosen
-        self._most_in_full = most_in_full
         self._now: str | None = None
         self._since_ns = 0
         self._before: set[str] = set()
@@ -132,7 +130,7 @@ class Focus:
         for `KEPT_S` at most, and the vehicle to look at.
         """
         believed, names = frame.estimates, frame.names
-        self._is_crowd = len(names) > max(STILL_CROWD if self._is_crowd else CROWD, self._most_in_full)
+        self._is_crowd = len(names) > (STILL_CROWD if self._is_crowd else CROWD)
         if not self._is_crowd:
             return np.ones(len(names), np.bool_)
         if frame.time_ns >= self._few_since_ns + KEPT_S * 1e9 or not self._few:
@@ -141,7 +139,7 @@ class Focus:
         near = [name for name, is_in in zip(names, is_near.tolist(), strict=True) if is_in and name in self._before]
         kept = [name for name in near if name in self._few]
         others = (name for name in near if name not in self._few)
-        self._few = {*kept, *nsmallest(self._most_in_full - len(kept), others, key=self._evidence.__getitem__)}
+        self._few = {*kept, *nsmallest(DRAWN_IN_FULL - len(kept), others, key=self._evidence.__getitem__)}
         shown = self._few | {self._chosen or self._now}
         return np.array([name in shown for name in names], np.bool_)
 

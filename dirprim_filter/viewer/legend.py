@@ -38,12 +38,13 @@ ellipses: the smoothed estimates.
 
 **Fans, thin lines**: forecast regions of 90 and 50 % probability, and some rollouts.
 
-**Small dots**: particles. By direction: amber east, green north, blue west, magenta south.
+**Small dots**: particles of the ringed vehicle, with `--particles-out` of all. By direction: amber east, green north,
+blue west, magenta south.
 
 **White ring**: the vehicle with the largest innovations, or the one asked for. Its speed and its direction are
 plotted: the prior of its place, the cue (its course of the last second), and the posterior, Eq. 4.
 
-**Dense traffic**: of more than {crowd} vehicles only {few}, or the number of `--in-full`, have a name, particles, an
+**Dense traffic**: of more than {crowd} vehicles only {few} have a name, particles, an
 ellipse and a fan: those with the largest innovations. The others are small.
 
 Layers are switched on and off in the panel on the left.

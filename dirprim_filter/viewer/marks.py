@@ -7,7 +7,7 @@ kind share is in `STYLES`, said once for the whole log.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,8 +20,6 @@ from dirprim_filter.drawing.colors import (
     ByteArray,
     direction_color,
     fan_opacity,
-    mode_color,
-    probability_color,
     track_color,
     with_alpha,
 )
@@ -36,8 +34,6 @@ CONFIDENCE = 0.9
 """Ellipses hold this probability."""
 FANS = tuple(f"/forecasts/region_{100 * share:.0f}" for share in REGION_SHARES)
 """Entities of the fans of forecasts."""
-ParticleColor = Literal["direction", "mode", "weight"]
-PARTICLE_COLORS: tuple[ParticleColor, ...] = get_args(ParticleColor)
 
 FROM_BELOW = (
     "cells", "roses", "flow", "region_90", "region_50", "forecasts", "trails", "truth",
@@ -124,17 +120,6 @@ def flow(ways: shapes.Flow) -> rr.Arrows3D:
     )
 
 
-def paint(particles: Particles, by: ParticleColor) -> ByteArray:
-    """The colours of particles: by direction, by the mode that they follow, or by weight in their vehicle."""
-    if by == "direction":
-        return direction_color(particles.direction)
-    if by == "mode":
-        return mode_color(particles.mode)
-    greatest = np.zeros(int(particles.vehicle.max(initial=-1)) + 1)
-    np.maximum.at(greatest, particles.vehicle, particles.weight)
-    return probability_color(particles.weight / greatest[particles.vehicle])
-
-
 def truth(tracks: Tracks) -> rr.ComponentColumnList:
     """The outline of the vehicle of each row."""
     outline = shapes.vehicle_outline(tracks.position, tracks.body_direction, tracks.size)
@@ -168,9 +153,9 @@ class Dots(NamedTuple):
     color: npt.NDArray[np.uint32]
 
     @classmethod
-    def of(cls, shown: Particles, by: ParticleColor) -> Dots:
-        """Particles in their colours."""
-        packed = np.ascontiguousarray(paint(shown, by)).view(">u4")[:, 0].astype(np.uint32)
+    def of(cls, shown: Particles) -> Dots:
+        """Particles in the colours of their directions."""
+        packed = np.ascontiguousarray(direction_color(shown.direction)).view(">u4")[:, 0].astype(np.uint32)
         return cls(_raised(shown.position, HEIGHT["particles"]), packed)
 
 

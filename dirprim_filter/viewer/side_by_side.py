@@ -56,7 +56,7 @@ def show_side_by_side(runs: Sequence[Path], titles: Sequence[str], viewer: Rerun
     boxes = [_send(path, root, viewer).box for path, root in zip(runs, roots, strict=True)]
     for k, (root, title) in enumerate(zip(roots, titles, strict=True)):
         for path, names in curve_names(title, shade=k):
-            viewer.stream.log(root + path, names, static=True)
+            viewer.stream.log(root + path, names)
     box = np.stack([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
     named = tuple(f"{title} ({color})" for title, color in zip(titles, COLOR_NAMES, strict=True))
     viewer.lay_out(Layout(box=box, roots=roots, titles=named))
@@ -79,7 +79,7 @@ def _send(path: Path, root: str, viewer: RerunSink) -> _Sent:
             values = chunk.to_record_batch().column(BOX_COLUMN).to_pylist()[0]
             box = np.array(values, dtype=np.float64).reshape(2, 2)
         is_tracked |= chunk.entity_path.startswith("/tracks/")
-        viewer.stream.send_chunks([chunk.with_entity_path(root + chunk.entity_path)])
+        viewer.stream.send_chunk(chunk.with_entity_path(root + chunk.entity_path))
     if box is None:
         raise ValueError(f"{path}: expected an .rrd that dirprim wrote, got one that says nothing of its view")
     return _Sent(box, is_tracked)

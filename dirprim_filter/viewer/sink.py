@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import chain, compress, repeat
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import rerun as rr
@@ -19,7 +19,7 @@ from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.sight import has_no_forecast
-from dirprim_filter.estimates import COASTING_FROM_S, TrackedFrame
+from dirprim_filter.estimates import COASTING_FROM_S, Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
@@ -27,17 +27,19 @@ from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
 from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
 from dirprim_filter.viewer.curves import Tally, Truth, metrics
-from dirprim_filter.viewer.focus import DRAWN_IN_FULL, Focus
+from dirprim_filter.viewer.focus import Focus, Look
 from dirprim_filter.viewer.legend import Legend
 from dirprim_filter.viewer.lifelines import Lifelines
-from dirprim_filter.viewer.outlet import Outlet
 from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.scenery import scenery
 from dirprim_filter.viewer.smoothed import SmoothedWays
+from dirprim_filter.viewer.stream import Stream
 from dirprim_filter.viewer.timeline import time_column
 
 BATCH_FRAMES = 64
 """Frames that a file gets at a time; a viewer gets each as it comes."""
+IN_FOCUS = 100
+"""Particles of the vehicle in focus, where none were asked for."""
 BUSY_SHARE = 0.75
 """The view is fitted to the square that holds this share of the traffic."""
 BOX_PATH = "/view"
@@ -48,35 +50,23 @@ class RerunSink:
     """An `EstimateSink` that shows frames in rerun; use it in a `with` block, frames in order of time.
 
     Args:
-        outlet: where they go.
-        particle_stride: show one particle in so many.
-        particle_color: what the colour of particles encodes.
+        stream: where they go.
+        n_particles: of each vehicle, drawn in every frame; 0: only some of the vehicle in focus.
         focus: id of the vehicle to follow; None: the one with the largest innovations.
-        most_in_full: vehicles of a crowd that are drawn with particles, ellipse, name and forecast.
 
     Attributes:
-        outlet: as given.
-        stream: its stream.
+        stream: as given.
     """
 
-    def __init__(
-        self,
-        outlet: Outlet,
-        *,
-        particle_stride: int = 1,
-        particle_color: marks.ParticleColor = "direction",
-        focus: str | None = None,
-        most_in_full: int = DRAWN_IN_FULL,
-    ) -> None:
-        self.outlet = outlet
-        self.stream = outlet.stream
-        self._particle_stride, self._particle_color = particle_stride, particle_color
+    def __init__(self, stream: Stream, *, n_particles: int = 0, focus: str | None = None) -> None:
+        self.stream = stream
+        self._n_particles = n_particles
         self._box: FloatArray | None = None
         self._laid_out = False
         self._primitives: PrimitiveMap | None = None
         self._truth: Truth | None = None
         self._batch = self._new_batch()
-        self._focus, self._lines, self._tally = Focus(focus, most_in_full=most_in_full), Lifelines(), Tally()
+        self._focus, self._lines, self._tally = Focus(focus), Lifelines(), Tally()
         self._smoothed = SmoothedWays()
         self._last_seen: dict[str, tuple[int, float, float]] = {}
         self._not_forecast: set[str] = set()
@@ -114,7 +104,7 @@ class RerunSink:
             whole = False
             raise
         finally:
-            self.outlet.close(whole=whole)
+            self.stream.close(whole=whole)
 
     # --- What holds for the whole log -----------------------------------------------------------------------
 
@@ -144,12 +134,12 @@ class RerunSink:
         # One empty instant after the last: otherwise the last vehicles would stand there for ever.
         after = times[-1] + (int(np.median(np.diff(times))) if len(times) > 1 else 1)
         outlines = marks.truth(tracks).partition(np.append(counts, 0))
-        self.stream.send_columns("/truth", [time_column([*times.tolist(), int(after)])], outlines)
+        self.stream.send_columns("/truth", time_column([*times.tolist(), int(after)]), outlines)
         start, end = _steps_of(tracks)
         when, counts = np.unique(tracks.time_ns[end], return_counts=True)
         if when.size:
             trails = marks.true_trails(np.stack([tracks.position[start], tracks.position[end]], axis=1))
-            self.stream.send_columns("/truth/trails", [time_column(when.tolist())], trails.partition(counts))
+            self.stream.send_columns("/truth/trails", time_column(when.tolist()), trails.partition(counts))
 
     def log_detections(self, detections: Detections) -> None:
         """Detections of a log without estimates."""
@@ -162,7 +152,7 @@ class RerunSink:
         places = np.concatenate([frame.position for frame in frames])
         times = time_column([int(frame.time_ns[0]) for frame in frames])
         drawn = marks.detections(places, n_each)
-        self.stream.send_columns("/detections", [times], drawn)
+        self.stream.send_columns("/detections", times, drawn)
 
     def log_report(self, markdown: str) -> None:
         """A text about the run: configuration, results."""
@@ -187,16 +177,20 @@ class RerunSink:
         self._tally.add(values)
         look = self._focus.see(frame)
         in_full = self._focus.in_full(frame, box=self._box)
-        self._batch.add(frame, in_full=in_full, steps=self._steps(frame), look=look, metrics=values)
+        self._batch.add(
+            frame, particles=self._particles(frame, in_full, look), in_full=in_full, steps=self._steps(frame),
+            look=look, metrics=values,
+        )  # fmt: skip
         self._lines.see(frame)
         self._see(frame, in_full)
-        if self.outlet.live or len(self._batch) >= BATCH_FRAMES:
+        if self.stream.live or len(self._batch) >= BATCH_FRAMES:
             self._send_batch()
+        self.stream.look_after()
 
     def write_smoothed(self, frame: TrackedFrame) -> None:
         """Show what a smoother says of one instant; frames in order of time, each later than the filter's."""
         self._smoothed.add(frame)
-        if self.outlet.live or len(self._smoothed) >= BATCH_FRAMES:
+        if self.stream.live or len(self._smoothed) >= BATCH_FRAMES:
             self._send_smoothed()
 
     def write_forecast(self, forecasts: Forecasts) -> None:
@@ -216,6 +210,14 @@ class RerunSink:
                 self._forecasts[name] = marks.Forecast.of(paths, regions)
         self._forecast_ns = forecasts.time_ns
         self._forecasts_pending = True
+
+    def _particles(self, frame: TrackedFrame, in_full: BoolArray, look: Look | None) -> Particles:
+        """So many of each vehicle that is drawn in full; or some of the one in focus."""
+        rows, n = in_full, self._n_particles
+        if not n:
+            rows, n = np.array([look is not None and name == look.track_id for name in frame.names], np.bool_), IN_FOCUS
+        of_each = len(frame.particles) // max(len(frame.estimates), 1)
+        return frame.particles.thinned(max(of_each // n, 1), rows=None if rows.all() else rows)
 
     def _steps(self, frame: TrackedFrame) -> tuple[IntArray, FloatArray]:
         """The step of each vehicle since it was last seen; the layout shows the steps of the last seconds."""
@@ -253,16 +255,13 @@ class RerunSink:
 
     def _show_forecasts(self, time_ns: int) -> None:
         for entity, columns in marks.forecasts(self._forecasts):
-            self.stream.send_columns(entity, [time_column([time_ns])], columns)
+            self.stream.send_columns(entity, time_column([time_ns]), columns)
 
     # --- The stream -----------------------------------------------------------------------------------------
 
     def _new_batch(self) -> FrameBatch:
         depth = 100.0 if self._box is None else float(np.ptp(self._box[:, 1]))
-        return FrameBatch(
-            particle_stride=self._particle_stride, particle_color=self._particle_color, primitives=self._primitives,
-            depth=depth,
-        )  # fmt: skip
+        return FrameBatch(primitives=self._primitives, depth=depth)
 
     def _send_batch(self) -> None:
         """Send what is gathered: to a file by a thread of its own, so that the tracker goes on meanwhile."""
@@ -273,11 +272,11 @@ class RerunSink:
 
         def send() -> None:
             for entity, times, columns in chain(batch.columns(), lanes):
-                self.stream.send_columns(entity, [times], columns)
+                self.stream.send_columns(entity, times, columns)
             for entity, style in styles:
                 self._static(entity, style)
 
-        if self.outlet.live:
+        if self.stream.live:
             send()
         else:
             self._background.do(send)
@@ -285,10 +284,10 @@ class RerunSink:
     def _send_smoothed(self) -> None:
         self._background.wait()
         for entity, times, columns in self._smoothed.columns():
-            self.stream.send_columns(entity, [times], columns)
+            self.stream.send_columns(entity, times, columns)
 
     def _static(self, path: str, *what: rr.AsComponents) -> None:
-        self.stream.log(path, *what, static=True)
+        self.stream.log(path, *what)
 
     def lay_out(self, layout: Layout) -> None:
         """Arrange the viewer's window."""
@@ -302,7 +301,14 @@ class RerunSink:
         if tracked and self._primitives is not None:
             self._static("/map/roses", marks.ROSES_UNDER_TRAFFIC)
         self._static(BOX_PATH, rr.AnyValues(box=box.ravel()))
-        self.lay_out(Layout(box=box, live=self.outlet.live, tracked=tracked))
+        self.lay_out(Layout(box=box, live=self.stream.live, tracked=tracked))
+
+
+def open_stream(
+    application_id: str = "dirprim", *, n_particles: int = 0, focus: str | None = None, **places: Any
+) -> RerunSink:
+    """A sink whose frames go to `places`: the arguments and errors are those of `Stream` and of `RerunSink`."""
+    return RerunSink(Stream(application_id, **places), n_particles=n_particles, focus=focus)
 
 
 def _steps_of(tracks: Tracks) -> tuple[IntArray, IntArray]:

@@ -1,95 +1,183 @@
-"""Where what is shown goes: an .rrd file, a viewer started for it, a running viewer, a server for browsers."""
+"""Where what is shown goes: an .rrd file, a viewer started for it, a running viewer, a server for browsers.
+
+Each place has a stream of its own. One that fails, as a viewer that was closed or a disk that is full, is reported and
+left; the others go on, and so does who shows something.
+"""
 
 from __future__ import annotations
 
+import atexit
+import logging
 import re
+import time
 import uuid
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from threading import Thread
 
 import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import Chunk
 
-from dirprim_filter.partial_file import PartialFile
-from dirprim_filter.viewer.focus import DRAWN_IN_FULL
-from dirprim_filter.viewer.marks import ParticleColor
-from dirprim_filter.viewer.outlet import Outlet
-from dirprim_filter.viewer.program import WebServer, require_listener, spawn_viewer
-from dirprim_filter.viewer.sink import RerunSink
+from dirprim_filter.partial_file import OutputExistsError, PartialFile
+from dirprim_filter.viewer.process import WebServer, require_listener, spawn_viewer
+
+logger = logging.getLogger(__name__)
+
+FROZEN_S = 5.0
+"""A viewer that takes nothing for so long is given up."""
+ASKED_EVERY_S = 1.0
+"""Whether it takes what is sent: unasked, all would gather in memory."""
+WHOLE_END = b"RRF2FOOT"
+"""Near the end of a whole .rrd."""
+PLACES_NEEDED = (
+    "expected at least one place to stream to, got none; "
+    "--spawn shows it on a screen, --save FILE.rrd keeps it for `dirprim view`"
+)
 
 
-def open_stream(
-    application_id: str = "dirprim",
-    *,
-    save: Path | None = None,
-    spawn: bool = False,
-    connect: str | None = None,
-    serve: str | None = None,
-    force: bool = False,
-    particle_stride: int = 1,
-    particle_color: ParticleColor = "direction",
-    focus: str | None = None,
-    most_in_full: int = DRAWN_IN_FULL,
-) -> RerunSink:
-    """A stream to a file, to a viewer started for it, to a running viewer, to browsers, or to several of them.
+class Stream:
+    """What is shown, on its way to one or more places.
 
     Args:
         application_id: recordings with the same one share the layout of a viewer that is open, the place it looks at
             included: so it names the place. Characters other than ASCII letters, digits, _ and - become spaces.
         save: an .rrd file. It grows under a temporary name, see `PartialFile`.
         spawn: start a viewer on this machine and leave it open.
-        connect: the address of a running viewer, such as `program.VIEWER_URL`.
+        connect: the address of a running viewer, such as `process.VIEWER_URL`.
         serve: an address of this machine, such as 127.0.0.1, at which browsers find the stream until it is closed.
         force: overwrite `save`.
-        particle_stride: show one particle in so many.
-        particle_color: what the colour of particles encodes.
-        focus: id of the vehicle to follow. Default: the one with the largest innovations.
-        most_in_full: vehicles of a crowd that are drawn with particles, ellipse, name and forecast.
+
+    Attributes:
+        live: a viewer may be open.
+        server: of the web viewer, which ends with the stream.
+        failures: what went wrong, a line for each place that was left.
 
     Raises:
-        ValueError: nowhere to stream to, or a stride below 1.
+        ValueError: nowhere to stream to.
         OutputExistsError: `save` exists and `force` is not given.
         ConnectionError: no viewer answers at `connect`, or none could be started.
         OSError: `save` cannot be written.
     """
-    if save is None and not spawn and connect is None and serve is None:
-        raise ValueError(
-            "expected at least one place to stream to, got none; "
-            "--spawn shows it on a screen, --save FILE.rrd keeps it for `dirprim view`"
-        )
-    if particle_stride < 1:
-        raise ValueError(f"particle_stride: expected at least 1, got {particle_stride}")
-    file = None
-    if save is not None:
-        save.parent.mkdir(parents=True, exist_ok=True)
-        file = PartialFile(save, force=force, keep=True)
-    live = spawn or connect is not None or serve is not None
-    application = re.sub(r"[^A-Za-z0-9_-]+", " ", application_id).strip()
-    stream = rr.RecordingStream(application, recording_id=_identity(save, live=live))
-    stream.set_log_time_enabled(False)
-    sinks: list[rr.GrpcSink | rr.FileSink] = []
-    server = None
-    with ExitStack() as if_failed:
-        if serve is not None:
-            server = if_failed.enter_context(WebServer(serve))
-            sinks.append(rr.GrpcSink(server.stream_url))
-        if spawn:
-            sinks.append(rr.GrpcSink(spawn_viewer()))
-        if connect is not None:
-            require_listener(connect, "start one with `rerun`")
-            sinks.append(rr.GrpcSink(connect))
-        if file is not None:
-            file.__enter__()
-            sinks.append(rr.FileSink(file.partial))
-        stream.set_sinks(*sinks)
-        if_failed.pop_all()
-    outlet = Outlet(stream, file=file, live=live, server=server)
-    return RerunSink(
-        outlet, particle_stride=particle_stride, particle_color=particle_color, focus=focus, most_in_full=most_in_full
-    )
+
+    def __init__(
+        self, application_id: str = "dirprim", *, save: Path | None = None, spawn: bool = False,
+        connect: str | None = None, serve: str | None = None, force: bool = False,
+    ) -> None:  # fmt: skip
+        if save is None and not spawn and connect is None and serve is None:
+            raise ValueError(PLACES_NEEDED)
+        self.live = spawn or connect is not None or serve is not None
+        self.server: WebServer | None = None
+        self.failures: list[str] = []
+        self._places: dict[str, rr.RecordingStream] = {}
+        self._file: PartialFile | None = None
+        self._asked_s = time.monotonic()
+        application = re.sub(r"[^A-Za-z0-9_-]+", " ", application_id).strip()
+        # The same for a file in every run; but a viewer that is still open must not mix two runs into one.
+        of_file = save is not None and not self.live
+        identity = uuid.uuid5(uuid.NAMESPACE_URL, save.resolve().as_uri()) if save and of_file else uuid.uuid4()
+
+        def add(name: str, sink: rr.GrpcSink | rr.FileSink) -> None:
+            stream = rr.RecordingStream(application, recording_id=identity)
+            stream.set_log_time_enabled(False)
+            stream.set_sinks(sink)
+            self._places[name] = stream
+
+        with ExitStack() as if_failed:
+            if save is not None:
+                save.parent.mkdir(parents=True, exist_ok=True)
+                file = PartialFile(save, force=force, keep=True)
+            if serve is not None:
+                self.server = if_failed.enter_context(WebServer(serve))
+                add(self.server.page_url, rr.GrpcSink(self.server.stream_url))
+            if spawn:
+                add("the viewer", rr.GrpcSink(spawn_viewer()))
+            if connect is not None:
+                require_listener(connect, "start one with `rerun`")
+                add(connect, rr.GrpcSink(connect))
+            if save is not None:
+                file.__enter__()
+                self._file = file
+                add(str(save), rr.FileSink(file.partial))
+            if_failed.pop_all()
+
+    def send_columns(self, path: str, times: rr.TimeColumn, columns: rr.ComponentColumnList) -> None:
+        """Columns of an entity."""
+        for stream in self._places.values():
+            stream.send_columns(path, [times], columns)
+
+    def log(self, path: str, *what: rr.AsComponents) -> None:
+        """What holds for the whole log."""
+        for stream in self._places.values():
+            stream.log(path, *what, static=True)
+
+    def send_chunk(self, chunk: Chunk) -> None:
+        """A part of another recording."""
+        for stream in self._places.values():
+            stream.send_chunks([chunk])
+
+    def send_blueprint(self, blueprint: rrb.Blueprint) -> None:
+        """How the window is arranged."""
+        for stream in self._places.values():
+            stream.send_blueprint(blueprint)
+
+    def look_after(self) -> None:
+        """Now and then, whether live viewers still take what is sent."""
+        if self.live and time.monotonic() > self._asked_s + ASKED_EVERY_S:
+            self.flush()
+            self._asked_s = time.monotonic()
+
+    def flush(self) -> None:
+        """Wait until all is sent; a place that does not take it is left."""
+        for name in list(self._places):
+            self._try(name, lambda stream: stream.flush(timeout_sec=FROZEN_S))
+
+    def close(self, *, whole: bool) -> None:
+        """Send what is left and end; a file gets its name if it is whole, else keeps its temporary one."""
+        self.flush()
+        for stream in self._places.values():
+            _disconnect(stream)
+        if self.server is not None:
+            self.server.stop()
+        file, self._file = self._file, None
+        if file is None:
+            return
+        name = str(file.path)
+        if name in self._places and not _is_whole(file.partial):
+            self._fail(name, "was not written to its end")
+        try:
+            file.close(whole=whole and name in self._places)
+        except OutputExistsError as error:
+            self._report(str(error))
+        self._places = {}
+
+    def _try(self, name: str, what: Callable[[rr.RecordingStream], None]) -> None:
+        try:
+            what(self._places[name])
+        except RuntimeError as error:  # the SDK's only kind
+            _disconnect(self._places[name])
+            self._fail(name, str(error))
+
+    def _fail(self, name: str, why: str) -> None:
+        del self._places[name]
+        self._report(f"{name}: is left, as it takes no more ({why}); the rest goes on")
+
+    def _report(self, line: str) -> None:
+        self.failures.append(line)
+        logger.error(line)
 
 
-def _identity(save: Path | None, *, live: bool) -> uuid.UUID:
-    """The same for a file in every run; but a viewer that is still open must not mix two runs into one."""
-    if live or save is None:
-        return uuid.uuid4()
-    return uuid.uuid5(uuid.NAMESPACE_URL, save.resolve().as_uri())
+def _disconnect(stream: rr.RecordingStream) -> None:
+    """End a stream; one that waits for a viewer that has frozen is left to its wait, which no signal would end."""
+    ending = Thread(target=stream.disconnect, daemon=True)
+    ending.start()
+    ending.join(FROZEN_S)
+    if ending.is_alive():
+        atexit.unregister(rr.rerun_shutdown)  # it would wait too
+
+
+def _is_whole(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - 256, 0))
+        return WHOLE_END in file.read()

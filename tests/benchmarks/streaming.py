@@ -32,7 +32,7 @@ from dirprim_filter.forecasting import Forecaster, ForecastSink
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.replay import replay
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.sink import open_stream
 from situations import ring_traffic
 
 WATCHED_S = 600.0

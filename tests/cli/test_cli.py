@@ -21,7 +21,7 @@ from dirprim_filter.recording.scan import scan
 
 DONE, FAILED, USAGE, INPUT_LOST = 0, 1, 2, 3
 
-NEVER_ERRS = ("--clutter-density", 1e-9)
+NEVER_ERRS = ("--set", "clutter_density=1e-9")
 """A vehicle is reported from its first detection on."""
 GRID = ("--tessellation", "grid")
 """Learned in a moment: where any map will do."""
@@ -176,10 +176,14 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(log, learned, t
 
 
 def test_place_free_forecasts_go_on_by_the_map_that_particles_were_moved_by(log, learned, tmp_path):
-    """As a map without cells does, by which the same is asked without `--place-free`."""
+    """As a map without cells does, by which the same is asked otherwise."""
     save_map(load_map(learned).without_places(), tmp_path / "free.mcap")
     found = []
-    for name, given in (("by", (learned, "--place-free")), ("of", (tmp_path / "free.mcap",)), ("cells", (learned,))):
+    for name, given in (
+        ("by", (learned, "--set", "without_map=true")),
+        ("of", (tmp_path / "free.mcap",)),
+        ("cells", (learned,)),
+    ):
         out = tmp_path / f"{name}.mcap"
         options = ("--noise", 0.5, "--particles", 30, "--forecast", 2.0, "-o", out)
         assert dirprim("track", log, "--map", *given, *options) == DONE
@@ -223,7 +227,7 @@ def test_groups_of_a_log_are_tracked_each_by_itself(few, learned, tmp_path, caps
         for group in (2, 7):
             of_group = together[np.char.startswith(together.track_id, f"{group}/")]
             alone = tmp_path / f"{group}.mcap"
-            assert dirprim("track", log, *options, *ids, "--group", group, "-o", alone, "--force") == DONE
+            assert dirprim("track", log, *options, *ids, "--set", f"group={group}", "-o", alone, "--force") == DONE
             found = read_estimates(alone)
             assert [f"{group}/{name}" for name in found.track_id] == of_group.track_id.tolist()
             np.testing.assert_array_equal(found.position, of_group.position)
@@ -455,7 +459,7 @@ def test_lankershim_from_table_to_estimates(real_data, tmp_path):
     some = np.isin(truth.track_id, np.unique(truth.track_id)[::20])
     noisy = csv_of(truth[some], tmp_path / "noisy.csv", noise_m=0.5, rng=np.random.default_rng(1))
     assert dirprim("convert", noisy, "-o", tmp_path / "noisy.mcap") == DONE
-    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap", "--group", 2, *GRID) == DONE
+    assert dirprim("learn", tmp_path / "truth.mcap", "-o", tmp_path / "map.mcap", "--set", "group=2", *GRID) == DONE
     assert (
         dirprim(
             "track", tmp_path / "noisy.mcap", "--map", tmp_path / "map.mcap", "-o", tmp_path / "out.mcap", *NEVER_ERRS

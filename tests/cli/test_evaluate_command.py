@@ -58,8 +58,8 @@ ENVELOPE = {"format", "format_version", "version", "inputs", "reading", "experim
 DENSITY = ("--folds", 2, "--every", 1.0)
 FORECAST = ("--folds", 2, "--horizon", 0.5, "--horizon", 1, "--samples", 20, "--seed", 3)
 TRACKING = (
-    "--gap", 0.5, "--seeds", 2, "--particles", 50, "--method", "prior", "--method", "constant velocity", "--no-ids",
-    "--miss-rate", 0.1, "--false-per-frame", 0.5, "--cutoff", 4,
+    "--gap", 0.5, "--seeds", 2, "--set", "n_particles=50", "--method", "prior", "--method", "constant velocity",
+    "--no-ids", "--set", "miss_rate=0.1", "--set", "false_per_frame=0.5", "--set", "cutoff_m=4",
 )  # fmt: skip
 
 
@@ -154,7 +154,7 @@ def test_tracking_tells_people_and_machines_the_same_and_can_be_had_again(log, c
 def test_an_experiment_file_is_followed_and_a_wrong_one_is_one_line(log, capsys, tmp_path):
     config = tmp_path / "experiment.toml"
     config.write_text('n_seeds = 1\ngap_s = 0.0\nmethods = ["constant velocity"]\n[filter]\nmax_gap_s = 2.0\n')
-    assert evaluate("tracking", log, "--config", config, "--noise", 0.3, "--json") == DONE
+    assert evaluate("tracking", log, "--config", config, "--set", "noise_m=0.3", "--json") == DONE
     reported = json.loads(capsys.readouterr().out)["experiment"]
     assert (reported["n_seeds"], reported["noise_m"], reported["filter"]["max_gap_s"]) == (1, 0.3, 2.0)
     model = tmp_path / "sensor.toml"
@@ -165,7 +165,7 @@ def test_an_experiment_file_is_followed_and_a_wrong_one_is_one_line(log, capsys,
     assert json.loads(first)["experiment"]["sensor"]["latency_s"] == 0.1
     assert evaluate("tracking", log, "--config", again, "--json") == DONE
     assert capsys.readouterr().out == first
-    assert evaluate("tracking", log, "--config", again, "--noise", 0.3) == USAGE
+    assert evaluate("tracking", log, "--config", again, "--set", "noise_m=0.3") == USAGE
     model.write_text("latency_s = -1\n[along]\nspread_m = 0.4\n[across]\nspread_m = 0.2\n")
     capsys.readouterr()
     assert evaluate("tracking", log, "--sensor", model) == FAILED
@@ -257,7 +257,7 @@ def test_forecasts_can_be_had_again_from_what_was_reported(log, capsys, tmp_path
     (tmp_path / "run.json").write_text(first)
     assert evaluate("forecast", log, "--config", tmp_path / "run.json", "--json") == DONE
     assert capsys.readouterr().out == first
-    others = ("--seed", 0, "--interaction", "none")
+    others = ("--seed", 0, "--set", "interaction=none")
     assert evaluate("forecast", log, "--config", tmp_path / "run.json", *others, "--json") == DONE
     again = json.loads(capsys.readouterr().out)
     assert again["experiment"] == json.loads(first)["experiment"] | {"seed": 0, "interaction": "none"}
@@ -267,23 +267,27 @@ def test_forecasts_can_be_had_again_from_what_was_reported(log, capsys, tmp_path
     assert "experiment: n_fold: expected one of split_by" in capsys.readouterr().err
 
 
-def test_former_names_of_options_are_taken_with_a_warning_and_not_shown(log, capsys, tmp_path):
+def test_former_options_are_taken_with_a_warning_and_not_shown(log, capsys):
     options = ("--gap", 0, "--seeds", 1, "--method", "constant velocity", "--json")
-    assert evaluate("tracking", log, "--miss-rate", 0.3, "--false-per-frame", 2, *options) == DONE
+    assert evaluate("tracking", log, "--set", "miss_rate=0.3", "--set", "smooth=true", *options) == DONE
     reported = capsys.readouterr()
     assert "warning" not in reported.err
-    assert evaluate("tracking", log, "--misses", 0.3, "--clutter", 2, "--chart", tmp_path / "c.png", *options) == DONE
+    assert evaluate("tracking", log, "--miss-rate=0.3", "--smooth", *options) == DONE
     formerly = capsys.readouterr()
     assert formerly.out == reported.out
-    assert (tmp_path / "c.png").exists()
-    for old, new in (("--misses", "--miss-rate"), ("--clutter", "--false-per-frame"), ("--chart", "--plot")):
-        assert f"warning: {old} is now {new}; the next release removes {old}" in formerly.err
-    assert evaluate("forecast", log, "--by-group") == FAILED
-    assert "--by-group is now --split group" in capsys.readouterr().err
-    for command, old in (("tracking", ("--misses", "--clutter", "--chart")), ("forecast", ("--by-group",))):
-        assert evaluate(command, "--help") == DONE
-        shown = capsys.readouterr().out
-        assert not [name for name in old if name in shown]
+    assert "warning: --miss-rate is now --set miss_rate=...; the next release removes --miss-rate" in formerly.err
+    assert "warning: --smooth is now --set smooth=true;" in formerly.err
+    assert evaluate("tracking", "--help") == DONE
+    assert "--miss-rate" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [("miss_rate", "expected NAME=VALUE"), ("mis_rate=1", "mis_rate: expected one of"), ("group=x", "group: expected")],
+)
+def test_a_setting_that_is_none_is_usage(log, capsys, given, said):
+    assert evaluate("tracking", log, "--set", given) == USAGE
+    assert said in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize("command", ["tracking", "forecast", "density", "cues"])

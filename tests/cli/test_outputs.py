@@ -14,7 +14,7 @@ from dirprim_filter.cli.outputs import check_outputs
 from dirprim_filter.cli.provenance import provenance
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.viewer.figures import Figure, save_figure
-from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.sink import open_stream
 
 FAILED = 1
 UNPRIVILEGED = 65534
@@ -46,13 +46,13 @@ def files(ring, ring_map, tmp_path):
         "track log.mcap --map map.mcap -o map.mcap",
         "track log.mcap --map map.mcap -o log.mcap",
         "track log.mcap --map map.mcap -o new.mcap --save log.mcap",
-        "track log.mcap --map map.mcap -o new.mcap --truth hard.mcap --save link.mcap",
+        "track log.mcap --map map.mcap -o new.mcap --save link.mcap",
         "convert table.csv -o table.csv",
         "recover log.mcap -o log.mcap",
         "forecast --map map.mcap --log log.mcap -o log.mcap",
         "plot map.mcap -o map.mcap",
         "view shown.rrd --save shown.rrd",
-        "replay log.mcap --save log.mcap",
+        "view log.mcap --rate inf --save log.mcap",
         "export log.mcap -o log.mcap",
         "score log.mcap --truth log.mcap --plot log.mcap",
         "evaluate tracking log.mcap --map map.mcap -o map.mcap",
@@ -118,7 +118,7 @@ def test_a_folder_that_cannot_be_written_is_reported_by_the_name_that_was_given(
     assert reported == [str(locked / name) for name in ("out.mcap", "out.mcap", "out.rrd", "out.png")]
 
 
-@pytest.mark.parametrize("command", ["view map.mcap --save", "replay log.mcap --save", "learn log.mcap -o"])
+@pytest.mark.parametrize("command", ["view map.mcap --save", "learn log.mcap -o"])
 def test_what_cannot_be_written_is_one_line(command, files, capsys):
     command, first, *option = command.split()
     (files / "file").touch()

@@ -13,7 +13,8 @@ from rerun.chunk import RrdReader
 
 from dirprim_filter import save_map, write_tracks
 from dirprim_filter.cli.main import run
-from dirprim_filter.viewer import program, stream
+from dirprim_filter.viewer import process as program
+from dirprim_filter.viewer import stream
 
 DONE, FAILED, USAGE = 0, 1, 2
 
@@ -30,10 +31,9 @@ def folder(ring, ring_map, tmp_path_factory):
     save_map(ring_map, folder / "map.mcap")
     write_tracks(few, folder / "log.mcap")
     common = ("track", folder / "log.mcap", "--map", folder / "map.mcap", "--particles", 100)
-    watched = ("--save", folder / "prior.rrd", "--truth", folder / "log.mcap", "--forecast", 1, "--focus", "2",
-               "--color-by", "mode")  # fmt: skip
+    watched = ("--save", folder / "prior.rrd", "--set", f"truth={folder}/log.mcap", "--forecast", 1, "--set", "focus=2")
     assert dirprim(*common, "-o", folder / "prior.mcap", *watched) == DONE
-    assert dirprim(*common, "-o", folder / "free.mcap", "--place-free") == DONE
+    assert dirprim(*common, "-o", folder / "free.mcap", "--set", "without_map=true") == DONE
     return folder
 
 

@@ -180,7 +180,7 @@ def test_what_fails_while_a_frame_is_written_is_raised_by_the_next_call_or_at_th
 
 def test_particles_are_copied_before_the_tracker_moves_them(tmp_path):
     moving = Moving(a_frame(STEP).particles)
-    with EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
+    with EstimateWriter(tmp_path / "a.mcap", metadata={}, particle_stride=1) as log:
         for k in range(1, 6):
             log.write(replace(a_frame(k * STEP), particles=moving))
             moving.is_gone = True

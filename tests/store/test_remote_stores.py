@@ -183,9 +183,9 @@ def test_commands_take_urls(object_store, logs, tmp_path, monkeypatch, capsys):
     for store in ("fleet", URL):
         assert run(["store", "add", store, str(logs / "0.mcap"), str(logs / "1.mcap")]) == 0
         assert f"{store}: added 2 logs" in capsys.readouterr().out
-        assert run(["learn", store, "-o", "map.mcap", "--force", *grid]) == 0
+        assert run(["store", "learn", store, "-o", "map.mcap", "--force", *grid]) == 0
         assert run(["store", "add", store, str(logs / "2.mcap")]) == 0
-        assert run(["update", "map.mcap", store]) == 0
+        assert run(["store", "update", "map.mcap", store]) == 0
         assert f"of {store} changed" in capsys.readouterr().out
         maps[store] = (tmp_path / "map.mcap").read_bytes()
         assert run(["store", "forget", store, str(logs / "2.mcap")]) == 0
@@ -228,18 +228,19 @@ def test_workers_of_other_processes_do_not_see_this_ones_memory_and_that_is_said
     """Controls: in this process all goes well, as in a folder by workers."""
     url, log, grid = "memory://workers/fleet", str(logs / "0.mcap"), ["--tessellation", "grid", "--cell-size", "10"]
     options = [*grid, "--min-vehicles", "2", "--force", "-o", str(tmp_path / "map.mcap")]
-    assert run(["store", "add", url, log]) == run(["learn", url, *options]) == 0
+    assert run(["store", "add", url, log]) == run(["store", "learn", url, *options]) == 0
     capsys.readouterr()
     for command in (
-        ["store", "add", url, str(logs / "1.mcap"), "--workers", "2"], ["learn", url, *options, "--workers", "2"],
-        ["update", str(tmp_path / "map.mcap"), url, "--workers", "2"],
-        ["update", str(tmp_path / "map.mcap"), url, "--scheduler", "tcp://127.0.0.1:1"],
+        ["store", "add", url, str(logs / "1.mcap"), "--workers", "2"],
+        ["store", "learn", url, *options, "--workers", "2"],
+        ["store", "update", str(tmp_path / "map.mcap"), url, "--workers", "2"],
+        ["store", "update", str(tmp_path / "map.mcap"), url, "--scheduler", "tcp://127.0.0.1:1"],
     ):  # fmt: skip
         assert run(command) == 1
         reported = capsys.readouterr().err
         assert reported.startswith(f"error: {url}: is in the memory of this process, and --workers and --scheduler see")
         assert reported.count("\n") == 1
-    assert run(["update", str(tmp_path / "map.mcap"), url]) == 0
+    assert run(["store", "update", str(tmp_path / "map.mcap"), url]) == 0
     Store.open(url).check_seen_by(InProcess())
     Store.create(tmp_path / "fleet", StoreConfig()).check_seen_by(LocalWorkers(2))
 

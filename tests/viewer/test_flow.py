@@ -8,7 +8,7 @@ from rrd_files import rows_of
 
 from dirprim_filter.drawing import shapes
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.sink import open_stream
 from situations import with_ways
 
 WAYS = [(0, 1, 11.0), (1, 2, 2.0), (1, 0, 1.0)]

@@ -22,8 +22,7 @@ from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.focus import CROWD, DRAWN_IN_FULL, STILL_CROWD, Focus
 from dirprim_filter.viewer.report import run_report
-from dirprim_filter.viewer.sink import RerunSink
-from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.sink import RerunSink, open_stream
 
 
 @pytest.fixture(autouse=True)
@@ -137,25 +136,21 @@ def test_forecasts_of_a_vehicle_nobody_sees_are_not_drawn_and_fans_hold_the_othe
         assert set((packed >> 8).tolist()) == {red << 16 | green << 8 | blue}
 
 
-@pytest.mark.parametrize("by", marks.PARTICLE_COLORS)
-def test_particles_have_the_colour_of_what_is_asked_for(
-    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame], by: marks.ParticleColor
+def test_particles_have_the_colour_of_their_direction(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
 ) -> None:
-    rng = np.random.default_rng(1)
-    cloud = scene_frames[0].particles
-    cloud = replace(cloud, weight=rng.random(cloud.weight.size), mode=rng.integers(-1, 3, cloud.weight.size))
-    write(tmp_path / "run.rrd", [replace(scene_frames[0], particles=cloud)], scene_map, particle_color=by)
+    write(tmp_path / "run.rrd", scene_frames[:1], scene_map, n_particles=50)
     ((_, packed),) = rows_of(tmp_path / "run.rrd", "/tracks/particles", "Points3D:colors")
-    expected = {
-        "direction": colors.direction_color(cloud.direction),
-        "mode": colors.mode_color(cloud.mode),
-        "weight": colors.probability_color(
-            cloud.weight / np.repeat([cloud.weight[cloud.vehicle == v].max() for v in (0, 1)], 50)
-        ),
-    }[by]
-    assert (packed.view(np.uint64) if packed.dtype.itemsize == 8 else packed).tolist() == (
-        expected.astype(np.int64) @ np.array([1 << 24, 1 << 16, 1 << 8, 1])
-    ).tolist()
+    expected = colors.direction_color(scene_frames[0].particles.direction)
+    assert packed.tolist() == (expected.astype(np.int64) @ np.array([1 << 24, 1 << 16, 1 << 8, 1])).tolist()
+
+
+def test_without_particles_asked_for_those_of_the_vehicle_in_focus_are_shown(
+    tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
+) -> None:
+    write(tmp_path / "run.rrd", scene_frames[:1], scene_map, focus="8")
+    ((_, place),) = rows_of(tmp_path / "run.rrd", "/tracks/particles", "Points3D:positions")
+    assert (place[:, :2] == scene_frames[0].particles.of(1).position.astype(np.float32)).all()
 
 
 def test_lanes_and_diary_tell_when_a_vehicle_comes_and_goes(
@@ -209,7 +204,7 @@ def test_of_a_crowd_the_few_understood_least_are_drawn_in_full(
 ) -> None:
     evidence = np.arange(n) - float(n)
     names = [str(i) for i in range(n)]
-    with open_stream(save=tmp_path / "run.rrd") as sink:
+    with open_stream(save=tmp_path / "run.rrd", n_particles=50) as sink:
         for frame in scene_frames[:3]:
             many = replace(
                 frame.estimates[np.zeros(n, np.int64)],
@@ -240,12 +235,6 @@ def test_a_crowd_is_one_until_it_is_clearly_none(scene_frames: list[TrackedFrame
         frame = replace(scene_frames[0], estimates=many)
         focus.see(frame)
         drawn.append(int(focus.in_full(frame, box=everywhere).sum()))
-    everyone = Focus(None, most_in_full=CROWD + 1)
-    crowd = replace(
-        frame, estimates=replace(frame.estimates[np.zeros(CROWD + 1, np.int64)], track_id=np.arange(CROWD + 1))
-    )
-    everyone.see(crowd)
-    assert everyone.in_full(crowd, box=everywhere).all()
     assert drawn == [CROWD, DRAWN_IN_FULL, DRAWN_IN_FULL, STILL_CROWD, CROWD]
 
 

@@ -13,7 +13,7 @@ from rrd_files import rows_of
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer.side_by_side import show_side_by_side
-from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.sink import open_stream
 
 
 @pytest.fixture

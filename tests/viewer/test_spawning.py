@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dirprim_filter.viewer import program
+from dirprim_filter.viewer import process as program
 
 
 class Started:
@@ -72,14 +72,14 @@ def test_without_a_screen_the_error_says_what_to_do(
 
 ORPHAN = """
 import os, signal, sys
-from dirprim_filter.viewer import companion
-started = companion.start([sys.executable, "-c", "import os, time; open(1, 'w'); time.sleep(60)"])
+from dirprim_filter.viewer import process
+started = process.start_companion([sys.executable, "-c", "import os, time; open(1, 'w'); time.sleep(60)"])
 children = lambda pid: open(f"/proc/{pid}/task/{pid}/children").read().split()
 while not children(started.pid):
     pass
 print(*children(started.pid), flush=True)
 if sys.argv[1] == "stop":
-    companion.stop(started)
+    process.stop_companion(started)
     sys.exit()
 os.kill(os.getpid(), getattr(signal, sys.argv[1]))
 """

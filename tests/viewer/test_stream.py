@@ -20,9 +20,9 @@ from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from dirprim_filter.viewer import program as viewer_room
+from dirprim_filter.viewer import process as viewer_room
 from dirprim_filter.viewer import sink
-from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.timeline import TIMELINE
 
 
@@ -46,7 +46,7 @@ def write_all(path: Path, frames: list[TrackedFrame], primitives: PrimitiveMap, 
 def test_particles_come_back_at_their_times_to_the_nanosecond(
     tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
 ) -> None:
-    path = write_all(tmp_path / "run.rrd", scene_frames, scene_map)
+    path = write_all(tmp_path / "run.rrd", scene_frames, scene_map, n_particles=50)
     rows = rows_of(path, "/tracks/particles", "Points3D:positions")
     assert [time for time, _ in rows] == [frame.time_ns for frame in scene_frames]
     for (_, place), frame in zip(rows, scene_frames, strict=True):
@@ -58,7 +58,7 @@ def test_vehicles_that_a_frame_does_not_name_vanish(
 ) -> None:
     path = write_all(tmp_path / "run.rrd", scene_frames, scene_map)
     for entity, column in [
-        ("/detections", "Points3D:positions"), ("/tracks/particles", "Points3D:positions"),
+        ("/detections", "Points3D:positions"),
         ("/tracks/estimates", "Points3D:positions"), ("/tracks/ids", "Points3D:labels"),
         ("/tracks/motion", "Arrows3D:vectors"), ("/tracks/covariance", "Ellipsoids3D:half_sizes"),
         ("/tracks/trails", "LineStrips3D:strips"),
@@ -84,10 +84,10 @@ def test_trails_join_the_estimates_of_one_vehicle(
     assert steps[1][..., :2] == pytest.approx(expected, rel=1e-6)
 
 
-def test_thinning_shows_one_particle_in_so_many(
+def test_so_many_particles_are_shown_of_each_vehicle(
     tmp_path: Path, scene_map: PrimitiveMap, scene_frames: list[TrackedFrame]
 ) -> None:
-    path = write_all(tmp_path / "run.rrd", scene_frames[:1], scene_map, particle_stride=7)
+    path = write_all(tmp_path / "run.rrd", scene_frames[:1], scene_map, n_particles=7)
     (_, place), *_ = rows_of(path, "/tracks/particles", "Points3D:positions")
     assert (place[:, :2] == scene_frames[0].particles.position[::7].astype(np.float32)).all()
 

@@ -21,9 +21,9 @@ from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer.curves import PLOTS
-from dirprim_filter.viewer.program import viewer_program
+from dirprim_filter.viewer.process import viewer_program
 from dirprim_filter.viewer.side_by_side import show_side_by_side
-from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.timeline import TIMELINE
 
 DRIVERS = [icd for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") for icd in Path(folder).glob("*.json")]

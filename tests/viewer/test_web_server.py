@@ -13,8 +13,8 @@ import pytest
 from matplotlib.image import imread
 
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer.program import WebServer
-from dirprim_filter.viewer.stream import open_stream
+from dirprim_filter.viewer.process import WebServer
+from dirprim_filter.viewer.sink import open_stream
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 
@@ -66,8 +66,8 @@ def test_a_browser_finds_the_map_drawn(
     with open_stream(serve="127.0.0.1") as sink:
         sink.log_map(scene_map)
         sink.flush()
-        assert sink.outlet.server is not None
-        picture = drawn_page(sink.outlet.server.page_url, tmp_path)
+        assert sink.stream.server is not None
+        picture = drawn_page(sink.stream.server.page_url, tmp_path)
     # The petals of the scene's map are the only large areas of these two colours: 8 m/s and 4 m/s of 8.
     rgb = (255 * picture[..., :3]).astype(int)
     yellow = (np.abs(rgb - (253, 231, 37)).max(axis=-1) < 40).sum()

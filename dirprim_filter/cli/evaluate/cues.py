@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dirprim_filter.viewer.figures import Figure
 
 
-@reads_logs
+@reads_logs()
 def cues(
     logs: Logs,
     split: Split = None,
@@ -25,10 +25,11 @@ def cues(
     tessellation: Tessellation = Cells.JOINT,
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
-    reading: Reading = Reading(),
     plot: Plot = None,
     as_json: Json = False,
     force: Force = False,
+    *,
+    reading: Reading,
 ) -> int:
     """What the prior adds to an observation, and a turn signal to the prior (the paper's Table II and Eq. 4).
 

@@ -28,7 +28,7 @@ class SplitBy(StrEnum):
     RANDOM = "random"
 
 
-@reads_logs
+@reads_logs()
 def density(
     logs: Logs,
     split: Annotated[
@@ -39,10 +39,11 @@ def density(
     every: Annotated[float | None, typer.Option(help="Seconds between a vehicle's rows. Default: all rows.")] = None,
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
-    reading: Reading = Reading(),
     plot: Plot = None,
     as_json: Json = False,
     force: Force = False,
+    *,
+    reading: Reading,
 ) -> int:
     """The density that each method gives to held-out directions and speeds (the paper's Table I).
 

@@ -10,9 +10,10 @@ import typer
 
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Experiment, Json, Split
-from dirprim_filter.cli.options import Config, Force, Interaction, Logs, Plot, former
+from dirprim_filter.cli.options import Config, Force, Logs, Plot
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import read_experiment
+from dirprim_filter.cli.settings import Settings, deal
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.forecasting import ForecastTable
@@ -30,7 +31,7 @@ SAID = {"place-free": "the same model without the map", "one cell": "one cell fo
 """What the conclusion calls methods."""
 
 
-@reads_logs
+@reads_logs("interaction")
 def forecast(
     logs: Logs,
     split: Split = None,
@@ -41,13 +42,13 @@ def forecast(
     folds: Annotated[int | None, typer.Option(min=2, help="Number of folds, each held out once. Default: 4.")] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="Number of random splits. Default: 1.")] = None,
     samples: Annotated[int | None, typer.Option(min=20, help="Rollouts of each vehicle. Default: 100.")] = None,
-    interaction: Interaction = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result. Default: 0.")] = None,
-    reading: Reading = Reading(),
     plot: Plot = None,
-    by_group: Annotated[bool, former("--by-group", "--split group")] = False,
     as_json: Json = False,
     force: Force = False,
+    *,
+    reading: Reading,
+    settings: Settings,
 ) -> int:
     """Forecast held-out vehicles with the prior and what it must beat: fewer or no cells, remembered tracks, velocity.
 
@@ -59,20 +60,20 @@ def forecast(
     from dirprim_filter.evaluation.forecast_methods import METHODS, WITH_LEADERS
     from dirprim_filter.evaluation.forecasting import evaluate_forecasts
 
-    given: dict[str, Any] = {
-        "split_by": "group" if by_group else split and split.value, "horizons_s": horizon or None, "n_folds": folds,
-        "n_seeds": seeds, "n_samples": samples, "seed": seed, "interaction": interaction and interaction.value,
+    given: dict[str, Any] = deal(settings, ("interaction",))[0] | {
+        "split_by": split and split.value, "horizons_s": horizon or None, "n_folds": folds, "n_seeds": seeds,
+        "n_samples": samples, "seed": seed,
     }  # fmt: skip
     configured = read_experiment(config, of="evaluate forecast")
     experiment = Experiment.on(
         logs, command="evaluate forecast", reading=reading, plot=plot, as_json=as_json, force=force
     )  # fmt: skip
-    settings = _settings(
+    made = _settings(
         configured | {name: value for name, value in given.items() if value is not None}, experiment.log
     )  # fmt: skip
-    rng = np.random.default_rng(settings["seed"])
-    methods = WITH_LEADERS if settings["interaction"] == "leader" else METHODS
-    of_table = {name: value for name, value in settings.items() if name not in ("seed", "interaction")}
+    rng = np.random.default_rng(made["seed"])
+    methods = WITH_LEADERS if made["interaction"] == "leader" else METHODS
+    of_table = {name: value for name, value in made.items() if name not in ("seed", "interaction")}
     with step_progress("evaluating", "fits") as step:
         table = evaluate_forecasts(experiment.log.tracks, **of_table, methods=methods, progress=step, rng=rng)
 
@@ -82,7 +83,7 @@ def forecast(
         return forecast_chart(table)
 
     return experiment.report(
-        forecast_object(table), settings=settings, text=lambda: forecast_text(table), figure=figure
+        forecast_object(table), settings=made, text=lambda: forecast_text(table), figure=figure
     )  # fmt: skip
 
 

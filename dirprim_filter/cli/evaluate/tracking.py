@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,9 +13,10 @@ import typer
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Experiment, Json
 from dirprim_filter.cli.figures import figure_lines, number
-from dirprim_filter.cli.options import WRITTEN, Config, Force, Logs, Plot, SensorFile, former, named_file
+from dirprim_filter.cli.options import WRITTEN, Config, Force, Logs, Plot, SensorFile, named_file
 from dirprim_filter.cli.reading import Reading, reads_logs
 from dirprim_filter.cli.results import CONFIG_KEY, read_experiment
+from dirprim_filter.cli.settings import Settings, deal
 
 if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
@@ -25,89 +26,79 @@ if TYPE_CHECKING:
     from dirprim_filter.viewer.figures import Figure
 
 
-@reads_logs
+@reads_logs("those of an experiment", "fields of FilterConfig and TrackingConfig")
 def tracking(
     logs: Logs,
     map_file: Annotated[
         Path | None,
         typer.Option("--map", help="Track with this map. Default: learn one from a part of the log.", exists=True),
     ] = None,
-    config: Config = None,
-    noise: Annotated[float | None, typer.Option(help="Standard deviation of reported positions, metres.")] = None,
-    sensor: SensorFile = None,
-    gap: Annotated[
-        float | None, typer.Option(help="Seconds for which each vehicle is out of sight once; 0: never.")
-    ] = None,
-    miss_rate: Annotated[float | None, typer.Option(help="Share of the frames in which a vehicle is missed.")] = None,
-    false_per_frame: Annotated[float | None, typer.Option(help="Mean number of false detections in a frame.")] = None,
-    with_ids: Annotated[bool | None, typer.Option("--ids/--no-ids", help="Whether the sensor reports ids.")] = None,
-    learn: Annotated[float | None, typer.Option(help="Share of the vehicles, or groups, to learn from.")] = None,
     method: Annotated[list[str] | None, typer.Option(help="Compare only this method; may be repeated.")] = None,
-    smooth: Annotated[
-        bool | None,
-        typer.Option("--smooth/--no-smooth", help="Also evaluate the smoothers, which use the whole log."),
+    gap: Annotated[
+        float | None, typer.Option(help="Seconds out of sight of each vehicle; 0: none. Default: 3.")
     ] = None,
-    particles: Annotated[int | None, typer.Option(min=1, help="Samples for each vehicle.")] = None,
-    cutoff: Annotated[float | None, typer.Option(help="Cut-off of GOSPA, metres.")] = None,
-    similarity: Annotated[float | None, typer.Option(help="Distance at which similarity reaches 0, metres.")] = None,
-    seeds: Annotated[
-        int | None, typer.Option(min=1, help="Number of runs, each with random numbers of its own.")
-    ] = None,
+    with_ids: Annotated[bool | None, typer.Option("--ids/--no-ids", help="Whether the sensor reports ids.")] = None,
+    sensor: SensorFile = None,
+    seeds: Annotated[int | None, typer.Option(min=1, help="Runs, each with random numbers of its own.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same result.")] = None,
+    config: Config = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Write the first method's run, MCAP.", callback=named_file),
         WRITTEN,
     ] = None,
     plot: Plot = None,
-    misses: Annotated[float | None, former("--misses", "--miss-rate")] = None,
-    clutter: Annotated[float | None, former("--clutter", "--false-per-frame")] = None,
-    chart: Annotated[Path | None, former("--chart", "--plot"), WRITTEN] = None,
-    reading: Reading = Reading(),
     as_json: Json = False,
     force: Force = False,
+    *,
+    reading: Reading,
+    settings: Settings,
 ) -> int:
-    """Track known traffic through noise, gaps, misses and false detections, with the prior and without.
+    """Compare trackers on known traffic with a simulated sensor.
+
+    The traffic goes through noise, gaps, misses and false detections; the trackers have the prior, or do without. What
+    `--set` takes of an experiment, such as noise_m or miss_rate, is in docs/experiments.md.
 
     Example: dirprim evaluate tracking recordings/roundabout_learn.mcap --gap 3 --seeds 2
     """
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.cli.provenance import provenance
+    from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.evaluation.experiment import evaluate_tracking
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
     from dirprim_filter.recording import load_map
     from dirprim_filter.recording.sensor_file import load_sensor
     from dirprim_filter.recording.writer import EstimateWriter
 
-    given: dict[str, Any] = {
-        "noise_m": noise, "gap_s": gap, "with_ids": with_ids, "learn": learn, "smooth": smooth,
-        "miss_rate": misses if miss_rate is None else miss_rate,
-        "false_per_frame": clutter if false_per_frame is None else false_per_frame,
-        "methods": method or None, "cutoff_m": cutoff, "similarity_m": similarity, "n_seeds": seeds, "seed": seed,
+    tables = [[f.name for f in fields(kind)] for kind in (TrackingExperiment, FilterConfig, TrackingConfig)]
+    of_experiment, of_filter, of_tracking = deal(settings, *tables)
+    given: dict[str, Any] = of_experiment | {
+        "gap_s": gap, "with_ids": with_ids, "methods": method or None, "n_seeds": seeds, "seed": seed,
     }  # fmt: skip
     configured = read_experiment(config, of="evaluate tracking")
     if sensor is not None:
         configured["sensor"] = asdict(load_sensor(sensor))
-    stated = [name for name in ("noise_m", "miss_rate", "false_per_frame") if given[name] is not None]
+    stated = [name for name in ("noise_m", "miss_rate", "false_per_frame") if given.get(name) is not None]
     if stated and configured.get("sensor") is not None:
         raise typer.BadParameter(f"a sensor's model contains {stated[0]}: give one of the two", param_hint="--sensor")
     configured |= {name: value for name, value in given.items() if value is not None}
-    if particles is not None:
-        configured["filter"] = configured.get("filter", {}) | {"n_particles": particles}
-    settings = TrackingExperiment.of(configured)
+    for name, own in (("filter", of_filter), ("tracking", of_tracking)):
+        if own:
+            configured[name] = (configured.get(name) or {}) | own
+    made = TrackingExperiment.of(configured)
     experiment = Experiment.on(
-        logs, command="evaluate tracking", reading=reading, plot=plot or chart, as_json=as_json, force=force,
+        logs, command="evaluate tracking", reading=reading, plot=plot, as_json=as_json, force=force,
         more_inputs=[map_file] if map_file else [],
     )  # fmt: skip
     with ExitStack() as files:
         sinks: tuple[EstimateSink, ...] = ()
         if output is not None:
             metadata = provenance("evaluate tracking", inputs=experiment.inputs, **reading.said())
-            metadata[CONFIG_KEY] = json.dumps(asdict(settings))
+            metadata[CONFIG_KEY] = json.dumps(asdict(made))
             sinks = (files.enter_context(EstimateWriter(output, metadata=metadata, force=force)),)
         step = files.enter_context(step_progress("evaluating", "steps"))
         table = evaluate_tracking(
-            experiment.log.tracks, settings, sensor=_detector(settings.sensor),
+            experiment.log.tracks, made, sensor=_detector(made.sensor),
             primitive_map=load_map(map_file) if map_file else None, sinks=sinks, progress=step,
         )  # fmt: skip
 
@@ -117,7 +108,7 @@ def tracking(
         return tracking_chart(table)
 
     return experiment.report(
-        tracking_object(table), settings=asdict(settings), text=lambda: tracking_text(table), figure=figure
+        tracking_object(table), settings=asdict(made), text=lambda: tracking_text(table), figure=figure
     )  # fmt: skip
 
 

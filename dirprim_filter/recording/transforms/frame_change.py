@@ -97,7 +97,7 @@ class FrameChange:
             longitude, latitude = rows.position[here[0]].tolist()
             self.origin = Origin(latitude, longitude)
             logger.warning(
-                "%s: the plane's origin is the first fix; for the same plane in other logs say --origin %.9f,%.9f",
+                "%s: the plane's origin is the first fix; for the same plane in other logs say --set origin=%.9f,%.9f",
                 self._log.path, latitude, longitude,
             )  # fmt: skip
         place = on_plane(self.origin, np.column_stack([rows.position[here], rows.height[here]]))
@@ -124,8 +124,8 @@ class FrameChange:
             raise MissingTransformError(self._log.path, frame=root, target=MAP, time_ns=time_ns)
         if root not in FIXED:
             logger.warning(
-                "%s: positions are read as they stand in frame %r, which the log places in no other; --frame %s says "
-                "that this is meant", self._log.path, root, root,
+                "%s: positions are read as they stand in frame %r, which the log places in no other; --set frame=%s "
+                "says that this is meant", self._log.path, root, root,
             )  # fmt: skip
         return root
 

@@ -1,16 +1,22 @@
-"""The rerun viewer as a program: started with a file, or as a server of the web viewer."""
+"""The rerun viewer as a process: started with a file, or as a server of the web viewer.
+
+Run as a program, `python process.py PROGRAM ARGUMENT...`, it is a companion: it starts the program and reads its own
+standard input, a pipe that closes when its parent is gone, killed or not. No signal handler of the parent could do
+that. It imports the standard library alone, so it starts at once.
+"""
 
 from __future__ import annotations
 
+import signal
 import socket
 import subprocess
+import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Thread
 from typing import Self
 from urllib.parse import quote, urlsplit
-
-from dirprim_filter.viewer import companion
 
 VIEWER_PORT = 9876
 VIEWER_URL = f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
@@ -133,7 +139,7 @@ class WebServer:
         self.page_url = f"http://{reached}:{web_port}/?url={quote(self.stream_url, safe='')}"
         for port in (data_port, web_port):
             _require_free(address, port)
-        self._process = companion.start(
+        self._process = start_companion(
             [viewer_program() or "rerun", "--serve-web", "--bind", address, "--port", str(data_port),
              "--web-viewer-port", str(web_port)]
         )  # fmt: skip
@@ -158,7 +164,7 @@ class WebServer:
 
     def stop(self) -> None:
         """End the server."""
-        companion.stop(self._process)
+        stop_companion(self._process)
 
     def _wait_for(self, host: str, ports: tuple[int, ...]) -> None:
         until = time.monotonic() + SERVING_WITHIN_S
@@ -198,3 +204,38 @@ def _bound(address: str, port: int) -> int:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         probe.bind((address, port))
         return int(probe.getsockname()[1])
+
+
+def start_companion(command: list[str]) -> subprocess.Popen[bytes]:
+    """Start a program that ends with this process; it says nothing, and Ctrl-C of the terminal is not for it.
+
+    Raises:
+        OSError: it cannot be started.
+    """
+    return subprocess.Popen(  # noqa: S603 - a program of our choice, without a shell
+        [sys.executable, "-I", "-S", str(Path(__file__).resolve()), *command],
+        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+
+
+def stop_companion(companion: subprocess.Popen[bytes]) -> None:
+    """End a companion, and wait until its program is gone."""
+    if companion.stdin is not None:
+        companion.stdin.close()
+    companion.wait()
+
+
+def _accompany(command: list[str]) -> int:
+    program = subprocess.Popen(command, stdin=subprocess.DEVNULL)  # noqa: S603 - what `start_companion` was given
+    signal.signal(signal.SIGTERM, lambda *_: program.terminate())
+
+    def watch() -> None:
+        sys.stdin.buffer.read()  # nothing is ever written: it ends when the writer is gone
+        program.terminate()
+
+    Thread(target=watch, daemon=True).start()
+    return program.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(_accompany(sys.argv[1:]))

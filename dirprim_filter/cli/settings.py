@@ -1,0 +1,126 @@
+"""Settings: what has no option of its own, as `--set NAME=VALUE`; and the options that earlier releases had."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import typer
+
+Own = TypeVar("Own")
+Settings = dict[str, str]
+"""Texts by name."""
+
+READING = ("frame", "fields", "origin", "labels", "group")
+"""Settings of every command that reads a log: fields of `Reading`."""
+
+
+def assignments(given: Sequence[str]) -> Settings:
+    """The texts of `--set`, by name.
+
+    Raises:
+        BadParameter: a text is no NAME=VALUE.
+    """
+    parts = [text.partition("=") for text in given]
+    for (name, equals, value), text in zip(parts, given, strict=True):
+        if not (name and equals and value):
+            raise typer.BadParameter(f"expected NAME=VALUE, got {text!r}", param_hint="--set")
+    return {name.strip().replace("-", "_"): value for name, _, value in parts}
+
+
+def deal(settings: Mapping[str, str], *tables: Iterable[str]) -> list[dict[str, Any]]:
+    """For each table of names the settings that it has, with their values; the first table that has a name gets it.
+
+    A value is read as one of TOML where it is one (a number, true, a list), else it is text.
+
+    Raises:
+        BadParameter: no table has the name.
+    """
+    names = [tuple(table) for table in tables]
+    dealt: list[dict[str, Any]] = [{} for _ in names]
+    for name, text in settings.items():
+        into = next((found for found, table in zip(dealt, names, strict=True) if name in table), None)
+        if into is None:
+            known = ", ".join([*READING, *(name for table in names for name in table)])
+            raise typer.BadParameter(f"{name}: expected one of {known}", param_hint="--set")
+        into[name] = _value(text)
+    return dealt
+
+
+def taken(kind: type[Own], settings: Settings) -> Own:
+    """A command's own settings, a dataclass of flags, numbers and texts, taken out of all.
+
+    Raises:
+        BadParameter: a value is of another type.
+    """
+    own: dict[str, Any] = {}
+    for field in fields(kind):  # type: ignore[arg-type]
+        text = settings.pop(field.name, None)
+        if text is None:
+            continue
+        own[field.name] = value = text if field.type == "str" else _value(text)
+        if type(value).__name__ not in (field.type, "int" if field.type == "float" else ""):
+            raise typer.BadParameter(f"{field.name}: expected a value of type {field.type}, got {text}",
+                                     param_hint="--set")  # fmt: skip
+    return kind(**own)
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+_READ = {f"--{name}": f"{name}=" for name in READING}
+_EVALUATE = {"--interaction": "interaction=", "--cutoff": "cutoff_m=", "--similarity": "similarity_m="}
+FORMER: Mapping[str, Mapping[str, str]] = {
+    "info": _READ, "learn": _READ, "calibrate": _READ, "export": _READ, "view": _READ,
+    "evaluate density": _READ, "evaluate cues": _READ, "evaluate forecast": _READ | _EVALUATE,
+    "score": _READ | _EVALUATE,
+    "track": _READ | {
+        "--interaction": "interaction=", "--detection-probability": "detection_probability=",
+        "--clutter-density": "clutter_density=", "--motion": "motion=true", "--place-free": "without_map=true",
+        "--truth": "truth=", "--focus": "focus=",
+    },
+    "forecast": _READ | {
+        "--interaction": "interaction=", "--particles": "n_particles=", "--noise": "noise_m=", "--every": "every_s=",
+    },
+    "evaluate tracking": _READ | _EVALUATE | {
+        "--noise": "noise_m=", "--miss-rate": "miss_rate=", "--false-per-frame": "false_per_frame=",
+        "--learn": "learn=", "--smooth": "smooth=true", "--particles": "n_particles=",
+    },
+}  # fmt: skip
+"""By command, each option that is now a setting; where it took a value, the setting's text ends with `=`."""
+FORMER_COMMANDS = {"update": ("store", "update"), "replay": ("view", "--rate", "1")}
+OF_STORES = {"--min-vehicles", "--half-life", "--now", "--by", "--zone", "--workers", "--scheduler"}
+"""With these `learn` is `store learn`."""
+
+
+def renamed(arguments: Sequence[str]) -> Iterator[str]:
+    """The same arguments by today's names, with a warning for each former one: the next release knows them no more."""
+    words = [argument for argument in arguments if not argument.startswith("-")]
+    command = " ".join(words[:2]) if words[:1] == ["evaluate"] else "".join(words[:1])
+    former = FORMER.get("view" if command == "replay" else command, {})
+    commands = dict(FORMER_COMMANDS)
+    if command == "learn" and OF_STORES & {argument.partition("=")[0] for argument in arguments}:
+        commands["learn"] = ("store", "learn")
+    rest = iter(arguments)
+    for argument in rest:
+        name, equals, value = argument.partition("=")
+        if argument == command in commands:
+            now = commands.pop(argument)
+            yield from now
+            _warn(f"`dirprim {argument}`", f"`dirprim {' '.join(now)}`")
+        elif name not in former:
+            yield argument
+        else:
+            setting = former[name]
+            _warn(name, f"--set {setting}{'...' * setting.endswith('=')}")
+            yield from ("--set", setting + (value if equals else next(rest, "")) if setting[-1] == "=" else setting)
+
+
+def _warn(old: str, new: str) -> None:
+    typer.echo(f"warning: {old} is now {new}; the next release removes {old}", err=True)
