@@ -17,6 +17,7 @@ from paired_errors import likeliest
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.evaluation.baselines.trajectory_memory import States, TrajectoryMemory
+from dirprim_filter.evaluation.forecast_cases import Cases
 from dirprim_filter.evaluation.forecasting import score_cases
 from dirprim_filter.filtering.rollouts import forecast_states
 
@@ -182,7 +183,9 @@ def forecasts() -> tuple[IntArray, dict[str, FloatArray]]:
 def samplers(fold: Fold) -> Iterator[tuple[str, Sample]]:
     """What forecasts: (n, samples, horizons, 2) metres."""
     yield "constant velocity", by_constant_velocity(fold)
-    memory = TrajectoryMemory.of(fold.train.filled().tracks()).chosen(rng=np.random.default_rng(fold.seed))
+    remembered = fold.train.filled().tracks()
+    cases = Cases.of(remembered, horizons_s=HORIZONS_S)
+    memory, _ = TrajectoryMemory.of(remembered).chosen(cases, HORIZONS_S, rng=np.random.default_rng(fold.seed))
     times = np.array(HORIZONS_S)
     rng = np.random.default_rng([fold.seed, 1])
     yield "trajectory memory", lambda starts: memory.sample(starts.states, time_s=times, n_samples=N_SAMPLES, rng=rng)
