@@ -160,7 +160,7 @@ class Clock:
             self._last_ns = np.append(self._last_ns, np.full(more, NO_TIME))
             self._zero = np.append(self._zero, np.zeros(more, np.int64))
             self._runs_from_zero = np.append(self._runs_from_zero, np.zeros(more, np.bool_))
-        seen = np.unique(topic[known])
+        seen = np.flatnonzero(np.bincount(topic[known]))
         seen = seen[self._last_ns[seen] != NO_TIME]
         topics = np.concatenate([seen, topic[known]])
         times = np.concatenate([self._last_ns[seen], time_ns[known]])

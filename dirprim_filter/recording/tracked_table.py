@@ -12,7 +12,7 @@ from dirprim_filter.evaluation.tracked_rows import TrackedRows
 from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.reader import read_estimates
-from dirprim_filter.recording.schemas.field_groups import matrices
+from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.recording.tables.columns import Columns
 from dirprim_filter.recording.tables.files import arrow_columns, text_columns
 from dirprim_filter.recording.tables.named_columns import check_header

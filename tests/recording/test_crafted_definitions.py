@@ -15,7 +15,7 @@ from dirprim_filter.recording.decoding.cdr_plan import MAX_DEPTH, cdr_plan
 from dirprim_filter.recording.decoding.fields import Field, SchemaError
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
 from dirprim_filter.recording.errors import NoTracksError
-from dirprim_filter.recording.schemas import FAMILIES
+from dirprim_filter.recording.schemas.families import FAMILIES
 
 IDL = b"""module p { module msg {
   module M_Constants { const uint8 CAR = 1; };

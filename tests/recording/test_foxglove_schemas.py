@@ -285,7 +285,7 @@ def test_info_says_that_paths_lead_nowhere(tmp_path, capsys, encoding):
     assert run(["info", str(path), "--fields", "id=.lost[].id,x=.lost[].x,y=.lost[].y"]) == 0
     said = capsys.readouterr()
     assert "tracks in" not in said.out
-    assert "expected objects at x=.lost[].x,y=.lost[].y,id=.lost[].id, got none" in said.err
+    assert "expected objects at id=.lost[].id,x=.lost[].x,y=.lost[].y, got none" in said.err
 
 
 def test_a_mapping_reads_protobuf_and_ros_2_alike(tmp_path):
@@ -294,11 +294,11 @@ def test_a_mapping_reads_protobuf_and_ros_2_alike(tmp_path):
         pose = stamped(PoseInFrame(), k)
         pose.pose.position.x, pose.pose.position.y = x, y
         poses.append(("/ego", TIMES[k], pose))
-    by_path = FieldMapping(x=".pose.position.x", y=".pose.position.y", time=".timestamp")
+    by_path = FieldMapping({"x": ".pose.position.x", "y": ".pose.position.y", "time": ".timestamp"})
     path = write_protobuf_log(tmp_path / "log.mcap", poses)
     check_circle(read_tracks(path, mapping=by_path, time_source="header"))
     with pytest.raises(NoTracksError, match=r"fields x=.pose.lost,y=.pose.position.y.*lacks"):
-        read_tracks(path, mapping=FieldMapping(x=".pose.lost", y=".pose.position.y"))
+        read_tracks(path, mapping=FieldMapping({"x": ".pose.lost", "y": ".pose.position.y"}))
     markers = [
         ("/tf", TIMES[k], "tf2_msgs/msg/TFMessage", {"transforms": [{
             "header": header(TIMES[k]), "child_frame_id": "car",
@@ -321,7 +321,7 @@ def test_columns_beside_each_other_are_read_and_unlike_lengths_fail(tmp_path):
     path = json_log(tmp_path / "log.mcap", "acme.Columns", messages)
     log = read_track_logs(path, mapping=FieldMapping.parse("x=.x[],y=.y[],id=.id[]"), time_source="publish")
     assert log.losses.dropped[UNDECODABLE] == 1
-    assert "expected as many of .y[] as of .x[]" in str(log.losses)
+    assert ".y[]: expected as many as of .x[]" in str(log.losses)
     car = log.tracks[log.tracks.track_id == "a"]
     np.testing.assert_array_equal(car.position, np.delete(PLACE, 4, axis=0))
 

@@ -16,8 +16,8 @@ from dirprim_filter.recording.decoding.field_columns import MAX_NAME_LENGTH, NO_
 from dirprim_filter.recording.decoding.fields import EACH, Field, wanted
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.reader import read_track_logs
-from dirprim_filter.recording.schemas import FAMILIES
 from dirprim_filter.recording.schemas.decoders import Decoders
+from dirprim_filter.recording.schemas.families import FAMILIES
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 
 S = 10**9

@@ -312,4 +312,4 @@ def test_headers_name_the_units_of_sizes(tmp_path, capsys):
 def test_a_mapping_names_its_own_header():
     """`height` is of the body, `z` of the place."""
     mapping = FieldMapping.parse("x=.x,y=.y,z=.z,height=.tall")
-    assert (mapping.z, mapping.height, str(mapping)) == (".z", ".tall", "x=.x,y=.y,z=.z,height=.tall")
+    assert (mapping.paths["z"], mapping.paths["height"], str(mapping)) == (".z", ".tall", "x=.x,y=.y,z=.z,height=.tall")

@@ -256,7 +256,7 @@ def test_columns_of_unlike_lengths_are_refused():
         short = dirprim_pb2.Observations()
         short.CopyFrom(message)
         getattr(short, name).pop()
-        with pytest.raises(DecodeError, match=f"{name}: expected 4 numbers, got 3"):
+        with pytest.raises(DecodeError, match="expected as many as of"):
             decode_observations(short.SerializeToString())
     with pytest.raises(DecodeError, match="beyond the message"):
         decode_observations(message.SerializeToString()[:-3])

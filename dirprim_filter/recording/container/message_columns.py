@@ -78,9 +78,11 @@ class MessageColumns:
 
     def by_channel(self, of: Callable[[Channel], Any]) -> AnyArray:
         """(n,) what each message's channel has; only those that these messages are of are asked."""
-        used = np.flatnonzero(np.bincount(self.channel))
+        counts = np.bincount(self.channel)
+        used = np.flatnonzero(counts)
         values = np.array([of(self.channels[i]) for i in used.tolist()])
-        return values[np.searchsorted(used, self.channel)]
+        counts[used] = np.arange(used.size)
+        return values[counts[self.channel]]
 
     def messages(self) -> Iterator[Message]:
         """The messages in the order of these columns, made one by one, without a step of Python for each.

@@ -128,8 +128,14 @@ class OutputTables:
 SLACK, MOST_TIMES = 1.25, 16
 """Room beside what the messages read so far let expect, and at most so many times what they held: so much memory is
 taken for rows that are there, whatever sizes a file claims."""
+MOST_CELLS = 1 << 23
+"""Of several messages together: of tiny elements a megabyte makes a million rows."""
 Walk = Callable[..., bool]
 """A kernel: of data, starts, stops, tables, status, room for its work, and its program."""
+
+
+class TooManyRowsError(ValueError):
+    """Messages hold so many elements that fewer are to be read at a time."""
 
 
 class ColumnPlan(Plan):
@@ -144,7 +150,11 @@ class ColumnPlan(Plan):
         self._room = (5, max(depth, self._width.size))
 
     def read(self, data: AnyArray, start: IntArray, stop: IntArray) -> FieldColumns:
-        """The columns of messages; `failures` says which cannot be read."""
+        """The columns of messages; `failures` says which cannot be read.
+
+        Raises:
+            TooManyRowsError: of more than one message.
+        """
         data = data.view()
         data.flags.writeable = False  # always: kernels would be compiled for both
         n = len(start)
@@ -160,7 +170,10 @@ class ColumnPlan(Plan):
             tables = kernels.Tables(cells, base, self._width, self._capacity, count, self._defaults, self._default_base)
             if not self._walk(data, start, stop, tables, status, np.zeros(self._room, np.int64), *self._program):
                 break
-            self._capacity = self._wider(count, stop - start)
+            wider = self._wider(count, stop - start)
+            if n > 1 and int((wider * self._width).sum()) > MOST_CELLS:
+                raise TooManyRowsError
+            self._capacity = wider
         written = [
             np.ascontiguousarray(cells[b : b + c * w].reshape(c, w).T)
             for b, c, w in zip(base, count, self._width.tolist(), strict=True)

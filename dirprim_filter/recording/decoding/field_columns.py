@@ -92,8 +92,9 @@ class FieldColumns:
             return np.full(self._size(label), default, np.int64)
         with np.errstate(invalid="ignore"):
             values = column.values.astype(np.int64)
-        if column.missing is not None:
-            values[column.missing] = default
+            missing = ~np.isfinite(column.values) if column.values.dtype.kind == "f" else column.missing
+        if missing is not None:
+            values[missing if column.missing is None else missing | column.missing] = default
         return values
 
     def vectors(self, labels: Sequence[str]) -> FloatArray:

@@ -14,9 +14,8 @@ from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.errors import DamagedRecordingError, NoTracksError
 from dirprim_filter.recording.name_patterns import matching
 from dirprim_filter.recording.objects.options import ReadOptions
-from dirprim_filter.recording.schemas import KINDS
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, schema_name
-from dirprim_filter.recording.schemas.dirprim import OBSERVATIONS
+from dirprim_filter.recording.schemas.families import KINDS, OBSERVATIONS
 
 logger = logging.getLogger(__name__)
 

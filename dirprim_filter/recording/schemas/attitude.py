@@ -32,10 +32,9 @@ def rotated(orientation: FloatArray, vector: FloatArray) -> FloatArray:
 
 def heading(orientation: FloatArray) -> FloatArray:
     """(n,) direction of the body's x axis, radians; NaN where the orientation is not set or points up."""
-    forward = rotated(orientation, np.broadcast_to([1.0, 0.0, 0.0], (len(orientation), 3)))
-    angle = np.arctan2(forward[:, 1], forward[:, 0])
-    angle[(orientation == 0).all(axis=-1) | (np.hypot(forward[:, 0], forward[:, 1]) == 0)] = np.nan
-    return angle
+    x, y, z, w = orientation.T
+    east, north = w * w + x * x - y * y - z * z, 2 * (x * y + w * z)
+    return np.where((east == 0) & (north == 0), np.nan, np.arctan2(north, east))
 
 
 def course(velocity: FloatArray, standing: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,14 +12,15 @@ from dirprim_filter.arrays import IntArray
 from dirprim_filter.recording.container.message_columns import MessageColumns, gathered
 from dirprim_filter.recording.container.records import ENCODINGS, Channel, Schema
 from dirprim_filter.recording.decoding.cdr_plan import cdr_plan, full_name
-from dirprim_filter.recording.decoding.column_plan import Plan
+from dirprim_filter.recording.decoding.column_plan import Plan, TooManyRowsError
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.decoding.fields import SchemaError
 from dirprim_filter.recording.decoding.json_plan import JsonPlan
 from dirprim_filter.recording.decoding.protobuf_plan import protobuf_plan
-from dirprim_filter.recording.schemas import FAMILIES, KINDS
+from dirprim_filter.recording.schemas.families import FAMILIES, KINDS
+from dirprim_filter.recording.schemas.family import Family
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
-from dirprim_filter.recording.schemas.object_rows import NO_ROWS, Family, ObjectRows
+from dirprim_filter.recording.schemas.object_rows import NO_ROWS, ObjectRows
 
 BATCH_MESSAGES = 1 << 14
 BATCH_BYTES = 1 << 21
@@ -100,26 +102,34 @@ class Decoders:
         Args:
             messages: of one schema and encoding, that it `reads`; of one channel or of several.
         """
-        try:
-            columns = self.columns(messages)
-        except SchemaError as error:
-            return NO_ROWS, dict.fromkeys(range(len(messages)), str(error))
-        with np.errstate(all="ignore"):  # numbers of any origin; where rows are checked, only finite ones stay
-            rows = self._family(messages.first_channel).objects(columns, messages.topic)
-        if columns.failures:
-            rows = rows[~np.isin(rows.message, list(columns.failures))]
-        return rows, columns.failures
+        parts, failures = [NO_ROWS], dict[int, str]()
+        for first, own, columns in self.columns(messages):
+            if isinstance(columns, SchemaError):
+                return NO_ROWS, dict.fromkeys(range(len(messages)), str(columns))
+            with np.errstate(all="ignore"):  # numbers of any origin; where rows are checked, only finite ones stay
+                rows = self._family(own.first_channel).objects(columns, own.topic)
+            if columns.failures:
+                rows = rows[~np.isin(rows.message, list(columns.failures))]
+                failures |= {first + message: reason for message, reason in columns.failures.items()}
+            parts.append(replace(rows, message=rows.message + first) if first else rows)
+        return parts[-1] if len(parts) == 2 else ObjectRows.concatenate(parts), failures
 
-    def columns(self, messages: MessageColumns) -> FieldColumns:
-        """The wanted fields of messages, of one schema and encoding.
+    def columns(self, messages: MessageColumns) -> Iterator[tuple[int, MessageColumns, FieldColumns | SchemaError]]:
+        """The wanted fields of messages, of one schema and encoding: so many at a time that memory stays bounded.
 
-        Raises:
-            SchemaError: the definition cannot be read, or lacks a field.
+        Returns:
+            which message is the first of the part, the part, and its columns, or why the definition cannot be read.
         """
         plan = self._plan(messages.first_channel)
         if isinstance(plan, SchemaError):
-            raise plan
-        return plan.read(np.frombuffer(messages.contents, np.uint8), messages.start, messages.stop)
+            yield 0, messages, plan
+            return
+        try:
+            yield 0, messages, plan.read(np.frombuffer(messages.contents, np.uint8), messages.start, messages.stop)
+        except TooManyRowsError:
+            half = len(messages) // 2
+            for begin, part in ((0, messages[:half]), (half, messages[half:])):
+                yield from ((begin + first, own, columns) for first, own, columns in self.columns(part))
 
 
 def batches(columns: Iterable[MessageColumns], decoders: Decoders) -> Iterator[MessageColumns]:

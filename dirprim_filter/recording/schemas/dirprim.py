@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from google.protobuf.message import DecodeError, Message
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.optional_columns import is_held, unknown
-from dirprim_filter.recording.decoding.field_columns import FieldColumns
-from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas import dirprim_pb2
-from dirprim_filter.recording.schemas.field_groups import matrices
-from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
+from dirprim_filter.recording.schemas.family import matrices
 from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
@@ -148,60 +145,6 @@ def encode_observations(
     if labels:
         message.label.extend(labels.get(name, "") for name in observed.track_id[rows].tolist())
     return message
-
-
-_OPTIONAL = ("direction", "speed", "group", *_COVARIANCE, *_SIZE, "heading", *_CUE)
-_COLUMNS = ("x", "y", *_OPTIONAL)
-
-
-def _observed(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
-    """Columns of unlike lengths fail their message; those of `_OPTIONAL` may be left out."""
-    message = columns.message_of(".track_id[]")
-    n = np.bincount(message, minlength=columns.n_messages)
-    kept = np.ones(message.size, np.bool_)
-    floats: dict[str, FloatArray] = {}
-    group = np.zeros(message.size, np.int64)
-    kinds = np.full(message.size, "")
-    for label in (*_COLUMNS, "label"):
-        of = columns.message_of(f".{label}[]")
-        has = np.bincount(of, minlength=columns.n_messages)
-        may_lack = label in (*_OPTIONAL, "label")
-        unlike = np.flatnonzero((has != n) & ((has > 0) | (not may_lack)))
-        for i in unlike.tolist():
-            columns.fail(np.array([i]), f"{_OBSERVATIONS}.{label}: expected {n[i]} numbers, got {has[i]}")
-        kept &= ~np.isin(message, unlike)
-        fits, taken = (np.isin(rows, np.flatnonzero(has == n)) for rows in (message, of))
-        if label == "group":
-            group[fits] = columns.integers(label)[taken]
-        elif label == "label":
-            names = columns.names(label)[taken]
-            kinds = np.full(message.size, "", dtype=names.dtype)
-            kinds[fits] = names
-        else:
-            floats[label] = np.full(message.size, np.nan)
-            floats[label][fits] = columns.numbers(label)[taken]
-    return object_rows(
-        columns, ".track_id[]",
-        place=np.stack([floats["x"], floats["y"], np.zeros(message.size)], axis=-1),
-        direction=floats["direction"], speed=floats["speed"], group=group, label=kinds, heading=floats["heading"],
-        covariance=matrices(*(floats[label] for label in _COVARIANCE)),
-        size=np.stack([floats[label] for label in _SIZE], axis=-1),
-        cue=np.stack([floats[label] for label in _CUE], axis=-1),
-    )[kept]  # fmt: skip
-
-
-_OBSERVATIONS = "dirprim.Observations"
-OBSERVATIONS = Family(
-    schemas=(_OBSERVATIONS,),
-    fields={
-        "stamp": Field(path=".timestamp", kind="time"),
-        "frame": Field(path=".frame_id", kind="name"),
-        "id": Field(path=".track_id[]", kind="name"),
-        **{label: Field(path=f".{label}[]", optional=label in _OPTIONAL) for label in _COLUMNS},
-        "label": Field(path=".label[]", kind="name", optional=True),
-    },
-    objects=_observed,
-)
 
 
 def encode_estimates(estimates: Estimates, time_ns: int) -> dirprim_pb2.TrackEstimates:

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.recording.decoding.field_columns import FieldColumns
-from dirprim_filter.recording.decoding.fields import Field
+from dirprim_filter.recording.decoding.field_columns import NO_TIME
 from dirprim_filter.recording.rows import LEFT_OUT, Rows
-from dirprim_filter.recording.schemas.attitude import course, heading, rotated
-from dirprim_filter.recording.schemas.field_groups import (
-    COVARIANCE,
-    ORIENTATION,
-    POSITION,
-    SIZE,
-    VELOCITY,
-    covariances,
-)
 from dirprim_filter.sizes import known_sizes
 
 
@@ -32,6 +22,7 @@ class ObjectRows(Rows):
         message: (n,) which message of the batch each is of, ascending.
         track_id: (n,) str; empty where the message knows the object by no name.
         stamp_ns: (n,) the time that the message itself carries, nanoseconds; `NO_TIME` where it carries none.
+        time_ns: (n,) the time that counts; `NO_TIME` until it is known.
         frame_id: (n,) str, in whose axes position and direction are; empty where unknown, so the map's.
         position: (n, 2) metres.
         height: (n,) metres, the third coordinate; 0 where unknown.
@@ -52,6 +43,7 @@ class ObjectRows(Rows):
     frame_id: AnyArray
     position: FloatArray
     height: FloatArray
+    time_ns: IntArray = LEFT_OUT
     direction: FloatArray = LEFT_OUT
     speed: FloatArray = LEFT_OUT
     climb: FloatArray = LEFT_OUT
@@ -63,75 +55,9 @@ class ObjectRows(Rows):
     cue: FloatArray = LEFT_OUT
 
     NOTHING: ClassVar[Mapping[str, Any]] = {
-        "direction": np.nan, "speed": np.nan, "climb": 0.0, "group": np.int64(0), "covariance": [[np.nan] * 2] * 2,
-        "label": "", "size": [np.nan] * 3, "heading": np.nan, "cue": [np.nan] * 2,
+        "time_ns": np.int64(NO_TIME), "direction": np.nan, "speed": np.nan, "climb": 0.0, "group": np.int64(0),
+        "covariance": [[np.nan] * 2] * 2, "label": "", "size": [np.nan] * 3, "heading": np.nan, "cue": [np.nan] * 2,
     }  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Family:
-    """Schemas that say the same in the same fields, and how their objects are read.
-
-    Attributes:
-        schemas: names, of whatever encoding.
-        fields: what is wanted of a message, by label.
-        objects: from the fields' columns and (n_messages,) topics to the objects; may mark messages as failed.
-    """
-
-    schemas: tuple[str, ...]
-    fields: Mapping[str, Field]
-    objects: Callable[[FieldColumns, AnyArray], ObjectRows]
-
-
-def object_rows(columns: FieldColumns, table: str, **known: Any) -> ObjectRows:
-    """The objects that are the rows of a table.
-
-    What is not `known` is read from the fields of the usual labels, as `field_groups` has them: `stamp`, `frame`, `id`,
-    `p`, `c`, `size` and, for the heading, `q`; a value for each message holds for all objects in it.
-
-    Args:
-        columns: of the fields.
-        table: whose rows are objects; empty where a message is one object.
-        known: columns of `ObjectRows`, and `place` (n, 3) metres, as `rows_of` takes them.
-    """
-    message = columns.message_of(table)
-
-    def read(label: str, values: AnyArray) -> AnyArray:
-        return values[message] if table and columns.fields[label].table == "" else values
-
-    has = columns.fields.__contains__
-    if "stamp_ns" not in known:
-        known["stamp_ns"] = read("stamp", columns.times("stamp"))
-    if "frame_id" not in known:
-        known["frame_id"] = read("frame", columns.names("frame")) if has("frame") else np.full(message.size, "")
-    if "track_id" not in known:
-        known["track_id"] = read("id", columns.names("id"))
-    if "place" not in known:
-        known["place"] = columns.vectors(POSITION)
-    if "covariance" not in known and has(COVARIANCE[0]):
-        known["covariance"] = covariances(columns)
-    if "size" not in known and has(SIZE[0]):
-        known["size"] = columns.vectors(SIZE)
-    if "heading" not in known and has(ORIENTATION[0]):
-        known["heading"] = heading(columns.vectors(ORIENTATION))
-    return rows_of(message, **known)
-
-
-def motion(columns: FieldColumns, yaw: FloatArray, *, in_body: bool = False) -> dict[str, FloatArray]:
-    """Direction, speed and climb by the velocity under label `v`, NaN where its message is not set (label `moves`).
-
-    Args:
-        columns: of the fields.
-        yaw: (n,) radians, the course of who stands.
-        in_body: the velocity is in the axes of the body, that `q` turns.
-    """
-    velocity = columns.vectors(VELOCITY)
-    if in_body:
-        velocity = rotated(columns.vectors(ORIENTATION), velocity)
-    if "moves" in columns.fields:
-        velocity[~columns.is_set("moves")] = np.nan
-    direction, speed = course(velocity, yaw)
-    return {"direction": direction, "speed": speed, "climb": velocity[:, 2]}
 
 
 def rows_of(message: IntArray, *, place: FloatArray, **known: Any) -> ObjectRows:

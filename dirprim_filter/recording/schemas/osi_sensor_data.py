@@ -11,23 +11,19 @@ yaw, then about the new y by pitch, then about the new x by roll).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns
-from dirprim_filter.recording.decoding.fields import Field
 from dirprim_filter.recording.schemas.attitude import rotated
-from dirprim_filter.recording.schemas.field_groups import POSITION, SIZE, extents, xyz
-from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, rows_of
-from dirprim_filter.recording.schemas.osi import DIMENSION
+from dirprim_filter.recording.schemas.family import SIZE, family
 
 _TRUTH = ".sensor_view[0].global_ground_truth"
 _MOVERS = f"{_TRUTH}.moving_object[]"
 _ANGLES = ("yaw", "pitch", "roll")
-
-
-def _turn(prefix: str, path: str) -> dict[str, Field]:
-    return {f"{prefix}.{angle}": Field(path=f"{path}.{angle}") for angle in _ANGLES}
 
 
 def _quaternion(angles: FloatArray) -> FloatArray:
@@ -55,49 +51,41 @@ def _hosts(columns: FieldColumns) -> IntArray:
     return hosts
 
 
-def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
-    message = columns.message_of(".moving_object[]")
-    hosts = _hosts(columns)
-    lost = np.unique(message[hosts[message] < 0])
-    columns.fail(lost, f"{_TRUTH} without the host vehicle, so it is unknown where the sensor is")
-    placed = columns.is_set("placed") & (hosts[message] >= 0)
-    message = message[placed]
-    mounted, turned = _angles(columns, "mounted")[message], _angles(columns, "turned")[hosts[message]]
-    in_vehicle = rotated(mounted, columns.vectors(POSITION)[placed])
-    in_vehicle += _vector(columns, "mount")[message] + _vector(columns, "rear")[hosts[message]]
-    place = rotated(turned, in_vehicle) + _vector(columns, "at")[hosts[message]]
-    ahead = rotated(_angles(columns, "body")[placed], np.broadcast_to([1.0, 0.0, 0.0], place.shape))
+def _in_the_world(columns: FieldColumns, message: IntArray, known: dict[str, Any]) -> BoolArray:
+    """Places and headings out of the axes of the sensor; which objects have a place and a host."""
+    host = _hosts(columns)[message]
+    columns.fail(message[host < 0], f"{_TRUTH} without the host vehicle, so it is unknown where the sensor is")
+    kept = columns.is_set("placed") & (host >= 0)
+    if not kept.any():
+        return kept
+    mounted, turned = _angles(columns, "mounted")[message], _angles(columns, "turn")[host]
+    in_vehicle = rotated(mounted, known["place"]) + _vector(columns, "mount")[message] + _vector(columns, "rear")[host]
+    known["place"] = rotated(turned, in_vehicle) + _vector(columns, "at")[host]
+    ahead = rotated(_angles(columns, "body"), np.broadcast_to([1.0, 0.0, 0.0], known["place"].shape))
     ahead = rotated(turned, rotated(mounted, ahead))
-    measured, sent = columns.times("measured"), columns.times("stamp")
-    return rows_of(
-        message,
-        track_id=columns.names("id")[placed],
-        stamp_ns=np.where(measured == NO_TIME, sent, measured)[message],
-        frame_id=np.full(message.size, ""),
-        place=place,
-        size=columns.vectors(SIZE)[placed],
-        heading=np.where(columns.is_set("faces")[placed], np.arctan2(ahead[:, 1], ahead[:, 0]), np.nan),
-    )
+    known["heading"] = np.where(columns.is_set("faces"), np.arctan2(ahead[:, 1], ahead[:, 0]), np.nan)
+    measured = columns.times("measured")[message]
+    known["stamp_ns"] = np.where(measured == NO_TIME, known["stamp_ns"], measured)
+    return kept
 
 
-SENSOR_DATA = Family(
-    schemas=("osi3.SensorData",),
-    fields={
-        "stamp": Field(path=".timestamp", kind="time"),
-        "measured": Field(path=".last_measurement_time", kind="time", optional=True),
-        "id": Field(path=".moving_object[].header.tracking_id.value", kind="name"),
-        "placed": Field(path=".moving_object[].base.position", kind="presence"),
-        "faces": Field(path=".moving_object[].base.orientation", kind="presence"),
-        **xyz("p", ".moving_object[].base.position"),
-        **_turn("body", ".moving_object[].base.orientation"),
-        **extents(".moving_object[].base.dimension", DIMENSION),
-        **xyz("mount", ".mounting_position.position"),
-        **_turn("mounted", ".mounting_position.orientation"),
-        "host": Field(path=f"{_TRUTH}.host_vehicle_id.value", kind="name"),
-        "mover": Field(path=f"{_MOVERS}.id.value", kind="name"),
-        **xyz("at", f"{_MOVERS}.base.position"),
-        **_turn("turned", f"{_MOVERS}.base.orientation"),
-        **xyz("rear", f"{_MOVERS}.vehicle_attributes.bbcenter_to_rear"),
+def _each(prefix: str, path: str, names: Sequence[str]) -> dict[str, str]:
+    return {f"{prefix}.{name}": f"{path}.{name}" for name in names}
+
+
+_OWN = ".moving_object[].base"
+SENSOR_DATA = family(
+    "osi3.SensorData",
+    paths={
+        "time": ".timestamp", "measured": ".last_measurement_time",
+        "id": ".moving_object[].header.tracking_id.value", "placed": f"{_OWN}.position", "position": f"{_OWN}.position",
+        "faces": f"{_OWN}.orientation", **_each("body", f"{_OWN}.orientation", _ANGLES),
+        **{name: f"{_OWN}.dimension.{name}" for name in SIZE},
+        **_each("mount", ".mounting_position.position", "xyz"),
+        **_each("mounted", ".mounting_position.orientation", _ANGLES),
+        "host": f"{_TRUTH}.host_vehicle_id.value", "mover": f"{_MOVERS}.id.value",
+        **_each("at", f"{_MOVERS}.base.position", "xyz"), **_each("turn", f"{_MOVERS}.base.orientation", _ANGLES),
+        **_each("rear", f"{_MOVERS}.vehicle_attributes.bbcenter_to_rear", "xyz"),
     },
-    objects=_objects,
-)
+    amend=_in_the_world,
+)  # fmt: skip

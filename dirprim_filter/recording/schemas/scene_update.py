@@ -14,28 +14,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
-from dirprim_filter.recording.decoding.fields import Field
-from dirprim_filter.recording.schemas.attitude import heading
-from dirprim_filter.recording.schemas.field_groups import (
-    ORIENTATION,
-    POSITION,
-    SIZE,
-    extents,
-    foxglove_header,
-    pose,
-    xyz,
-)
-from dirprim_filter.recording.schemas.object_rows import Family, ObjectRows, object_rows
+from dirprim_filter.recording.schemas.family import SIZE, family
 
 INT64_TEXT_LENGTH = 20
-_ENTITIES = ".entities[]"
-_NOTES = ".entities[].metadata[]"
-_PLACES = (POSITION, ("r.x", "r.y", "r.z"), ("m.x", "m.y", "m.z"))
+_ENTITIES, _NOTES = ".entities[]", ".entities[].metadata[]"
+_CUBE, _CYLINDER, _MODEL = (f"{_ENTITIES}.{body}[0]" for body in ("cubes", "cylinders", "models"))
+_PLACES = (("x", "y", "z"), ("r.x", "r.y", "r.z"), ("m.x", "m.y", "m.z"))
 _ROUND = ("round.x", "round.y", "round.z")
 SIZE_NOTES = ("length_m", "width_m", "height_m")
 """In the metadata: of what was observed, where the cube may be of a middling size."""
@@ -45,17 +35,22 @@ HEADING_NOTE = "heading_rad"
 """In the metadata: of what was observed, where the cube may be turned into the course."""
 
 
-def _objects(columns: FieldColumns, _topics: AnyArray) -> ObjectRows:
-    message = columns.message_of(_ENTITIES)
+def _by_bodies_and_notes(columns: FieldColumns, message: IntArray, known: dict[str, Any]) -> BoolArray:
+    """What the metadata say, and the size, the place and the heading of the body; which entities have one."""
     notes = _Notes(columns, message.size)
+    is_noted = notes.has("speed_mps")
+    facing = np.where(columns.is_set("cube"), known["heading"], np.nan)
+    if is_noted.any():
+        facing = np.where(is_noted, notes.numbers(HEADING_NOTE), facing)
+    known |= {
+        "place": _of_body(columns, *_PLACES), "direction": notes.numbers("direction_rad"),
+        "speed": notes.numbers("speed_mps"), "group": notes.groups(), "label": notes.texts("category"),
+        "size": _sizes(columns, notes), "heading": facing,
+    }  # fmt: skip
     is_body = columns.is_set("cube")
     for other in ("cylinder", "model"):
         is_body = is_body | columns.is_set(other, default=False)
-    return object_rows(
-        columns, _ENTITIES, place=_of_body(columns, *_PLACES), direction=notes.numbers("direction_rad"),
-        speed=notes.numbers("speed_mps"), group=notes.groups(), label=notes.texts("category"),
-        size=_sizes(columns, notes), heading=_headings(columns, notes),
-    )[is_body]  # fmt: skip
+    return is_body
 
 
 def _of_body(columns: FieldColumns, cube: Sequence[str], cylinder: Sequence[str], model: Sequence[str]) -> FloatArray:
@@ -75,13 +70,6 @@ def _sizes(columns: FieldColumns, notes: _Notes) -> FloatArray:
     if noted.any():
         drawn[noted] = np.stack([notes.numbers(key) for key in SIZE_NOTES], axis=-1)[noted]
     return drawn
-
-
-def _headings(columns: FieldColumns, notes: _Notes) -> FloatArray:
-    """(n,) radians; of who is no cube unknown."""
-    drawn = np.where(columns.is_set("cube"), heading(columns.vectors(ORIENTATION)), np.nan)
-    noted = notes.has("speed_mps")
-    return np.where(noted, notes.numbers(HEADING_NOTE), drawn) if noted.any() else drawn
 
 
 class _Notes:
@@ -134,21 +122,14 @@ def _group(text: str) -> int:
     return int(text) if is_number else 0
 
 
-SCENE_UPDATE = Family(
-    schemas=("foxglove.SceneUpdate", "foxglove_msgs/msg/SceneUpdate"),
-    fields={
-        **foxglove_header(_ENTITIES),
-        "id": Field(path=f"{_ENTITIES}.id", kind="name"),
-        "cube": Field(path=f"{_ENTITIES}.cubes[0]", kind="presence"),
-        "cylinder": Field(path=f"{_ENTITIES}.cylinders[0]", kind="presence", optional=True),
-        "model": Field(path=f"{_ENTITIES}.models[0]", kind="presence", optional=True),
-        **pose(f"{_ENTITIES}.cubes[0].pose", optional=True),
-        **xyz("r", f"{_ENTITIES}.cylinders[0].pose.position", optional=True),
-        **xyz("m", f"{_ENTITIES}.models[0].pose.position", optional=True),
-        **extents(f"{_ENTITIES}.cubes[0].size"),
-        **xyz("round", f"{_ENTITIES}.cylinders[0].size", optional=True),
-        "key": Field(path=f"{_NOTES}.key", kind="name"),
-        "value": Field(path=f"{_NOTES}.value", kind="name"),
+SCENE_UPDATE = family(
+    "foxglove.SceneUpdate", "foxglove_msgs/msg/SceneUpdate",
+    paths={
+        "foxglove": _ENTITIES, "id": f"{_ENTITIES}.id", "cube": _CUBE, "cylinder": _CYLINDER, "model": _MODEL,
+        "pose": f"{_CUBE}.pose", "size": f"{_CUBE}.size", "key": f"{_NOTES}.key", "value": f"{_NOTES}.value",
+        **{name: f"{_CYLINDER}.pose.position.{name[-1]}" for name in _PLACES[1]},
+        **{name: f"{_MODEL}.pose.position.{name[-1]}" for name in _PLACES[2]},
+        **{name: f"{_CYLINDER}.size.{name[-1]}" for name in _ROUND},
     },
-    objects=_objects,
-)
+    amend=_by_bodies_and_notes,
+)  # fmt: skip

@@ -36,7 +36,7 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
         OSError: the file cannot be read.
     """
     path = Path(path)
-    if mapping.time is None and mapping.time_s is None:
+    if "time" not in mapping and "time_s" not in mapping:
         raise ValueError(f"fields: expected time= or time_s=, got {mapping}")
     frames = _frames(path)
     family = mapping.family()
@@ -49,10 +49,10 @@ def read_json(path: str | Path, mapping: FieldMapping, *, origin: Origin | None 
     place = np.column_stack([rows.position, np.zeros(len(rows))])
     vehicles = VehicleRows.of(
         rows.track_id, time_ns=rows.stamp_ns,
-        position=rows.position if mapping.latitude is None else placed_on_plane(place, origin)[:, :2],
+        position=rows.position if "latitude" not in mapping else placed_on_plane(place, origin)[:, :2],
         direction=rows.direction, speed=rows.speed, group=rows.group, size=rows.size, heading=rows.heading,
     )  # fmt: skip
-    return table_of(vehicles, label=rows.label if mapping.label else None, losses=losses)
+    return table_of(vehicles, label=rows.label if "label" in mapping else None, losses=losses)
 
 
 def _frames(path: Path) -> list[Any]:

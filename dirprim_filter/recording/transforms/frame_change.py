@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.errors import MissingTransformError
-from dirprim_filter.recording.schemas.location import GEODETIC
+from dirprim_filter.recording.schemas.family import GEODETIC
 from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.recording.transforms.transform_tree import Placement, TransformTree

@@ -14,7 +14,7 @@ import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,13 +22,14 @@ from scipy.spatial.transform import Rotation
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log, Scan
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.decoding.field_columns import NO_TIME, signed
+from dirprim_filter.recording.decoding.field_columns import NO_TIME, FieldColumns, signed
 from dirprim_filter.recording.decoding.fields import SchemaError
-from dirprim_filter.recording.decoding.growing_column import GrowingColumn
 from dirprim_filter.recording.errors import DamagedRecordingError, DecodeError
-from dirprim_filter.recording.losses import TRANSFORMS, Losses
+from dirprim_filter.recording.losses import TRANSFORMS as TRANSFORM_LOSS
+from dirprim_filter.recording.losses import Losses
 from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_schema, family_of
-from dirprim_filter.recording.schemas.transform_messages import FAMILIES, NO_TRANSFORMS, TransformRows, transforms_of
+from dirprim_filter.recording.schemas.families import TRANSFORMS
+from dirprim_filter.recording.schemas.family import QUATERNION
 from dirprim_filter.track_ids import Numbers
 
 logger = logging.getLogger(__name__)
@@ -132,28 +133,30 @@ class TransformTree:
             DamagedRecordingError: strict, and the log is damaged.
             DecodeError: strict, and a message is not what its schema says.
         """
-        topics = frozenset(channel.topic for channel in log.channels() if family_of(channel) in FAMILIES)
+        topics = frozenset(channel.topic for channel in log.channels() if family_of(channel) in TRANSFORMS)
         if not topics:
             return cls({})
-        decoders, losses, transforms = Decoders(), Losses(), _Transforms()
+        decoders, losses, parts, frames = Decoders(), Losses(), list[_Transforms](), Numbers()
         scan = Scan(log, topics.__contains__)
         for batch in batches(scan.columns(), decoders):
             for _, messages in by_schema(batch):
-                if family_of(messages.first_channel) not in FAMILIES:
+                if family_of(messages.first_channel) not in TRANSFORMS:
                     continue
-                rows, failures = _decoded(decoders, messages)
-                if strict and failures:
-                    raise DecodeError.of(log.path, messages, failures)
-                losses.fail(failures.values())
-                valid = _valid(rows)
-                losses.drop(TRANSFORMS, ~valid)
-                is_static = np.strings.endswith(messages.topic[rows.message], STATIC)
-                transforms.extend(rows.of(valid & ~is_static))
-                transforms.hold(rows.of(valid & is_static))
+                for _, own, columns in decoders.columns(messages):
+                    if isinstance(columns, SchemaError):
+                        failures = dict.fromkeys(range(len(own)), str(columns))
+                    else:
+                        rows = _Transforms.of(columns, own, frames)
+                        failures, valid = columns.failures, rows.is_valid()
+                        losses.drop(TRANSFORM_LOSS, ~valid)
+                        parts.append(rows.chosen(valid))
+                    if strict and failures:
+                        raise DecodeError.of(log.path, own, failures)
+                    losses.fail(failures.values())
         if strict and scan.damage:
             raise DamagedRecordingError(log.path, scan.damage)
         losses.damage = scan.damage
-        return cls(transforms.edges(log.path), losses)
+        return cls(_edges(log.path, parts, frames), losses)
 
     def chain(self, frame: str) -> list[str]:
         """The frame, its parent, and so on up to the root."""
@@ -188,85 +191,63 @@ class TransformTree:
         return placed
 
 
-def _decoded(decoders: Decoders, messages: MessageColumns) -> tuple[TransformRows, dict[int, str]]:
-    """The transforms of messages of one schema, each with a time, and by number why a message cannot be read."""
-    try:
-        columns = decoders.columns(messages)
-    except SchemaError as error:
-        return NO_TRANSFORMS, dict.fromkeys(range(len(messages)), str(error))
-    rows = transforms_of(columns)
-    rows = rows.of(~np.isin(rows.message, list(columns.failures)))
-    log_ns = signed(messages.log_time_ns)[rows.message]
-    is_stamped = (rows.stamp_ns != NO_TIME) & (rows.stamp_ns != 0)
-    return rows._replace(stamp_ns=np.where(is_stamped, rows.stamp_ns, log_ns)), columns.failures
+class _Transforms(NamedTuple):
+    """Transforms of a batch of messages: poses of the children's frames in their parents'."""
+
+    time_ns: IntArray  # (n,)
+    parent: IntArray  # (n,) by number, as texts would be as wide as the longest
+    child: IntArray  # (n,)
+    translation: FloatArray  # (n, 3) metres
+    rotation: FloatArray  # (n, 4) quaternion x, y, z, w; unit where valid
+    is_static: BoolArray  # (n,) of a topic whose transforms hold from then on
+
+    @classmethod
+    def of(cls, columns: FieldColumns, messages: MessageColumns, frames: Numbers) -> _Transforms:
+        """Those of messages of one schema; frames without the slash that names began with in ROS 1."""
+        parent, child = columns.names("frame"), columns.names("id")
+        message = columns.message_of(columns.fields["id"].table)
+        stamp_ns, log_ns = columns.times("time"), signed(messages.log_time_ns)[message]
+        rotation = columns.vectors(QUATERNION)
+        with np.errstate(all="ignore"):
+            rotation = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
+        parents, children = (frames.of(np.strings.lstrip(names, "/").tolist()) for names in (parent, child))
+        rows = cls(
+            time_ns=np.where((stamp_ns != NO_TIME) & (stamp_ns != 0), stamp_ns, log_ns), parent=parents, child=children,
+            translation=columns.vectors(("x", "y", "z")), rotation=rotation,
+            is_static=np.strings.endswith(messages.topic[message], STATIC),
+        )  # fmt: skip
+        return rows.chosen(~np.isin(message, list(columns.failures)))
+
+    def chosen(self, rows: BoolArray | IntArray) -> _Transforms:
+        """Those of a mask, or of indices."""
+        columns: list[Any] = [column[rows] for column in self]
+        return _Transforms(*columns)
+
+    def is_valid(self) -> BoolArray:
+        """(n,) which place a frame in another one, at a time whose distance to others fits into int64."""
+        is_pose = np.isfinite(self.translation).all(axis=1) & np.isfinite(self.rotation).all(axis=1)
+        return np.asarray(is_pose & (self.child != self.parent) & (np.abs(self.time_ns // 2) < 1 << 61))
 
 
-def _valid(rows: TransformRows) -> BoolArray:
-    """(n,) which transforms place a frame in another one, at a time whose distance to others fits into int64."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        length = np.linalg.norm(rows.rotation, axis=1)
-    is_pose = np.isfinite(rows.translation).all(axis=1) & np.isfinite(length) & (length > 0)
-    return np.asarray(is_pose & (rows.child != rows.parent) & (np.abs(rows.stamp_ns // 2) < 1 << 61))
-
-
-class _GrowingEdge:
-    """A frame in the first parent that the log gives it, under way."""
-
-    def __init__(self, parent: str) -> None:
-        self.parent = parent
-        self.has_others = False
-        self._columns = GrowingColumn(np.int64), GrowingColumn(np.float64, 3), GrowingColumn(np.float64, 4)
-
-    def extend(self, rows: TransformRows) -> None:
-        is_own = rows.parent == self.parent
-        if not is_own.all():
-            self.has_others, rows = True, rows.of(is_own)
-        rotation = rows.rotation / np.linalg.norm(rows.rotation, axis=1, keepdims=True)
-        for column, values in zip(self._columns, (rows.stamp_ns, rows.translation, rotation), strict=True):
-            column.extend(values)
-
-    def whole(self) -> Edge:
-        """In order of time; of one time the last. Columns that are in order already are not copied."""
-        time_ns, translation, rotation = (column.whole() for column in self._columns)
-        if not (time_ns[1:] > time_ns[:-1]).all():
-            order = np.argsort(time_ns, kind="stable")
-            kept = order[np.append(np.diff(time_ns[order]) > 0, True)]
-            time_ns, translation, rotation = time_ns[kept], translation[kept], rotation[kept]
-        return Edge(parent=self.parent, time_ns=time_ns, translation=translation, rotation=rotation)
-
-
-class _Transforms:
-    """The edges of a log, under way."""
-
-    def __init__(self) -> None:
-        self._edges: dict[str, _GrowingEdge] = {}
-        self._static: dict[str, Edge] = {}
-
-    def hold(self, rows: TransformRows) -> None:
-        """Take the last of each frame's static transforms."""
-        for i, name in enumerate(rows.child.tolist()):
-            one = slice(i, i + 1)
-            self._static[name] = Edge(
-                parent=str(rows.parent[i]), time_ns=rows.stamp_ns[one], translation=rows.translation[one],
-                rotation=rows.rotation[one] / np.linalg.norm(rows.rotation[one]),
-            )  # fmt: skip
-
-    def extend(self, rows: TransformRows) -> None:
-        if not rows.stamp_ns.size:
-            return
-        numbers = Numbers()
-        child = numbers.of(rows.child.tolist())
-        names = list(numbers)
-        by_child = np.argsort(child, kind="stable")
-        for own in np.split(by_child, np.flatnonzero(np.diff(child[by_child])) + 1):
-            name = names[child[own[0]]]
-            if name not in self._edges:
-                self._edges[name] = _GrowingEdge(str(rows.parent[own[0]]))
-            self._edges[name].extend(rows.of(own))
-
-    def edges(self, path: Path) -> dict[str, Edge]:
-        """The edges of all transforms."""
-        for name, edge in self._edges.items():
-            if edge.has_others:
-                logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, edge.parent)
-        return {name: edge.whole() for name, edge in self._edges.items()} | self._static
+def _edges(path: Path, parts: list[_Transforms], frames: Numbers) -> dict[str, Edge]:
+    """The frames in the first parent that the log gives them: static ones as of the last, the others over time."""
+    edges: dict[str, Edge] = {}
+    if not parts:
+        return edges
+    rows = _Transforms(*map(np.concatenate, zip(*parts, strict=True)))
+    names, order = list(frames), np.argsort(rows.child, kind="stable")
+    for here in np.split(order, np.flatnonzero(np.diff(rows.child[order])) + 1) if order.size else ():
+        own = rows.chosen(here)
+        name = names[own.child[0]]
+        if own.is_static.any():
+            own = own.chosen(np.flatnonzero(own.is_static)[-1:])
+        elif (has_others := own.parent != own.parent[0]).any():
+            logger.warning("%s: frame %r has several parents; that in %r is taken", path, name, names[own.parent[0]])
+            own = own.chosen(~has_others)
+        if not (own.time_ns[1:] > own.time_ns[:-1]).all():  # of one time the last
+            by_time = np.argsort(own.time_ns, kind="stable")
+            own = own.chosen(by_time[np.append(np.diff(own.time_ns[by_time]) > 0, True)])
+        edges[name] = Edge(
+            parent=names[own.parent[0]], time_ns=own.time_ns, translation=own.translation, rotation=own.rotation
+        )
+    return edges

@@ -1,0 +1,311 @@
+"""Families of schemas as data: where in a message each quantity of an object stands, under names alike in all.
+
+A path is such as `.objects[].pose.position.x`. Paths through a repeated field all go through the same one, or stand
+in messages beside each other at equal lengths (`.x[]` and `.y[]`); a path without `[]` holds for all objects of its
+message.
+
+Sources: std_msgs/Header.msg; geometry_msgs/PoseWithCovariance.msg (6 x 6, in the axes that the pose is given in);
+sensor_msgs/NavSatFix.msg (3 x 3, east, north and up).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from dirprim_filter.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from dirprim_filter.recording.decoding.field_columns import NANOSECONDS, NO_TIME, FieldColumns
+from dirprim_filter.recording.decoding.fields import Field, Kind
+from dirprim_filter.recording.schemas.attitude import course, heading, rotated
+from dirprim_filter.recording.schemas.object_rows import ObjectRows, rows_of
+
+NAMES: dict[str, str] = {
+    "x": "metres; or longitude and latitude in its place and that of y", "y": "metres", "z": "metres",
+    "latitude": "degrees on WGS 84, to be projected to a plane", "longitude": "likewise",
+    "id": "the vehicle's name; left out: the topic's, of single objects",
+    "time": "of the header: seconds and nanoseconds, or whole nanoseconds", "time_s": "the same in seconds",
+    "frame": "name of the frame that x and y are in",
+    "vx": "velocity over ground in that frame, m/s", "vy": "the same along y", "vz": "the same upwards",
+    "speed": "m/s", "speed_kmh": "km/h",
+    "direction": "course over ground, radians counter-clockwise from x", "direction_deg": "the same in degrees",
+    "heading": "yaw of the body, radians; the course is derived from positions",
+    "heading_deg": "the same in degrees",
+    "qx": "of the quaternion that turns the body", "qy": "likewise", "qz": "likewise", "qw": "likewise",
+    "cxx": "variance of x, square metres", "cxy": "covariance of x and y", "cyy": "variance of y",
+    "group": "a whole number", "label": "what the object is",
+    "length": "of the body, metres", "width": "the same across", "height": "the same upwards",
+}  # fmt: skip
+"""What `--fields` may name."""
+GROUPS: dict[str, dict[str, str]] = {
+    "header": {"time": ".stamp", "frame": ".frame_id"},
+    "foxglove": {"time": ".timestamp", "frame": ".frame_id"},
+    "position": {"x": ".x", "y": ".y", "z": ".z"},
+    "quaternion": {"qx": ".x", "qy": ".y", "qz": ".z", "qw": ".w"},
+    "pose": {f"{axis}": f".position.{axis}" for axis in "xyz"}
+    | {f"q{axis}": f".orientation.{axis}" for axis in "xyzw"},
+    "velocity": {"vx": ".x", "vy": ".y", "vz": ".z"},
+    "size": {"length": ".x", "width": ".y", "height": ".z"},
+    "covariance6": {"cxx": "[0]", "cxy": "[1]", "cyy": "[7]"},
+    "covariance3": {"cxx": "[0]", "cxy": "[1]", "cyy": "[4]"},
+}
+"""Names that stand for several below one path."""
+_KINDS: dict[str, Kind] = {
+    **dict.fromkeys(("id", "frame", "label", "space", "key", "value", "host", "mover"), "name"),
+    **dict.fromkeys(("time", "measured"), "time"),
+    **dict.fromkeys(("placed", "moves", "turned", "faces", "cube", "cylinder", "model"), "presence"),
+}  # fmt: skip
+REQUIRED = frozenset({"x", "y", "longitude", "latitude", "time", "frame", "placed"})
+"""Without these a schema of a known name is not read; a `frame` that is missing would be taken for the map's."""
+_KNOWN_BY = {"heading": ("turned", "is_turned"), "motion": ("moves", "has_twist"), "covariance": ("is_measured",)}
+"""Presence of a message, or a number: where it is not set, or 0, the quantity means nothing."""
+SIZE, QUATERNION, VELOCITY = ("length", "width", "height"), ("qx", "qy", "qz", "qw"), ("vx", "vy", "vz")
+GEODETIC = "WGS 84"
+"""The frame of positions (longitude, latitude) in degrees and a height above the ellipsoid in metres."""
+UNLABELLED = -1
+"""The number of an object whose class is unknown; as an index, the last of the names."""
+KMH = 3.6
+FARTHEST_S = float(1 << 63) / NANOSECONDS
+"""Seconds from here on do not fit into int64 nanoseconds."""
+Shape = tuple[tuple[int, int, int], tuple[float, float, float]]
+"""Of which of three numbers length, width and height are made, -1 for none, and by which factors."""
+AS_BOX: Shape = ((0, 1, 2), (1.0, 1.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Family:
+    """Schemas that say the same in the same fields, and how their objects are read.
+
+    Attributes:
+        schemas: names, of whatever encoding.
+        fields: what is wanted of a message, by the names of `NAMES` and some more.
+        in_body: the velocity is in the axes of the body, else in those of the frame.
+        names: where an object's name is: in `id` alone; the topic, where that is empty; or the topic and the place of
+            the object in its message.
+        labels: the words for the numbers in `label`.
+        only: values of fields that the rows must have to be objects.
+        shapes: what the three numbers of the size mean, by the number in `shape`; of others the size is unknown.
+        amend: changes what was read, from the rows' (n,) messages and the columns of `ObjectRows` by name; the rows of
+            which it returns False are no objects.
+    """
+
+    schemas: tuple[str, ...]
+    fields: Mapping[str, Field]
+    in_body: bool = False
+    names: Literal["id", "topic", "place"] = "id"
+    labels: Sequence[str] = ()
+    only: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    shapes: Mapping[int, Shape] = field(default_factory=dict)
+    amend: Callable[[FieldColumns, IntArray, dict[str, Any]], BoolArray | None] | None = None
+
+    def objects(self, columns: FieldColumns, topics: AnyArray) -> ObjectRows:
+        """The objects of the fields' columns and (n_messages,) topics; may mark messages as failed."""
+        of = _Objects(columns)
+        message, is_geodetic = of.message, "longitude" in self.fields
+        facing = self._heading(of)
+        known: dict[str, Any] = {
+            "place": of.vectors(("longitude", "latitude", "z") if is_geodetic else ("x", "y", "z")),
+            "track_id": self._names(of, topics),
+            "stamp_ns": of.times(),
+            "frame_id": np.full(message.size, GEODETIC) if is_geodetic else of.names("frame"),
+            "heading": facing,
+            **self._motion(of, facing),
+        }
+        if is_geodetic:
+            _forget_no_fixes(known["place"], of.integers("status"))
+        if of.has("group"):
+            known["group"] = of.integers("group")
+        if of.has("cxx"):
+            known["covariance"] = matrices(*(of.known("covariance", of.numbers(c)) for c in ("cxx", "cxy", "cyy")))
+        if of.has("label"):
+            known["label"] = of.labels(self.labels)
+        if any(map(of.has, SIZE)):
+            size = of.vectors(SIZE)
+            known["size"] = shaped(size, of.integers("shape"), self.shapes) if self.shapes else size
+        if of.has("cue_turn"):
+            known["cue"] = of.vectors(("cue_turn", "cue_concentration"))
+        kept = None if self.amend is None else self.amend(columns, message, known)
+        rows = rows_of(message, **known)
+        for name, values in self.only.items():
+            is_one = np.isin(of.integers(name), values)
+            kept = is_one if kept is None else kept & is_one
+        return rows if kept is None else rows[kept]
+
+    def _heading(self, of: _Objects) -> FloatArray | None:
+        if of.has("qw"):
+            return of.known("heading", heading(of.vectors(QUATERNION)))
+        return of.known("heading", of.either("heading", "heading_deg", np.pi / 180)) if of.has_any("heading") else None
+
+    def _motion(self, of: _Objects, facing: FloatArray | None) -> dict[str, FloatArray]:
+        """Stated course and speed go before those of the velocity; the heading is the course of who stands."""
+        if not (of.has_any("direction") or of.has_any("speed") or of.has("vx")):
+            return {}
+        direction = of.either("direction", "direction_deg", np.pi / 180)
+        speed, climb = of.either("speed", "speed_kmh", 1 / KMH), np.zeros(direction.size)
+        if of.has("vx"):
+            velocity = of.vectors(VELOCITY)
+            if self.in_body:
+                velocity = rotated(of.vectors(QUATERNION), velocity)
+            moving, over_ground = course(velocity, np.full(direction.size, np.nan) if facing is None else facing)
+            speed = np.where(np.isfinite(speed), speed, over_ground)
+            direction, climb = np.where(np.isfinite(direction), direction, moving), velocity[:, 2]
+        return {name: of.known("motion", values) for name, values in
+                (("direction", direction), ("speed", speed), ("climb", climb))}  # fmt: skip
+
+    def _names(self, of: _Objects, topics: AnyArray) -> AnyArray:
+        if self.names == "place":
+            place = np.arange(of.message.size) - np.searchsorted(of.message, of.message)
+            return np.strings.add(np.strings.add(topics[of.message], "/"), place.astype(np.str_))
+        if self.names == "topic" and not of.has("id"):
+            return topics[of.message]
+        own = of.names("id")
+        if of.has("space"):
+            return np.strings.add(np.strings.add(of.names("space"), "/"), own)
+        return np.where(own == "", topics[of.message], own) if self.names == "topic" else own
+
+
+def family(*schemas: str, paths: Mapping[str, str], required: bool = False, **more: Any) -> Family:
+    """A family by the paths of its fields.
+
+    Args:
+        schemas: names.
+        paths: by the names of `NAMES` or `GROUPS`.
+        required: a schema must have all of them; else only those of `REQUIRED`.
+        more: fields of `Family`.
+    """
+    each = {
+        name: f"{path}{below}"
+        for group, path in paths.items()
+        for name, below in GROUPS.get(group, {group: ""}).items()
+    }
+    kinds = _KINDS | ({"label": "number"} if more.get("labels") else {})
+    fields = {
+        name: Field(path=path, kind=kinds.get(name, "number"), optional=not (required or name in REQUIRED))
+        for name, path in each.items()
+    }
+    return Family(schemas=schemas, fields=fields, **more)
+
+
+class _Objects:
+    """Columns of different tables, as columns of the rows of the place."""
+
+    def __init__(self, columns: FieldColumns) -> None:
+        self._columns = columns
+        self._place = next(columns.fields[name] for name in ("longitude", "x") if name in columns.fields)
+        self.message = columns.message_of(self._place.table)
+
+    def has(self, name: str) -> bool:
+        """Whether the family asks for it."""
+        return name in self._columns.fields
+
+    def has_any(self, name: str) -> bool:
+        """In one of its units."""
+        return any(self.has(f"{name}{unit}") for unit in ("", "_deg", "_kmh"))
+
+    def numbers(self, name: str) -> FloatArray:
+        """(n,) NaN where unknown."""
+        if not self.has(name):
+            return np.full(self.message.size, np.nan)
+        return np.asarray(self._spread(name, self._columns.numbers(name), np.nan))
+
+    def either(self, name: str, other: str, factor: float) -> FloatArray:
+        """(n,) the one, or the other in its unit."""
+        return self.numbers(other) * factor if self.has(other) else self.numbers(name)
+
+    def vectors(self, names: Sequence[str]) -> FloatArray:
+        """(n, k) beside each other."""
+        return np.stack([self.numbers(name) for name in names], axis=-1)
+
+    def integers(self, name: str) -> IntArray:
+        """(n,) 0 where unknown."""
+        if not self.has(name):
+            return np.zeros(self.message.size, np.int64)
+        return np.asarray(self._spread(name, self._columns.integers(name), 0))
+
+    def names(self, name: str) -> AnyArray:
+        """(n,) str, empty where unknown."""
+        return self._spread(name, self._columns.names(name), "") if self.has(name) else np.full(self.message.size, "")
+
+    def times(self) -> IntArray:
+        """(n,) the header's, `NO_TIME` where unknown."""
+        if self.has("time"):
+            return np.asarray(self._spread("time", self._columns.times("time"), NO_TIME))
+        seconds = self.numbers("time_s")
+        fits = np.abs(seconds) < FARTHEST_S
+        return np.where(fits, np.round(np.where(fits, seconds, 0.0) * 1e9).astype(np.int64), NO_TIME)
+
+    def known(self, what: str, values: FloatArray) -> FloatArray:
+        """The same, NaN where the message itself calls it unknown."""
+        for name in filter(self._columns.columns.__contains__, _KNOWN_BY[what]):
+            is_known = self.integers(name) > 0
+            values = values if is_known.all() else np.where(is_known, values, np.nan)
+        return values
+
+    def labels(self, words: Sequence[str]) -> AnyArray:
+        """(n,) str; of several guesses at an object, in a table below, that of the highest `score`."""
+        table = self._columns.fields["label"].table
+        read = self._columns.names("label") if not words else label_names(
+            self._columns.integers("label", default=UNLABELLED), words
+        )  # fmt: skip
+        if len(table) <= len(self._place.table) or not table.startswith(self._place.table):
+            return np.asarray(self._spread("label", read, ""))
+        of = self._columns.parent_of(table)
+        first = np.arange(of.size)
+        if not (np.diff(of) > 0).all():  # else one guess at each, as is usual
+            order = np.lexsort((-np.nan_to_num(self._columns.numbers("score")), of))
+            of, first = np.unique(of[order], return_index=True)
+            first = order[first]
+        found = np.full(self.message.size, "", dtype=read.dtype)
+        found[of] = read[first]
+        return found
+
+    def _spread(self, name: str, values: Any, none: object) -> Any:
+        """Values of the name's table, one for each row of the place; messages where they do not fit fail."""
+        one, columns = self._columns.fields[name], self._columns
+        if one.table == self._place.table:
+            return values
+        if one.table == "":
+            return values[self.message]
+        of = columns.message_of(one.table)
+        if np.array_equal(of, self.message):
+            return values
+        n, has = (np.bincount(rows, minlength=columns.n_messages) for rows in (self.message, of))
+        unlike = np.flatnonzero((n != has) & ((has > 0) | (not one.optional)))
+        if unlike.size:
+            columns.fail(unlike, f"{one.path}: expected as many as of {self._place.path}")
+        out = np.full(self.message.size, none, dtype=values.dtype)
+        out[(n == has)[self.message]] = values[(n == has)[of]]
+        return out
+
+
+def _forget_no_fixes(place: FloatArray, status: IntArray) -> None:
+    """A receiver without a fix says so by a status below 0, by places that do not exist, or by unset fields."""
+    longitude, latitude, _ = place.T
+    is_set = (latitude != 0) | (longitude != 0)
+    place[~((status >= 0) & is_set & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 360))] = np.nan
+
+
+def matrices(xx: FloatArray, xy: FloatArray, yy: FloatArray) -> FloatArray:
+    """(n, 2, 2) symmetric."""
+    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+
+
+def shaped(numbers: FloatArray, kind: IntArray, shapes: Mapping[int, Shape]) -> FloatArray:
+    """(n, 3) metres of bodies of (n,) kinds, by the (n, 3) numbers that describe them."""
+    found = np.full(numbers.shape, np.nan)
+    for shape, (places, factors) in shapes.items():
+        here = kind == shape
+        if here.any():
+            made = numbers[here][:, places] * factors
+            made[:, np.array(places) < 0] = np.nan
+            found[here] = made
+    return found
+
+
+def label_names(numbers: IntArray, words: Sequence[str]) -> AnyArray:
+    """(n,) str: the words for (n,) classes, a number that has none in decimal; empty for `UNLABELLED`."""
+    is_named = (numbers >= UNLABELLED) & (numbers < len(words))
+    named = np.array([*words, ""])[np.where(is_named, numbers, UNLABELLED)]
+    return named if is_named.all() else np.where(is_named, named, numbers.astype(np.str_))
