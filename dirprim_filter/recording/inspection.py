@@ -85,7 +85,11 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
         groups={
             topic: dict(sorted(counts.items())) for topic, counts in sorted(reading.groups.items()) if len(counts) > 1
         },
-        labels={topic: dict(sorted(counts.items())) for topic, counts in sorted(reading.labels.items()) if set(counts) != {""}},
+        labels={
+            topic: dict(sorted(counts.items()))
+            for topic, counts in sorted(reading.labels.items())
+            if set(counts) != {""}
+        },
         sizes={topic: sizes.summary() for topic, sizes in sorted(reading.sizes.items())},
         attachments=attachments,
         metadata=metadata,
