@@ -59,40 +59,29 @@ class LearningConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterConfig:
-    """How vehicles are tracked. What may be 0 is off then; an agility of 1 adds nothing.
+    """How vehicles are tracked. What may be 0 is off then.
+
+    Figures are of the ablation in `docs/results.md`.
 
     Attributes:
         n_particles: samples for each vehicle.
         noise_m: metres, standard deviation of a measured position in each axis.
-        outlier_probability: share of measurements that are not of the vehicle; keeps every weight positive.
+        outlier_probability: share of measurements that are not of the vehicle; keeps every weight positive. Without it
+            gaps at Lankershim are 5.5 % worse, and .5 % more rows of vehicles that misbehave are lost.
         outlier_extent_m: metres, the side of the square over which such a measurement may lie.
         direction_noise: radians, standard deviation of a measured direction: some degrees, for usual detectors.
         speed_noise: m/s, standard deviation of a measured speed.
         motion_outlier_probability: share of measured directions and speeds that are outliers: detectors confuse
             front and rear, and give standing vehicles any course.
         resample_below: resample when the effective sample size falls below this share of the particles; 0 is never.
-        widen_below: where effectively fewer than this share come near a measurement, particles are taken for kernels of
-            the belief's density and drawn anew.
-        place_free_share: least share of the particles that take up a place-free manoeuvre, where they take up any, and
-            share of a new belief's that have a place-free speed: the vehicle that does what none has done there is
-            not lost.
-        straight_share: weight of going straight on at constant speed, against 1 for all other place-free manoeuvres:
-            vehicles may do so even if the log has none that did.
-        redraw_rate: 1/s, how often a particle takes up whichever manoeuvre fits it by then.
-        direction_spread: radians by which drivers stray beyond what a map's manoeuvres say: a filter that believes a
-            hundredth of a radian loses whoever does otherwise. Forecasts go by the map alone.
-        push: m/s^2, the same of their acceleration.
-        place_free_agility: by how much more a place-free particle turns, accelerates and starts than the map's vehicles
-            do: who does what none did is found by these. Forecasts go by the map alone.
         innovation_outlier_rate: 1/s, how often a vehicle leaves its motion model for a moment and is a metre or two off
-            it: a belief that is sure of what its vehicle did not do, such as to stop, is not lost.
-        reach_m: metres; so far beside a cell a vehicle still moves as vehicles do in it: about a lane's width.
+            it: a belief that is sure of what its vehicle did not do, such as to stop, is not lost. Without it the NEES
+            of vehicles that misbehave is 23 instead of 8.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
-        drift: m^2/s, diffusion of the position beside what direction and speed predict, in each axis: 0.07 m in
-            a second.
         max_gap_s: seconds without a measurement after which a belief ends.
         interaction: "leader": vehicles respond to the vehicle ahead, by the estimates of the frame before, as far as
-            the map's vehicles did; "none": the belief of a vehicle does not depend on any other.
+            the map's vehicles did; "none": the belief of a vehicle does not depend on any other. Without leaders
+            Lankershim is 1.6 % worse in sight.
     """
 
     n_particles: int = 1000
@@ -103,32 +92,21 @@ class FilterConfig:
     speed_noise: float = 0.5
     motion_outlier_probability: float = 0.05
     resample_below: float = 0.5
-    widen_below: float = 0.3
-    place_free_share: float = 0.1
-    straight_share: float = 2.0
-    redraw_rate: float = 0.5
-    direction_spread: float = 0.03
-    push: float = 0.5
-    place_free_agility: float = 3.0
     innovation_outlier_rate: float = 0.03
-    reach_m: float = 3.5
     step_s: float = 0.1
-    drift: float = 0.005
     max_gap_s: float = 5.0
     interaction: Literal["none", "leader"] = "leader"
 
     def __post_init__(self) -> None:
-        may_be_off = (
-            "outlier_probability", "motion_outlier_probability", "resample_below", "widen_below", "place_free_share",
-            "straight_share", "redraw_rate", "direction_spread", "push", "innovation_outlier_rate", "reach_m", "drift",
-        )  # fmt: skip
+        may_be_off = ("outlier_probability", "motion_outlier_probability", "resample_below", "innovation_outlier_rate")
         require_positive(self, skip=("interaction",), or_zero=may_be_off)
         if self.interaction not in ("none", "leader"):
             raise ValueError(f"interaction: expected 'none' or 'leader', got {self.interaction!r}")
-        if self.outlier_probability >= 1 or max(self.resample_below, self.widen_below, self.place_free_share) > 1:
-            raise ValueError("outlier_probability, resample_below, widen_below, place_free_share: expected shares")
-        if self.motion_outlier_probability >= 1:
-            raise ValueError(f"motion_outlier_probability: expected below 1, got {self.motion_outlier_probability}")
+        for name in ("outlier_probability", "motion_outlier_probability"):
+            if getattr(self, name) >= 1:
+                raise ValueError(f"{name}: expected a probability below 1, got {getattr(self, name)}")
+        if self.resample_below > 1:
+            raise ValueError(f"resample_below: expected a share of the particles, got {self.resample_below}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

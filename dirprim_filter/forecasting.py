@@ -20,7 +20,6 @@ from dirprim_filter.distributions.highest_density import Region, highest_density
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.belief import birth_key
-from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.filtering.rollouts import (
     Start,
     Steps,
@@ -30,8 +29,10 @@ from dirprim_filter.filtering.rollouts import (
     sampled_state,
     side_by_side,
 )
+from dirprim_filter.filtering.surroundings import leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
+from dirprim_filter.primitives.motion_table import motion_table
 
 REGION_SHARES = (0.9, 0.5)
 """The shares of a vehicle's rollouts that its regions contain."""
@@ -74,7 +75,7 @@ def forecast(
     """
     start = Start.of(as_floats("position", position, "2")[None], [direction], [speed])
     steps = Steps.of(horizon_s, dt_s, n_samples)
-    table = forecast_table(primitive_map, config or FilterConfig())
+    table = motion_table(primitive_map, step_s=(config or FilterConfig()).step_s)
     return np.asarray(sample_paths(table, start, steps, cue=cue, rng=rng)[0])
 
 
@@ -158,7 +159,7 @@ class Forecaster:
         config = config or FilterConfig()
         self._map, self._config = primitive_map, config
         self._hour: int | None = None
-        self._table = forecast_table(primitive_map, config)
+        self._table = motion_table(primitive_map, step_s=config.step_s)
         self._response = leader_table(primitive_map, config)
         self._sinks = sinks
         self._every_ns = int(every_s * 1e9)
@@ -170,7 +171,7 @@ class Forecaster:
         """Go on by another part of the same map."""
         self._map, schedule, hour = primitive_map, primitive_map.schedule, self._hour
         of_hour = primitive_map if schedule is None or hour is None else schedule.applied(primitive_map, hour)
-        self._table = forecast_table(of_hour, self._config)
+        self._table = motion_table(of_hour, step_s=self._config.step_s)
 
     def write(self, frame: TrackedFrame) -> None:
         """Forecast the frame's vehicles if it is time."""
@@ -179,7 +180,8 @@ class Forecaster:
         self._next_ns = frame.time_ns + self._every_ns
         hour = self._map.slot_at(frame.time_ns)
         if hour != self._hour:
-            self._hour, self._table = hour, forecast_table(self._map.at_time(frame.time_ns), self._config)
+            of_hour = self._map.at_time(frame.time_ns)
+            self._hour, self._table = hour, motion_table(of_hour, step_s=self._config.step_s)
         names = [str(name) for name in frame.estimates.track_id]
         made = Forecasts.of(frame.time_ns, names, frame.estimates.position, self.paths(frame))
         for sink in self._sinks:

@@ -28,8 +28,6 @@ LARGEST = 1 << 28
 """Numbers of pixels that have a cell beside them: a gigabyte."""
 N_NEAREST = 8
 """Candidates that are looked up at once; where these may not be all, four times as many."""
-ASIDE = np.array([1e-4, 0.618e-4])
-"""Pixels: of two that are as near, it decides the same in a part of a map as in all of it."""
 MARGIN = 1e-9
 """Relative, some million times what rounding of squared distances costs: a candidate more does no harm."""
 
@@ -171,46 +169,6 @@ def _candidates(generators: FloatArray, center: FloatArray, half: float) -> tupl
     pair = np.concatenate(pairs)
     square, cell = pair[np.lexsort(pair.T[::-1])].T.copy()
     return square, cell
-
-
-def reaching(locator: Locator, reach_m: float, *, finest_m: float = 1.5, most_finer: int = 10) -> Locator:
-    """The locator whose cells also cover what lies within `reach_m` of them, to the nearest.
-
-    A vehicle just outside of the cells, where none was observed by chance, still follows the road. Where several
-    generators share the nearest pixel, the place is in the cell of the nearest.
-
-    Args:
-        locator: of cells.
-        reach_m: metres; exact to half a pixel.
-        finest_m: pixels are made as small,
-        most_finer: or by this factor.
-    """
-    finer = int(np.clip(np.ceil(1.0 / (locator.pixels_per_metre * finest_m)), 1, most_finer))
-    while finer > 1 and np.count_nonzero(locator.pixel != -1) * finer**2 > MAX_PIXELS:
-        finer -= 1
-    row, column, value = pixels_of(locator, finer)
-    per_metre = locator.pixels_per_metre * finer
-    radius, reach = int(np.ceil(reach_m * per_metre)), reach_m * per_metre
-    margin = -(-radius // SIDE) * SIDE
-    n_y, n_x = (2 * margin + finer * SIDE * n for n in locator.block.shape)
-    own = (row + margin) * n_x + column + margin
-    beside = np.array([-n_x, -1, 1, n_x])
-    edge = own[~np.isin(own[:, None] + beside, own).all(axis=1)]  # what lies beyond is nearest to one of these
-    i, j = np.mgrid[-radius : radius + 1, -radius : radius + 1]
-    i, j = i[i * i + j * j <= reach * reach], j[i * i + j * j <= reach * reach]
-    added = np.setdiff1d(np.unique((edge[:, None] + i * n_x + j).ravel()), own)
-    order = np.argsort(own)
-    places = np.column_stack(np.divmod(edge, n_x))
-    nearest = np.empty(0, np.int64)
-    if added.size:
-        nearest = np.asarray(cKDTree(places).query(np.column_stack(np.divmod(added, n_x)) + ASIDE)[1], np.int64)
-    of_edge = value[order[np.searchsorted(own[order], edge)]]
-    every = np.concatenate([own, added])
-    origin = np.array([locator.origin_x, locator.origin_y]) - margin / per_metre
-    return in_blocks(
-        origin, per_metre, (n_y, n_x), Pixels(*np.divmod(every, n_x), np.concatenate([value, of_edge[nearest]])),
-        first=locator.first, entry=locator.entry,
-    )  # fmt: skip
 
 
 def renumbered(locator: Locator, number: IntArray) -> Locator:

@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.primitives import PrimitiveMap, _motion
 from dirprim_filter.primitives.motion import FLOATS, Motion, joined, place_free_manoeuvres
+from dirprim_filter.primitives.motion_table import motion_table
 from tessellation import GridTessellation
 
 SIDE = 20.0
@@ -120,9 +119,9 @@ def settled(table, n, *, place=(0.0, 0.0), direction=0.0, speed=10.0, state):
     return made
 
 
-def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, table_of=forecast_table, config=None, **start):
+def moved(primitive_map, dt_s, *, n=20_000, key=5, n_calls=1, step_s=0.1, **start):
     """Particles after so many seconds, cut into calls."""
-    table, state = table_of(primitive_map, config or FilterConfig()), seeded(key)
+    table, state = motion_table(primitive_map, step_s=step_s), seeded(key)
     particles = settled(table, n, state=state, **start)
     for _ in range(n_calls):
         _motion.move(table, *particles, ALONE, dt_s / n_calls, state)

@@ -10,13 +10,12 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.filtering.rollouts import Steps, projected, sampled_belief
 from dirprim_filter.forecasting import Forecaster
+from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.replay import replay
 from situations import TRUSTING, one_cell_map, ring_traffic
 
-BARE = FilterConfig(drift=1e-6)
 START = {"position": (20.0, 0.0), "direction": np.pi / 2, "speed": 8.0}
 
 
@@ -37,9 +36,7 @@ def test_the_same_random_state_gives_the_same_futures_and_another_gives_others(r
 
 def test_on_a_straight_road_of_one_speed_positions_stand_at_dt_2_dt_and_so_on():
     straight = one_cell_map()
-    paths = forecast(
-        straight, position=(5.0, 1.0), direction=0.0, speed=10.0, dt_s=0.5, config=BARE, rng=np.random.default_rng(0)
-    )
+    paths = forecast(straight, position=(5.0, 1.0), direction=0.0, speed=10.0, dt_s=0.5, rng=np.random.default_rng(0))
     np.testing.assert_allclose(paths[..., 0], np.tile(5.0 + 5.0 * np.arange(1, 11), (100, 1)), atol=0.1)
     np.testing.assert_allclose(paths[..., 1], 1.0, atol=0.3)
 
@@ -61,8 +58,6 @@ def test_futures_stay_on_the_ring_and_those_without_places_leave_it(ring):
     with_places, without = off_the_ring(by_primitives), off_the_ring(by_primitives.without_places())
     assert with_places < 1.75  # half a lane
     assert without > 9.0  # straight on for 24 m ends 11 m outside
-    of_filter = FilterConfig(place_free_share=1.0, redraw_rate=5.0)  # a filter's, not a forecast's
-    assert off_the_ring(by_primitives, config=of_filter) == with_places
     unfamiliar = replace(by_primitives, motion=replace(by_primitives.motion, strength=1e9))  # follow no primitive
     assert off_the_ring(unfamiliar) > with_places + 1.0
 
@@ -151,7 +146,7 @@ def test_a_belief_goes_on_by_the_manoeuvres_that_the_filter_found(ring_map):
     here = np.flatnonzero((motion.cell == cell) & (motion.start_rate == 0))
     gained = motion.acceleration[here] @ [1.0, *(state[0] - ring_map.centers[cell]), state[2]]
     slowest = here[np.argmin(gained)]
-    table, steps = forecast_table(ring_map, FilterConfig()), Steps.of(0.5, 0.1, 400)
+    table, steps = motion_table(ring_map), Steps.of(0.5, 0.1, 400)
 
     def mean_way(**found):
         belief = Particles(

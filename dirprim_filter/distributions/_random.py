@@ -136,15 +136,6 @@ def fill_normals(out: FloatArray, state: UIntArray) -> None:
 
 
 @njit(**COMPILED)
-def fill_even(out: FloatArray, state: UIntArray) -> None:
-    """Even draws from [-1/2, 1/2), (n,)."""
-    z = bits(state)
-    for i in range(out.size):
-        z = np.uint64(z + _GOLDEN)
-        out[i] = from_one_to_two(mixed(z)) - 1.5
-
-
-@njit(**COMPILED)
 def draw_gamma(shape: float, state: UIntArray) -> float:
     """A draw from the gamma distribution of rate one."""
     boost = 1.0

@@ -21,8 +21,7 @@ from dirprim_filter.distributions import _random as random
 from dirprim_filter.distributions._elementary import cos, exp, sin, wrap
 from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.filtering._measuring import DIRECTION, SPEED, XX, XY, YY, Noise, X, Y
-from dirprim_filter.filtering._widening import weigh_motion
+from dirprim_filter.filtering._measuring import DIRECTION, SPEED, XX, XY, YY, Noise, X, Y, weigh_motion
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
 PLACE_M, SPEED_OFF, TOGETHER = 1.0, 2.0, 0.7

@@ -49,15 +49,11 @@ def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> No
 
 @njit(cache=True, nogil=True)
 def scatter(
-    primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float,
-    place_free_share: float,
-) -> None:  # fmt: skip
+    primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float
+) -> None:
     """Initialise a belief from one measurement: positions around it, direction and speed from the primitive there.
 
     `initialise_motion` then looks up the cells and draws manoeuvres.
-
-    A share of the particles has a place-free speed: else the belief about a vehicle that creeps where others drove fast
-    is wrong from the start, and again whenever it is begun anew.
     """
     n = cloud.speed.shape[1]
     block = np.empty(n // ROWS + 1, np.uint64)
@@ -71,17 +67,7 @@ def scatter(
         for b in range(block.size):
             block[b] = random.bits(state)
         _map_kernels.draw(primitives, cloud.position[v], block, cloud.direction[v], cloud.speed[v])
-        for p in range(int(place_free_share * n)):
-            cloud.speed[v, p] = draw_place_free_speed(primitives, state)
         cloud.weight[v] = 1.0 / n
-
-
-@njit(cache=True)
-def draw_place_free_speed(primitives: MapTable, state: UIntArray) -> float:
-    """A draw from the speeds of all places together."""
-    j = _map_kernels.mode_of(primitives, np.int64(-1), random.uniform(state))  # a literal would compile it twice
-    shape, rate = primitives.mode[j, _map_kernels.SHAPE], primitives.mode[j, _map_kernels.RATE]
-    return float(random.draw_gamma(shape, state) / rate)
 
 
 @njit(cache=True)

@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions._arithmetic import dot
+from dirprim_filter.distributions._arithmetic import dot, total_of
 from dirprim_filter.distributions._elementary import exp, log, squared_sine
-from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
+from dirprim_filter.filtering._kernels import Cloud
 
 X, Y, XX, XY, YY, LOG_NORMAL, DIRECTION, SPEED = range(8)
 LEAST = 1e-200
@@ -65,8 +65,8 @@ def log_motion_fit(noise: Noise, direction: float, speed: float, course: float, 
 def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
     """Weigh each vehicle's particles by its measurement; normalise.
 
-    Fills (V, 3): the log density of the measurement given those before it, that of its position alone, and the
-    effective sample size. Loops are kept apart, and without branches, so that they are compiled to vector instructions.
+    Fills (V, 2): the log density of the measurement given those before it, and that of its position alone. Loops are
+    kept apart, and without branches, so that they are compiled to vector instructions.
     """
     n = cloud.position.shape[1]
     fit = np.empty(n)
@@ -80,7 +80,6 @@ def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: Float
             dx, dy = place[p, 0] - x, place[p, 1] - y
             fit[p] = dx * (xx * dx + 2.0 * xy * dy) + yy * dy * dy
         weigh_by(weight, direction, speed, fit, scale, course, pace, noise, evidence[i])
-        evidence[i, 2] = effective_sample_size(weight)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -90,7 +89,7 @@ def weigh_by(
 ) -> None:  # fmt: skip
     """Weigh (P,) particles by the squared distances `fit`, which are lost, and by a course and a pace; normalise.
 
-    `scale` is the density of no distance, 1/m2. Fills the first two of evidence as `weigh`.
+    `scale` is the density of no distance, 1/m2. Fills the evidence as `weigh`.
     """
     n = weight.size
     for p in range(n):
@@ -110,6 +109,21 @@ def weigh_by(
         for p in range(n):
             later = weight[p] * fit[p] / total
             weight[p] = later if later > LEAST else 0.0
+
+
+@njit(cache=True)
+def weigh_motion(cloud: Cloud, v: int, course: float, pace: float, noise: Noise) -> None:
+    """Weigh the particles of a vehicle by a measured course and pace; normalise."""
+    weight, direction, speed = cloud.weight[v], cloud.direction[v], cloud.speed[v]
+    if not math.isnan(course):
+        for p in range(weight.size):
+            weight[p] *= direction_fit(noise, direction[p], course)
+    if not math.isnan(pace):
+        for p in range(weight.size):
+            weight[p] *= speed_fit(noise, speed[p], pace)
+    total = total_of(weight)
+    for p in range(weight.size):
+        weight[p] /= total
 
 
 @njit(cache=True, nogil=True)

@@ -23,8 +23,7 @@ from dirprim_filter.distributions._elementary import exp, squared_sine
 from dirprim_filter.filtering import _kernels
 from dirprim_filter.filtering._innovation_outliers import DENSEST, LEAST_SHARE, PLACE_M, displace
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.filtering._measuring import Noise, direction_fit, speed_fit, weigh_by
-from dirprim_filter.filtering._widening import weigh_motion
+from dirprim_filter.filtering._measuring import Noise, direction_fit, speed_fit, weigh_by, weigh_motion
 from dirprim_filter.primitives._manoeuvres import MotionTable
 
 X, Y, DIRECTION, SPEED = range(4)

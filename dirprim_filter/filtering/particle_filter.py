@@ -18,16 +18,16 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _innovation_outliers, _interaction, _kernels, _measuring, _widening
+from dirprim_filter.filtering import _innovation_outliers, _interaction, _kernels, _measuring
 from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import cue_columns
 from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
-from dirprim_filter.filtering.motion import leader_table, tracking_table
 from dirprim_filter.filtering.protocols import Evidence
-from dirprim_filter.filtering.surroundings import Surroundings
+from dirprim_filter.filtering.surroundings import Surroundings, leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
+from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.primitives.part import renumbered
 from dirprim_filter.primitives.traffic import Traffic
 from tessellation import OUTSIDE
@@ -67,7 +67,7 @@ class ParticleFilter:
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
     def _move_by(self, primitive_map: PrimitiveMap) -> None:
-        self._table = tracking_table(primitive_map, self.config)
+        self._table = motion_table(primitive_map, step_s=self.config.step_s)
         self._primitives = primitive_map.compiled()
 
     def _end_journeys_by(self, primitive_map: PrimitiveMap) -> None:
@@ -145,8 +145,7 @@ class ParticleFilter:
         for s in np.unique(spread):
             rows = np.flatnonzero(spread == s)
             first = (slot[rows], np.asarray(key)[rows], measured.position[rows])
-            how = (float(s), self._table.place_free_share)
-            self.split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
+            self.split(_kernels.scatter, (self._primitives, cloud), first, (float(s),), each_ns=150.0)
             self.split(_kernels.initialise_motion, (self._table, cloud), (slot[rows],), (), each_ns=100.0)
         more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if more.size:
@@ -204,25 +203,18 @@ class ParticleFilter:
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Weigh the particles by measurements; a belief none of whose particles is near is left as it was.
 
-        Where few are near, particles are moved to the measurement, see `_widening`; where it is improbable, some are,
-        see `_innovation_outliers`.
+        Where a measurement is improbable, some are moved to it, see `_innovation_outliers`.
         """
         self.belief.step += 1
         self._follow_the_hour(measured)
-        cloud, columns, evidence = self.belief.cloud, self._columns(measured), np.empty((slot.size, 3))
+        cloud, columns, evidence = self.belief.cloud, self._columns(measured), np.empty((slot.size, 2))
         before = cloud.weight[slot]
         self.split(_measuring.weigh, (cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
         judged = self._judged(evidence)
-        judged.is_moved[:] = ~judged.is_unexplained & (
-            evidence[:, 2] < self.config.widen_below * self.config.n_particles
-        )
-        few = np.flatnonzero(judged.is_moved)
-        per_vehicle = (slot[few], before[few], columns[few])
-        least = self.config.widen_below * self.config.n_particles
-        self.split(_widening.weigh, (cloud,), per_vehicle, (least, self._noise), each_ns=80.0)
         share = self._outlier_share(slot)
         rare = np.exp(evidence[:, 1]) * _innovation_outliers.LEAST_SHARE < share * _innovation_outliers.DENSEST
-        off = np.flatnonzero(rare & ~judged.is_moved & ~judged.is_unexplained)
+        judged.is_moved[:] = rare & ~judged.is_unexplained
+        off = np.flatnonzero(judged.is_moved)
         astray = (slot[off], before[off], columns[off], share[off])
         self.split(_innovation_outliers.weigh, (cloud,), astray, (self._noise,), each_ns=25.0)
         return judged
@@ -234,7 +226,7 @@ class ParticleFilter:
         return np.asarray(share)
 
     def _judged(self, evidence: FloatArray) -> Evidence:
-        """(v, 2 or more) log densities of a measurement and of its position alone -> the evidence."""
+        """(v, 2) log densities of a measurement and of its position alone -> the evidence."""
         unexplained = ~(np.exp(evidence[:, 1]) >= 2.0 * self._noise.outlier)  # so that a NaN is unexplained
         unexplained |= ~np.isfinite(evidence[:, 0])
         return Evidence(evidence[:, 0], unexplained, np.zeros(unexplained.size, np.bool_))
@@ -267,7 +259,7 @@ class ParticleFilter:
         return result
 
     def probability_outside(self, slot: IntArray) -> FloatArray:
-        """Weight of the particles beyond the reach of every cell; 0 by a map without cells. (v,) -> (v,)."""
+        """Weight of the particles outside of every cell; 0 by a map without cells. (v,) -> (v,)."""
         if not self._has_cells:
             return np.zeros(slot.size)
         result = np.empty(slot.size)

@@ -19,11 +19,12 @@ from dirprim_filter.filtering import _interaction, _kernels
 from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.cue_weights import cue_columns
-from dirprim_filter.filtering.motion import forecast_table, leader_table
+from dirprim_filter.filtering.surroundings import leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
 from dirprim_filter.primitives.cues import Cue
+from dirprim_filter.primitives.motion_table import motion_table
 
 PER_SAMPLE = 16
 """Rollouts drawn for each one that is kept, where a cue weighs them: rare manoeuvres must be among them."""
@@ -68,7 +69,8 @@ def forecast_states(
     steps = Steps.at(time_s, n_samples)
     config = config or FilterConfig(interaction="none")
     response = leader_table(primitive_map, config)
-    return sample_paths(forecast_table(primitive_map, config), start, steps, cue=cue, response=response, rng=rng)
+    table = motion_table(primitive_map, step_s=config.step_s)
+    return sample_paths(table, start, steps, cue=cue, response=response, rng=rng)
 
 
 class Start(NamedTuple):

@@ -57,8 +57,7 @@ class SensedParticles(ParticleFilter):
         cloud, columns = self.belief.cloud, _columns(measured)
         self.belief.unweighed_s[slot] = 0.0
         first = (slot, np.asarray(key), measured.position)
-        how = (self._spread, self._table.place_free_share)
-        self.split(_kernels.scatter, (self._primitives, cloud), first, how, each_ns=150.0)
+        self.split(_kernels.scatter, (self._primitives, cloud), first, (self._spread,), each_ns=150.0)
         known = np.flatnonzero(~np.isnan(measured.direction) | ~np.isnan(measured.speed))
         if known.size:
             drawn = np.full((known.size, 8), 0.0)  # as they were drawn: the position is already used

@@ -1,10 +1,21 @@
-"""Where the other vehicles were in the frame before: what drivers go by until the next."""
+"""Where the other vehicles were in the frame before: what drivers respond to until the next."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.config import FilterConfig
+from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives._leader import ALONE, LeaderTable
+
+
+def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTable:
+    """The response to leaders: none without interaction, or where the map knows of none."""
+    response = primitive_map.motion.leader
+    if response is None or config.interaction == "none":
+        return ALONE
+    return LeaderTable(response.gain, response.push, response.trust, response.start_rate)
 
 
 class Surroundings:

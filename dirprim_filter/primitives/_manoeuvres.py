@@ -67,9 +67,6 @@ class MotionTable(NamedTuple):
     course_rate: float
     push_rate: float
     strength: float
-    place_free_share: float
-    redraw_rate: float
-    drift: float
     step_s: float
 
 
@@ -129,7 +126,7 @@ def add_up(eight: SingleArray, total: float) -> float:
 @njit(**EXACT | INLINED)
 def take_up(
     table: MotionTable, before: int, cell: int, x: float, y: float, direction: float, speed: float, rate: int,
-    least: float, weight: SingleArray, state: UIntArray,
+    weight: SingleArray, state: UIntArray,
 ) -> int:  # fmt: skip
     """A manoeuvre of the cell by how often it is driven and how well it fits, or a place-free one.
 
@@ -143,14 +140,13 @@ def take_up(
         speed: m/s.
         rate: `BY_TIME` weighs manoeuvres by how long they are driven, as found at any instant, `BY_VISITS` by how
             often they are entered.
-        least: share of the place-free manoeuvres, if theirs is less.
         weight: (most, LANES) room.
         state: of the random numbers.
     """
     stands, total = speed < STANDING_BELOW, 0.0
     if cell >= 0:
         total = weigh_candidates(table.candidates, cell, stands, x, y, direction, speed, rate, weight)
-    share = max(table.strength / (total + table.strength), least)
+    share = table.strength / (total + table.strength)
     drawn = random.uniform(state)
     if total > 0.0 and drawn >= share:
         may, at = table.candidates, 2 * cell + stands

@@ -49,8 +49,6 @@ from tessellation._kernels import locate
 
 STARTS_AT = 0.31
 """m/s: a vehicle that starts no longer stands."""
-STANDS_STILL = 0.4
-"""Share of the drift that a vehicle keeps which stands."""
 
 
 class Step(NamedTuple):
@@ -62,7 +60,6 @@ class Step(NamedTuple):
     turned_by: float  # standard deviations, in those of the manoeuvre
     pushed_by: float
     root: float  # of h: a place-free course is a random walk
-    drift: float  # m, range of an even draw
 
 
 class Block(NamedTuple):
@@ -80,19 +77,20 @@ class Block(NamedTuple):
 # Rows of the room in which a block of particles moves.
 (GAINED, OFF, STRETCH, TURN_E, TURN_N, TURN_0, BACK, NOISE, MOVED_E, MOVED_N, BEFORE, STARTING) = range(12)
 PIECES, BLOCK = 12, 256
-# Why a particle may change its manoeuvre: it passes into another cell, stops or starts; or by chance.
-REDRAWS, JUMPS, PASSES = range(3)
 
 
 class Due(NamedTuple):
-    """Which particles of a block may change their manoeuvre."""
+    """Which particles of a block may change their manoeuvre: who passes into another cell, stops or starts; by chance.
 
-    every: FloatArray  # (2,) one of so many particles redraws, and one of so many jumps
-    after: FloatArray  # (2,) that one is drawn from so many after this one
-    left: FloatArray  # (2,) the particle drawn
+    Of those that may by chance, one is drawn from each so many particles (stratified sampling), so that each is as
+    probable.
+    """
+
+    every: float  # one of so many particles
+    next: FloatArray  # (2,) the particle drawn, and the first of those from which the one after it is drawn
     cell: IntArray  # (BLOCK,) where they are now
-    which: IntArray  # (3 BLOCK,) those that pass, redraw and jump, one kind after the other
-    end: IntArray  # (3,) of each kind
+    which: IntArray  # (2 BLOCK,) those that pass, then those due by chance
+    end: IntArray  # (2,) of each kind
 
 
 @njit(**EXACT)
@@ -100,7 +98,7 @@ def step_of(table: MotionTable, h: float) -> Step:
     """A step of `h` seconds."""
     course_kept, push_kept = math.exp(-table.course_rate * h), math.exp(-table.push_rate * h)
     turned_by, pushed_by = math.sqrt(1.0 - course_kept * course_kept), math.sqrt(1.0 - push_kept * push_kept)
-    return Step(h, course_kept, push_kept, turned_by, pushed_by, math.sqrt(h), math.sqrt(12.0 * table.drift * h))
+    return Step(h, course_kept, push_kept, turned_by, pushed_by, math.sqrt(h))
 
 
 @njit(nogil=True, **EXACT)
@@ -116,13 +114,11 @@ def move(
     n, weight = speed.size, np.empty((table.most, LANES), np.float32)
     n_steps = max(1, math.ceil(dt_s / table.step_s - 1e-9))
     step = step_of(table, dt_s / n_steps)
-    due = _due(table, step.h)
-    normal, even, room = np.empty(2 * n), np.empty(2 * n), np.empty((PIECES, BLOCK))
+    due = _due(step.h)
+    normal, room = np.empty(2 * n), np.empty((PIECES, BLOCK))
     for _ in range(n_steps):
         random.fill_normals(normal, state)
-        random.fill_even(even, state)  # over some steps a drift is normal whatever each step's is
-        for kind in range(due.left.size):
-            due.after[kind], due.left[kind] = 0.0, random.uniform(state) * due.every[kind]
+        due.next[0], due.next[1] = random.uniform(state) * due.every, due.every
         for first in range(0, n, BLOCK):
             last = min(first + BLOCK, n)
             block = Block(
@@ -130,19 +126,16 @@ def move(
                 manoeuvre[first:last], push[first:last], led[first:last],
             )  # fmt: skip
             _gather(table, step, block, room)
-            _advance(step, block, normal[first:], normal[n + first :], even[first:], even[n + first :], room)
+            _advance(step, block, normal[first:], normal[n + first :], room)
             _place(table, step.h, block, room, due, state)
             _change(table, block, due, weight, state)
 
 
 @njit(**EXACT)
-def _due(table: MotionTable, h: float) -> Due:
-    """None yet. One is drawn from each so many particles (stratified sampling), so that each is as probable."""
-    every = np.empty(2)
-    every[REDRAWS] = 1.0 / max(1.0 - math.exp(-table.redraw_rate * h), 1e-15)
-    every[JUMPS] = 1.0 / (1.0 - math.exp(-h / JUMP_S))
-    which, end = np.empty(3 * BLOCK, np.int64), np.empty(3, np.int64)
-    return Due(every, np.empty(2), np.empty(2), np.empty(BLOCK, np.int64), which, end)
+def _due(h: float) -> Due:
+    """None yet."""
+    which, end = np.empty(2 * BLOCK, np.int64), np.empty(2, np.int64)
+    return Due(1.0 / (1.0 - math.exp(-h / JUMP_S)), np.empty(2), np.empty(BLOCK, np.int64), which, end)
 
 
 @njit(**EXACT | UNCOUNTED)
@@ -172,10 +165,7 @@ def _gather(table: MotionTable, step: Step, block: Block, room: FloatArray) -> N
 
 
 @njit(**EXACT | UNCOUNTED)
-def _advance(
-    step: Step, block: Block, turned: FloatArray, pushed: FloatArray, strayed_east: FloatArray,
-    strayed_north: FloatArray, room: FloatArray,
-) -> None:  # fmt: skip
+def _advance(step: Step, block: Block, turned: FloatArray, pushed: FloatArray, room: FloatArray) -> None:
     """Turn, accelerate and push particles on, and fill how far each goes: a loop of vector instructions.
 
     Who stands neither turns nor accelerates.
@@ -192,9 +182,8 @@ def _advance(
         deviation = off[i] - 2.0 * math.pi * math.floor(off[i] / (2.0 * math.pi) + 0.5)
         turn = (turn_e[i] * c + turn_n[i] * s + turn_0[i]) * way - back[i] * deviation + noise[i] * turned[i]
         half = 0.5 * turn
-        strays = step.drift * min(max(v, STANDS_STILL), 1.0)
-        moved_e[i] = way * (c - half * (s + 0.5 * half * c)) + strays * strayed_east[i]
-        moved_n[i] = way * (s + half * (c - 0.5 * half * s)) + strays * strayed_north[i]
+        moved_e[i] = way * (c - half * (s + 0.5 * half * c))
+        moved_n[i] = way * (s + half * (c - 0.5 * half * s))
         theta += turn
         direction[i] = theta - 2.0 * math.pi * math.floor(theta / (2.0 * math.pi) + 0.5)
         speed[i] = later
@@ -205,7 +194,7 @@ def _advance(
 def _place(table: MotionTable, h: float, block: Block, room: FloatArray, due: Due, state: UIntArray) -> None:
     """Put particles where they go, start those that do, and list which may change their manoeuvre."""
     position, speed, cell, now, which = block.position, block.speed, block.cell, due.cell, due.which
-    every, after, left, n, n_due = due.every, due.after, due.left, speed.size, 0
+    n, n_due = speed.size, 0
     for i in range(n):
         position[i, 0] += room[MOVED_E, i]
         position[i, 1] += room[MOVED_N, i]
@@ -218,16 +207,15 @@ def _place(table: MotionTable, h: float, block: Block, room: FloatArray, due: Du
         which[n_due] = i
         n_due += halts | (now[i] != cell[i])  # no branch, which the processor would guess wrong
         cell[i] = now[i]
-    due.end[PASSES] = n_due
-    for kind in range(left.size):
-        while left[kind] < n:
-            which[n_due] = int(left[kind])
-            n_due += 1
-            after[kind] += every[kind]
-            left[kind] = after[kind] + random.uniform(state) * every[kind]
-        after[kind] -= n
-        left[kind] -= n
-        due.end[kind] = n_due
+    due.end[0] = n_due
+    while due.next[0] < n:
+        which[n_due] = int(due.next[0])
+        n_due += 1
+        due.next[0] = due.next[1] + random.uniform(state) * due.every
+        due.next[1] += due.every
+    due.next[0] -= n
+    due.next[1] -= n
+    due.end[1] = n_due
 
 
 @njit(**EXACT | UNCOUNTED)
@@ -235,21 +223,19 @@ def _change(table: MotionTable, block: Block, due: Due, weight: SingleArray, sta
     """Change the manoeuvres of the particles that pass into another cell or state, or are due by chance."""
     position, direction, cell, manoeuvre = block.position, block.direction, block.cell, block.manoeuvre
     begin, end = table.begin, due.end
-    for k in range(end[JUMPS]):  # kind by kind: the processor guesses what comes next
+    for k in range(end[1]):  # kind by kind: the processor guesses what comes next
         p = due.which[k]
         before, now, x, y = manoeuvre[p], cell[p], position[p, 0], position[p, 1]
-        passes, jumps = k < end[PASSES], k >= end[REDRAWS]
-        theta, v, after = direction[p], block.speed[p], -1
+        passes, theta, v, after = k < end[0], direction[p], block.speed[p], -1
         if passes:
             after = go_over(table, before, now, v, state)
-        elif jumps and begin[-1] <= before:
+        elif begin[-1] <= before:
             after = leave_places(table, before, v, weight, state)
-        elif jumps and now >= 0 and begin[now] <= before < begin[now + 1]:
+        elif now >= 0 and begin[now] <= before < begin[now + 1]:
             continue
         if after < 0:
             former, rate = (before, BY_VISITS) if passes else (-1, BY_TIME)
-            least = 0.0 if passes or jumps else table.place_free_share
-            after = take_up(table, former, now, x, y, theta, v, rate, least, weight, state)
+            after = take_up(table, former, now, x, y, theta, v, rate, weight, state)
         if passes:
             direction[p] = keep_deviation(table, before, after, x, y, theta)
         manoeuvre[p] = after
@@ -267,23 +253,5 @@ def initialise_motion(
         cell[p] = locate(table.locator, position[p, 0], position[p, 1])
         manoeuvre[p] = take_up(  # as integers: literals would compile it once more
             table, np.int64(-1), cell[p], position[p, 0], position[p, 1], direction[p], speed[p], np.int64(BY_TIME),
-            table.place_free_share, weight, state,
+            weight, state,
         )  # fmt: skip
-
-
-@njit(nogil=True, **EXACT)
-def rollout(table: MotionTable, start: FloatArray, dt_s: FloatArray, key: UIntArray, path: FloatArray) -> None:
-    """Rollouts of vehicles. (n, 4) place, direction, speed; (n_steps,) seconds; (n,) keys; fills (n, p, n_steps, 2)."""
-    n = path.shape[1]
-    position, direction, speed, push = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty(n)
-    cell, manoeuvre, state = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(4, np.uint64)
-    alone = np.empty((0, 3))
-    for i in range(len(start)):
-        random.seed_state(key[i], state)
-        for p in range(n):
-            position[p, 0], position[p, 1], direction[p], speed[p] = start[i, 0], start[i, 1], start[i, 2], start[i, 3]
-        initialise_motion(table, position, direction, speed, cell, manoeuvre, push, state)
-        for t in range(dt_s.size):
-            move(table, position, direction, speed, cell, manoeuvre, push, alone, dt_s[t], state)
-            for p in range(n):  # a slice assigned to a slice would compile numba's strings for its error
-                path[i, p, t, 0], path[i, p, t, 1] = position[p, 0], position[p, 1]

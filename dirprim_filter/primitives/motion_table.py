@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives._manoeuvres import LANES, N_FIELDS, Candidates, MotionTable
 from dirprim_filter.primitives.motion import PUSH_RATE
-from tessellation.locate import locator_of, reaching
+from tessellation.locate import locator_of
 
 if TYPE_CHECKING:
     from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -22,28 +22,14 @@ PLACE_FREE_DENSITY = np.exp(-2.0)
 """Density of course, log pace and path outside of cells, in those units: any direction or pace, on three lanes."""
 
 
-class MotionKnobs(NamedTuple):
-    """What a filter adds to a map's motion; see `FilterConfig`."""
-
-    place_free_share: float = 0.0
-    redraw_rate: float = 0.0
-    drift: float = 0.005
-    step_s: float = 0.1
-    reach_m: float = 3.5
-    direction_spread: float = 0.0
-    push: float = 0.0
-    agility: float = 1.0
-    straight_share: float = 0.0
-
-
-def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
-    """The motion of a map, with a filter's knobs."""
-    motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives, knobs)
+def motion_table(primitives: PrimitiveMap, *, step_s: float = 0.1) -> MotionTable:
+    """The motion of a map, in steps of at most so many seconds."""
+    motion, cells, may = primitives.motion, primitives.tessellation, _candidates(primitives)
     of_cell = motion.cell[: motion.n_placed]
     return MotionTable(
-        locator=reaching(locator_of(cells), knobs.reach_m),
+        locator=locator_of(cells),
         candidates=may,
-        row=_rows(primitives, knobs),
+        row=_rows(primitives),
         ahead=motion.turn_ahead,
         begin=np.searchsorted(of_cell, np.arange(cells.n_cells + 1)),
         first=motion.first,
@@ -53,22 +39,16 @@ def motion_table(primitives: PrimitiveMap, knobs: MotionKnobs) -> MotionTable:
         course_rate=motion.course_rate,
         push_rate=PUSH_RATE,
         strength=motion.strength,
-        place_free_share=knobs.place_free_share,
-        redraw_rate=knobs.redraw_rate,
-        drift=knobs.drift,
-        step_s=knobs.step_s,
+        step_s=step_s,
     )
 
 
-def _rows(primitives: PrimitiveMap, knobs: MotionKnobs) -> FloatArray:
+def _rows(primitives: PrimitiveMap) -> FloatArray:
     """(z, 16), see `_manoeuvres`."""
     motion = primitives.motion
-    is_free = motion.cell < 0
-    agility = np.where(is_free, knobs.agility, 1.0)
     return np.column_stack([
         _centers(primitives)[motion.cell], motion.course, motion.bend, motion.acceleration,
-        agility * np.hypot(motion.push, knobs.push), agility * np.hypot(motion.course_spread, knobs.direction_spread),
-        is_free, motion.stretch, agility * motion.start_rate, motion.curvature,
+        motion.push, motion.course_spread, motion.cell < 0, motion.stretch, motion.start_rate, motion.curvature,
     ])  # fmt: skip
 
 
@@ -77,7 +57,7 @@ def _centers(primitives: PrimitiveMap) -> FloatArray:
     return np.column_stack([primitives.centers, np.append(0.6 * np.sqrt(primitives.tessellation.area), 0.0)])
 
 
-def _candidates(primitives: PrimitiveMap, knobs: MotionKnobs) -> Candidates:
+def _candidates(primitives: PrimitiveMap) -> Candidates:
     """The manoeuvres of each cell, eight side by side."""
     motion, n = primitives.motion, primitives.motion.n_placed
     by_course = 1.0 / (motion.course_spread + COURSE_FLOOR)
@@ -95,9 +75,7 @@ def _candidates(primitives: PrimitiveMap, knobs: MotionKnobs) -> Candidates:
     at = LANES * begin[kind[order]] + np.arange(n) - np.repeat(np.cumsum(size) - size, size)
     field, number = np.zeros((begin[-1] * LANES, N_FIELDS), np.float32), np.zeros(begin[-1] * LANES, np.int64)
     field[at], number[at] = column[order], order
-    seconds = motion.seconds[n:].copy()
-    seconds[-2] = max(seconds[-2], knobs.straight_share)  # of those in motion
-    rate = seconds * by_pace[n:]
+    rate = motion.seconds[n:] * by_pace[n:]
     free = np.array([motion.log_pace[n:], by_pace[n:], rate * ~stands[n:], rate * stands[n:]], np.float32)
     free = np.pad(free, ((0, 0), (0, -free.shape[1] % LANES)))
     return Candidates(

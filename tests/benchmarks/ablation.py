@@ -84,22 +84,9 @@ def without_ends(bayes: Any) -> None:
 UNNAMED = ("dense intersection", "dense highway", "autoferry")
 AMONG_OTHERS = ("Lankershim", "dense intersection", "dense highway", "Mcity", "autoferry")
 LEARNED = ("roundabout", "intersection", "Lankershim")
-OWN_WAYS = {
-    "redraw_rate": 0.0, "direction_spread": 0.0, "push": 0.0, "place_free_share": 0.0, "innovation_outlier_rate": 0.0,
-    "place_free_agility": 1.0,
-}  # fmt: skip
 ONE_PRIOR = LearningConfig(prior_strengths=(0.1,), parameter_costs=(1.0,))
 MECHANISMS: dict[str, Mechanism] = {
-    **{name: Mechanism(filter={knob: OWN_WAYS[knob]}) for name, knob in (
-        ("redraws", "redraw_rate"), ("direction spread", "direction_spread"), ("own acceleration", "push"),
-        ("share without the map", "place_free_share"), ("innovation outliers", "innovation_outlier_rate"),
-        ("agility without the map", "place_free_agility"),
-    )},
-    "these six together": Mechanism(filter=OWN_WAYS),
-    "straight on without the map": Mechanism(filter={"straight_share": 0.0}),
-    "widening where few are near": Mechanism(filter={"widen_below": 0.0}),
-    "drift": Mechanism(filter={"drift": 0.0}),
-    "reach beside cells": Mechanism(filter={"reach_m": 0.0}),
+    "innovation outliers": Mechanism(filter={"innovation_outlier_rate": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
     "leaders": Mechanism(scenes=AMONG_OTHERS, filter={"interaction": "none"}),
     "carried errors": Mechanism(scenes=("Mcity",), white=True),

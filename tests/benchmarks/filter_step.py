@@ -18,7 +18,8 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import _random as random
 from dirprim_filter.filtering.particle_filter import ParticleFilter
-from dirprim_filter.filtering.rollouts import Start, Steps, forecast_table, sample_paths
+from dirprim_filter.filtering.rollouts import Start, Steps, sample_paths
+from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.tracks import Tracks
 
 N_VEHICLES, N_PARTICLES = 100, 1000
@@ -100,7 +101,7 @@ def main():
         print(f"{name + ', together':<34}{1e3 * total:>8.2f}{1e9 * total / n:>18.1f}")
     state = np.array([1, 2, 3, 4], np.uint64)
     print(f"{'one normal draw, one core':<34}{'':>8}{1e9 * least(lambda: draw(10**6, state)) / 1e6:>18.1f}")
-    table = forecast_table(learned, FilterConfig())
+    table = motion_table(learned)
     start = Start.of(tracks.position[:1], tracks.direction[:1], tracks.speed[:1])
     steps = Steps.of(5.0, 0.5, 100)
     seconds = least(lambda: sample_paths(table, start, steps, rng=rng), times=50)

@@ -9,10 +9,10 @@ from scipy import stats
 from dirprim_filter import forecast, learn_primitives
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.rollouts import forecast_states
 from dirprim_filter.primitives import _manoeuvres
+from dirprim_filter.primitives.motion_table import motion_table
 from moving import only_places
 from situations import one_cell_map, ring_traffic
 
@@ -59,7 +59,7 @@ def test_a_vehicle_turns_with_the_bend_as_the_line_of_the_field_does():
     """The line of course x / R through the origin: y = -R log cos(x / R)."""
     path = forecast(
         circling(), position=(0.0, 0.0), direction=0.0, speed=10.0, horizon_s=2.0, dt_s=0.1,
-        config=FilterConfig(drift=1e-6), rng=np.random.default_rng(0),
+        rng=np.random.default_rng(0),
     ).mean(axis=0)  # fmt: skip
     np.testing.assert_allclose(path[:, 1], -RADIUS * np.log(np.cos(path[:, 0] / RADIUS)), atol=0.1)
     assert path[-1, 1] > 5.0
@@ -74,7 +74,7 @@ def test_speed_settles_on_the_gain_of_the_place():
     for north in (-10.0, 10.0):
         paths = forecast(
             climbing, position=(0.0, north), direction=0.0, speed=10.0, horizon_s=20.0, dt_s=1.0, n_samples=400,
-            config=FilterConfig(drift=1e-6), rng=np.random.default_rng(0),
+            rng=np.random.default_rng(0),
         )  # fmt: skip
         speed, place = np.diff(paths[:, 14:, 0], axis=1).mean(), paths[:, 14:, 1].mean()
         assert speed == pytest.approx(10.0 * (1 + 0.02 * place), rel=0.02)
@@ -82,16 +82,12 @@ def test_speed_settles_on_the_gain_of_the_place():
 
 
 @pytest.mark.parametrize("place", [(10.0, 0.0), (-25.0, 5.0), (28.0, -28.0)])
-@pytest.mark.parametrize("share", [1e-6, 0.3])
-def test_a_belief_is_born_of_the_density_of_its_place(place, share):
-    """Far from the centre of a cell that bends and gains: direction and speed are those of `log_density` there.
-
-    But for the share of particles whose speed is place-free.
-    """
+def test_a_belief_is_born_of_the_density_of_its_place(place):
+    """Far from the centre of a cell that bends and gains: direction and speed are those of `log_density` there."""
     slope = np.zeros((2, 1, 2))
     slope[0, 0] = 0.01, -0.004
     bent = replace(circling(concentration=40.0, shape=12.0), gain=slope, motion=None)
-    filter_ = ParticleFilter(bent, FilterConfig(n_particles=20_000, noise_m=1e-6, place_free_share=share))
+    filter_ = ParticleFilter(bent, FilterConfig(n_particles=20_000, noise_m=1e-6))
     slot, place = np.zeros(1, np.int64), np.array(place)
     filter_.begin(slot, np.array([7], np.uint64), Detections(track_id=["a"], time_ns=[0], position=[place]))
     cloud = filter_.belief.cloud
@@ -102,20 +98,16 @@ def test_a_belief_is_born_of_the_density_of_its_place(place, share):
         assert total[-1] == pytest.approx(1.0, abs=1e-4)
         return np.interp(drawn, grid, total)
 
-    def speed_there(place):
-        nowhere = bent.speed_log_density(np.array([1e6, 0.0]), v)
-        return np.logaddexp(np.log1p(-share) + bent.speed_log_density(place, v), np.log(share) + nowhere)
-
-    of_direction, of_speed = bent.direction_log_density(place, theta), speed_there(place)
+    of_direction, of_speed = bent.direction_log_density(place, theta), bent.speed_log_density(place, v)
     assert stats.kstest(below(theta, of_direction, cloud.direction[0]), "uniform").pvalue > FALSE_ALARM
     assert stats.kstest(below(v, of_speed, cloud.speed[0]), "uniform").pvalue > FALSE_ALARM
-    of_center, at_center = bent.direction_log_density(np.zeros(2), theta), speed_there(np.zeros(2))
+    of_center, at_center = bent.direction_log_density(np.zeros(2), theta), bent.speed_log_density(np.zeros(2), v)
     assert stats.kstest(below(theta, of_center, cloud.direction[0]), "uniform").pvalue < FALSE_ALARM
     assert stats.kstest(below(v, at_center, cloud.speed[0]), "uniform").pvalue < FALSE_ALARM
 
 
 def test_beyond_its_cell_a_manoeuvre_bends_no_further():
-    row = forecast_table(circling(), FilterConfig()).row
+    row = motion_table(circling()).row
     reach = 0.6 * 60.0
     for x, bound in ((29.0, 29.0), (35.0, 35.0), (37.0, reach), (-500.0, -reach)):
         assert _manoeuvres.course_at(row, 0, x, 3.0) == pytest.approx(bound / RADIUS)

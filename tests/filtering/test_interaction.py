@@ -8,15 +8,16 @@ import pytest
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Tracker, Worlds, _interaction
-from dirprim_filter.filtering.motion import forecast_table, leader_table
 from dirprim_filter.filtering.rollouts import Start, Steps, forecast_states, projected, sampled_state, side_by_side
+from dirprim_filter.filtering.surroundings import leader_table
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
+from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.sensor import AxisError, Sensor
 from moving import motion_by_hand, squares
 from situations import TRUSTING
 
-HEEDING = FilterConfig(interaction="leader", n_particles=100, place_free_share=1e-9)
+HEEDING = FilterConfig(interaction="leader", n_particles=100)
 ALWAYS, ROOM = 0, 1
 
 
@@ -60,7 +61,7 @@ def test_samples_of_one_number_are_one_world():
 
 
 def test_order_does_not_matter():
-    table, response = forecast_table(road(push=0.5), HEEDING), leader_table(road(push=0.5), HEEDING)
+    table, response = motion_table(road(push=0.5)), leader_table(road(push=0.5), HEEDING)
     place, speed = np.array([100.0, 60.0, 20.0, 140.0]), np.array([4.0, 10.0, 12.0, 9.0])
     steps, order = Steps.of(3.0, 0.5, 50), np.array([2, 0, 3, 1])
     alone = [
@@ -144,9 +145,8 @@ def test_who_is_out_of_sight_of_a_sensor_with_lasting_errors_too():
     sensor = Sensor(along=lasting, across=lasting)
     behind, without = (last_places(reported(), interaction, sensor)[1] for interaction in ("leader", "none"))
     assert behind < without - 2.0 * 3.0**2 / 2 + 3.0
-    plainly = {"widen_below": 0.0, "innovation_outlier_rate": 0.0}  # a sensor's model has no kernels
-    white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m), **plainly)
-    assert white == pytest.approx(last_places(reported(), "leader", **plainly), abs=1e-6)
+    white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m), innovation_outlier_rate=0.0)
+    assert white == pytest.approx(last_places(reported(), "leader", innovation_outlier_rate=0.0), abs=1e-6)
 
 
 def test_forecasts_of_a_frame_are_worlds_of_its_groups():

@@ -11,7 +11,7 @@ from dirprim_filter.filtering import ParticleFilter
 from dirprim_filter.filtering.measurements import FASTEST
 from situations import one_cell_map
 
-CONFIG = FilterConfig(n_particles=400, noise_m=0.7, outlier_probability=0.02, widen_below=0.0)
+CONFIG = FilterConfig(n_particles=400, noise_m=0.7, outlier_probability=0.02)
 COVARIANCE = np.array([[0.5, 0.2], [0.2, 0.9]])
 SLOT = np.array([2, 0])
 

@@ -11,8 +11,8 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.filtering import _interaction, _kernels, _measuring, particle_filter
 from dirprim_filter.filtering.belief import FIRST_CAPACITY, ParticleBelief, birth_key
-from dirprim_filter.filtering.motion import tracking_table
 from dirprim_filter.primitives._leader import ALONE
+from dirprim_filter.primitives.motion_table import motion_table
 from situations import one_cell_map
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
@@ -66,7 +66,7 @@ def weighed(cloud, vehicle, place, *, noise_m):
 
 def test_a_measurement_of_huge_noise_after_next_to_no_time_changes_no_belief(cloud):
     before = copied(cloud)
-    table = tracking_table(one_cell_map(), FilterConfig())
+    table = motion_table(one_cell_map())
     vehicle = np.array([1], np.int64)
     _kernels.initialise_motion(table, cloud, vehicle)
     none, own = np.empty((1, 0, 4)), np.array([-1])
@@ -161,12 +161,12 @@ def test_resampling_keeps_whole_particles_and_forgets_the_weights(cloud):
 
 
 def test_birth_follows_the_measurement_and_the_primitive_there(ring_map):
-    table = tracking_table(ring_map, FilterConfig())
+    table = motion_table(ring_map)
     belief = ParticleBelief(n_particles=20_000, mode_of=ring_map.motion.mode)
     place = np.array([20.0, 0.0])
     key = np.array([7], np.uint64)
     first = np.array([0])
-    _kernels.scatter(ring_map.compiled(), belief.cloud, first, key, place[None], 0.01, table.place_free_share)
+    _kernels.scatter(ring_map.compiled(), belief.cloud, first, key, place[None], 0.01)
     _kernels.initialise_motion(table, belief.cloud, first)
     x, y = (belief.cloud.position[0] - place).T
     assert stats.kstest(x, stats.norm(0, 0.01).cdf).pvalue > FALSE_ALARM

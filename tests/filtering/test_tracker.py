@@ -226,22 +226,19 @@ def test_a_thousand_vehicles_one_after_another_need_no_more_memory_than_a_few(ri
 
 
 def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to_monte_carlo_error():
-    """All modes alike and sharp: only the drift moves particles off a straight line of known velocity."""
-    n, dt_s, noise_m, drift = 20_000, 0.5, 0.8, 0.3
-    rng = np.random.default_rng(5)
-    truth = np.array([10.0 * dt_s, 0.0]) * np.arange(12)[:, None] + rng.normal(
-        0, np.sqrt(drift * dt_s), (12, 2)
-    ).cumsum(axis=0)
-    measured = truth + rng.normal(0, noise_m, truth.shape)
+    """Every vehicle goes east at 10 m/s: only where it was first is unknown."""
+    n, dt_s, noise_m = 20_000, 0.5, 0.8
+    measured = np.array([10.0 * dt_s, 0.0]) * np.arange(12)[:, None]
+    measured += np.random.default_rng(5).normal(0, noise_m, measured.shape)
     frames = [one("a", i * dt_s, *place) for i, place in enumerate(measured)]
     found, _ = track(
-        one_cell_map(), frames, n_particles=n, noise_m=noise_m, outlier_probability=1e-12, drift=drift,
-        place_free_share=1e-12, push=1e-12, direction_spread=1e-12,
+        one_cell_map(), frames, n_particles=n, noise_m=noise_m, resample_below=0.0,
+        outlier_probability=1e-12, innovation_outlier_rate=0.0,
     )  # fmt: skip
 
     def off(**change):
         """The largest error in units of what n particles may be off; their weights are unequal, hence n / 10."""
-        known = {"velocity": np.array([10.0, 0.0]), "noise_m": noise_m, "drift": drift} | change
+        known = {"velocity": np.array([10.0, 0.0]), "noise_m": noise_m, "drift": 0.0} | change
         mean, variance, evidence = kalman_known_velocity(measured, dt_s, **known)
         worth = n / 10
         return max(
@@ -251,7 +248,7 @@ def test_where_motion_is_linear_and_gaussian_the_belief_is_the_kalman_filters_to
         )
 
     assert off() < 5
-    for change in ({"velocity": np.array([9.5, 0.0])}, {"noise_m": 0.9}, {"drift": 0.45}):
+    for change in ({"velocity": np.array([9.5, 0.0])}, {"noise_m": 0.9}, {"drift": 0.05}):
         assert off(**change) > 5
 
 
@@ -373,7 +370,7 @@ def test_beliefs_without_any_weight_are_begun_anew_at_once_and_counted(ring_map)
 
 
 def share_followed(primitive_map, **knobs):
-    """Of 40 vehicles that leave a ring straight on, where nobody went, those known to 1.5 m from 2 s on."""
+    """Of 40 vehicles that leave a ring straight on, where nobody went, those known to 2 m from 2 s on."""
     names, times = [f"v{i}" for i in range(40)], 0.1 * np.arange(60)
     path = np.column_stack([20.0 + 8.0 * times, 3.0 * times])
     frames = [
@@ -384,16 +381,16 @@ def share_followed(primitive_map, **knobs):
     step, vehicle = np.rint(found.time_ns * 1e-8).astype(int), [names.index(name) for name in found.track_id]
     error = np.full((60, 40), np.inf)
     error[step, vehicle] = np.linalg.norm(found.position - path[step], axis=-1)
-    return (error[20:].max(axis=0) < 1.5).mean(), tracker.recoveries
+    return (error[20:].max(axis=0) < 2.0).mean(), tracker.recoveries
 
 
 def test_vehicles_that_leave_the_map_are_followed(ring_map):
-    """Of 400 such vehicles one in eleven was lost for longer: 13 or more of 40 are one in 50,000."""
+    """Of 240 such vehicles none was lost, and no belief was reinitialised."""
     followed, recoveries = share_followed(ring_map)
-    assert followed > 27 / 40
-    assert recoveries <= 80  # while they leave the ring, against everyone's habit
+    assert followed > 37 / 40
+    assert recoveries < 3
     never = replace(TRUSTING, lost_after=10**9)
-    followed, _ = share_followed(ring_map, tracking=never, innovation_outlier_rate=1e-12)
+    followed, _ = share_followed(ring_map, tracking=never, innovation_outlier_rate=0.0)
     assert followed < 0.5  # who neither begins anew nor expects outliers loses them
 
 
@@ -470,14 +467,13 @@ def test_beliefs_are_as_wide_as_they_err(ring_map, seed):
     assert (share - too_sure > allowed).all()
 
 
-@pytest.mark.parametrize("share", [0.1, 1e-6])
-def test_who_creeps_where_all_others_drove_fast_is_followed_from_its_first_detections_on(share):
-    """Without particles of a place-free speed the belief is wrong, and wrong again each time it is begun anew."""
+def test_who_creeps_where_all_others_drove_fast_is_found_after_some_detections():
     rng, fast = np.random.default_rng(3), one_cell_map(concentration=1e3)
     fast = replace(fast, speed=Gamma(shape=np.array([[400.0], [2.0]]), rate=np.array([[20.0], [0.2]])))
     noise = rng.normal(0, 0.3, (40, 2))
     frames = [one("slow", 0.1 * i, 0.2 * i + noise[i, 0], noise[i, 1]) for i in range(40)]
-    found, tracker = track(fast, frames, n_particles=1000, noise_m=0.3, place_free_share=share)
+    found, tracker = track(fast, frames, n_particles=1000, noise_m=0.3)
     off = np.linalg.norm(found.position - np.column_stack([2e-9 * found.time_ns, np.zeros(len(found))]), axis=1)
     assert len(found) == 40
-    assert (tracker.recoveries == 0 and off[3:].max() < 0.9) == (share > 0.01)
+    assert off[10:].max() < 0.9
+    assert tracker.recoveries < 5

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.config import FilterConfig
-from dirprim_filter.filtering.motion import forecast_table
 from dirprim_filter.primitives import _manoeuvres, _motion
-from dirprim_filter.primitives.motion_table import MotionKnobs, motion_table
+from dirprim_filter.primitives.motion_table import motion_table
 from moving import ALONE, SIDE, motion_by_hand, moved, only_places, seeded, squares
 from oracles import manoeuvre_weights, moved_without_noise
 
 FALSE_ALARM = 1e-4  # of each statistical test below; seeds are fixed
 N = 20_000
 EXTENT = 0.6 * SIDE
-STILL = MotionKnobs(drift=0.0, step_s=0.1)
 
 
 def random_map(rng, *, noise=1.0, n_moving=4):
@@ -48,7 +45,7 @@ def test_weights_of_manoeuvres_are_what_the_slow_twin_says(rate, n_moving):
     rng = np.random.default_rng(2)
     for _ in range(30):
         random = only_places(random_map(rng, n_moving=n_moving))
-        may = motion_table(random, STILL).candidates
+        may = motion_table(random).candidates
         place, direction, speed = somewhere(rng)
         for cell in (0, 1):
             slow = manoeuvre_weights(
@@ -73,10 +70,11 @@ def test_manoeuvres_are_taken_up_by_their_weights_against_the_strength_of_no_pla
     random = random_map(rng)
     place, direction, speed = np.array([12.0, 8.0]), 0.3, 8.0
     weight = manoeuvre_weights(random.motion, 0, random.centers[0], EXTENT, place, direction, speed, by_time=True)
-    random = replace(random, motion=replace(random.motion, strength=0.5 * weight.sum()))
-    for share, free in ((0.0, 1 / 3), (0.2, 1 / 3), (0.7, 0.7)):
-        table = motion_table(random, MotionKnobs(place_free_share=share))
-        given = (*place, direction, speed, _manoeuvres.BY_TIME, share, np.empty((3, 8), np.float32), seeded(4))
+    for free in (1 / 3, 0.7):
+        table = motion_table(
+            replace(random, motion=replace(random.motion, strength=free / (1.0 - free) * weight.sum()))
+        )
+        given = (*place, direction, speed, _manoeuvres.BY_TIME, np.empty((3, 8), np.float32), seeded(4))
         found = [_manoeuvres.take_up(table, -1, 0, *given) for _ in range(N)]
         count = np.bincount(found, minlength=12)
         expected = N * np.append((1 - free) * weight / weight.sum(), free)
@@ -93,7 +91,7 @@ def test_a_step_that_nothing_disturbs_is_the_slow_twins():
     rng = np.random.default_rng(3)
     for _ in range(100):
         random = random_map(rng, noise=0.0)
-        table = motion_table(random, STILL)
+        table = motion_table(random)
         z = int(rng.choice([0, 1, 2, 3, 10]))
         place, direction, speed = rng.uniform(4.0, 16.0, 2), rng.uniform(-np.pi, np.pi), rng.uniform(4.0, 20.0)
         push = rng.normal() if z < 10 else 0.0
@@ -112,7 +110,7 @@ def test_a_step_that_nothing_disturbs_is_the_slow_twins():
 def test_a_step_follows_the_arc():
     """The way to the middle direction, to second order: over a turn of 0.1 rad off by less than 0.1^3 / 48."""
     turns = motion_by_hand([0], bend=[[0.1, 0.0]], course_rate=1e-9)
-    found = moved(squares(1, 1, turns), 0.1, n=1, place=(10.0, 10.0), config=FilterConfig(drift=1e-30))
+    found = moved(squares(1, 1, turns), 0.1, n=1, place=(10.0, 10.0))
     np.testing.assert_allclose(found.position[0] - 10.0, [np.cos(0.05), np.sin(0.05)], atol=0.1**3 / 48 + 1e-9)
 
 
@@ -154,7 +152,7 @@ def test_who_is_beside_the_course_stays_so_in_the_next_cell_less_what_is_forgott
     for into, rate in ((0.5, 0.3), (-1.0, 0.3), (3.0, 1e-9)):
         ahead = squares(2, 1, motion_by_hand([0, 1], course=[0.0, into], course_rate=rate))
         for beside in (0.05, -0.2):
-            start = {"n": 3, "place": (17.0, 10.0), "direction": beside, "config": FilterConfig(drift=1e-30)}
+            start = {"n": 3, "place": (17.0, 10.0), "direction": beside}
             before, after = (moved(ahead, t, **start) for t in (0.2, 0.4))
             np.testing.assert_allclose(before.direction, beside * np.exp(-0.2 * rate), rtol=1e-9)
             assert (before.cell == 0).all()
@@ -166,7 +164,7 @@ def test_who_is_beside_the_course_stays_so_in_the_next_cell_less_what_is_forgott
 def test_who_fits_no_manoeuvre_of_the_cell_entered_keeps_its_own_until_it_looks_again():
     """A cell of oncoming traffic alone: the road does not end there, and a second later who drives there is asked."""
     ahead = squares(2, 1, motion_by_hand([0, 1], course=[0.0, np.pi], course_spread=0.02, strength=1e-6))
-    start = {"n": N, "place": (18.0, 10.0), "config": FilterConfig(step_s=0.1)}
+    start = {"n": N, "place": (18.0, 10.0), "step_s": 0.1}
     inside, entered = moved(ahead, 0.1, **start), moved(ahead, 0.4, **start)
     np.testing.assert_array_equal(inside.cell, 0)
     np.testing.assert_array_equal(entered.cell, 1)
@@ -181,7 +179,7 @@ def test_who_fits_no_manoeuvre_of_the_cell_entered_keeps_its_own_until_it_looks_
 
 def test_who_drives_by_no_place_keeps_its_direction_in_the_next_cell():
     ahead = squares(2, 1, motion_by_hand([1], course=[0.5], course_rate=1e-9, turning=0.0))
-    found = moved(ahead, 0.4, n=3, place=(17.0, 10.0), direction=0.05, config=FilterConfig(drift=1e-30, step_s=0.4))
+    found = moved(ahead, 0.4, n=3, place=(17.0, 10.0), direction=0.05, step_s=0.4)
     assert (found.cell == 1).all()
     assert (found.manoeuvre == 0).all()
     np.testing.assert_allclose(found.direction, 0.05, rtol=1e-9)
@@ -194,17 +192,3 @@ def test_a_vehicles_own_pace_outlives_the_change_of_manoeuvre():
     later = moved(ahead, 0.6, n=N, place=(17.0, 10.0))  # the same numbers, two steps more
     assert (found.cell == 1).all()
     assert np.corrcoef(found.speed - 10.0, later.speed - found.speed)[0, 1] > 0.8
-
-
-def test_rollouts_are_settled_particles_moved_on():
-    table = forecast_table(fork(), FilterConfig())
-    start, key = np.array([[2.0, 30.0, 0.0, 10.0], [3.0, 31.0, 0.1, 9.0]]), np.array([11, 12], np.uint64)
-    path = np.empty((2, 6, 3, 2))
-    _motion.rollout(table, start, np.array([0.5, 0.5, 1.0]), key, path)
-    for i in range(2):
-        part = np.empty((1, 6, 3, 2))
-        _motion.rollout(table, start[i : i + 1], np.array([0.5, 0.5, 1.0]), key[i : i + 1], part)
-        np.testing.assert_array_equal(part[0], path[i])
-        one = moved(fork(), 0.5, n=6, key=11 + i, place=start[i, :2], direction=start[i, 2], speed=start[i, 3])
-        np.testing.assert_array_equal(one.position, path[i, :, 0])
-    assert not np.array_equal(path[0, :, 0] - start[0, :2], path[1, :, 0] - start[1, :2])

@@ -1,11 +1,10 @@
-"""Rasters of cells: memory by what is covered, cells that reach beside themselves, what is too large."""
+"""Rasters of cells: memory by what is covered, what is too large."""
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from tessellation import GridTessellation, VoronoiTessellation
-from tessellation.locate import Pixels, cells_of, in_blocks, reaching
+from tessellation.locate import Pixels, in_blocks
 
 
 def streets(rng, n=300):
@@ -13,19 +12,6 @@ def streets(rng, n=300):
     way = rng.uniform(-90.0, 110.0, n)
     side = rng.normal(0.0, 1.5, n)
     return np.where(rng.random(n)[:, None] < 0.5, np.column_stack([way, side]), np.column_stack([side + 30.0, way]))
-
-
-@pytest.mark.parametrize("reach_m", [0.0, 3.5, 60.0])
-def test_cells_reach_beside_themselves_to_the_nearest(reach_m):
-    rng = np.random.default_rng(2)
-    cells = GridTessellation.covering(streets(rng, 100), cell_size=1.0)
-    place = rng.uniform(-160.0, 160.0, (4000, 2))
-    distance, nearest = cKDTree(cells.centers).query(np.floor(place) + 0.5)
-    found = cells_of(reaching(cells.locator, reach_m), place)
-    np.testing.assert_array_equal(found >= 0, distance <= reach_m)
-    theirs = np.hypot(*(np.floor(place) + 0.5 - cells.centers[np.maximum(found, 0)]).T)
-    np.testing.assert_allclose(theirs[found >= 0], distance[found >= 0])
-    assert reach_m > 0 or (found[found >= 0] == nearest[found >= 0]).all()
 
 
 def test_a_city_takes_memory_by_what_is_covered():

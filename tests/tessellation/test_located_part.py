@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from tessellation import OUTSIDE, GridTessellation, VoronoiTessellation
-from tessellation.locate import cells_of, reaching
+from tessellation.locate import cells_of
 from tessellation.located_part import LocatedPart
-
-REACH_M = 3.5
 
 
 def cells_of_kind(kind, rng):
@@ -33,14 +31,3 @@ def test_a_part_answers_as_the_whole(kind):
     np.testing.assert_array_equal(cells_of(of_all.locator, place), whole.cell_of(place))
     of_none = LocatedPart.of(whole, np.empty(0, np.int64))
     assert (cells_of(of_none.locator, place) == OUTSIDE).all()
-
-
-@pytest.mark.parametrize("kind", ["grid", "voronoi"])
-def test_beside_its_cells_too_but_where_others_end(kind):
-    rng = np.random.default_rng(4)
-    whole = cells_of_kind(kind, rng)
-    part = LocatedPart.of(whole, np.flatnonzero(whole.centers[:, 0] > 0.0))
-    place = np.column_stack([rng.uniform(25.0, 80.0, 20_000), rng.uniform(-60.0, 80.0, 20_000)])
-    ours, of_all = (cells_of(reaching(cells.locator, REACH_M), place) for cells in (part, whole))
-    np.testing.assert_array_equal(ours, part.number[of_all])
-    assert ((of_all >= 0) & (whole.cell_of(place) < 0)).any()
