@@ -259,8 +259,7 @@ def test_a_belief_that_was_lost_in_a_gap_is_smoothed_up_to_where_its_vehicle_was
     monkeypatch.setattr(chain, "USUAL", 1e9)
     x, usual = halfway(75.0, range(6))
     assert x.mean() > 44.0
-    # Who was that wrong was too sure: by 1.35, of which six seeds miss 1.1 once in a thousand times.
-    assert (spread / usual).mean() > 1.1
+    assert (spread > usual).all()  # who was that wrong was too sure
     monkeypatch.setattr(chain, "SAME_VEHICLE", 0.0)
     assert halfway(75.0)[0] > 44.0  # it may have come there
     monkeypatch.setattr(chain, "HARDEST", 0.0)
