@@ -21,8 +21,8 @@ from dirprim_filter.primitives._map_kernels import MapTable
 from tessellation import OUTSIDE
 
 KERNEL_SHARE = 0.7
-"""Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur. Of half of it beliefs are
-too sure: NEES of 2.2 in sight instead of 2.0."""
+"""Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur. Of half of it beliefs
+are too sure: NEES of 2.2 in sight instead of 2.0."""
 
 
 class Cloud(NamedTuple):

@@ -203,7 +203,7 @@ def test_a_vehicle_occluded_for_three_seconds_on_the_map_survives_and_keeps_its_
 
 @BOTH_KINDS
 def test_who_leaves_the_map_is_gone_half_a_second_after(ring_map, name):
-    """It is seen until it is at x = 33.5 m, beside the ring's cells; no particle brakes within 1.5 s of the last hit."""
+    """It is seen until x = 33.5 m, beside the ring's cells; no particle brakes within 1.5 s of the last hit."""
 
     def tangent(time_s):
         return np.array([20.0, -20.0]) + time_s * np.array([12.0, 0.0])
