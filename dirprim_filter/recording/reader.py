@@ -19,13 +19,14 @@ from dirprim_filter.recording.errors import DecodeError, NoTracksError, Recordin
 from dirprim_filter.recording.inspection import inspect
 from dirprim_filter.recording.losses import REPEATED, Losses
 from dirprim_filter.recording.objects.detection_stream import DetectionStream
-from dirprim_filter.recording.objects.observations import Observations, TimedRows
+from dirprim_filter.recording.objects.observations import Observations
 from dirprim_filter.recording.objects.options import EVERYTHING, Reading, ReadOptions, TimeSource
 from dirprim_filter.recording.objects.topics import choose_topics
 from dirprim_filter.recording.objects.tracks import TrackResult, rows_of_log, rows_of_logs
 from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
+from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
 from dirprim_filter.recording.tables.source import TableDetections, is_table, read_table
 from dirprim_filter.recording.transforms.geodesy import Origin
@@ -113,8 +114,8 @@ def read_track_logs(
 
 
 def _reporting(
-    observations: Iterable[TimedRows], end_ns: int | None, progress: Callable[[int, int], None]
-) -> Iterator[TimedRows]:
+    observations: Iterable[ObjectRows], end_ns: int | None, progress: Callable[[int, int], None]
+) -> Iterator[ObjectRows]:
     """The same, and after each part how far that is."""
     first_ns: int | None = None
     for part in observations:

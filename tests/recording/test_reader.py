@@ -268,7 +268,7 @@ def test_a_log_without_objects_says_what_it_has_and_what_was_looked_for(tmp_path
         "log.mcap",
         "/floor (foxglove.Grid)",
         "/lanes (foxglove.SceneUpdate)",
-        "--fields",
+        "--set fields=...",
     ):
         assert part in str(reported.value)
     assert "\n" not in str(reported.value)

@@ -16,7 +16,7 @@ from ros_messages import header, write_ros2_log
 from scipy.spatial.transform import Rotation
 from test_ros2_schemas import carla, point, quaternion
 
-from dirprim_filter.cli.info import info
+from dirprim_filter.cli.main import run
 from dirprim_filter.recording.container import log as log_module
 from dirprim_filter.recording.container.log import Log
 from dirprim_filter.recording.container.outline import read_outline
@@ -183,7 +183,7 @@ def test_a_log_is_outlined_once_however_often_it_is_read(tmp_path, monkeypatch):
         assert len(read_tracks(log)) == N
         assert len(read_tracks(log)) == N  # it is still open
     assert len(outlined) == 3
-    assert info([path]) == 0
+    assert run(["info", str(path)]) == 0
     assert len(outlined) == 4
 
 
@@ -215,7 +215,7 @@ def test_a_missing_transform_names_both_frames_and_the_time(tmp_path):
 def test_positions_in_a_frame_that_may_be_a_sensors_are_reported(tmp_path, caplog, frame, asked, is_reported):
     path = write_ros(tmp_path / "log.mcap", [(frame, [carla(k, 1)]) for k in range(N)])
     assert len(read_tracks(path, frame=asked)) == N
-    assert (f"--frame {frame} says that this is meant" in caplog.text) == is_reported
+    assert (f"--set frame={frame} says that this is meant" in caplog.text) == is_reported
 
 
 def test_objects_of_a_time_without_transforms_are_counted(tmp_path, caplog):

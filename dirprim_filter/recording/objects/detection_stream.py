@@ -10,8 +10,9 @@ import numpy as np
 from dirprim_filter.detections import NO_ID, Detections, is_covariance
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.losses import BACKWARD, REPEATED, Losses
-from dirprim_filter.recording.objects.observations import Observations, TimedRows
+from dirprim_filter.recording.objects.observations import Observations
 from dirprim_filter.recording.objects.options import ReadOptions
+from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 LATEST_NS = 1_000_000_000
@@ -63,13 +64,12 @@ class DetectionStream:
         yield from rest.frames()
         self.losses.log(self._scan.path)
 
-    def _detections(self, batch: TimedRows) -> Detections:
+    def _detections(self, rows: ObjectRows) -> Detections:
         """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
-        rows = batch.rows
         is_one_world = self._options.group is not None  # the group that was asked for goes under its own ids
         seen = Detections(
             track_id=rows.track_id,
-            time_ns=batch.time_ns,
+            time_ns=rows.time_ns,
             position=rows.position,
             covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
             size=rows.size,

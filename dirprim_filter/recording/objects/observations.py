@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,13 +19,6 @@ from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_sche
 from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.transforms.frame_change import FrameChange
 from dirprim_filter.recording.transforms.geodesy import FARTHEST_M, Origin
-
-
-class TimedRows(NamedTuple):
-    """Objects, and the time of each."""
-
-    time_ns: IntArray
-    rows: ObjectRows
 
 
 class Observations:
@@ -60,7 +52,7 @@ class Observations:
             return "plane at {:.9f},{:.9f}".format(*self._frame.origin)
         return self._frame.target
 
-    def __iter__(self) -> Iterator[TimedRows]:
+    def __iter__(self) -> Iterator[ObjectRows]:
         """Objects in order of log time; messages of other schemas are passed over.
 
         Raises:
@@ -72,9 +64,8 @@ class Observations:
         self.losses.damage = self._scan.damage
         for batch in batches(columns, self._decoders):
             self._check_intact()
-            timed = self._timed(batch)
-            if timed.rows.message.size:
-                yield timed
+            if len(rows := self._timed(batch)):
+                yield rows
         self._frame.check()
         if self._frame.tree is not None:
             self._frame.tree.losses.damage = [
@@ -87,7 +78,7 @@ class Observations:
         if self._options.strict and self.losses.damage:
             raise DamagedRecordingError(self._scan.path, self.losses.damage)
 
-    def _timed(self, batch: MessageColumns) -> TimedRows:
+    def _timed(self, batch: MessageColumns) -> ObjectRows:
         """The valid objects of a batch within the wanted time."""
         parts = []
         for places, messages in by_schema(batch):
@@ -96,26 +87,21 @@ class Observations:
                 raise DecodeError.of(self._scan.path, messages, failures)
             self.losses.fail(failures.values())
             time_ns = self._times(messages, rows)
-            if self._are_several:
-                rows = replace(rows, track_id=_by_topic(messages, rows))
             self._clock.watch_objects(messages, rows.message, time_ns)
             self.losses.clock = self._clock.faults
-            parts.append((places, time_ns, rows))
-        number = np.concatenate([here[rows.message] for here, _, rows in parts])
-        time_ns = np.concatenate([time_ns for _, time_ns, _ in parts])
-        rows = ObjectRows.concatenate(rows for _, _, rows in parts)
+            names = _by_topic(messages, rows) if self._are_several else rows.track_id
+            parts.append(replace(rows, time_ns=time_ns, track_id=names, message=places[rows.message]))
+        rows = ObjectRows.concatenate(parts)
         if len(parts) > 1:
-            order = np.argsort(number, kind="stable")
-            number, time_ns, rows = number[order], time_ns[order], rows[order]
-        wanted = self._wanted(number, time_ns, rows)
-        wanted[wanted] = self._valid(rows[wanted])
+            rows = rows[np.argsort(rows.message, kind="stable")]
+        rows = rows[self._wanted(rows)]
+        rows = rows[self._valid(rows)]
         with np.errstate(all="ignore"):  # transforms of any origin; what is not finite is left out below
-            rows, placed = self._frame.apply(rows[wanted], time_ns[wanted])
+            rows, placed = self._frame.apply(rows)
         self.losses.drop(UNPLACED, ~placed)
         near = _is_near(rows.position)
         self.losses.drop(INVALID, placed & ~near)
-        kept = placed & near
-        return TimedRows(time_ns[wanted][kept], rows[kept])
+        return rows[placed & near]
 
     def _times(self, messages: MessageColumns, rows: ObjectRows) -> IntArray:
         """(n,) the time of each row; `NO_TIME` where it has none that fits into int64."""
@@ -134,14 +120,14 @@ class Observations:
         is_unset = (rows.stamp_ns == 0) & (begun > LONG_STEP_NS)  # the clock does not run on from 0
         return np.where(begun == NO_TIME, time_ns, np.where(is_unset, NO_TIME, rows.stamp_ns))
 
-    def _wanted(self, message: IntArray, time_ns: IntArray, rows: ObjectRows) -> BoolArray:
-        timed = time_ns != NO_TIME
-        self.losses.drop(UNTIMED, np.unique(message[~timed]).size)
+    def _wanted(self, rows: ObjectRows) -> BoolArray:
+        timed = rows.time_ns != NO_TIME
+        self.losses.drop(UNTIMED, np.unique(rows.message[~timed]).size)
         wanted: BoolArray = timed
         if self._options.start_ns is not None:
-            wanted = wanted & (time_ns >= self._options.start_ns)
+            wanted = wanted & (rows.time_ns >= self._options.start_ns)
         if self._options.end_ns is not None:
-            wanted = wanted & (time_ns < self._options.end_ns)
+            wanted = wanted & (rows.time_ns < self._options.end_ns)
         if self._is_label is not None:
             names, of = np.unique(rows.label, return_inverse=True)
             wanted = wanted & np.array([self._is_label(name) for name in names.tolist()], np.bool_)[of]

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import count
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray
 from dirprim_filter.detections import NO_ID
-from dirprim_filter.optional_columns import is_held, unknown
-from dirprim_filter.recording.decoding.growing_column import GrowingColumn
 from dirprim_filter.recording.losses import Losses
-from dirprim_filter.recording.objects.observations import TimedRows
+from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.track_ids import Numbers, vehicle_numbers
 from dirprim_filter.tracks import Tracks
@@ -35,50 +31,27 @@ class TrackResult:
     frame: str = ""
 
 
-class _OptionalColumn(GrowingColumn):
-    """Sizes or headings: begun at the first that is known, as most logs have none."""
-
-    def __init__(self, *width: int) -> None:
-        super().__init__(np.float64, *width)
-        self._width = width
-        self._n_unknown = 0
-
-    def extend(self, values: AnyArray) -> None:
-        if not self._n:
-            if not (is_held(values) and np.isfinite(values).any()):
-                self._n_unknown += len(values)
-                return
-            super().extend(unknown(self._n_unknown, *self._width))
-        super().extend(values)
-
-    def whole(self) -> AnyArray:
-        return super().whole() if self._n else unknown(self._n_unknown, *self._width)
+KEPT = ("time_ns", "position", "direction", "speed", "group", "size", "heading")
+"""Of objects, what tracks hold."""
 
 
-def rows_of_log(parts: Iterable[TimedRows]) -> VehicleRows:
+def rows_of_log(parts: Iterable[ObjectRows]) -> VehicleRows:
     """The rows of all batches, one after the other.
 
     An object without a name gets one of its own, "time/number": nothing is taken for the same vehicle at two
     times, and what such a row says of its motion is kept. An id that stands in several groups is a vehicle in each.
     """
-    unlabelled = count()
-    numbers = Numbers()
-    number, real = partial(GrowingColumn, np.int64), partial(GrowingColumn, np.float64)
-    columns = {
-        "vehicle": number(), "time_ns": number(), "position": real(2), "direction": real(), "speed": real(),
-        "group": number(), "size": _OptionalColumn(3), "heading": _OptionalColumn(),
-    }  # fmt: skip
-    for time_ns, rows in parts:
+    unlabelled, numbers = count(), Numbers()
+    none = np.empty(0, np.str_)
+    read = [VehicleRows.of(none, time_ns=np.empty(0, np.int64), position=np.empty((0, 2)))]
+    for rows in parts:
         names = rows.track_id.tolist()
         if NO_ID in names:
-            named = zip(names, time_ns.tolist(), strict=True)
+            named = zip(names, rows.time_ns.tolist(), strict=True)
             names = [name or f"{time}/{next(unlabelled)}" for name, time in named]
-        of_batch = {"vehicle": numbers.of(names), "time_ns": time_ns}
-        for name, column in columns.items():
-            column.extend(of_batch[name] if name in of_batch else getattr(rows, name))
-    whole = VehicleRows(
-        names=np.array(list(numbers), dtype=np.str_), **{name: column.whole() for name, column in columns.items()}
-    )
+        kept = {name: getattr(rows, name) for name in KEPT}
+        read.append(VehicleRows(names=none, vehicle=numbers.of(names), **kept))
+    whole = VehicleRows.concatenate(read[1:] or read, names=np.array(list(numbers), dtype=np.str_))
     if not whole.group.any():
         return whole
     vehicle = vehicle_numbers(whole.vehicle, whole.group)

@@ -46,10 +46,10 @@ class FrameChange:
         self._placed = 0
         self._first_lost: tuple[str, int] | None = None
 
-    def apply(self, rows: ObjectRows, time_ns: IntArray) -> tuple[ObjectRows, BoolArray]:
+    def apply(self, rows: ObjectRows) -> tuple[ObjectRows, BoolArray]:
         """The rows in the target frame, and (n,) which of them could be brought there.
 
-        The transform of an object is that of its own stamp where it has one, else that of (n,) `time_ns`.
+        The transform of an object is that of its own stamp where it has one, else that of the time that counts.
 
         Raises:
             MissingTransformError: nothing joins an object's frame to the target; or no target was named, and the root
@@ -64,7 +64,7 @@ class FrameChange:
             if frame == GEODETIC:
                 rows = self._on_plane(rows, here)
                 continue
-            when = np.where(rows.stamp_ns[here] > 0, rows.stamp_ns[here], time_ns[here])
+            when = np.where(rows.stamp_ns[here] > 0, rows.stamp_ns[here], rows.time_ns[here])
             found = self._find(frame, when)
             if found is not None:
                 rows = _moved(rows, here, found)
