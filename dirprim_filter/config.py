@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 
@@ -47,6 +47,13 @@ class LearningConfig:
     max_shape: float = 1e4
     cell_sizes: tuple[float, ...] = (3.0, 4.5, 7.0, 10.0, 15.0)
     rows_per_cell: tuple[float, ...] = (40.0, 8.0, 18.0, 90.0)
+
+    def scaled(self, length: float) -> LearningConfig:
+        """The same for data so many times as sparse: its lengths are longer, its slopes less steep."""
+        return replace(
+            self, bend_scale=self.bend_scale / length, gain_scale=self.gain_scale / length,
+            cell_sizes=tuple(length * size for size in self.cell_sizes),
+        )  # fmt: skip
 
     def __post_init__(self) -> None:
         several = ("prior_strengths", "parameter_costs", "cell_sizes", "rows_per_cell")

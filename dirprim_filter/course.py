@@ -25,7 +25,9 @@ HALF_WINDOWS_S = (0.25, 0.5, 1.0)
 MAX_COURSE_ERROR = 0.03
 """Radians, at the median speed of what moves: a fifth of what yaw and course differ by on a bend."""
 MAX_GAP_S = 2.0
-"""Across a longer gap nothing is differenced: the vehicle may have turned and come back."""
+"""Across a longer gap nothing is differenced: the vehicle may have turned and come back; of rows that come seldom,"""
+INTERVALS_IN_GAP, LONGEST_GAP_S = 3.0, 60.0
+"""across so many median intervals between a vehicle's rows, up to a minute."""
 STANDING_M = 0.3
 """A vehicle that moves less over the window stands: its motion may be the rocking of a body, or rounding."""
 STANDING_NOISE = 4.0
@@ -62,8 +64,8 @@ class Motion:
 def motion_of(vehicle: IntArray, time_ns: IntArray, position: FloatArray, heading: FloatArray | None = None) -> Motion:
     """The motion of vehicles by their positions, each vehicle by itself.
 
-    Where a vehicle stands its course is that of its row nearest in time that moves, with no gap of more than
-    `MAX_GAP_S` between; where there is none it is the heading, and of a body of unknown heading what little it moves.
+    Where a vehicle stands its course is that of its row nearest in time that moves, with no long gap between; where
+    there is none it is the heading, and of a body of unknown heading what little it moves.
 
     Args:
         vehicle: (n,) the number of each row's vehicle.
@@ -118,7 +120,9 @@ class _Ways:
         n = time_ns.size
         order = np.lexsort((time_ns, vehicle))
         time = time_ns[order]
-        breaks = (np.diff(vehicle[order]) != 0) | (np.diff(time) > int(MAX_GAP_S * 1e9))
+        other, apart = np.diff(vehicle[order]) != 0, np.diff(time)
+        usual_s = float(np.median(apart[~other])) * 1e-9 if not other.all() else 0.0
+        breaks = other | (apart > _ns(min(max(INTERVALS_IN_GAP * usual_s, MAX_GAP_S), LONGEST_GAP_S)))
         starts = np.flatnonzero(np.concatenate([[True], breaks])) if n else np.empty(0, np.int64)
         counts = np.diff(np.append(starts, n))
         ends = starts + counts - 1

@@ -44,6 +44,7 @@ class Search(Generic[Data_contra, Cells]):
         group: (n,) of each of them, 0 to n_groups - 1.
         salt: (n_all,) random numbers that break ties between members.
         softness: of the gates.
+        smallest: metres; a cell that spreads less along an axis is not split across it.
     """
 
     model: CellModel[Data_contra, Cells]
@@ -55,6 +56,7 @@ class Search(Generic[Data_contra, Cells]):
     group: IntArray
     salt: FloatArray
     softness: float
+    smallest: float
 
     @property
     def n_folds(self) -> int:
@@ -178,7 +180,7 @@ class Search(Generic[Data_contra, Cells]):
             step = CHILD_DISTANCE * np.sqrt(np.maximum(variance[:, a], 0.0))
             unit = axes[:, :, a]
             children[a] = np.stack([mean - step[:, None] * unit, mean + step[:, None] * unit], axis=1)
-            tried = np.flatnonzero(~state.finished & (count >= LEAST_ROWS) & (step > 1e-6))
+            tried = np.flatnonzero(~state.finished & (count >= LEAST_ROWS) & (step > self.smallest))
             if tried.size:
                 gain[a, tried], error[a, tried] = self._gain_of_halves(state, tried, mean, unit, step, children[a])
         return children, gain, error

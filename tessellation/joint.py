@@ -37,6 +37,8 @@ logger = logging.getLogger(__name__)
 
 MAX_ROUNDS = 60
 N_FOLDS = 3
+SMALLEST = 0.03
+"""Of the reach: no cell is split that is so small; parked vehicles jitter."""
 FEWEST_ROWS = 8
 """For each cell, where the search begins."""
 START_SHARE = 0.5
@@ -113,6 +115,7 @@ def fit_jointly(
         group=np.unique(group[used], return_inverse=True)[1],
         salt=np.random.default_rng(0).random(len(position)),
         softness=softness,
+        smallest=SMALLEST * reach,
     )
 
     def spread(n: int) -> FloatArray:

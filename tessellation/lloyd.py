@@ -10,6 +10,8 @@ from tessellation.gates import nearest_generators
 MAX_STEPS = 100
 LEAST_GAIN = 1e-4
 """Of the squared distances; a step that lowers them by less is the last."""
+SAME_M = 1e-6
+"""Positions as near to each other are one: parked vehicles jitter by rounding."""
 SEEDED = 20
 """Positions for each seed, of which seeds are chosen: with more the means hardly change."""
 
@@ -93,5 +95,5 @@ def _distinct(position: FloatArray, weight: FloatArray) -> tuple[FloatArray, Flo
     along = along * np.where(weight @ along**3 < 0, -1.0, 1.0)
     order = np.lexsort((weight, *along.T))
     position, weight = position[order], weight[order]
-    new = np.append(True, (position[1:] != position[:-1]).any(axis=1))
+    new = np.append(True, (np.abs(np.diff(position, axis=0)) > SAME_M).any(axis=1))
     return position[new], np.add.reduceat(weight, np.flatnonzero(new))

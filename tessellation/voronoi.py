@@ -11,12 +11,15 @@ import numpy as np
 from tessellation._arrays import FloatArray, IntArray, as_floats, as_places
 from tessellation._kernels import Locator
 from tessellation._pickling import from_fields
+from tessellation.gates import nearest_generators
 from tessellation.grid import GridTessellation
 from tessellation.lloyd import lloyd_generators
 from tessellation.locate import cells_of, voronoi_locator
 from tessellation.outlines import Outlines, outlines
 
 MAX_CELLS = 20_000_000
+NEAREST_M = 1e-9
+"""Generators are farther apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,15 +43,16 @@ class VoronoiTessellation:
         generators = as_places("generators", self.generators, "n 2")
         if len(generators) > MAX_CELLS:
             raise ValueError(f"generators: expected at most {MAX_CELLS}, got {len(generators)}")
-        order = np.lexsort(generators.T)
-        again = np.flatnonzero((np.diff(generators[order], axis=0) == 0).all(axis=1))
-        if again.size:
-            one, two = sorted(order[again[0] : again[0] + 2].tolist())
-            x, y = generators[one]
-            raise ValueError(
-                f"generators: expected each once, got ({x}, {y}) as number {one} and {two}; "
-                f"{again.size} are repeated: keep np.unique(generators, axis=0)"
-            )
+        if len(generators) > 1:
+            distance, near = nearest_generators(generators, generators, k=2)
+            again = np.flatnonzero(distance[:, 1] < NEAREST_M)
+            if again.size:
+                one, two = sorted((int(again[0]), int(near[again[0]][near[again[0]] != again[0]][0])))
+                x, y = generators[one]
+                raise ValueError(
+                    f"generators: expected each once, got ({x}, {y}) as number {one} and {two}, nearer to each other "
+                    f"than {NEAREST_M:g} m; {again.size} have another so near: leave these out"
+                )
         object.__setattr__(self, "generators", generators)
         object.__setattr__(self, "locator", voronoi_locator(generators, self.region.locator))
 

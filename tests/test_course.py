@@ -95,16 +95,18 @@ def test_motion_is_that_of_the_slow_oracle_on_irregular_tracks_with_gaps(seed):
     of, when, where, yaw = vehicle[order], time_ns[order], position[order], yaw[order]
     found = motion_of(of, when, where, yaw)
 
-    widest, _ = central_differences(of, when, where, half_window_s=HALF_WINDOWS_S[-1], max_gap_s=MAX_GAP_S)
+    apart = np.concatenate([np.diff(np.sort(when[of == v])) for v in np.unique(of)]) * 1e-9
+    gap_s = min(max(3.0 * np.median(apart), MAX_GAP_S), 60.0) if apart.size else MAX_GAP_S
+    widest, _ = central_differences(of, when, where, half_window_s=HALF_WINDOWS_S[-1], max_gap_s=gap_s)
     noise = noise_of_neighbours(of, when, where, np.hypot(*widest.T) > STANDING_M, max_span_s=NOISE_SPAN_S)
     np.testing.assert_allclose(found.noise, noise, rtol=1e-6, atol=1e-9)
-    moved, span_s = central_differences(of, when, where, half_window_s=found.half_window_s, max_gap_s=MAX_GAP_S)
+    moved, span_s = central_differences(of, when, where, half_window_s=found.half_window_s, max_gap_s=gap_s)
     metres = np.hypot(*moved.T)
     np.testing.assert_allclose(found.speed, np.where(span_s > 0, metres / np.where(span_s > 0, span_s, 1), np.nan))
     if found.keeps_heading:
         return
     moves = metres >= max(STANDING_M, STANDING_NOISE * np.sqrt(2) * noise)
-    nearest = nearest_moving(of, when, moves, max_gap_s=MAX_GAP_S)
+    nearest = nearest_moving(of, when, moves, max_gap_s=gap_s)
     course = np.arctan2(moved[:, 1], moved[:, 0])
     own = np.where(np.isnan(yaw), course, yaw)
     np.testing.assert_allclose(found.direction, wrap(np.where(nearest >= 0, course[nearest], own)), atol=1e-9)
@@ -174,3 +176,12 @@ def test_on_the_bends_of_town03_yaw_and_course_differ_as_was_measured(scene, med
     of_course, of_yaw = (np.quantile(np.abs(difference(toward, angle[order][:-1][near])), 0.9)
                          for angle in (tracks.direction, tracks.heading))  # fmt: skip
     assert of_course < 0.5 * of_yaw
+
+
+def test_rows_that_come_every_few_seconds_are_not_alone():
+    time_ns = np.cumsum(np.random.default_rng(0).choice([3, 4, 5], 50)) * 1_000_000_000
+    position = np.column_stack([8e-9 * time_ns, np.zeros(50)])
+    found = motion_of(np.zeros(50, np.int64), time_ns, position)
+    np.testing.assert_allclose(found.speed, 8.0)
+    pause = np.concatenate([time_ns, time_ns[-1:] + 600_000_000_000])  # the control: ten minutes later it is alone
+    assert np.isnan(motion_of(np.zeros(51, np.int64), pause, np.vstack([position, [[9e3, 0.0]]])).speed[-1])

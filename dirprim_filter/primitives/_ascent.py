@@ -30,7 +30,6 @@ DEPTH = 4  # steps that are mixed
 PATIENCE = 5  # iterations before modes may be given up as hopeless
 HORIZON = 30.0  # they are if so many gains like the last would not do
 MAX_HALVINGS = 12
-_REACH = 5.0  # metres by which a slope is weighed against the mean: half a cell
 
 
 @njit(nogil=True, **EXACT)
@@ -110,6 +109,7 @@ def ascend(
 def _mix(history: FloatArray, n: int, bounds: Bounds, table: FloatArray) -> None:
     """Move from EM's point to that where the last n steps, each linear in its place, would shrink most."""
     a, share = np.zeros((n, n)), np.zeros(n)
+    reach = 0.5 / bounds.bend_scale  # metres by which a slope is weighed against the mean: half a cell
     k, width = history.shape[1], history.shape[2]
     for m in range(k):
         weight = math.exp(table[m, LOG_WEIGHT])
@@ -122,7 +122,7 @@ def _mix(history: FloatArray, n: int, bounds: Bounds, table: FloatArray) -> None
             elif q == LOG_MEAN_SPEED:
                 unit = of_speed
             elif q >= N_FLAT:
-                unit = (of_mean if q < N_FLAT + 2 else of_speed) * _REACH * _REACH
+                unit = (of_mean if q < N_FLAT + 2 else of_speed) * reach * reach
             for i in range(n):
                 turned = history[DEPTH + i, m, q] * unit
                 share[i] += turned * history[2 * DEPTH + 1, m, q]

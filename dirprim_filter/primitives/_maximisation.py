@@ -33,6 +33,8 @@ from dirprim_filter.primitives._modes import (
     Bounds,
 )
 
+MOST_LOG_SPEED = 20.0
+"""Of a mode's mean at the centre of its cell: its slope may say anything where no row is."""
 MIN_VEHICLES = 1e-3
 """A mode that fewer drive is given up."""
 
@@ -121,6 +123,7 @@ def bend(sums: FloatArray, scale: float, bounds: Bounds, table: FloatArray) -> N
         a = math.exp(table[m, LOG_SHAPE]) * scale
         at, slope = np.int64(13), np.int64(GAIN_EAST)
         table[m, LOG_MEAN_SPEED] -= _slope(sums[m], at, a, a, bounds.gain_scale, table[m], slope)
+        table[m, LOG_MEAN_SPEED] = min(max(table[m, LOG_MEAN_SPEED], -MOST_LOG_SPEED), MOST_LOG_SPEED)
 
 
 @njit(**EXACT)

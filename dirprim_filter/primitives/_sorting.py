@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.distributions._elementary import EXACT
 
 
@@ -25,22 +25,6 @@ def sort_by(key: IntArray, n_keys: int, start: IntArray) -> IntArray:
             row[place[key[i]]] = i
             place[key[i]] += 1
     return row
-
-
-@njit(nogil=True, **EXACT)
-def count_vehicles(start: IntArray, row: IntArray, weight: FloatArray, vehicle: IntArray, out: FloatArray) -> None:
-    """How many vehicles each cell's rows are of, where those of a vehicle stand together.
-
-    A vehicle counts as much as the weightiest of its rows: one that only passes by is less than one.
-    """
-    for c in range(out.size):
-        count, last, most = 0.0, -1, 0.0
-        for a in range(start[c], start[c + 1]):
-            if vehicle[row[a]] != last:
-                count += most
-                last, most = vehicle[row[a]], 0.0
-            most = max(most, weight[a])
-        out[c] = count + most
 
 
 @njit(nogil=True, **EXACT)

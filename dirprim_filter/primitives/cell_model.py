@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.distributions.von_mises_mixture import log_weights
-from dirprim_filter.primitives import _cell_density
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.fitting import fit_all
+from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe, Usual
 from dirprim_filter.primitives.rows import CellRows, TrackRows
@@ -20,6 +18,8 @@ from tessellation.protocols import Members
 
 PLACE_FREE_VEHICLES = 1.0
 """Pseudo-vehicles with which the place-free primitive enters a cell while the cells are looked for."""
+LEAST_SPEED = 1e-3
+"""m/s; slower rows are taken for so fast, for at 0 a gamma's density is 0 or without bound."""
 MIN_MODE_VEHICLES = 3.0
 """A mode that fewer drive says nothing of what is usual."""
 
@@ -41,6 +41,11 @@ class PrimitiveCells(NamedTuple):
     n_rows: FloatArray  # (n_cells,) by weight
     center: FloatArray  # (n_cells, 2) metres
 
+    @property
+    def modes(self) -> Modes:
+        """Those in motion."""
+        return Modes(*self[: len(Modes._fields)])
+
 
 class PrimitiveModel(NamedTuple):
     """Directional primitives of cells, leaning on the place-free one."""
@@ -52,15 +57,10 @@ class PrimitiveModel(NamedTuple):
     @classmethod
     def of(cls, rows: TrackRows, recipe: Recipe, free: PlaceFree) -> PrimitiveModel:
         """The model of these rows' cells."""
-        n_modes = free.weight.size
-        log_p = np.empty((len(rows), n_modes))
-        for m, mode in enumerate(zip(*free[:5], strict=True)):
-            weight, mean, concentration, shape, rate = mode
-            speed = np.maximum(rows.speed, _cell_density.LEAST_SPEED)
-            of_speed = shape * np.log(rate) + (shape - 1.0) * np.log(speed) - rate * speed - gammaln(shape)
-            of_direction = von_mises.log_density(rows.direction, mean, concentration)
-            log_p[:, m] = log_weights(weight) + of_direction + of_speed
-        return cls(recipe, free, np.asarray(np.logaddexp.reduce(log_p, axis=1)))
+        none = np.zeros((4, 1, free.weight.size))
+        table = ModeTable.of(Modes(*(column[None] for column in free[:5]), *none), np.zeros((1, 2)))
+        speed = np.maximum(rows.speed, LEAST_SPEED)
+        return cls(recipe, free, table.log_density(np.zeros(len(rows), np.int64), rows.position, rows.direction, speed))
 
     def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
@@ -72,7 +72,7 @@ class PrimitiveModel(NamedTuple):
     def refit(self, position: FloatArray, data: TrackRows, members: Members, cells: PrimitiveCells) -> PrimitiveCells:
         """Every cell's modes, from those before its members changed a little; see `tessellation.RefittingModel`."""
         east, north = (members.center - cells.center).T[..., None]
-        before = Modes(*cells[: len(Modes._fields)])
+        before = cells.modes
         near = before._replace(
             mean=before.mean + before.bend_east * east + before.bend_north * north,
             rate=before.rate * np.exp(-before.gain_east * east - before.gain_north * north),
@@ -83,19 +83,15 @@ class PrimitiveModel(NamedTuple):
         self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
     ) -> FloatArray:
         """Of direction and speed of each row in a cell, with the place-free primitive's part."""
-        constant = (
-            log_weights(cells.weight)
-            - von_mises.log_normaliser(cells.concentration)
-            + cells.shape * np.log(cells.rate)
-            - gammaln(cells.shape)
-        )
-        out = np.empty(row.size)
-        _cell_density.log_densities(
-            np.stack([constant, *cells[:9]], axis=-1), cells.standing, float(self.free.rate[-1]), cells.center,
-            PLACE_FREE_VEHICLES / (cells.n_vehicles + PLACE_FREE_VEHICLES), self.free_log_density,
-            position, data.direction, data.speed, row, cell, out,
-        )  # fmt: skip
-        return out
+        moving, standing = 1.0 - cells.standing[:, None], cells.standing[:, None]
+        still = (standing, *np.zeros((2, *standing.shape)), np.ones_like(standing), self.free.rate[-1] + 0.0 * standing)
+        modes = cells.modes._replace(weight=moving * cells.weight)
+        every = Modes(*map(np.hstack, zip(modes, (*still, *np.zeros((4, *standing.shape))), strict=True)))
+        speed = np.maximum(data.speed[row], LEAST_SPEED)
+        own = ModeTable.of(every, cells.center).log_density(cell, position[row], data.direction[row], speed)
+        share = PLACE_FREE_VEHICLES / (cells.n_vehicles + PLACE_FREE_VEHICLES)
+        with np.errstate(divide="ignore"):
+            return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.free_log_density[row])
 
 
 def fitted(cells: CellRows, recipe: Recipe, near: Modes | None = None) -> PrimitiveCells:

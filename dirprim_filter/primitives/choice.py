@@ -90,7 +90,9 @@ def other_layouts(rows: TrackRows, layout: Layout, recipe: Recipe, *, rng: np.ra
     if n_used < 2 or recipe.modes != "bic":
         return []
     place = rows.some(TRIAL_ROWS, rng=rng).position
-    even = [VoronoiTessellation.lloyd(place, n_cells=n_used, rng=rng, reach=REACH_M) for _ in range(N_LAYOUTS)]
+    even = [
+        VoronoiTessellation.lloyd(place, n_cells=n_used, rng=rng, reach=rows.scale.reach_m) for _ in range(N_LAYOUTS)
+    ]
     return [Layout(cells, SOFTNESS) for cells in even]
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
-from dirprim_filter.primitives import _ascent, _kernels, _merging
+from dirprim_filter.primitives import _ascent, _kernels
 from dirprim_filter.primitives._modes import (
     COSINE,
     EAST,
@@ -34,17 +35,11 @@ MIN_STANDING_MEAN = 0.05
 MIN_SPREAD = 1e-3
 """Of log speeds, log(mean) - mean(log): a log of one speed does not say that all others are as like."""
 
-BINS = (96, 8, 1)
-"""Of direction, log speed, and each axis of the place, when rows are merged."""
-FINE_BINS = (256, 12, 1)
-FINE_FROM = 200_000
-"""So many rows say more than the wider bins leave of them: these bias a concentration by 1 %, these rows by less."""
-CURVED_BINS = (64, 6, 8)
-KEPT_ROWS = 256
-"""So many rows a cell may have before they are merged: more than there are bins in use."""
-CURVED_KEPT_ROWS = 8192
-WORTH_MERGING = 200_000
-"""So many rows of such cells there must be: compiling what merges takes as long as fitting fewer without."""
+MERGED_FROM = 16_384
+"""Rows of a cell, from which on those that lie together are merged: responsibilities are then those of their means."""
+BINS, CURVED_BINS = (256, 12, 1), (64, 6, 8)
+"""Of direction, log speed, and each axis of the place."""
+FINE = 2048
 FINISHING_ITERATIONS = 10
 TOLERANCE = 1e-7
 """Of the objective per vehicle."""
@@ -81,7 +76,7 @@ def fit_all(
     *,
     at_once: bool,
     near: Modes | None = None,
-    worth_merging: int = WORTH_MERGING,
+    merged_from: int = MERGED_FROM,
     n_threads: int | None = None,
 ) -> Modes:
     """Fit every cell's modes to its rows; threads divide the cells, so their number changes nothing.
@@ -92,15 +87,16 @@ def fit_all(
         at_once: direction and speed together and modes by BIC, or else the paper's two steps.
         near: (n_cells, max_modes) modes of nearly the same rows: with `at_once` cells that have any keep their number,
             and climb from there.
-        worth_merging: rows that large cells must have together before any are merged.
+        merged_from: rows from which on a cell's are merged.
         n_threads: as many as there are cores if absent.
 
     Returns:
         (n_cells, max_modes) each; of weight 0 where a cell has no rows or fewer modes.
     """
     bounds = bounds._replace(with_speed=at_once, curved=at_once and bounds.curved)
-    merged = to_merge(in_cells, bounds, worth_merging) if at_once else np.zeros(in_cells.n_vehicles.size, np.bool_)
-    columns, start = columns_of(in_cells, bounds, merged)
+    whole, whole_start = columns_of(in_cells)
+    merged = (np.diff(whole_start) > merged_from) & at_once
+    columns, start = _with_merged(whole, whole_start, merged, CURVED_BINS if bounds.curved else BINS)
     n_cells = in_cells.n_vehicles.size
     table = empty_table(n_cells, bounds.max_modes) if near is None or not at_once else near.table()
 
@@ -116,7 +112,8 @@ def fit_all(
             fit_in_two_steps(rows, float(in_cells.n_vehicles[c]), bounds, table[c])
 
     def finish(i: int) -> None:
-        _finish(in_cells, i, bounds, table[i])
+        rows = np.ascontiguousarray(whole[:, whole_start[i] : whole_start[i + 1]])
+        _finish(rows, float(in_cells.n_vehicles[i]), bounds, table[i])
 
     for work, items in ((fit_share, np.arange(bound.size - 1)), (finish, np.flatnonzero(merged & bounds.curved))):
         if items.size > 1:
@@ -128,58 +125,19 @@ def fit_all(
     return Modes.of(table, bounds)
 
 
-def _finish(in_cells: CellRows, c: int, bounds: Bounds, table: FloatArray) -> None:
+def _finish(columns: FloatArray, n_vehicles: float, bounds: Bounds, table: FloatArray) -> None:
     """Some iterations on the rows themselves: merged, they blur what bends by some thousandths of a nat."""
-    columns, _ = _unmerged(in_cells.alone(c))
     k = int((table[:, LOG_WEIGHT] > NO_MODE / 2).sum())
-    order = np.argsort(-table[:, LOG_WEIGHT], kind="stable")
-    table[:] = table[order]
-    _ascent.ascend(
-        columns, 0, columns.shape[1], float(in_cells.n_vehicles[c]), bool(table[:k, N_FLAT:].any()), -np.inf, 0.0,
-        bounds._replace(max_iterations=FINISHING_ITERATIONS), table[:k],
-    )  # fmt: skip
+    table[:] = table[np.argsort(-table[:, LOG_WEIGHT], kind="stable")]
+    few = bounds._replace(max_iterations=FINISHING_ITERATIONS)
+    bends = bool(table[:k, N_FLAT:].any())
+    _ascent.ascend(columns, 0, columns.shape[1], n_vehicles, bends, -np.inf, 0.0, few, table[:k])
 
 
-def to_merge(in_cells: CellRows, bounds: Bounds, worth_merging: int = WORTH_MERGING) -> BoolArray:
-    """(n_cells,) which cells have so many rows that they had better be merged."""
+def columns_of(in_cells: CellRows) -> tuple[FloatArray, IntArray]:
+    """A column for each member of positive weight, sorted by cell: (N_COLUMNS, n), and where each cell's begin."""
     n_members = np.diff(in_cells.start)
-    large = n_members > (CURVED_KEPT_ROWS if bounds.curved else KEPT_ROWS)
-    return np.asarray(large & (n_members[large].sum() > worth_merging))
-
-
-def columns_of(in_cells: CellRows, bounds: Bounds, merged: BoolArray) -> tuple[FloatArray, IntArray]:
-    """What stands for the rows of each cell: every row for itself, or those merged that lie together.
-
-    Returns:
-        (N_COLUMNS, n) columns sorted by cell, and (n_cells + 1,) where those of each cell begin.
-    """
-    if not merged.any():
-        return _unmerged(in_cells)
-    few, few_start = _unmerged(in_cells, ~merged) if not merged.all() else (np.empty((N_COLUMNS, 0)), in_cells.start)
-    parts: list[FloatArray] = []
-    for c in range(merged.size):
-        if merged[c]:
-            n = in_cells.start[c + 1] - in_cells.start[c]
-            bins = CURVED_BINS if bounds.curved else FINE_BINS if n >= FINE_FROM else BINS
-            room = np.empty((N_COLUMNS, bins[0] * bins[1] * bins[2] ** 2))
-            end = _merging.merge(
-                in_cells.direction, in_cells.speed, in_cells.position, in_cells.weight, in_cells.row,
-                in_cells.start[c], in_cells.start[c + 1], in_cells.center[c], *bins, room, 0,
-            )  # fmt: skip
-            parts.append(room[:, :end].copy() if merged.size > 1 else room[:, :end])
-        else:
-            parts.append(few[:, few_start[c] : few_start[c + 1]])
-    start = np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])])
-    return np.concatenate(parts, axis=1), start
-
-
-def _unmerged(in_cells: CellRows, of_cells: BoolArray | None = None) -> tuple[FloatArray, IntArray]:
-    """A column for each member of positive weight of the cells that are asked for."""
-    n_members = np.diff(in_cells.start)
-    cell = np.repeat(np.arange(n_members.size), n_members)
-    meant = in_cells.weight > 0.0
-    if of_cells is not None:
-        meant &= of_cells[cell]
+    cell, meant = np.repeat(np.arange(n_members.size), n_members), in_cells.weight > 0.0
     cell, row = cell[meant], in_cells.row[meant]
     start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=n_members.size))])
     used, index = (slice(None), row) if row.size > in_cells.speed.size else (row, slice(None))  # what costs less
@@ -190,3 +148,39 @@ def _unmerged(in_cells: CellRows, of_cells: BoolArray | None = None) -> tuple[Fl
     columns[WEIGHT] = in_cells.weight[meant]
     columns[EAST], columns[NORTH] = (in_cells.position[row] - in_cells.center[cell]).T
     return columns, start
+
+
+def _with_merged(
+    columns: FloatArray, start: IntArray, merged: BoolArray, bins: tuple[int, int, int]
+) -> tuple[FloatArray, IntArray]:
+    """The same, where the columns of some cells are those of rows that lie together."""
+    if not merged.any():
+        return columns, start
+    parts = [columns[:, a:b] for a, b in pairwise(start.tolist())]
+    parts = [merge(part, bins) if large else part for part, large in zip(parts, merged.tolist(), strict=True)]
+    return np.concatenate(parts, axis=1), np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])])
+
+
+def merge(columns: FloatArray, bins: tuple[int, int, int]) -> FloatArray:
+    """Columns of a cell, those that lie together as one: their means, and their weight.
+
+    So the maximisation is exact for flat modes, and only responsibilities are those of the means.
+    """
+    weight = columns[WEIGHT]
+    key = _binned(np.arctan2(columns[SINE], columns[COSINE]), weight, bins[0])
+    key = key * bins[1] + _binned(columns[LOG_SPEED], weight, bins[1])
+    for axis in (EAST, NORTH) if bins[2] > 1 else ():
+        key = key * bins[2] + _binned(columns[axis], weight, bins[2])
+    of = np.unique(key, return_inverse=True)[1]
+    total = np.bincount(of, weight)
+    means = np.stack([np.bincount(of, weight * column) / total for column in columns])
+    means[WEIGHT] = total
+    return means
+
+
+def _binned(value: FloatArray, weight: FloatArray, n: int) -> IntArray:
+    """(n,) the bin of each: half of the bins by weight, so that they are fine where rows are dense, half by width."""
+    fine = ((value - value.min()) * ((FINE - 1) / max(float(np.ptp(value)), 1e-300))).astype(np.int64)
+    inside = np.bincount(fine, weight, FINE)
+    share = 0.5 * (np.cumsum(inside) - 0.5 * inside) / inside.sum() + 0.5 * (np.arange(FINE) + 0.5) / FINE
+    return np.asarray((share * n).astype(np.int64)[fine])

@@ -13,7 +13,7 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout
 from dirprim_filter.primitives.cell_model import PrimitiveModel
-from dirprim_filter.primitives.choice import REACH_M, SOFTNESS, TRIAL_ROWS, with_usual
+from dirprim_filter.primitives.choice import SOFTNESS, TRIAL_ROWS, with_usual
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe
 from dirprim_filter.primitives.rows import TrackRows
@@ -49,7 +49,7 @@ def _lay_out_evenly(
 ) -> list[Layout]:
     """Cells by positions alone."""
     numbers = [_even_cells(rows, each) for each in config.rows_per_cell] if n_cells is None else [n_cells]
-    cells = [VoronoiTessellation.lloyd(rows.position, n_cells=n, rng=rng, reach=REACH_M) for n in numbers]
+    cells = [VoronoiTessellation.lloyd(rows.position, n_cells=n, rng=rng, reach=rows.scale.reach_m) for n in numbers]
     return [Layout(tessellation, SOFTNESS) for tessellation in cells]
 
 
@@ -66,11 +66,11 @@ def _lay_out_jointly(
     config = recipe.config
     few = rows.some(TRIAL_ROWS, rng=rng)
     n_even = _even_cells(few, config.rows_per_cell[0])
-    even = VoronoiTessellation.lloyd(few.position, n_cells=n_even, rng=rng, reach=REACH_M)
+    even = VoronoiTessellation.lloyd(few.position, n_cells=n_even, rng=rng, reach=few.scale.reach_m)
     recipe = with_usual(few, Layout(even, SOFTNESS), recipe, free)
     model = PrimitiveModel.of(rows, recipe._replace(thorough=False), free)
     found = fit_jointly(
-        model, rows.position, rows, group=rows.group, reach=REACH_M, n_cells=n_cells, softness=SOFTNESS,
+        model, rows.position, rows, group=rows.group, reach=rows.scale.reach_m, n_cells=n_cells, softness=SOFTNESS,
         progress=progress, rng=rng,
     )  # fmt: skip
     return Layout(found.tessellation, SOFTNESS)

@@ -82,6 +82,7 @@ def learn_primitives(
         tracks, tessellation=tessellation, cell_size=cell_size, n_cells=n_cells, modes=modes, primitive=primitive
     )
     rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s)
+    config = config.scaled(rows.scale.length)
     free = fit_place_free(rows, config)
     begin = stage or (lambda _: None)
     begin(0)
@@ -134,6 +135,7 @@ def lay_out(
         tracks, tessellation=tessellation, cell_size=cell_size, n_cells=None, modes=modes, primitive=primitive
     )
     rows = TrackRows.thinned(tracks, interval_s=config.row_interval_s)
+    config = config.scaled(rows.scale.length)
     free = fit_place_free(rows, config)
     recipe = _first_recipe(modes, primitive, free, config)
     layouts = layouts_of(rows, tessellation, recipe, free, cell_size=cell_size, n_cells=None, progress=None, rng=rng)

@@ -8,12 +8,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array
-from scipy.special import gammaln
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.distributions import von_mises
-from dirprim_filter.distributions.von_mises_mixture import log_weights
 from dirprim_filter.primitives import _clustering
+from dirprim_filter.primitives._modes import Modes
+from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.motion import CREEP, Motion, joined
 from dirprim_filter.primitives.motion_sums import MotionSums, pace_field
 from dirprim_filter.primitives.place_free_motion import PUSHED_SHARE, learn_place_free
@@ -124,21 +123,18 @@ def likeliest_modes(primitives: PrimitiveMap, visits: Visits, modes: range) -> I
     """(v,) of some modes, the likeliest of all the instants of each visit together; outside of all cells the first."""
     direction, speed, at = primitives.direction, primitives.speed, visits.inside
     of_instant = visits.of_instant[at]
-    constant = log_weights(direction.weight) - von_mises.log_normaliser(direction.concentration)
-    constant += speed.shape * np.log(speed.rate) - gammaln(speed.shape)
-    cell, course = visits.cell[of_instant], visits.course[at]
-    east, north = (visits.position[at] - primitives.centers[cell]).T
     v = np.maximum(visits.speed[at], 1e-2)
     total = np.empty((len(modes), len(visits)))
     for m, log_p in zip(modes, total, strict=True):
-        bend, gain = primitives.bend[cell, m], primitives.gain[cell, m]
-        off = course - direction.mean_direction[cell, m] - bend[:, 0] * east - bend[:, 1] * north
-        log_gain = gain[:, 0] * east + gain[:, 1] * north
-        of_direction = -2.0 * direction.concentration[cell, m] * np.sin(0.5 * off) ** 2
-        shape, rate = speed.shape[cell, m], speed.rate[cell, m]
-        of_speed = (shape - 1.0) * np.log(v) - shape * log_gain - rate * v * np.exp(-log_gain)
-        each = np.maximum(constant[cell, m] + of_direction + of_speed, -30.0)
-        log_p[:] = np.bincount(of_instant, each, minlength=len(visits))
+        one = Modes(
+            direction.weight[:, [m]], direction.mean_direction[:, [m]], direction.concentration[:, [m]],
+            speed.shape[:, [m]], speed.rate[:, [m]], *primitives.bend[:, [m]].T.swapaxes(1, 2),
+            *primitives.gain[:, [m]].T.swapaxes(1, 2),
+        )  # fmt: skip
+        each = ModeTable.of(one, primitives.centers).log_density(
+            visits.cell[of_instant], visits.position[at], visits.course[at], v
+        )
+        log_p[:] = np.bincount(of_instant, np.maximum(each, -30.0), minlength=len(visits))
     return np.asarray(modes.start + np.argmax(total, axis=0), np.int64)
 
 

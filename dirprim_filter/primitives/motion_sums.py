@@ -14,7 +14,7 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions.angles import difference
 from dirprim_filter.primitives.motion import CREEP
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.visits import STEP_S, Visits
+from dirprim_filter.primitives.visits import Visits
 
 AHEAD_S = 4.0
 """By when a vehicle that signals has turned: drivers signal some three seconds before, and a turn takes two."""
@@ -131,15 +131,16 @@ class _Changes(NamedTuple):
 
     turn: FloatArray  # radians, in `AHEAD_S`
     acceleration: FloatArray  # m/s^2, what the speed gains next
-    pushed: FloatArray  # m/s, in `PUSHED_OVER_S`
+    pushed: FloatArray  # m/s^2, over `PUSHED_OVER_S`
     stretch: FloatArray
 
     @classmethod
     def of(cls, visits: Visits) -> Self:
         """Of all instants."""
         return cls(
-            _change(visits, visits.course, AHEAD_S, is_angle=True), _change(visits, visits.speed, NEXT_S) / NEXT_S,
-            _change(visits, visits.speed, PUSHED_OVER_S), _stretch(visits),
+            _change(visits, visits.course, AHEAD_S, is_angle=True),
+            _change(visits, visits.speed, NEXT_S) / visits.lag_s(NEXT_S),
+            _change(visits, visits.speed, PUSHED_OVER_S) / visits.lag_s(PUSHED_OVER_S), _stretch(visits),
         )  # fmt: skip
 
 
@@ -231,7 +232,7 @@ def _change(visits: Visits, column: FloatArray, seconds: float, *, is_angle: boo
 
 def _stretch(visits: Visits) -> FloatArray:
     """(n,) by how much longer the way from an instant on is than its speeds say."""
-    step = STEP_S * 0.5 * (visits.speed[1:] + visits.speed[:-1])
+    step = visits.scale.step_s * 0.5 * (visits.speed[1:] + visits.speed[:-1])
     said = _change(visits, np.concatenate([[0.0], np.cumsum(step)])[: visits.speed.size], NEXT_S)
     way = np.hypot(*(visits.position[np.maximum(visits.later(NEXT_S), 0)] - visits.position).T)
     longer = np.where(said > STRETCHED_FROM_M, way / np.maximum(said, STRETCHED_FROM_M) - 1.0, np.nan)

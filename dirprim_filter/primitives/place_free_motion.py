@@ -45,9 +45,10 @@ def learn_place_free(visits: Visits, *, rng: np.random.Generator) -> tuple[dict[
         rng: draws the instants that are grouped, and where groups begin.
     """
     stands = visits.stands[visits.of_instant]
-    later, still_later = visits.later(JUMP_S), visits.later(2.0 * JUMP_S)
-    gained = np.where(later >= 0, visits.speed[later] - visits.speed, np.nan)
-    turned = np.where(later >= 0, difference(visits.course[later], visits.course), np.nan)
+    later, per_second = visits.later(JUMP_S), 1.0 / visits.lag_s(JUMP_S)
+    still_later = np.where(later >= 0, later[later], -1)
+    gained = np.where(later >= 0, per_second * (visits.speed[later] - visits.speed), np.nan)
+    turned = np.where(later >= 0, per_second * difference(visits.course[later], visits.course), np.nan)
     moves = np.flatnonzero((still_later >= 0) & ~stands)
     label = np.full(visits.speed.size, -1, np.int64)
     label[moves] = _grouped(_features(visits.speed, gained, turned, moves, later[moves]), rng)

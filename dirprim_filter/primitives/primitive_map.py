@@ -10,14 +10,15 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 from dirprim_filter.arrays import FloatArray, IntArray, as_floats
-from dirprim_filter.distributions import Gamma, VonMisesMixture, von_mises
+from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.distributions._blocks import ROWS, block_keys, over_blocks
-from dirprim_filter.distributions._random import wrapped_cauchy
 from dirprim_filter.primitives import _map_kernels
 from dirprim_filter.primitives._map_kernels import MapTable
+from dirprim_filter.primitives._modes import Modes
+from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.motion import Motion
 from dirprim_filter.primitives.part import Part
 from dirprim_filter.primitives.refit import Refit
@@ -222,53 +223,30 @@ class PrimitiveMap:
     def _log_densities(
         self, position: FloatArray, direction: FloatArray | None, speed: FloatArray | None
     ) -> FloatArray:
-        """The log density of what is given. The kernel checks on its way that all is finite."""
-        position = _places(position)
+        """The log density of what is given."""
         given = {"direction": direction, "speed": speed}
-        columns = {name: np.asarray(column, dtype=np.float64) for name, column in given.items() if column is not None}
+        columns = {name: as_floats(name, column, "...") for name, column in given.items() if column is not None}
+        position = as_floats("position", position, "... 2")
         shape = np.broadcast_shapes(position.shape[:-1], *(column.shape for column in columns.values()))
         place = np.ascontiguousarray(np.broadcast_to(position, (*shape, 2))).reshape(-1, 2)
         flat = {name: np.ascontiguousarray(np.broadcast_to(c, shape)).reshape(-1) for name, c in columns.items()}
-        theta, v = flat.get("direction", np.empty(0)), flat.get("speed", np.empty(0))
-        table, out = self.compiled(), np.empty(len(place))
-
-        def work(first: int, last: int) -> None:
-            part = slice(first, last)
-            rows = _map_kernels.Rows(place[part], theta[part], v[part], "direction" in flat, "speed" in flat)
-            if not _map_kernels.log_densities(table, rows, out[part]):
-                as_floats("position", position, "... 2")  # says which
-                for name, column in columns.items():
-                    as_floats(name, column, "...")
-
-        over_blocks(work, len(place))
-        return out.reshape(shape)
+        cell = self.tessellation.cell_of(place)
+        found = self._modes().log_density(cell, place, flat.get("direction"), flat.get("speed"))
+        return found.reshape(shape)
 
     def compiled(self) -> MapTable:
         """The parameters as the kernels take them, made at the first use."""
         if self._table is None:
-            object.__setattr__(self, "_table", self._tabulated())
+            first, mode, center = self._modes()
+            table = MapTable(locator_of(self.tessellation), center, first[:-1], first[1:], mode)
+            object.__setattr__(self, "_table", table)
         return cast(MapTable, self._table)
 
-    def _tabulated(self) -> MapTable:
-        direction, speed, used = self.direction, self.speed, self.direction.weight > 0
-        first = np.append(0, np.cumsum(np.count_nonzero(used, axis=1)))
-        weight, concentration, shape, rate = (
-            column[used] for column in (direction.weight, direction.concentration, speed.shape, speed.rate)
-        )
-        mode = np.column_stack([
-            np.log(weight), -von_mises.log_normaliser(concentration), direction.mean_direction[used],
-            2.0 * concentration, shape * np.log(rate) - gammaln(shape), shape, rate, self.bend[used], self.gain[used],
-            np.cumsum(direction.weight, axis=1)[used], *wrapped_cauchy(concentration),
-        ])  # fmt: skip
-        return MapTable(
-            locator=locator_of(self.tessellation),
-            center=self.centers,
-            first=first[:-1],
-            last=first[1:],
-            mode=mode,
-            most_modes=int(np.diff(first).max()),
-            curved=bool(self.bend.any() or self.gain.any()),
-        )
+    def _modes(self) -> ModeTable:
+        direction, speed = self.direction, self.speed
+        parameters = direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate
+        slopes = (slope[..., axis] for slope in (self.bend, self.gain) for axis in (0, 1))
+        return ModeTable.of(Modes(*parameters, *slopes), self.centers)
 
     def without_places(self) -> PrimitiveMap:
         """The same map with no cell: the ablation that shows what knowing the place is worth."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,42 @@ MAX_GROUP_SHARE = 0.5
 """Of the rows: without a larger group there is not enough left to learn from."""
 
 
+class Scale(NamedTuple):
+    """One length and one time of the data, from which metres and seconds of learning follow.
+
+    Cars at 2 Hz and more, pedestrians and bicycles have the least of both; GPS of buses every 3 s and ships every 10 s
+    have more. Up to 600 m and 20 s between rows vehicles are followed.
+    """
+
+    reach_m: float = 3.0  # half of what vehicles drive between two rows; at least a lane's width
+    interval_s: float = 0.2  # between two rows of a vehicle
+
+    @classmethod
+    def of(cls, vehicle: IntArray, time_ns: IntArray, position: FloatArray, *, standing_speed: float) -> Scale:
+        """Medians, of rows sorted by vehicle and time."""
+        same = np.diff(vehicle) == 0
+        interval_s = np.diff(time_ns)[same] * 1e-9
+        way = np.hypot(*np.diff(position, axis=0)[same].T)
+        driven = way[way > standing_speed * interval_s]
+        reach, interval = (float(np.median(of)) if of.size else 0.0 for of in (0.5 * driven, interval_s))
+        return cls(float(np.clip(reach, 3.0, 300.0)), float(np.clip(interval, 0.2, 20.0)))
+
+    @property
+    def length(self) -> float:
+        """Lengths of learning over those of vehicles that are seen often."""
+        return self.reach_m / 3.0
+
+    @property
+    def step_s(self) -> float:
+        """Between instants of a vehicle that is filled in: about a tenth of the interval."""
+        return 0.1 * max(round(self.interval_s), 1)
+
+    @property
+    def longest_gap_s(self) -> float:
+        """Between two rows that are further apart it is not known where a vehicle went."""
+        return max(3.0 * self.interval_s, 1.5)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackRows:
     """Rows of tracks after thinning, sorted by vehicle and time.
@@ -28,6 +65,7 @@ class TrackRows:
         direction: (n,) radians.
         speed: (n,) m/s.
         group: (n,) int64, what to split by: the log's groups or, where they are few or one rules, the vehicles.
+        scale: of all the rows that these are of.
     """
 
     vehicle: IntArray
@@ -36,6 +74,7 @@ class TrackRows:
     direction: FloatArray
     speed: FloatArray
     group: IntArray
+    scale: Scale = field(default_factory=Scale)
 
     @classmethod
     def thinned(cls, tracks: Tracks, *, interval_s: float) -> TrackRows:
@@ -53,6 +92,7 @@ class TrackRows:
             direction=tracks.direction[kept],
             speed=tracks.speed[kept],
             group=(tracks.group if grouped else vehicle)[kept],
+            scale=Scale.of(vehicle[kept], tracks.time_ns[kept], tracks.position[kept], standing_speed=0.3),
         )
 
     def __len__(self) -> int:
@@ -67,6 +107,7 @@ class TrackRows:
             direction=self.direction[rows],
             speed=self.speed[rows],
             group=self.group[rows],
+            scale=self.scale,
         )
 
     def some(self, most_rows: int, *, rng: np.random.Generator) -> TrackRows:
@@ -129,8 +170,6 @@ class CellRows:
         start = np.concatenate([[0], np.cumsum(moves)])[members.start]
         row, weight = members.row[moves], members.weight[moves]
         n_cells = len(members.center)
-        n_vehicles = np.empty(n_cells)
-        _sorting.count_vehicles(start, row, weight, rows.vehicle, n_vehicles)
         cell = np.repeat(np.arange(n_cells), np.diff(members.start))
         return cls(
             direction=rows.direction,
@@ -140,7 +179,7 @@ class CellRows:
             row=row,
             weight=weight,
             center=members.center,
-            n_vehicles=n_vehicles,
+            n_vehicles=_count_vehicles(cell[moves], rows.vehicle[row], weight, n_cells),
             n_standing=np.asarray(np.bincount(cell[~moves], members.weight[~moves], minlength=n_cells), np.float64),
         )
 
@@ -169,17 +208,19 @@ class CellRows:
             n_standing=np.zeros(1),
         )
 
-    def alone(self, c: int) -> CellRows:
-        """Cell `c` by itself."""
-        members = slice(self.start[c], self.start[c + 1])
-        return replace(
-            self, start=np.array([0, members.stop - members.start]), row=self.row[members],
-            weight=self.weight[members], center=self.center[c : c + 1], n_vehicles=self.n_vehicles[c : c + 1],
-            n_standing=self.n_standing[c : c + 1],
-        )  # fmt: skip
-
     @property
     def n_moving(self) -> FloatArray:
         """(n_cells,) members, by weight."""
         cell = np.repeat(np.arange(self.n_vehicles.size), np.diff(self.start))
         return np.asarray(np.bincount(cell, self.weight, minlength=self.n_vehicles.size), np.float64)
+
+
+def _count_vehicles(cell: IntArray, vehicle: IntArray, weight: FloatArray, n_cells: int) -> FloatArray:
+    """How many vehicles each cell's members are of, where those of a cell, and of a vehicle in it, stand together.
+
+    A vehicle counts as much as the weightiest of its rows: one that only passes by is less than one.
+    """
+    if not cell.size:
+        return np.zeros(n_cells)
+    begins = np.flatnonzero(np.append(True, (np.diff(cell) != 0) | (np.diff(vehicle) != 0)))
+    return np.asarray(np.bincount(cell[begins], np.maximum.reduceat(weight, begins), n_cells), np.float64)

@@ -1,29 +1,31 @@
 """Visits: a vehicle's runs through one cell each, which every statistic of motion counts once.
 
-Rows are filled in to `STEP_S` by cubic Hermite splines of position, course and speed, so that a log of 2 Hz passes the
-same cells as one of 10 Hz. A vehicle that stops in a cell makes three visits to it: it arrives, stands, and leaves.
+Rows are filled in to .1 s, or a tenth of their interval, by cubic Hermite splines of position, course and speed, so
+that a log of 2 Hz passes the same cells as one of 10 Hz. A vehicle that stops in a cell makes three visits to it: it
+arrives, stands, and leaves.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.primitives._filling import at_steps, time_to_next
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
-from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.rows import Scale, TrackRows
 from tessellation import Tessellation
 
 STEP_S = 0.1
+"""Of rows that are seen every second or more often."""
 LONGEST_GAP_NS = 1_500_000_000
-"""Between two rows further apart a vehicle's way is not known."""
+"""Likewise; see `rows.Scale`."""
 SHORTEST_STAND_S = 0.5
 AHEAD_M = ((8.0, 2.0), (16.0, 3.0), (30.0, 5.0))
-"""How far ahead visits are compared by place, and how far apart places are then alike, metres."""
+"""How far ahead visits are compared by place, and how far apart places are then alike, metres at `Scale.length` 1."""
 AHEAD_S = ((1.5, 1.5), (3.0, 3.0))
-"""How long ahead they are compared by speed, seconds, and how far apart speeds are then alike, m/s."""
+"""How long ahead they are compared by speed, seconds or intervals, and how far apart speeds are then alike, m/s."""
 GAINED_S = 1.5
 LATERAL_M, COURSE_CHORD, LOG_PACE, GAINED_MPS = 1.0, 0.2, 0.25, 1.0
 """How far apart visits are alike: across the way, as a chord of the unit circle, in log(speed + 1), in speed gained."""
@@ -31,7 +33,7 @@ LATERAL_M, COURSE_CHORD, LOG_PACE, GAINED_MPS = 1.0, 0.2, 0.25, 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Visits:
-    """Instants of vehicles `STEP_S` apart, and their runs through one cell each.
+    """Instants of vehicles `step_s` apart, and their runs through one cell each.
 
     Attributes:
         vehicle: (n,) of each instant.
@@ -43,6 +45,7 @@ class Visits:
         end: (v,) the instant after its last.
         cell: (v,) `OUTSIDE` for none.
         stands: (v,) whether the vehicle stands.
+        scale: of the data.
     """
 
     vehicle: IntArray
@@ -54,13 +57,14 @@ class Visits:
     end: IntArray
     cell: IntArray
     stands: BoolArray
+    scale: Scale = field(default_factory=Scale)
 
     @classmethod
     def of(cls, rows: TrackRows, cells: Tessellation) -> Visits:
         """The visits of rows sorted by vehicle and time."""
         vehicle, segment, position, course, speed = filled_in(rows)
         cell = cells.cell_of(position)
-        stands = _stands(segment, speed)
+        stands = _stands(segment, speed, rows.scale.step_s)
         changes = np.zeros(segment.size, np.bool_)
         for column in (segment, cell, stands):
             changes[1:] |= column[1:] != column[:-1]
@@ -69,7 +73,7 @@ class Visits:
         end = np.append(begin[1:], segment.size)[: begin.size]
         return cls(
             vehicle=vehicle, segment=segment, position=position, course=course, speed=speed, begin=begin, end=end,
-            cell=cell[begin], stands=stands[begin],
+            cell=cell[begin], stands=stands[begin], scale=rows.scale,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -88,7 +92,7 @@ class Visits:
     @property
     def seconds(self) -> FloatArray:
         """(v,) how long each lasts."""
-        return np.asarray((self.end - self.begin) * STEP_S)
+        return np.asarray((self.end - self.begin) * self.scale.step_s)
 
     def follows(self) -> BoolArray:
         """(v,) whether the next visit is of the same vehicle, without a gap."""
@@ -96,12 +100,19 @@ class Visits:
         return np.append(same, np.zeros(min(len(self), 1), np.bool_))
 
     def later(self, seconds: float) -> IntArray:
-        """(n,) the instant so much later of the same segment, -1 where there is none."""
-        lag, n = round(seconds / STEP_S), self.segment.size
+        """(n,) the instant so much later of the same segment, at least the next; -1 where there is none."""
+        lag, n = self._lag(seconds), self.segment.size
         found = np.full(n, -1, np.int64)
         if lag < n:
             found[: n - lag] = np.where(self.segment[: n - lag] == self.segment[lag:], np.arange(lag, n), -1)
         return found
+
+    def _lag(self, seconds: float) -> int:
+        return max(round(seconds / self.scale.step_s), 1)
+
+    def lag_s(self, seconds: float) -> float:
+        """Seconds from an instant to that of `later`."""
+        return self._lag(seconds) * self.scale.step_s
 
     def features(self, centers: FloatArray) -> FloatArray:
         """What distinguishes visits of one cell: how they enter and continue. (v, f), NaN where not observed.
@@ -112,7 +123,8 @@ class Visits:
         first, last, middle = self.begin, self.end - 1, (self.begin + self.end - 1) // 2
         cosine, sine, log_pace = np.cos(self.course), np.sin(self.course), np.log(self.speed + 1.0)
         offset = self.position[middle] - centers[self.cell]
-        columns = [(cosine[middle] * offset[:, 1] - sine[middle] * offset[:, 0]) / LATERAL_M]
+        length, time = self.scale.length, max(self.scale.interval_s, 1.0)
+        columns = [(cosine[middle] * offset[:, 1] - sine[middle] * offset[:, 0]) / (LATERAL_M * length)]
         for at in (first, last):
             columns += [cosine[at] / COURSE_CHORD, sine[at] / COURSE_CHORD, log_pace[at] / LOG_PACE]
         way = np.hypot(*np.diff(self.position, axis=0, prepend=self.position[:1]).T)
@@ -121,13 +133,13 @@ class Visits:
         beyond = 2.0 * (driven[-1] if driven.size else 0.0) + 1e3  # from segment to segment, so that all is sorted
         sorted_way = driven + beyond * self.segment
         for metres, alike in AHEAD_M:
-            there = np.searchsorted(sorted_way, sorted_way[first] + metres)
+            there = np.searchsorted(sorted_way, sorted_way[first] + length * metres)
             known = (there < way.size) & (self.segment[np.minimum(there, way.size - 1)] == self.segment[first])
-            place = self.position[np.minimum(there, way.size - 1)] / alike
+            place = self.position[np.minimum(there, way.size - 1)] / (length * alike)
             columns += list(np.where(known[:, None], place, np.nan).T)
         for seconds, alike in AHEAD_S:
-            columns.append(self._seen_later(self.speed, seconds) / alike)
-        columns.append((self._seen_later(self.speed, GAINED_S) - self.speed[first]) / GAINED_MPS)
+            columns.append(self._seen_later(self.speed, time * seconds) / alike)
+        columns.append((self._seen_later(self.speed, time * GAINED_S) - self.speed[first]) / GAINED_MPS)
         return np.column_stack(columns)
 
     def _seen_later(self, column: FloatArray, seconds: float) -> FloatArray:
@@ -137,22 +149,24 @@ class Visits:
 
 
 def filled_in(rows: TrackRows) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
-    """Vehicle, segment, position, course and speed every `STEP_S` from each segment's first row on."""
+    """Vehicle, segment, position, course and speed every `step_s` from each segment's first row on."""
     order = np.arange(len(rows))
-    apart = time_to_next(order, rows.vehicle, rows.time_ns, LONGEST_GAP_NS)
+    apart = time_to_next(order, rows.vehicle, rows.time_ns, round(rows.scale.longest_gap_s * 1e9))
     segment = np.cumsum(np.append(0, apart < 0))
     some = apart >= 0
     some[1:] |= apart[:-1] >= 0  # a row by itself says nothing
-    row, _, state = at_steps(order[some], apart[some], rows.position, rows.direction, rows.speed, round(STEP_S * 1e9))
+    row, _, state = at_steps(
+        order[some], apart[some], rows.position, rows.direction, rows.speed, round(rows.scale.step_s * 1e9)
+    )
     position, course, speed = (state[:, columns].copy() for columns in (slice(2), 2, 3))
     return rows.vehicle[row], segment[row], position, course, speed
 
 
-def _stands(segment: IntArray, speed: FloatArray) -> BoolArray:
+def _stands(segment: IntArray, speed: FloatArray, step_s: float) -> BoolArray:
     """(n,) where a vehicle stands, for `SHORTEST_STAND_S` at least."""
     slow = speed < STANDING_BELOW
     change = np.ones(slow.size, np.bool_)
     change[1:] = (slow[1:] != slow[:-1]) | (segment[1:] != segment[:-1])
     run = np.cumsum(change) - 1
     length = np.bincount(run, minlength=1)
-    return np.asarray(slow & (length[run] * STEP_S >= SHORTEST_STAND_S - 1e-9))
+    return np.asarray(slow & (length[run] * step_s >= SHORTEST_STAND_S - 1e-9))

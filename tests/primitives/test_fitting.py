@@ -15,7 +15,7 @@ from dirprim_filter.distributions.modes import dbscan
 from dirprim_filter.primitives._ascent import ascend
 from dirprim_filter.primitives._kernels import ON_CIRCLE, sort_around, start_evenly
 from dirprim_filter.primitives._modes import EAST, N_COLUMNS, N_CURVED, WEIGHT, Modes
-from dirprim_filter.primitives.fitting import bounds_of, columns_of, fit_all
+from dirprim_filter.primitives.fitting import BINS, CURVED_BINS, bounds_of, columns_of, fit_all, merge
 from dirprim_filter.primitives.rows import CellRows
 
 # The mixture of the paper's Fig. 2; all modes at one distribution of speed, which tells nothing of the mode.
@@ -68,7 +68,7 @@ def objective(modes, rows, bounds):
 
 def climbed(rows, bounds, k, *, curved, most, table=None):
     """Modes after some iterations from even quantiles, or from where a table stands, and the objective reported."""
-    columns, start = columns_of(rows, bounds, np.array([False]))
+    columns, start = columns_of(rows)
     n = int(start[1])
     if table is None:
         filled, table = np.empty((3, ON_CIRCLE)), np.zeros((k, N_CURVED))
@@ -129,7 +129,7 @@ def fitted(direction, speed, weight=None, *, prior_strength=0.02):
     rows = CellRows.one(direction, speed, weight=weight, n_vehicles=speed.size if weight is None else weight.sum())
     spread = max(np.log(np.average(speed, weights=weight)) - np.average(np.log(speed), weights=weight), 1e-3)
     bounds = bounds_of(LearningConfig(), prior_strength=prior_strength, speed_spread=spread)
-    return Modes(*(column[0] for column in fit_all(rows, bounds, at_once=True, worth_merging=0)))
+    return Modes(*(column[0] for column in fit_all(rows, bounds, at_once=True, merged_from=0)))
 
 
 def count(modes):
@@ -170,9 +170,8 @@ def test_merging_rows_costs_less_than_a_thousandth_of_a_nat(kind):
     direction = wrap(direction + place @ [0.05, -0.04])
     rows = replace(CellRows.one(direction, speed, n_vehicles=n), position=place)
     bounds = bounds_of(LearningConfig(), prior_strength=0.02, speed_spread=0.1, curved=bent)
-    fits = [fit_all(rows, bounds, at_once=True, worth_merging=worth) for worth in (0, NEVER)]
+    fits = [fit_all(rows, bounds, at_once=True, merged_from=least) for least in (0, NEVER)]
     merged, exact = (log_density(Modes(*(c[0] for c in fit)), rows).mean() for fit in fits)
-    assert columns_of(rows, bounds, np.array([True]))[0].shape[1] < n / 2
     assert merged > exact - 1e-3
 
 
@@ -182,9 +181,8 @@ def test_merged_columns_have_the_sums_of_their_rows():
     rows = CellRows.one(direction, speed, weight=rng.choice([0.0, 0.5, 2.0], 5000), n_vehicles=5000)
     rows = replace(rows, position=rng.uniform(-5, 5, (5000, 2)), center=np.array([[1.0, -2.0]]))
     for curved in (False, True):
-        bounds = bounds_of(LearningConfig(), prior_strength=0.02, curved=curved)
-        merged, _ = columns_of(rows, bounds, np.array([True]))
-        whole, _ = columns_of(rows, bounds, np.array([False]))
+        whole, _ = columns_of(rows)
+        merged = merge(whole, CURVED_BINS if curved else BINS)
         assert merged.shape[1] < whole.shape[1]
         for q in range(N_COLUMNS if curved else EAST):
             mine, theirs = (columns[q] * (1 if q == WEIGHT else columns[WEIGHT]) for columns in (merged, whole))

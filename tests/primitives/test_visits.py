@@ -162,7 +162,7 @@ def test_features_say_where_and_how_fast_a_vehicle_is_later():
 
 def test_one_row_is_no_visit():
     assert len(visits_of(eastward([5.0]))) == 0
-    assert len(visits_of(eastward([5.0]), eastward([5.0], start_s=9.0))) == 0
+    assert len(visits_of(eastward([5.0]), eastward([5.0], start_s=90.0))) == 0
 
 
 @pytest.mark.parametrize("opens_at", [0.05, 0.5, 2.0, 50.0])

@@ -1,0 +1,84 @@
+"""Learning takes its metres and seconds from the data: ships as cars, and parked vehicles however they jitter."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dirprim_filter import Tracks, learn_primitives
+from dirprim_filter.course import motion_of
+from dirprim_filter.primitives.rows import Scale, TrackRows
+from situations import ring_traffic
+
+AIS = Path(__file__).parents[3] / "shared" / "data" / "solent_ais" / "solent_ais.csv"
+
+
+def scaled(tracks, times):
+    """The same vehicles on a plane so many times as large, seen so many times as seldom."""
+    return Tracks(
+        track_id=tracks.track_id, time_ns=tracks.time_ns * times, position=tracks.position * times,
+        direction=tracks.direction, speed=tracks.speed,
+    )  # fmt: skip
+
+
+def scale_of(tracks):
+    return TrackRows.thinned(tracks, interval_s=0.2).scale
+
+
+def test_cars_have_the_least_scale_and_what_is_seen_seldom_has_more():
+    often = ring_traffic(np.random.default_rng(0), n_vehicles=6, dt_s=0.5, n_rows=30)
+    assert scale_of(often) == Scale(3.0, 0.5)
+    seldom = scale_of(scaled(often, 8))
+    assert seldom.interval_s == pytest.approx(4.0)
+    assert seldom.reach_m > 10.0
+    assert seldom.longest_gap_s == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize("tessellation", ["grid", "voronoi"])
+def test_a_larger_world_seen_more_seldom_is_learned_alike(tessellation):
+    small = scaled(ring_traffic(np.random.default_rng(1), n_vehicles=24, dt_s=0.5, n_rows=40), 8)
+    seen, found = scaled(ring_traffic(np.random.default_rng(2), n_vehicles=6, dt_s=0.5, n_rows=40), 8), []
+    for times in (1, 4):
+        learned = learn_primitives(scaled(small, times), tessellation=tessellation, rng=np.random.default_rng(0))
+        test = scaled(seen, times)
+        found.append((learned, learned.log_density(test.position, test.direction, test.speed).mean()))
+    (one, density), (other, of_large) = found
+    assert of_large == pytest.approx(density, abs=0.1)
+    assert density > one.without_places().log_density(seen.position, seen.direction, seen.speed).mean() + 0.5
+    assert other.tessellation.n_cells == pytest.approx(one.tessellation.n_cells, rel=0.3)
+    assert other.motion.n_placed > 0
+
+
+@pytest.mark.skipif(not AIS.exists(), reason="no AIS in ../shared/data")
+def test_ships_of_a_strait_are_learned():
+    table = np.genfromtxt(AIS, delimiter=",", names=True)
+    position = np.column_stack([table["x_m"], table["y_m"]])
+    ids, vehicle = np.unique(table["track_id"], return_inverse=True)
+    time_ns = np.round(table["time_s"] * 1e9).astype(np.int64)
+    _, once = np.unique(np.column_stack([vehicle, time_ns]), axis=0, return_index=True)
+    vehicle, time_ns, position = vehicle[once], time_ns[once], position[once]
+    of = motion_of(vehicle, time_ns, position)
+    known = np.isfinite(of.speed)
+    assert known.mean() > 0.9  # but for those at anchor, who report every three minutes
+    tracks = Tracks(
+        track_id=ids[vehicle[known]], time_ns=time_ns[known], position=position[known], direction=of.direction[known],
+        speed=of.speed[known],
+    )  # fmt: skip
+    learned = learn_primitives(tracks, tessellation="voronoi", n_cells=100, rng=np.random.default_rng(0))
+    moving = tracks[tracks.speed > 1.0]
+    seen = moving.position, moving.direction, moving.speed
+    assert learned.log_density(*seen).mean() > learned.without_places().log_density(*seen).mean() + 1.0
+
+
+@pytest.mark.parametrize("jitter_m", [0.0, 1e-6, 1e-2, 10.0])
+def test_what_parked_vehicles_cost_does_not_depend_on_how_far_they_jitter(jitter_m):
+    rng, n = np.random.default_rng(0), 100
+    homes = rng.uniform(-50, 50, (20, 1, 2)) + jitter_m * rng.normal(size=(20, n, 2))
+    way = np.stack([np.arange(n) - 50.0, np.zeros(n)], axis=1) + rng.uniform(-3, 3, (20, 1, 2)) * [0, 1]
+    position, vehicle = np.concatenate([homes, way]).reshape(-1, 2), np.repeat(np.arange(40), n)
+    time_ns = np.tile(np.arange(n) * 100_000_000, 40)
+    of = motion_of(vehicle, time_ns, position)
+    tracks = Tracks(track_id=vehicle, time_ns=time_ns, position=position, direction=of.direction, speed=of.speed)
+    learned = learn_primitives(tracks, rng=np.random.default_rng(0))
+    assert sum(np.asarray(column).nbytes for column in learned.tessellation.locator) < 1e6
+    assert learned.tessellation.n_cells < 200
