@@ -1,5 +1,10 @@
 """Messages, definitions and transforms broken at random; tests/benchmarks/fuzz_payloads.py has ten thousand of each."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import payload_mutations
 import pytest
@@ -26,6 +31,14 @@ def test_what_is_broken_costs_itself_and_no_more(whole, check):
 
 def test_broken_transforms_cost_themselves_and_no_more(tmp_path):
     assert check_transforms(np.random.default_rng(0), tmp_path / "tf.mcap", 100) > 0
+
+
+def test_no_index_of_a_kernel_leaves_its_array(tmp_path):
+    """The kernels compiled with checks of bounds, which normal ones do without: an index beyond raises."""
+    command = [sys.executable, Path(__file__).parents[1] / "benchmarks/fuzz_payloads.py", "40"]
+    checked = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(command, env=checked, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_check_itself_would_notice(whole, monkeypatch):
