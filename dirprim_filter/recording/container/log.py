@@ -25,7 +25,7 @@ from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.definitions import Definitions
 from dirprim_filter.recording.container.merge import TimeMerge
 from dirprim_filter.recording.container.message_columns import MessageColumns
-from dirprim_filter.recording.container.outline import LogFile, read_outline
+from dirprim_filter.recording.container.outline import LogFile, outline_by_summary, read_outline
 from dirprim_filter.recording.container.records import Attachment, Channel, MalformedRecordError, Message
 from dirprim_filter.recording.container.source import local_files, mapped
 
@@ -81,7 +81,8 @@ class Log(AbstractContextManager["Log"]):
             is_one = len(files) == 1
             bytes_of = mapped(file, self.path if is_one else file)
             name = "" if is_one else file.name
-            self.files.append(LogFile(name=name, bytes_of=bytes_of, outline=read_outline(bytes_of)))
+            outline = outline_by_summary(bytes_of) if bytes_of.fetch else read_outline(bytes_of)
+            self.files.append(LogFile(name=name, bytes_of=bytes_of, outline=outline))
 
     def __exit__(self, *_: object) -> None:
         self.close()

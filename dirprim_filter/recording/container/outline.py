@@ -18,11 +18,14 @@ from dirprim_filter.recording.container._kernels import index_run, message_run
 from dirprim_filter.recording.container.chunk import Chunk, chunk_at
 from dirprim_filter.recording.container.damage import Damage, DamageKind
 from dirprim_filter.recording.container.file_bytes import FileBytes, let_go
+from dirprim_filter.recording.container.partial_copy import NotInPartsError
 from dirprim_filter.recording.container.records import (
+    CHUNK,
     MAGIC,
     PRIVATE,
     RECORD_HEADER_SIZE,
     U32,
+    U64,
     Attachment,
     Channel,
     MalformedRecordError,
@@ -34,7 +37,7 @@ from dirprim_filter.recording.container.records import (
     record_end,
 )
 from dirprim_filter.recording.container.resync import ChunkFinder, is_record, salvageable, starts_record
-from dirprim_filter.recording.container.summary_section import Summary
+from dirprim_filter.recording.container.summary_section import FOOTER_SIZE, Summary, read_summary
 
 RUN_BYTES = 1 << 22
 """Unchunked messages are read in runs of about this size."""
@@ -42,6 +45,8 @@ INDEXES = (Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, O
 """What stands in the Summary section alone."""
 BEFORE_INDEX = (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
 """What a message index stands behind."""
+MOST_SUMMARY_BYTES = 1 << 28
+"""At once in memory, of a log that is fetched in parts."""
 HELD_BYTES = 1 << 28
 """What the pass has touched of the file leaves this process's memory after so much of it."""
 
@@ -103,6 +108,34 @@ def read_outline(file: FileBytes) -> Outline:
     walk.check_summary()
     let_go(file, held, len(file))
     return walk.outline
+
+
+def outline_by_summary(file: FileBytes) -> Outline:
+    """The same by the Summary section alone, of a file that is fetched as it is read: chunks and channels.
+
+    Raises:
+        NotInPartsError: the file has no whole Summary section with the places of its chunks.
+    """
+    footer = file[-FOOTER_SIZE - len(MAGIC) :]
+    start = U64.unpack_from(footer, RECORD_HEADER_SIZE)[0] if len(footer) > FOOTER_SIZE else len(file)
+    if len(file) - start > MOST_SUMMARY_BYTES or not file[max(start - RECORD_HEADER_SIZE - U32.size, 0) :]:
+        raise NotInPartsError("expected a Summary section")
+    summary = read_summary(file, with_chunks=True)
+    if summary is None or not summary.chunks:
+        raise NotInPartsError("expected a whole Summary section with the places of chunks")
+    chunks = []
+    for index in sorted(summary.chunks.values(), key=lambda index: index.chunk_start_offset):
+        head = RECORD_HEADER_SIZE + CHUNK.size + len(index.compression.encode()) + U64.size
+        if head + index.compressed_size != index.chunk_length or index.chunk_start_offset + index.chunk_length > start:
+            raise NotInPartsError(f"chunk index of byte {index.chunk_start_offset}: its numbers contradict each other")
+        chunks.append(
+            Chunk(
+                offset=index.chunk_start_offset, data_offset=index.chunk_start_offset + head,
+                data_length=index.compressed_size, claimed_length=index.compressed_size, size=index.uncompressed_size,
+                start_ns=index.message_start_time, end_ns=index.message_end_time, crc=0, compression=index.compression,
+            )
+        )  # fmt: skip
+    return Outline(chunks=chunks, summary=summary)
 
 
 class _Walk:

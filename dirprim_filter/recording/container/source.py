@@ -28,6 +28,7 @@ from dirprim_filter.recording.container import partial_copy
 from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.other_formats import READ_BYTES
+from dirprim_filter.recording.container.outline import outline_by_summary
 from dirprim_filter.recording.container.partial_copy import NotInPartsError, PartialCopy, Remote
 from dirprim_filter.recording.container.records import MAGIC
 
@@ -101,9 +102,11 @@ def copy_in_parts(path: str | PathLike[str]) -> bool:
             files, place = fsspec.core.url_to_fs(url)
             remote = Remote(files, place, int(files.info(place).get("size") or 0))
             if remote.size >= partial_copy.SHORT_BYTES:
-                _copied(name, write)
+                with mapped(_copied(name, write), path) as log:
+                    outline_by_summary(log)
     except NotInPartsError as error:
         logger.info("%s: copied whole: %s", name, error)
+        drop_copy(path)
     return _key(name) in _in_parts
 
 

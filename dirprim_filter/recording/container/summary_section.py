@@ -82,8 +82,11 @@ class Summary:
             self.statistics = parse(file, at)
 
 
-def read_summary(file: FileBytes) -> Summary | None:
-    """The Summary section of a file; None where it has none, or one that cannot be trusted."""
+def read_summary(file: FileBytes, *, with_chunks: bool = False) -> Summary | None:
+    """The Summary section of a file; None where it has none, or one that cannot be trusted.
+
+    A long log has hundreds of thousands of chunk indexes: unless they are wanted, only where they point is looked at.
+    """
     footer = len(file) - len(MAGIC) - FOOTER_SIZE
     if footer < len(MAGIC) or file[-len(MAGIC) :] != MAGIC or file[footer] != Opcode.FOOTER:
         return None
@@ -99,9 +102,10 @@ def read_summary(file: FileBytes) -> Summary | None:
         summary, at = Summary(), start
         while at < footer:
             end = record_end(file, at)
-            if end > footer or (file[at] == Opcode.CHUNK_INDEX and not _is_of_chunk(file, at, end, data_end)):
+            is_passed = file[at] == Opcode.CHUNK_INDEX and not with_chunks
+            if end > footer or (is_passed and not _is_of_chunk(file, at, end, data_end)):
                 return None
-            if file[at] != Opcode.CHUNK_INDEX:  # a long log has hundreds of thousands, and where they point is enough
+            if not is_passed:
                 summary.take(file, at, {})
             at = end
     except MalformedRecordError:
