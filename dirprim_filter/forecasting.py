@@ -134,7 +134,7 @@ class Forecaster:
     vehicles of a group is one world; with `config.interaction` "none" they depend on no other vehicle.
 
     Args:
-        primitive_map: how vehicles move at each place; one with a schedule holds as of the hour of each frame.
+        primitive_map: how vehicles move at each place.
         sinks: take the forecasts.
         every_s: seconds of log time between forecasts.
         horizon_s: seconds to look ahead.
@@ -157,8 +157,7 @@ class Forecaster:
         rng: np.random.Generator,
     ) -> None:
         config = config or FilterConfig()
-        self._map, self._config = primitive_map, config
-        self._hour: int | None = None
+        self._config = config
         self._table = motion_table(primitive_map, step_s=config.step_s)
         self._response = leader_table(primitive_map, config)
         self._sinks = sinks
@@ -169,19 +168,13 @@ class Forecaster:
 
     def move_to(self, primitive_map: PrimitiveMap) -> None:
         """Go on by another part of the same map."""
-        self._map, schedule, hour = primitive_map, primitive_map.schedule, self._hour
-        of_hour = primitive_map if schedule is None or hour is None else schedule.applied(primitive_map, hour)
-        self._table = motion_table(of_hour, step_s=self._config.step_s)
+        self._table = motion_table(primitive_map, step_s=self._config.step_s)
 
     def write(self, frame: TrackedFrame) -> None:
         """Forecast the frame's vehicles if it is time."""
         if (self._next_ns is not None and frame.time_ns < self._next_ns) or len(frame.estimates) == 0:
             return
         self._next_ns = frame.time_ns + self._every_ns
-        hour = self._map.slot_at(frame.time_ns)
-        if hour != self._hour:
-            of_hour = self._map.at_time(frame.time_ns)
-            self._hour, self._table = hour, motion_table(of_hour, step_s=self._config.step_s)
         names = [str(name) for name in frame.estimates.track_id]
         made = Forecasts.of(frame.time_ns, names, frame.estimates.position, self.paths(frame))
         for sink in self._sinks:

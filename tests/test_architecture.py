@@ -35,7 +35,7 @@ def test_a_file_is_one_noun_and_no_longer_than_a_reader_bears(path):
         ("dirprim_filter.primitives", ["sklearn", "rerun", "matplotlib", "mcap"]),
         ("dirprim_filter.recording", ["rerun", "matplotlib", "sklearn"]),
         ("dirprim_filter.replay, dirprim_filter.filtering.smoothing", ["filterpy", "scipy.stats", "rerun"]),
-        ("dirprim_filter.store.by_hour, dirprim_filter.primitives.learning", ["scipy.stats", "filterpy"]),
+        ("dirprim_filter.store.learning, dirprim_filter.primitives.learning", ["scipy.stats", "filterpy"]),
         ("dirprim_filter.arrays", ["numba", "scipy"]),
         ("tessellation", ["numpy"]),
         ("dirprim_filter.recording.summary", ["numba", "scipy", "google.protobuf", "rosbags"]),

@@ -23,11 +23,7 @@ SHORTER = {
     "--seeds 1 --method": "--seeds 1 --set n_particles=50 --method",
     "--every 2": "--every 10",
     "learn fleet -o map.mcap": "learn fleet -o map.mcap --tessellation grid --cell-size 20",
-    "--zone Europe/Berlin --tessellation grid --cell-size 8": (
-        "--zone Europe/Berlin --min-vehicles 2 --tessellation grid --cell-size 20"
-    ),
-    "--map by_hour.mcap -o tracks.mcap": "--map by_hour.mcap -o tracks.mcap --particles 50",
-    "--min-vehicles 8 --tessellation grid --cell-size 8": "--min-vehicles 8 --tessellation grid --cell-size 20",
+    "--tessellation grid --cell-size 8": "--tessellation grid --cell-size 20",
 }
 """Of a block, what is replaced: the same path, sooner done."""
 WITHOUT_BLOCKS = {"method.md", "results.md"}  # and its figures are of logs that do not ship

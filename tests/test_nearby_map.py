@@ -18,7 +18,6 @@ from dirprim_filter.filtering.smoothing import Smoother, smoother
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.nearby_map import NearbyMap
-from dirprim_filter.primitives.schedule import Schedule
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.recording import open_map, save_map
 from dirprim_filter.recording.map_file import MapFile
@@ -77,11 +76,6 @@ def crossing(ring, city_map, n_frames=6 * SIDE):
     return [Detections.of(row) for row in rows]
 
 
-def by_hour(made):
-    flow, pace = np.random.default_rng(1).uniform(0.5, 2.0, (2, 24, made.tessellation.n_cells, made.n_own_modes))
-    return replace(made, schedule=Schedule(by="hour", zone="UTC", flow=flow, pace=pace))
-
-
 def run(source, frames, *, sensor=None, smooth=False, follows=True):
     """All that is believed, forecast and smoothed; the probabilities of existence; the cells held at each frame."""
     nearby = NearbyMap(
@@ -132,29 +126,26 @@ def are_equal(one, other):
     )
 
 
-@pytest.mark.parametrize("case", ["labelled", "unlabelled", "by hour", "sensor", "sight", "smoothed"])
+@pytest.mark.parametrize("case", ["labelled", "unlabelled", "sensor", "sight", "smoothed"])
 def test_tracking_by_what_is_near_gives_the_same_bytes_but_for_how_probably_a_vehicle_exists(
-    ring, city_map, city_file, tmp_path, case
+    ring, city_map, city_file, case
 ):
     """And what is held does not grow with the way: at most a part of all that it was at some time."""
-    frames, whole, path = crossing(ring, city_map), city_map, city_file
+    frames = crossing(ring, city_map)
     if case in ("unlabelled", "sight", "smoothed"):
         frames = [frame.without_ids() for frame in frames]
-    if case == "by hour":
-        whole, path = by_hour(city_map), tmp_path / "by_hour.mcap"
-        save_map(whole, path)
     how = {"smooth": case == "smoothed"}
     if case == "sensor":
         how["sensor"] = replace(Sensor.white(0.5), latency_s=0.1)
     if case == "sight":
         how["sensor"] = replace(Sensor.white(0.5), sight=middle_of(city_map))
-    with MapFile(path) as by_tiles:
+    with MapFile(city_file) as by_tiles:
         found, exists, held = run(by_tiles, frames, **how)
-    expected, probably, _ = run(whole, frames, **how)
+    expected, probably, _ = run(city_map, frames, **how)
     assert are_equal(expected, found)
     np.testing.assert_allclose(exists, probably, rtol=EXISTENCE)
     n_held = np.array([cell.size for cell in held])
-    most = 0.8 if case in ("by hour", "sight") else 0.55  # an hour's flow depends on the cells ahead; sight is held
+    most = 0.8 if case == "sight" else 0.55  # sight is held
     assert 0 < n_held.max() < most * np.unique(np.concatenate(held)).size
     assert len(set(n_held.tolist())) > 4
 

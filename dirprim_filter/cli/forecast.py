@@ -19,7 +19,6 @@ from dirprim_filter.cli.options import (
     NoIds,
     Seed,
     named_file,
-    time_ns,
 )
 from dirprim_filter.cli.place import EITHER_WAY, OPTION, tell_if_outside
 from dirprim_filter.cli.reading import Reading, reads_logs
@@ -46,10 +45,6 @@ def forecast(
         float | None, typer.Option(help="Course, degrees counter-clockwise from east; with --at.")
     ] = None,
     speed: Annotated[float | None, typer.Option(help="m/s; with --at.")] = None,
-    time: Annotated[
-        str | None,
-        typer.Option(help="When, as --end of `track`, by a map of `learn --by`; with --at. Default: all day."),
-    ] = None,
     log: Annotated[
         Path | None, typer.Option("--log", help="Track this log and forecast its vehicles; -o is then an MCAP.")
     ] = None,
@@ -77,8 +72,8 @@ def forecast(
     Example: dirprim forecast --map map.mcap --at -30 -1.5 --direction-deg 0 --speed 10 -o forecast.png
     """
     if log is not None:
-        if output is None or at is not None or time is not None:
-            raise typer.BadParameter("--log: expected -o with the MCAP to write, and no --at and --time")
+        if output is None or at is not None:
+            raise typer.BadParameter("--log: expected -o with the MCAP to write, and no --at")
         own = taken(Own, settings)
         knobs, association = read_filter(config, settings)
         return _of_log(
@@ -90,15 +85,15 @@ def forecast(
     if at is None or direction_deg is None or speed is None:
         raise typer.BadParameter("expected --at, --direction-deg and --speed, or --log")
     _of_state(
-        map_file, at, direction_deg, speed, output, time_ns=time_ns(time), horizon_s=horizon, dt_s=dt,
-        n_samples=samples, seed=seed, as_json=as_json, force=force,
+        map_file, at, direction_deg, speed, output, horizon_s=horizon, dt_s=dt, n_samples=samples, seed=seed,
+        as_json=as_json, force=force,
     )  # fmt: skip
     return 0
 
 
 def _of_state(
     map_file: Path, at: tuple[float, float], direction_deg: float, speed: float, output: Path | None, *,
-    time_ns: int | None, horizon_s: float, dt_s: float, n_samples: int, seed: int, as_json: bool, force: bool,
+    horizon_s: float, dt_s: float, n_samples: int, seed: int, as_json: bool, force: bool,
 ) -> None:  # fmt: skip
     import numpy as np
 
@@ -106,10 +101,6 @@ def _of_state(
     from dirprim_filter.recording import load_map
 
     learned = load_map(map_file)
-    if time_ns is not None:
-        if learned.schedule is None:
-            raise ValueError(f"{map_file}: all hours are alike in it; leave out --time, or learn it with --by")
-        learned = learned.at_time(time_ns)
     tell_if_outside(learned, at)
     paths = sample_paths(
         learned, position=at, direction=np.deg2rad(direction_deg), speed=speed, horizon_s=horizon_s, dt_s=dt_s,

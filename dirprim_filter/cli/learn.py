@@ -56,7 +56,7 @@ def learn(
 ) -> int:
     """Learn from logs, or a store, how vehicles move.
 
-    What is learned from a store alone, such as a map that fades or turns with the hour, `dirprim store learn` has.
+    What is learned from a store alone, such as a map that fades, `dirprim store learn` has.
 
     Example: dirprim learn recordings/roundabout_learn.mcap -o map.mcap
     """

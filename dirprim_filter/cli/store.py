@@ -1,9 +1,9 @@
-"""`dirprim store`: statistics of many logs that add up, from which `dirprim learn` makes maps."""
+"""`dirprim store`: the rows of many logs, from which maps are learned."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,19 +11,17 @@ import typer
 
 from dirprim_filter.cli import losses, store_maps
 from dirprim_filter.cli.counts import counted
-from dirprim_filter.cli.options import Fields, Scheduler, Topics, time_ns
+from dirprim_filter.cli.options import Fields, Scheduler, Topics
 from dirprim_filter.cli.outputs import checked
 from dirprim_filter.cli.reading import TimeSource
 
 if TYPE_CHECKING:
     from dirprim_filter.store.config import StoreConfig
-    from dirprim_filter.store.manifest import Entry
-    from dirprim_filter.store.store import Store
 
 store = typer.Typer(
     name="store",
     help=(
-        "Statistics of many logs that add up: learn from all without reading them again. "
+        "The rows of many logs: add logs, forget some, and learn from all that are left. "
         "Example: dirprim store add fleet recordings/roundabout_learn.mcap"
     ),
     no_args_is_help=True,
@@ -60,89 +58,84 @@ def add(
     """
     from dirprim_filter.cli.progress import step_progress
     from dirprim_filter.store.adding import add_logs, failures
-    from dirprim_filter.store.log_files import find_logs
-    from dirprim_filter.store.workers import workers_for
+    from dirprim_filter.store.delta import shown
+    from dirprim_filter.store.logs import find_logs
+    from dirprim_filter.store.workers import Workers
 
     given = {
         "topics": topics, "time_source": time_source and time_source.value, "frame": frame, "fields": fields,
         "origin": origin, "labels": labels,
     }  # fmt: skip
     found = find_logs(logs)
-    into = _opened_or_made(folder, {name: value for name, value in given.items() if value is not None})
-    with step_progress(f"adding to {into.path}", "logs") as progress:
-        added = add_logs(into, found, workers=workers_for(len(found), workers, scheduler), progress=progress)
+    config = _config(folder, {name: value for name, value in given.items() if value is not None})
+    with step_progress(f"adding to {shown(folder)}", "logs") as progress:
+        workers_ = Workers.of(len(found), workers, scheduler)
+        added = add_logs(folder, found, config=config, workers=workers_, progress=progress)
     for line in failures(added):
         typer.echo(f"error: {line}", err=True)
-    entries = [receipt.entry for receipt in added.receipts if receipt.entry is not None]
+    done = [receipt for receipt in added.receipts if not receipt.error]
     typer.echo(
-        f"{into.path}: added {counted(len(entries), 'log')}, {counted(sum(e.n_rows for e in entries), 'row')}; "
-        f"{added.known} known, {len(added.receipts) - len(entries)} failed"
+        f"{shown(folder)}: added {counted(len(done), 'log')}, {counted(sum(r.n_rows for r in done), 'row')}; "
+        f"{added.known} known, {len(added.receipts) - len(done)} failed"
     )
-    if len(entries) < len(added.receipts):
+    if len(done) < len(added.receipts):
         return FAILED
-    return losses.INPUT_LOST if any(entry.status == "damaged" for entry in entries) else losses.DONE
+    return losses.INPUT_LOST if any(receipt.is_damaged for receipt in done) else losses.DONE
 
 
-def _opened_or_made(folder: Path, given: dict[str, object]) -> Store:
-    from dirprim_filter.recording.errors import RecordingError
+def _config(folder: Path, given: dict[str, object]) -> StoreConfig:
+    """Of a store that is there its own, but for what is given."""
+    from dataclasses import replace
+
     from dirprim_filter.store.config import StoreConfig
     from dirprim_filter.store.store import Store
 
-    if not Store.is_at(folder):
-        config: StoreConfig = replace(StoreConfig(), **given)  # type: ignore[arg-type]
-        _ = config.reading  # that it can be read so is asked before anything is made
-        try:
-            return Store.create(folder, config)
-        except RecordingError:
-            if not Store.is_at(folder):  # nor has another process made it by now
-                raise
-    found = Store.open(folder)
-    found.check_config(replace(found.config, **given))  # type: ignore[arg-type]
-    return found
+    config = Store.open(folder).config if Store.is_at(folder) else StoreConfig()
+    return replace(config, **given)  # type: ignore[arg-type]
 
 
 def info(
     folder: Folder,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-) -> None:
-    """List the logs of a store, and how they are read and counted.
+) -> int:
+    """List the logs of a store, and how they are read.
 
     Example: dirprim store info fleet
     """
     from dirprim_filter.store.store import Store
 
     there = Store.open(folder)
-    entries, archives = there.entries(), there.archives()
-    recordings = {entry.rows: entry for entry in entries}
-    sizes = there.recording_sizes()
-    size = sum(sizes[rows] for rows in there.rows())
-    n_rows = sum(entry.n_rows for entry in recordings.values())
+    contents = there.contents()
+    entries, recordings = list(contents.entries.values()), contents.recordings()
+    size, n_rows = sum(e.size for e in entries), sum(e.n_rows for e in recordings)
+    logs = [
+        {
+            "log": e.log, "recording": e.recording, "rows": e.n_rows, "vehicles": e.n_vehicles, "bytes": e.size,
+            "start_ns": e.start_ms * 1_000_000, "end_ns": e.end_ms * 1_000_000, "status": e.status,
+            "blocks": sorted({str(file.block) for file in e.files}),
+        }
+        for e in entries
+    ]  # fmt: skip
+    for line in contents.damaged:
+        typer.echo(f"error: {line}", err=True)
+    exit_code = losses.INPUT_LOST if contents.damaged else losses.DONE
     if as_json:
-        about = {
-            "config": there.config.to_json(), "frame": there.frame, "recordings": len(recordings), "rows": n_rows,
-            "bytes": size, "logs": [asdict(entry) for entry in entries],
-            "archives": [asdict(archive) for archive in archives],
-        }  # fmt: skip
+        about = {"config": asdict(there.config), "frame": there.frame, "recordings": len(recordings), "rows": n_rows,
+                 "bytes": size, "logs": logs, "damage": contents.damaged}  # fmt: skip
         typer.echo(json.dumps(about))
-        return
+        return exit_code
     typer.echo(
-        f"{there.path}: {counted(len(entries), 'log')} of {counted(len(recordings), 'recording')}, "
-        f"{counted(n_rows, 'row')}, {counted(sum(e.n_vehicles for e in recordings.values()), 'vehicle')}, "
+        f"{there}: {counted(len(entries), 'log')} of {counted(len(recordings), 'recording')}, "
+        f"{counted(n_rows, 'row')}, {counted(sum(e.n_vehicles for e in recordings), 'vehicle')}, "
         f"{size} bytes ({size / max(n_rows, 1):.1f} a row), frame {there.frame!r}"
     )
-    for archive in archives:
+    for e in entries:
+        seconds = (e.end_ms - e.start_ms) * 1e-3
+        damaged = ", damaged" if e.status == "damaged" else ""
         typer.echo(
-            f"  {archive.month}: {counted(len(archive.recordings), 'recording')} made one, {archive.share:.3g} of the "
-            "vehicles kept"
+            f"  {e.log}: {counted(e.n_rows, 'row')}, {counted(e.n_vehicles, 'vehicle')}, {seconds:.0f} s{damaged}"
         )
-    for entry in entries:
-        typer.echo(_line(entry))
-
-
-def _line(entry: Entry) -> str:
-    seconds = (entry.end_ns - entry.start_ns) * 1e-9
-    said = f"  {entry.url}: {counted(entry.n_rows, 'row')}, {counted(entry.n_vehicles, 'vehicle')}, {seconds:.0f} s"
-    return said + (", damaged" if entry.status == "damaged" else "")
+    return exit_code
 
 
 def forget(
@@ -153,62 +146,58 @@ def forget(
 
     Example: dirprim store forget fleet recordings/roundabout_learn.mcap
     """
-    from dirprim_filter.store.log_files import url_of
+    from dirprim_filter.store.forgetting import forget
+    from dirprim_filter.store.logs import url_of
     from dirprim_filter.store.store import Store
 
     there = Store.open(folder)
-    for entry in there.forget(*map(url_of, logs)):
-        typer.echo(f"{there.path}: forgot {entry.url}, {counted(entry.n_rows, 'row')}")
+    for entry in forget(there, [url_of(log) for log in logs]):
+        typer.echo(f"{there}: forgot {entry.log}, {counted(entry.n_rows, 'row')}")
 
 
 def merge(
     folder: Folder,
-    others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Stores whose recordings to add.")],
+    others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Stores whose logs to add.")],
 ) -> None:
-    """Add the recordings of other stores; what both hold counts once.
+    """Add the logs of other stores; what several hold counts once.
 
     Example: dirprim store merge fleet other-fleet
     """
+    from dirprim_filter.store.forgetting import merge
     from dirprim_filter.store.store import Store
 
     sources = [Store.open(path) for path in others]
-    into = Store.open(folder) if Store.is_at(folder) else Store.create(folder, sources[0].config)
-    for source in sources:
-        into.check_config(source.config)
-    n = sum(into.merge(source) for source in sources)
-    typer.echo(f"{into.path}: {counted(n, 'log')} new, {len(into.entries())} in all")
+    first = sources[0]
+    into = Store.open(folder) if Store.is_at(folder) else Store.create(folder, first.config, first.frame)
+    n = sum(merge(into, source) for source in sources)
+    typer.echo(f"{into}: {counted(n, 'log')} new, {len(into.contents().entries)} in all")
 
 
-def compact(
+def keep(
     folder: Folder,
-    before: Annotated[
-        str | None, typer.Option(help="A time such as 2026-08-01: months that ended by then. Default: the last log's.")
-    ] = None,
-    vehicles: Annotated[
-        int | None, typer.Option(min=1, help="Kept of a month where a vehicle is, on average. Default: 35.")
+    vehicles: Annotated[int | None, typer.Option(min=1, help="Of a turn in a month. Default: 100.")] = None,
+    of_month: Annotated[
+        str | None, typer.Option("--of-month", help="Such as 2026-08. Default: all but that of the last log.")
     ] = None,
 ) -> None:
-    """Make one file of each month that is over, with a share of its vehicles, drawn evenly.
+    """Keep fewer vehicles of months that are over: of each turn at most so many, which count for all of it.
 
-    What a store takes then grows with its roads and months, not with its vehicles. Single logs of these months can be
-    taken out no more.
+    A turn that fewer vehicles take is kept whole. What is left out is gone.
 
-    Example: dirprim store compact fleet --before 2026-08-01
+    Example: dirprim store keep fleet --vehicles 100 --of-month 2026-08
     """
     from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.store.compacting import VEHICLES, compacted
+    from dirprim_filter.store.keeping import VEHICLES, keep
     from dirprim_filter.store.store import Store
 
     there = Store.open(folder)
-    with step_progress(f"compacting {there.path}", "months") as progress:
-        made = compacted(there, before_ns=time_ns(before), n_vehicles=vehicles or VEHICLES, progress=progress)
-    sizes = there.recording_sizes() if made else {}
-    for archive in made:
-        size = sizes[archive.name]
-        typer.echo(f"{there.path}: {archive.month}, {counted(len(archive.recordings), 'recording')} in {size} bytes")
-    if not made:
-        typer.echo(f"{there.path}: nothing to make one of, for no other month is over")
+    with step_progress(f"thinning {there}", "logs") as progress:
+        months = keep(there, n_vehicles=vehicles or VEHICLES, month=of_month, progress=progress)
+    for done in months:
+        typer.echo(f"{there}: {done.month}, {done.n_after} of {counted(done.n_before, 'vehicle')} kept")
+    if not months:
+        typer.echo(f"{there}: nothing to thin, for it has no such month; the last is left as it is")
 
 
-for command in (add, store_maps.learn, store_maps.update, info, forget, merge, compact):
+for command in (add, store_maps.learn, store_maps.update, info, forget, merge, keep):
     store.command()(checked(command))

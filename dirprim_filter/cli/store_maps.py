@@ -1,10 +1,9 @@
-"""`dirprim store learn` and `store update`: maps from a store of many logs, and maps brought up to date with theirs."""
+"""`dirprim store learn` and `store update`: maps from a store of many logs."""
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -29,14 +28,6 @@ if TYPE_CHECKING:
     from dirprim_filter.cli.progress import LearningProgress
     from dirprim_filter.primitives import PrimitiveMap
 
-
-class Slots(StrEnum):
-    """What weights and speeds turn with."""
-
-    HOUR = "hour"
-    WEEK = "week"
-
-
 Folder = Annotated[Path, typer.Argument(metavar="STORE", help="The folder of a store, or its URL.")]
 
 
@@ -49,17 +40,13 @@ def learn(
     modes: HowModes = Modes.BIC,
     primitive: HowShaped = Shape.CURVED,
     min_vehicles: Annotated[
-        int | None, typer.Option(min=1, help="Leave out what fewer vehicles did. Default: 5.")
+        int | None, typer.Option(min=1, help="Leave out where fewer vehicles passed the same way. Default: 1.")
     ] = None,
     half_life: Annotated[
-        float | None, typer.Option(help="In which half of all places change, such as 30d.", parser=seconds)
+        float | None, typer.Option(help="After which a vehicle counts half, such as 30d.", parser=seconds)
     ] = None,
     now: Annotated[
         str | None, typer.Option(help="With --half-life: from when age is counted. Default: the last log's end.")
-    ] = None,
-    by: Annotated[Slots | None, typer.Option(help="Weights and mean speeds by the hour of the day or week.")] = None,
-    zone: Annotated[
-        str | None, typer.Option(help="With --by: whose clocks count, such as Europe/Berlin. Default: UTC.")
     ] = None,
     workers: StoreWorkers = None,
     scheduler: Scheduler = None,
@@ -75,9 +62,8 @@ def learn(
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
     source = StoreSource(
-        folder, min_vehicles=min_vehicles, half_life_s=half_life, now=now, by=None if by is None else by.value,
-        zone=zone, workers=workers, scheduler=scheduler,
-    )  # fmt: skip
+        folder, min_vehicles=min_vehicles, half_life_s=half_life, now=now, workers=workers, scheduler=scheduler
+    )
     return write_map(
         source, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
         modes=modes.value, primitive=primitive.value,
@@ -89,60 +75,39 @@ class StoreSource:
 
     def __init__(
         self, folder: Path, *, min_vehicles: int | None = None, half_life_s: float | None = None,
-        now: str | None = None, by: Literal["hour", "week"] | None = None, zone: str | None = None,
-        workers: int | None = None, scheduler: str | None = None,
+        now: str | None = None, workers: int | None = None, scheduler: str | None = None,
     ) -> None:  # fmt: skip
-        from dirprim_filter.store.fading import LATEST, Fading
-        from dirprim_filter.store.learning import MIN_VEHICLES
         from dirprim_filter.store.store import Store
-        from dirprim_filter.store.workers import workers_for
+        from dirprim_filter.store.workers import Workers
 
         if now is not None and half_life_s is None:
             raise ValueError("--now: expected --half-life with it")
-        if zone is not None and by is None:
-            raise ValueError("--zone: expected --by with it")
-        store = Store.open(folder)
-        entries = store.entries()
-        if not entries:
-            raise ValueError(f"{store.path}: expected logs to learn from, the store is empty; see `dirprim store add`")
-        now_ns = time_ns(now)
-        self._store = store
-        self.exit_code, self.files = losses.DONE, tuple[Path, ...]()
-        self._by: Literal["hour", "week"] | None = by
-        self._zone = "UTC" if zone is None else zone
-        self._workers = workers_for(0, workers, scheduler)
-        self._least = MIN_VEHICLES if min_vehicles is None else min_vehicles
-        self._fading = None
-        if half_life_s is not None:
-            self._fading = Fading(half_life_s=half_life_s, now_ns=LATEST if now_ns is None else now_ns)
-        self.said: dict[str, Any] = {
-            "sha256 store": store.digest, "min_vehicles": self._least, "half_life_s": half_life_s, "now": now,
+        self._store, self._workers = Store.open(folder), Workers.of(0, workers, scheduler)
+        self._how: dict[str, Any] = {
+            "min_vehicles": min_vehicles or 1, "half_life_s": half_life_s, "now_ns": time_ns(now)
         }  # fmt: skip
-        if by is not None:
-            self.said |= {"by": self._by, "zone": self._zone}
-        n_rows = sum({entry.rows: entry.n_rows for entry in entries}.values())
-        self.counts = f"{counted(len(entries), 'log')}, {counted(n_rows, 'row')}"
+        self.files = tuple[Path, ...]()
+        self.exit_code, self.counts = losses.DONE, ""
+        self.said: dict[str, Any] = {"min_vehicles": min_vehicles or 1, "half_life_s": half_life_s, "now": now}
 
     def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
-        """The map."""
-        from dirprim_filter.store.updating import learn_from_store
+        """The map; what is damaged in the store is left out, and reported."""
+        from dirprim_filter.store.learning import learn_from_store
 
-        return learn_from_store(
-            self._store,
-            min_vehicles=self._least,
-            fading=self._fading,
-            by=self._by,
-            zone=self._zone,
-            workers=self._workers,
-            progress=bars.progress,
-            stage=bars.stage,
-            fitted=bars.tiles,
-            **options,
+        seed = int(options.pop("rng").integers(2**63))
+        learned = learn_from_store(
+            self._store, workers=self._workers, done=bars.tiles, seed=seed, progress=bars.progress, stage=bars.stage,
+            **self._how, **options,
+        )  # fmt: skip
+        for line in learned.damaged:
+            typer.echo(f"error: {line}", err=True)
+        self.exit_code = losses.INPUT_LOST if learned.damaged else losses.DONE
+        self.said["sha256 store"] = learned.digest
+        self.counts = (
+            f"{counted(learned.n_logs, 'log')}, {counted(learned.n_rows, 'row')}; {learned.n_fitted} of "
+            f"{counted(learned.n_blocks, 'block')} learned anew"
         )
-
-
-MUCH = 0.01
-"""Of what vehicles did where no cell is, that is worth a line."""
+        return learned.primitive_map
 
 
 def update(
@@ -159,41 +124,29 @@ def update(
     workers: StoreWorkers = None,
     scheduler: Scheduler = None,
     force: Force = False,
-) -> None:
-    """Fit a map anew where its store changed.
+) -> int:
+    """Learn a map anew as it was learned.
 
-    Only cells are fitted where logs were added or forgotten, and they stay where they are. A map of which nothing
-    changed stays as it is, to the byte.
+    Only where logs were added or forgotten is there work to do. A map of which nothing changed stays as it is, to the
+    byte.
 
     Example: dirprim store update map.mcap fleet
     """
-    from dirprim_filter.cli.progress import step_progress
-    from dirprim_filter.recording import load_map, save_map
     from dirprim_filter.recording.container.log import scan
     from dirprim_filter.recording.errors import OutputExistsError
     from dirprim_filter.recording.log_writer import METADATA_NAME
-    from dirprim_filter.store.store import Store
-    from dirprim_filter.store.updating import update_map
-    from dirprim_filter.store.workers import workers_for
 
     if output is not None and output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
-    store = Store.open(store_folder)
-    with step_progress(f"updating {map_file}", "tiles") as progress:
-        by = workers_for(0, workers, scheduler)
-        done = update_map(load_map(map_file), store, workers=by, progress=progress)
-    if done.n_tiles or output is not None:
-        with scan(map_file) as messages:
-            said = next((record for name, record in messages.metadata if name == METADATA_NAME), {})
-        # Nothing of when and from which map: updates in any order give the same bytes.
-        save_map(done.primitive_map, output or map_file, metadata=said | {"sha256 store": store.digest}, force=True)
-    typer.echo(
-        f"{output or map_file}: {done.n_cells} of {counted(done.primitive_map.tessellation.n_cells, 'cell')} fitted "
-        f"anew, where {counted(done.n_tiles, 'tile')} of {store.path} changed"
-    )
-    if done.uncovered > MUCH:
-        typer.echo(
-            f"warning: {done.uncovered:.0%} of what vehicles did there is where the map has no cell; to cover it, "
-            f"learn it again with `dirprim learn {store.path}`",
-            err=True,
-        )
+    with scan(map_file) as messages:
+        said = next((record for name, record in messages.metadata if name == METADATA_NAME), {})
+    if "sha256 store" not in said:
+        raise ValueError(f"{map_file}: expected a map of a store; learn it with `dirprim learn STORE`")
+    kinds = {"tessellation": str, "cell_size": float, "n_cells": int, "modes": str, "primitive": str}
+    options = {name: kind(said[name]) if name in said else None for name, kind in kinds.items()}
+    source = StoreSource(
+        store_folder, min_vehicles=int(said["min_vehicles"]), now=said.get("now"),
+        half_life_s=float(said["half_life_s"]) if "half_life_s" in said else None, workers=workers,
+        scheduler=scheduler,
+    )  # fmt: skip
+    return write_map(source, output or map_file, seed=int(said["seed"]), force=force or output is None, **options)

@@ -48,7 +48,7 @@ class ParticleFilter:
     the threads nor, without `interaction`, on other vehicles.
 
     Args:
-        primitive_map: how vehicles move at each place; with a schedule, as of the last measurement's hour.
+        primitive_map: how vehicles move at each place.
         config: the filter's knobs.
     """
 
@@ -56,7 +56,6 @@ class ParticleFilter:
         self.config = config = config or FilterConfig()
         self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
         self._map = primitive_map
-        self._hour: int | None = None
         self._move_by(primitive_map)
         self._response = leader_table(primitive_map, config)
         self._surroundings = Surroundings()
@@ -89,8 +88,7 @@ class ParticleFilter:
         belief.mode_of = primitive_map.motion.mode
         belief.step += 1
         self._map = primitive_map
-        schedule, hour = primitive_map.schedule, self._hour
-        self._move_by(primitive_map if schedule is None or hour is None else schedule.applied(primitive_map, hour))
+        self._move_by(primitive_map)
         self._end_journeys_by(primitive_map)
 
     def extent(self, slot: IntArray) -> FloatArray:
@@ -105,13 +103,6 @@ class ParticleFilter:
             return np.empty(0, np.int64)
         cell = np.union1d(cloud.cell[slot], self._map.motion.cell[cloud.manoeuvre[slot]])
         return np.asarray(part.cell[cell[cell != OUTSIDE]])
-
-    def _follow_the_hour(self, measured: Detections) -> None:
-        """Move by the map of the hour of the measurements; where journeys begin and end is of all day."""
-        hour = self._map.slot_at(int(measured.time_ns[-1])) if len(measured) else None
-        if hour is not None and hour != self._hour:
-            self._hour = hour
-            self._move_by(self._map.at_time(int(measured.time_ns[-1])))
 
     @property
     def manoeuvres(self) -> FloatArray:
@@ -136,7 +127,6 @@ class ParticleFilter:
             measured: v rows.
         """
         self.belief.step += 1
-        self._follow_the_hour(measured)
         of_their_own = ~np.isnan(measured.covariance[:, 0, 0])
         spread = np.full(slot.size, self.config.noise_m)
         spread[of_their_own] = np.sqrt(np.linalg.eigvalsh(measured.covariance[of_their_own])[:, -1])
@@ -206,7 +196,6 @@ class ParticleFilter:
         Where a measurement is improbable, some are moved to it, see `_innovation_outliers`.
         """
         self.belief.step += 1
-        self._follow_the_hour(measured)
         cloud, columns, evidence = self.belief.cloud, self._columns(measured), np.empty((slot.size, 2))
         before = cloud.weight[slot]
         self.split(_measuring.weigh, (cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)

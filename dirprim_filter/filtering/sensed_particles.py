@@ -53,7 +53,6 @@ class SensedParticles(ParticleFilter):
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Initialise beliefs from one measurement each and the primitive at its place."""
         self.belief.step += 1
-        self._follow_the_hour(measured)
         cloud, columns = self.belief.cloud, _columns(measured)
         self.belief.unweighed_s[slot] = 0.0
         first = (slot, np.asarray(key), measured.position)
@@ -99,7 +98,6 @@ class SensedParticles(ParticleFilter):
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
         """Weigh the particles by measurements, and learn of the errors they carry."""
         self.belief.step += 1
-        self._follow_the_hour(measured)
         evidence = np.empty((slot.size, 2))
         self.split(
             _sensing.weigh, (self.belief.cloud, self._carried),

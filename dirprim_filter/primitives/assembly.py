@@ -8,7 +8,6 @@ import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
-from dirprim_filter.primitives.borrowing import Borrowed
 from dirprim_filter.primitives.cell_model import PrimitiveCells, fitted
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -48,40 +47,33 @@ def place_free_share(n_vehicles: FloatArray, strength: FloatArray | float) -> Fl
     return np.asarray(strength / (n_vehicles + strength))
 
 
-def assemble(
-    cells: Tessellation, fits: PrimitiveCells, free: PlaceFree, strength: float, borrowed: Borrowed | None = None
-) -> PrimitiveMap:
-    """A map before its motion is learned: of each cell its own modes, heaviest first, then those that it leans on.
+def assemble(cells: Tessellation, fits: PrimitiveCells, free: PlaceFree, strength: float) -> PrimitiveMap:
+    """A map before its motion is learned: of each cell its own modes, heaviest first, then the place-free ones.
 
     Args:
         cells: (n,) of the map.
         fits: what each holds.
         free: the place-free primitive.
         strength: pseudo-vehicles with which it enters each cell.
-        borrowed: modes of other layouts, if any.
     """
     n = len(fits.center)
-    lent = Borrowed.none(n) if borrowed is None else borrowed
     used = max(int((fits.weight > 0).sum(axis=1).max(initial=0)), 1)
     order = np.argsort(-fits.weight, axis=1, kind="stable")[:, :used]
     free_column = dict(zip(free._fields, free, strict=True))
 
     def column(name: str, filler: float) -> FloatArray:
-        """The cells' modes in motion, the one for standing, borrowed and place-free modes; last the place-free row."""
-        own, other = np.take_along_axis(getattr(fits, name), order, axis=1), getattr(lent.modes, name)
+        """The cells' modes in motion, the one for standing, and place-free modes; last the place-free row."""
+        own = np.take_along_axis(getattr(fits, name), order, axis=1)
         of_free = np.asarray(free_column.get(name, np.zeros_like(free.weight)))
-        placed = np.hstack([own, np.full((n, 1), of_free[-1]), other])
+        placed = np.hstack([own, np.full((n, 1), of_free[-1])])
         return np.hstack([np.vstack([placed, np.full(placed.shape[1], filler)]), np.tile(of_free, (n + 1, 1))])
 
-    n_lent = lent.modes.weight.shape[1]
-    lent_share = np.minimum(lent.share * (lent.standing + lent.modes.weight.sum(axis=1)), 1.0)
     share = place_free_share(fits.n_vehicles, strength)[:, None]
     weight = column("weight", 0.0)
-    weight[:n, :used] *= ((1 - lent_share) * (1 - fits.standing))[:, None]
-    weight[:n, used] = (1 - lent_share) * fits.standing + lent.share * lent.standing
-    weight[:n, used + 1 : used + 1 + n_lent] *= lent.share
-    weight[:n, : used + 1 + n_lent] *= 1 - share
-    weight[:n, used + 1 + n_lent :] *= share
+    weight[:n, :used] *= (1 - fits.standing)[:, None]
+    weight[:n, used] = fits.standing
+    weight[:n, : used + 1] *= 1 - share
+    weight[:n, used + 1 :] *= share
     weight /= weight.sum(axis=1, keepdims=True)
     n_rows = np.round(fits.n_rows).astype(np.int64)
     return PrimitiveMap(
@@ -91,7 +83,6 @@ def assemble(
         ),
         speed=Gamma(shape=column("shape", 1.0), rate=column("rate", 1.0)),
         n_rows=np.append(n_rows, n_rows.sum()),
-        n_borrowed_modes=n_lent,
         n_place_free_modes=free.weight.size,
         bend=np.stack([column("bend_east", 0.0), column("bend_north", 0.0)], axis=-1),
         gain=np.stack([column("gain_east", 0.0), column("gain_north", 0.0)], axis=-1),

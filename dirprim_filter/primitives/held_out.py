@@ -6,7 +6,6 @@ import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray
 from dirprim_filter.primitives.assembly import Layout, assemble, gather, place_free_share
-from dirprim_filter.primitives.borrowing import SHARES, Borrowed, borrow
 from dirprim_filter.primitives.cell_model import PrimitiveCells, fitted
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe
@@ -28,24 +27,16 @@ class HeldOut:
         self._fits: dict[tuple[int, Recipe], PrimitiveCells] = {}
         self._place_free: FloatArray | None = None
 
-    def scores(self, layouts: list[Layout], recipe: Recipe) -> FloatArray:
-        """Mean log density of the held-out rows by the first layout, for each of `SHARES` that it borrows from others.
-
-        -> (n_shares, n_strengths), the latter those of `PLACE_FREE_STRENGTHS`; (1, n_strengths) without others.
-        """
-        own, *others = layouts
-        fits = self._fitted(own, recipe)
-        placed = [self._log_density(own, fits, None)]
-        if others:
-            lenders = [(other.cells, self._fitted(other, recipe)) for other in others]
-            alone, lent = placed[0], self._log_density(own, fits, borrow(self._seen, own.cells, lenders, 1.0))
-            # What is borrowed is mixed in: p = (1 - share) p_0 + share p_1.
-            placed += [np.logaddexp(np.log1p(-share) + alone, np.log(share) + lent) for share in SHARES[1:]]
-        cell = own.cells.cell_of(self._kept.position)
+    def scores(self, layout: Layout, recipe: Recipe) -> FloatArray:
+        """(n_strengths,) mean log density of the held-out rows, for each of `PLACE_FREE_STRENGTHS`."""
+        fits = self._fitted(layout, recipe)
+        placed = self._log_density(layout, fits)
+        cell = layout.cells.cell_of(self._kept.position)
         share = place_free_share(np.append(fits.n_vehicles, 0.0)[cell][:, None], PLACE_FREE_STRENGTHS)
         with np.errstate(divide="ignore"):
-            in_place, anywhere = np.log1p(-share), np.log(share) + self._place_free_log_density(own, fits)[:, None]
-            return np.array([np.logaddexp(in_place + each[:, None], anywhere).mean(axis=0) for each in placed])
+            in_place, anywhere = np.log1p(-share), np.log(share) + self._place_free_log_density(layout, fits)[:, None]
+            score = np.logaddexp(in_place + placed[:, None], anywhere)
+        return np.asarray(np.average(score, axis=0, weights=self._kept.weight))
 
     def _fitted(self, layout: Layout, recipe: Recipe) -> PrimitiveCells:
         """Each cell's modes, as the other rows have them."""
@@ -56,9 +47,9 @@ class HeldOut:
             self._fits[number, recipe] = fitted(self._gathered[number][1], recipe)
         return self._fits[number, recipe]
 
-    def _log_density(self, layout: Layout, fits: PrimitiveCells, borrowed: Borrowed | None) -> FloatArray:
+    def _log_density(self, layout: Layout, fits: PrimitiveCells) -> FloatArray:
         """Of the held-out rows, where the place-free primitive has no say."""
-        made = assemble(layout.cells, fits, self._free, NO_STRENGTH, borrowed)
+        made = assemble(layout.cells, fits, self._free, NO_STRENGTH)
         return made.log_density(self._kept.position, self._kept.direction, self._kept.speed)
 
     def _place_free_log_density(self, layout: Layout, fits: PrimitiveCells) -> FloatArray:

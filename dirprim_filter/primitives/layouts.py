@@ -13,23 +13,27 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout
 from dirprim_filter.primitives.cell_model import PrimitiveModel
-from dirprim_filter.primitives.choice import SOFTNESS, TRIAL_ROWS, with_usual
+from dirprim_filter.primitives.choice import with_usual
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe
 from dirprim_filter.primitives.rows import TrackRows
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation, fit_jointly
 
+TRIAL_ROWS = 100_000
+"""So many rows are enough to find out what is usual, and how strongly cells lean on it: vehicles drawn at random."""
+SOFTNESS = 0.25
+"""Of a Voronoi cell's size: so far beyond its border it also learns from rows beside it, see `tessellation.gates`.
+Where .1 and .5 could be chosen too, the densities of two towns were the same."""
+
 Progress = Callable[[int, float], None]
 
 
 def layouts_of(
-    rows: TrackRows, tessellation: str | Tessellation | Layout, recipe: Recipe, free: PlaceFree, *,
+    rows: TrackRows, tessellation: str | Tessellation, recipe: Recipe, free: PlaceFree, *,
     cell_size: float | None, n_cells: int | None, progress: Progress | None, rng: np.random.Generator,
 ) -> list[Layout]:  # fmt: skip
     """The cells to choose from; joint ones are chosen as they are laid out."""
     position, config = rows.position, recipe.config
-    if isinstance(tessellation, Layout):
-        return [tessellation]
     if not isinstance(tessellation, str):
         return [Layout(tessellation, 0.0)]
     if tessellation == "grid":

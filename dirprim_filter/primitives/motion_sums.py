@@ -100,7 +100,7 @@ class MotionSums(NamedTuple):
         """
         n, of_instant, known = cell.size, visits.of_instant, label >= 0
         rows = np.flatnonzero(known[of_instant])
-        changes, share = _Changes.of(visits), 1.0 / (visits.end - visits.begin)
+        changes, share = _Changes.of(visits), visits.weight / (visits.end - visits.begin)
         sums = _InstantSums.none(n)
         for a in range(0, rows.size, AT_ONCE):
             at = rows[a : a + AT_ONCE]
@@ -112,11 +112,11 @@ class MotionSums(NamedTuple):
         pair = label[:-1][follows[:-1]], label[1:][follows[:-1]]
 
         def total(column: FloatArray) -> FloatArray:
-            return _totals(label[known], column[known], n)
+            return _totals(label[known], (visits.weight * column)[known], n)
 
         return cls(
             total(np.ones(len(visits))), total(visits.seconds), total(visits.follows().astype(np.float64)), *sums,
-            transition=csr_array((np.ones(pair[0].size), pair), shape=(n, n)),
+            transition=csr_array((visits.weight[:-1][follows[:-1]], pair), shape=(n, n)),
         )  # fmt: skip
 
     def __add__(self, other: MotionSums) -> MotionSums:  # type: ignore[override]

@@ -32,18 +32,21 @@ def fit_place_free(rows: TrackRows, config: LearningConfig) -> PlaceFree:
 
     It always holds a uniform direction and a standing mode, so that its density is positive and finite everywhere.
     """
-    moving = rows[rows.speed >= config.standing_speed]
-    n_standing = len(rows) - len(moving)
+    weight = rows.weight * (rows.weight.sum() / (rows.weight**2).sum())
+    is_moving = rows.speed >= config.standing_speed
+    moving, weighed = rows[is_moving], weight[is_moving]
+    n_standing = float(weight[~is_moving].sum())
     found = Modes(*np.empty((len(Modes._fields), 0)))
     spread, mean_speed = 1.0, 1.0
     if len(moving):
-        mean_speed = float(moving.speed.mean())
-        spread = max(float(np.log(mean_speed) - np.log(moving.speed).mean()), MIN_SPREAD)
+        mean_speed = float(np.average(moving.speed, weights=weighed))
+        log_mean = float(np.average(np.log(moving.speed), weights=weighed))
+        spread = max(float(np.log(mean_speed)) - log_mean, MIN_SPREAD)
         k = config.max_place_free_modes
         bounds = bounds_of(config, prior_strength=STRENGTH, max_modes=k, speed_spread=spread)
-        unplaced = CellRows.one(moving.direction, moving.speed, n_vehicles=moving.n_vehicles)
+        unplaced = CellRows.one(moving.direction, moving.speed, weight=weighed, n_vehicles=moving.n_vehicles)
         found = Modes(*(column[0] for column in fit_all(unplaced, bounds, at_once=True)))
-    standing = (n_standing + 1) / (len(rows) + 2)
+    standing = (n_standing + 1) / (float(weight.sum()) + 2)
     anywhere = 1.0 / (moving.n_vehicles + 1)  # the next vehicle may do what none has done
     used = np.flatnonzero(found.weight)
     share = np.concatenate([(1 - anywhere) * found.weight[used], [anywhere if used.size else 1.0]])

@@ -21,8 +21,6 @@ from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.motion import Motion
 from dirprim_filter.primitives.part import Part
-from dirprim_filter.primitives.refit import Refit
-from dirprim_filter.primitives.schedule import Schedule
 from tessellation import GridTessellation, Tessellation
 from tessellation.locate import locator_of
 
@@ -72,14 +70,10 @@ class PrimitiveMap:
         n_rows: (n_cells + 1,) how many observations each row was learned from.
         n_place_free_modes: how many of the last modes are the place-free primitive's, in every row: what a cell leans
             on where it knows little. They say where vehicles go at large, not here, so motion is not drawn to them.
-        n_borrowed_modes: how many of the modes before those are borrowed from other layouts of cells, see `borrowing`:
-            they are part of the density, motion is not drawn to them.
         bend: (n_cells + 1, M, 2) rad/m, how a mode's mean direction turns towards the east and the north of its cell;
             left out: none, the primitives are flat.
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
         motion: how vehicles go on from place to place; left out: each on the mode of its cell, and settling on it.
-        schedule: how the map turns with the hour, see `at_time`; all the rest is of all day.
-        refit: how it was fitted; None where that is not known.
         part: where this is a part of a map, what it knows of the whole.
 
     Raises:
@@ -91,12 +85,9 @@ class PrimitiveMap:
     speed: Gamma
     n_rows: IntArray
     n_place_free_modes: int
-    n_borrowed_modes: int = 0
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
-    schedule: Schedule | None = None
-    refit: Refit | None = None
     part: Part | None = None
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
@@ -108,11 +99,8 @@ class PrimitiveMap:
                 f"direction, speed, n_rows: expected ({n}, M), ({n}, M) and ({n},), "
                 f"got {shapes[0]}, {shapes[1]} and {self.n_rows.shape}"
             )
-        most = shapes[0][1]
-        for name in ("n_place_free_modes", "n_borrowed_modes"):
-            if not 0 <= getattr(self, name) <= most:
-                raise ValueError(f"{name}: expected 0 to {most}, got {getattr(self, name)}")
-            most -= getattr(self, name)
+        if not 0 <= self.n_place_free_modes <= shapes[0][1]:
+            raise ValueError(f"n_place_free_modes: expected 0 to {shapes[0][1]}, got {self.n_place_free_modes}")
         for name in ("bend", "gain"):
             slope = getattr(self, name)
             slope = as_floats(name, slope, f"{n} {shapes[0][1]} 2") if slope.size else np.zeros((*shapes[0], 2))
@@ -123,41 +111,21 @@ class PrimitiveMap:
         last = self.motion.cell[self.motion.n_placed - 1] if self.motion.n_placed else -1
         if last >= n - 1 or ((self.motion.mode < 0) | (self.motion.mode >= shapes[0][1])).any():
             raise ValueError(f"motion: expected manoeuvres of {n - 1} cells and {shapes[0][1]} modes, got others")
-        if self.schedule is not None:
-            self._check_schedule(self.schedule.flow.shape[1:], (n - 1, self.n_own_modes))
-
-    def _check_schedule(self, scheduled: tuple[int, ...], own: tuple[int, int]) -> None:
-        placed = self.motion.mode[: self.motion.n_placed]
-        if scheduled != own or placed.max(initial=-1) >= own[1]:
-            raise ValueError(f"schedule: expected {own} cells and modes of their own, got {scheduled}")
 
     @property
     def n_own_modes(self) -> int:
         """How many of the first modes are a cell's own; where they were learned, the last is for standing."""
-        return int(self.direction.weight.shape[1]) - self.n_borrowed_modes - self.n_place_free_modes
+        return int(self.direction.weight.shape[1]) - self.n_place_free_modes
 
     @property
     def own_weight(self) -> FloatArray:
-        """(n_cells, n_own_modes) the weights of the cells' own modes, which take those of the borrowed modes on."""
-        n = self.n_own_modes
-        own = self.direction.weight[:-1, :n]
-        borrowed = self.direction.weight[:-1, n : n + self.n_borrowed_modes].sum(axis=1, keepdims=True)
-        total = own.sum(axis=1, keepdims=True)
-        return np.asarray(own * (1.0 + borrowed / np.where(total > 0.0, total, 1.0)))
+        """(n_cells, n_own_modes) the weights of the cells' own modes."""
+        return self.direction.weight[:-1, : self.n_own_modes]
 
     @property
     def centers(self) -> FloatArray:
         """(n_cells + 1, 2) where each row's parameters hold, metres; of the place-free row anywhere, so the origin."""
         return np.vstack([self.tessellation.centers.reshape(-1, 2), np.zeros(2)])
-
-    def slot_at(self, time_ns: int) -> int | None:
-        """The slot of the schedule at a time, nanoseconds since 1970-01-01; None without one."""
-        return None if self.schedule is None else int(self.schedule.slots_of(np.array([time_ns]))[0])
-
-    def at_time(self, time_ns: int) -> PrimitiveMap:
-        """The map as it is at a time, with that hour's weights and speeds; without a schedule the same at all times."""
-        slot = self.slot_at(time_ns)
-        return self if self.schedule is None or slot is None else self.schedule.applied(self, slot)
 
     def primitive_at(self, position: FloatArray) -> Primitive:
         """The primitives that hold at positions. (..., 2) -> leading axes (...).
@@ -257,7 +225,6 @@ class PrimitiveMap:
             speed=self.speed[last],
             n_rows=self.n_rows[last],
             n_place_free_modes=self.n_place_free_modes,
-            n_borrowed_modes=self.n_borrowed_modes,
             bend=self.bend[last],
             gain=self.gain[last],
             motion=self.motion.without_places(),

@@ -65,6 +65,7 @@ class TrackRows:
         direction: (n,) radians.
         speed: (n,) m/s.
         group: (n,) int64, what to split by: the log's groups or, where they are few or one rules, the vehicles.
+        weight: (n,) positive, how many vehicles a row's vehicle stands for; left out: one each.
         scale: of all the rows that these are of.
     """
 
@@ -74,11 +75,22 @@ class TrackRows:
     direction: FloatArray
     speed: FloatArray
     group: IntArray
+    weight: FloatArray = field(default_factory=lambda: np.empty(0))
     scale: Scale = field(default_factory=Scale)
 
+    def __post_init__(self) -> None:
+        if not self.weight.size:
+            object.__setattr__(self, "weight", np.ones(self.vehicle.size))
+
     @classmethod
-    def thinned(cls, tracks: Tracks, *, interval_s: float) -> TrackRows:
-        """The rows of each vehicle that are about `interval_s` apart or more: 10 Hz rows repeat each other."""
+    def thinned(cls, tracks: Tracks, *, interval_s: float, weight: FloatArray | None = None) -> TrackRows:
+        """The rows of each vehicle that are about `interval_s` apart or more: 10 Hz rows repeat each other.
+
+        Args:
+            tracks: of vehicles.
+            interval_s: seconds.
+            weight: (n_tracks,) of each vehicle; one each if absent.
+        """
         vehicle = tracks.vehicle
         n_vehicles = int(vehicle.max(initial=-1)) + 1
         order = _sorting.sort_by(vehicle, n_vehicles, np.empty(n_vehicles + 1, np.int64))  # tracks are in order of time
@@ -92,6 +104,7 @@ class TrackRows:
             direction=tracks.direction[kept],
             speed=tracks.speed[kept],
             group=(tracks.group if grouped else vehicle)[kept],
+            weight=np.ones(kept.size) if weight is None else weight[vehicle[kept]],
             scale=Scale.of(vehicle[kept], tracks.time_ns[kept], tracks.position[kept], standing_speed=0.3),
         )
 
@@ -107,6 +120,7 @@ class TrackRows:
             direction=self.direction[rows],
             speed=self.speed[rows],
             group=self.group[rows],
+            weight=self.weight[rows],
             scale=self.scale,
         )
 
@@ -128,6 +142,16 @@ class TrackRows:
     def n_vehicles(self) -> int:
         """Number of vehicles that have a row."""
         return int(np.unique(self.vehicle).size)
+
+    def member_weights(self, members: Members) -> FloatArray:
+        """(n_members,) of rows in cells, so that a cell's vehicles count as many as they say as much as (Kish 1965).
+
+        Vehicles that all weigh alike count one each, whatever they weigh.
+        """
+        weight, n_cells = self.weight[members.row], len(members.center)
+        cell = np.repeat(np.arange(n_cells), np.diff(members.start))
+        total, square = (np.bincount(cell, column, minlength=n_cells) for column in (weight, weight**2))
+        return np.asarray(members.weight * weight * (total / np.where(square > 0.0, square, 1.0))[cell])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +192,8 @@ class CellRows:
         """
         moves = rows.speed[members.row] >= standing_speed
         start = np.concatenate([[0], np.cumsum(moves)])[members.start]
-        row, weight = members.row[moves], members.weight[moves]
+        weighed = rows.member_weights(members)
+        row, weight = members.row[moves], weighed[moves]
         n_cells = len(members.center)
         cell = np.repeat(np.arange(n_cells), np.diff(members.start))
         return cls(
@@ -180,7 +205,7 @@ class CellRows:
             weight=weight,
             center=members.center,
             n_vehicles=_count_vehicles(cell[moves], rows.vehicle[row], weight, n_cells),
-            n_standing=np.asarray(np.bincount(cell[~moves], members.weight[~moves], minlength=n_cells), np.float64),
+            n_standing=np.asarray(np.bincount(cell[~moves], weighed[~moves], minlength=n_cells), np.float64),
         )
 
     @classmethod

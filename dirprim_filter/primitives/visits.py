@@ -45,6 +45,7 @@ class Visits:
         end: (v,) the instant after its last.
         cell: (v,) `OUTSIDE` for none.
         stands: (v,) whether the vehicle stands.
+        weight: (v,) how many vehicles its vehicle stands for, as many in all as say as much; left out: one each.
         scale: of the data.
     """
 
@@ -57,7 +58,12 @@ class Visits:
     end: IntArray
     cell: IntArray
     stands: BoolArray
+    weight: FloatArray = field(default_factory=lambda: np.empty(0))
     scale: Scale = field(default_factory=Scale)
+
+    def __post_init__(self) -> None:
+        if not self.weight.size:
+            object.__setattr__(self, "weight", np.ones(self.begin.size))
 
     @classmethod
     def of(cls, rows: TrackRows, cells: Tessellation) -> Visits:
@@ -71,9 +77,13 @@ class Visits:
         changes[:1] = True
         begin = np.flatnonzero(changes)
         end = np.append(begin[1:], segment.size)[: begin.size]
+        of_vehicle = np.ones(int(rows.vehicle.max(initial=-1)) + 1)
+        of_vehicle[rows.vehicle] = rows.weight
+        weight = of_vehicle[vehicle[begin]]
         return cls(
             vehicle=vehicle, segment=segment, position=position, course=course, speed=speed, begin=begin, end=end,
             cell=cell[begin], stands=stands[begin], scale=rows.scale,
+            weight=weight * (weight.sum() / max((weight**2).sum(), 1e-300)),
         )  # fmt: skip
 
     def __len__(self) -> int:

@@ -1,18 +1,13 @@
-"""Adding logs to a store: each is summarised and counted by itself, in this process or by workers.
-
-Who does it asks the store once whether another has done it, and writes the recording, then the entry of the manifest:
-so a log that was finished is not read again, whoever dies, and nothing half counts.
-"""
+"""Adding logs to a store: each is read and written by itself, here or by workers, and committed with others."""
 
 from __future__ import annotations
 
-import hashlib
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
 
 from dirprim_filter.recording.container.partial_copy import NotInPartsError
 from dirprim_filter.recording.container.source import copy_in_parts, drop_copy
@@ -20,132 +15,152 @@ from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.losses import ALONE
 from dirprim_filter.recording.reader import TrackResult, read_track_logs
 from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.lattice import square_of
-from dirprim_filter.store.log_files import LogFile
-from dirprim_filter.store.manifest import Entry
-from dirprim_filter.store.steps import HERE
+from dirprim_filter.store.delta import address_of
+from dirprim_filter.store.files import Contents, File
+from dirprim_filter.store.logs import LogFile
+from dirprim_filter.store.rows import Rows
 from dirprim_filter.store.store import Store
-from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.tiles import tiles_of
-from dirprim_filter.store.workers import InProcess, Workers
-from dirprim_filter.track_ids import as_texts
-from dirprim_filter.tracks import Tracks
+from dirprim_filter.store.workers import Workers
+
+EVERY_S = 1.0
+"""A commit: what was read since is read again if this process is killed."""
 
 
 class Receipt(NamedTuple):
-    """What came of a log.
-
-    Attributes:
-        log: it.
-        entry: in the manifest; None where the log cannot be counted.
-        error: why it cannot, in one line; empty where it can.
-    """
+    """What came of a log."""
 
     log: LogFile
-    entry: Entry | None
-    error: str
+    files: list[File]  # written, and not committed yet
+    frame: str
+    error: str  # why it cannot be added, in one line; empty where it can
+
+    @property
+    def n_rows(self) -> int:
+        """Rows that the store has of it."""
+        return sum(file.n_rows for file in self.files if not file.halo)
+
+    @property
+    def is_damaged(self) -> bool:
+        """Whether not all of the log could be read."""
+        return any(file.status == "damaged" for file in self.files)
 
 
 class Added(NamedTuple):
     """What came of all.
 
     Attributes:
+        store: where they are; None where it was to be made, and no log could be read.
         known: logs that were in the store before, unchanged.
         receipts: of the others, in order of their names.
     """
 
+    store: Store | None
     known: int
     receipts: list[Receipt]
 
 
 def add_logs(
-    store: Store,
+    path: str | Path,
     logs: Sequence[LogFile],
     *,
+    config: StoreConfig | None = None,
     workers: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Added:
-    """Add logs that the store does not know; run again after an interruption, it goes on where it was.
+    """Add logs that a store does not know; run again after an interruption, it goes on where it was.
 
     Args:
-        store: it.
-        logs: see `log_files.find_logs`.
-        workers: who summarise them; left out, this process.
+        path: of the store, which is made if it is not there; its first log says in which frame its positions are.
+        logs: see `logs.find_logs`.
+        config: how they are read; left out, as the store's are.
+        workers: who read them; left out, this process.
         progress: called with how many are done, and of how many.
 
     Raises:
-        ValueError: the store is in the memory of this process, and workers are others.
+        ValueError: the store's logs are read otherwise.
         RecordingError: the store cannot be read or written; what is done counts.
     """
-    workers = workers or InProcess()
-    store.check_seen_by(workers)
-    store.tidy()
-    known, there = store.entries_of(log.url for log in logs), store.recording_sizes().keys() | store.archived().keys()
-    new = [log for log in logs if not store.holds(known.get(log.url), log, there)]
+    store = Store.open(path) if Store.is_at(path) else None
+    if store is not None and config is not None:
+        store.check_config(config)
+    config = store.config if store is not None else config or StoreConfig()
+    _ = config.reading  # that logs can be read so is asked before anything is made
+    known = store.contents().entries if store is not None else {}
+    new = [log for log in logs if log.url not in known or known[log.url].mark != log.version]
     receipts: list[Receipt] = []
+    fresh: list[Receipt] = []
+    last_s = time.monotonic()
+    for receipt in _receipts(path, store, config, new, workers or Workers()):
+        if receipt.files and store is None:
+            store = Store.create(path, config, receipt.frame)
+        fresh.append(_in_frame(receipt, store))
+        receipts.append(fresh[-1])
+        if store is not None and (time.monotonic() - last_s > EVERY_S):
+            commit(store, fresh)
+            fresh, last_s = [], time.monotonic()
+        if progress is not None:
+            progress(len(receipts), len(new))
+    if store is not None:
+        commit(store, fresh)
+    return Added(store, len(logs) - len(new), sorted(receipts, key=lambda receipt: receipt.log.url))
+
+
+def commit(store: Store, receipts: list[Receipt]) -> None:
+    """Let logs count, each in the place of what was there of it.
+
+    Raises:
+        RecordingError: the store cannot be written.
+    """
+
+    def change(contents: Contents) -> tuple[list[File], list[File]]:
+        done = [receipt for receipt in receipts if receipt.files]
+        before = [file for receipt in done for file in contents.files.get(receipt.log.url, [])]
+        return [file for receipt in done for file in receipt.files], before
+
+    store.commit(change)
+
+
+def _in_frame(receipt: Receipt, store: Store | None) -> Receipt:
+    """The receipt; an error where the rest of the store is in another frame."""
+    if not receipt.files or store is None:
+        return receipt
     try:
-        for receipt in _receipts(store, new, workers):
-            receipts.append(receipt)
-            if progress is not None:
-                progress(len(receipts), len(new))
-    finally:
-        counted = {receipt.log.url: receipt.entry.rows for receipt in receipts if receipt.entry is not None}
-        store.drop(*(known[url].rows for url, rows in counted.items() if url in known and known[url].rows != rows))
-    if new:
-        store.tidy()  # of workers that were killed
-    store.gather(anew=bool(new))
-    return Added(len(logs) - len(new), sorted(receipts, key=lambda receipt: receipt.log.url))
+        store.check_frame(receipt.log.url, receipt.frame)
+    except ValueError as error:
+        return receipt._replace(files=[], error=str(error))
+    return receipt
 
 
-def _receipts(store: Store, logs: list[LogFile], workers: Workers) -> Iterator[Receipt]:
-    """Of all logs, as they are done; those of this process come until the frame of the store is known."""
-    rest, frame = list(logs), store.frame if logs else None
-    while rest and frame is None:  # the first log in order of names says which it is
-        yield summarise_log(rest.pop(0), store=store, frame=None)
-        frame = store.frame
-    yield from workers.each(partial(summarise_log, store=store, frame=frame), rest)
+def _receipts(
+    path: str | Path, store: Store | None, config: StoreConfig, logs: list[LogFile], workers: Workers
+) -> Iterator[Receipt]:
+    """Of all logs, as they are done; those of this process come until one could be read, and says the frame."""
+    work, rest = partial(_written, path=address_of(path), config=config), list(logs)
+    while rest and store is None:
+        receipt = work(rest.pop(0))
+        yield receipt
+        if receipt.files:
+            break
+    yield from workers.each(work, rest, [f"add-{log.url}-{log.version}-{time.time_ns()}" for log in rest])
 
 
-def summarise_log(log: LogFile, *, store: Store, frame: str | None) -> Receipt:
-    """Write the summary of a log and count it; a log that was finished is not opened.
+def _written(log: LogFile, *, path: str, config: StoreConfig) -> Receipt:
+    """The files of a log; what is wrong with it, the receipt says, and stops no other.
 
-    What is wrong with the log, the receipt says: errors do not stop others.
-
-    Args:
-        log: it.
-        store: where.
-        frame: of the store, which needs not be asked for then; None where it is unknown.
+    Raises:
+        RecordingError: the store cannot be written.
     """
     try:
-        before = store.entry_of(log.url)
-        if before is None or not (store.holds(before, log, {before.rows}) and store.has_recording(before.rows)):
-            return Receipt(log, _counted(log, store, frame, before), "")
-        return Receipt(log, before, "")
+        read = _read(log, config)
+        rows = Rows.of(read.tracks)
     except (RecordingError, OSError, ValueError) as error:
-        return Receipt(log, None, _one_line(log, error))
+        said = " ".join(str(error).split()) or type(error).__name__
+        return Receipt(log, [], "", said if log.url in said else f"{log.url}: {said}")
     finally:
         drop_copy(log.url)
-
-
-def _counted(log: LogFile, store: Store, frame: str | None, before: Entry | None) -> Entry:
-    """The entry of a log, in the place of the one before."""
-    config, read = store.config, _read(log, store.config)
-    if read.frame != frame:
-        store.check_frame(log.url, read.frame)
-    rows = hash_of_rows(read.tracks)
-    if before is not None and before.rows != rows:
-        store.check_single(before)
-    summary = Summary.of(read.tracks, lattice=config.lattice, frame=read.frame)
-    store.write_recording(rows, summary)
-    entry = Entry(
-        url=log.url, size=log.size, mark=log.mark, rows=rows, n_rows=len(read.tracks),
-        n_vehicles=read.tracks.n_tracks, start_ns=int(read.tracks.time_ns[0]), end_ns=int(read.tracks.time_ns[-1]),
-        n_squares=np.unique(square_of(summary.steps.key[:, HERE])).size,
-        tiles=tiles_of(summary.steps.key[:, HERE]).tolist(), config=config.digest,
-        status="damaged" if read.losses.damage or set(read.losses.dropped) - {ALONE} else "whole",
-    )  # fmt: skip
-    store.record(entry)
-    return entry
+    status = "damaged" if read.losses.damage or set(read.losses.dropped) - {ALONE} else "whole"
+    files = Store(path, config, read.frame).write(rows, log=log.url, mark=log.version, status=status)
+    return Receipt(log, files, read.frame, "")
 
 
 def _read(log: LogFile, config: StoreConfig) -> TrackResult:
@@ -168,22 +183,6 @@ def _read_in_parts(log: LogFile, config: StoreConfig) -> TrackResult | None:
     return None
 
 
-def hash_of_rows(tracks: Tracks) -> str:
-    """SHA-256 of what a log says, however it is written: ids, groups, times, positions, directions and speeds."""
-    vehicle, first = tracks.vehicle, tracks.first_rows
-    order = np.lexsort((vehicle, tracks.time_ns))
-    names = list(zip(tracks.group[first].tolist(), as_texts(tracks.track_id[first]).tolist(), strict=True))
-    digest = hashlib.sha256(repr(names).encode())
-    for column in (vehicle, tracks.time_ns, tracks.position, tracks.direction, tracks.speed):
-        digest.update(np.ascontiguousarray(column[order], column.dtype.newbyteorder("<")).tobytes())
-    return digest.hexdigest()
-
-
-def _one_line(log: LogFile, error: Exception) -> str:
-    said = " ".join(str(error).split()) or type(error).__name__
-    return said if log.url in said else f"{log.url}: {said}"
-
-
 def failures(added: Added) -> Iterator[str]:
-    """Why logs could not be counted, a line each."""
+    """Why logs could not be added, a line each."""
     return (receipt.error for receipt in added.receipts if receipt.error)

@@ -1,32 +1,28 @@
-"""How a store's logs are read and counted: fixed when it is made, for only what was counted alike adds up."""
+"""How a store's logs are read: fixed when it is made, for rows that were read differently are not of one map."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-from dataclasses import asdict, dataclass, field
-from functools import lru_cache
-from typing import Any, Self
+from dataclasses import asdict, dataclass
+from typing import Self
 
 from dirprim_filter.recording.reader import FieldMapping, Origin, ReadOptions, TimeSource
-from dirprim_filter.store.lattice import Lattice
 
-FORMAT, BEFORE = 4, 3
-"""Of stores; before, the frame stood in the file of how they are read and counted."""
+FORMAT = 5
+"""Of stores; those before were no Delta tables."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoreConfig:
-    """How logs are read and counted.
+    """How logs are read.
 
     Attributes:
-        topics: as for `read_tracks`, as are the next five.
+        topics: as for `read_tracks`, as are all others.
         time_source: which time of a message counts.
         frame: of the positions.
         fields: where the fields of objects are, as `FieldMapping.parse` takes it.
         origin: latitude,longitude of the plane of satellite positions.
         labels: of the objects that are wanted.
-        lattice: that motion is counted on.
     """
 
     topics: str | None = None
@@ -35,7 +31,6 @@ class StoreConfig:
     fields: str | None = None
     origin: str | None = None
     labels: str | None = None
-    lattice: Lattice = field(default_factory=Lattice)
 
     @property
     def reading(self) -> ReadOptions:
@@ -46,29 +41,22 @@ class StoreConfig:
             origin=Origin.parse(self.origin) if self.origin else None,
         )  # fmt: skip
 
-    def to_json(self) -> dict[str, Any]:
-        """As `from_json` takes it."""
-        return asdict(self)
+    def to_json(self, frame: str) -> str:
+        """With the frame that positions are in, as `from_json` takes it."""
+        return json.dumps({"format": FORMAT, "frame": frame, "config": asdict(self)}, sort_keys=True)
 
     @classmethod
-    def from_json(cls, said: dict[str, Any], version: int) -> Self:
-        """Of what `to_json` gave.
+    def from_json(cls, text: str) -> tuple[Self, str]:
+        """Of what `to_json` gave, and the frame.
 
         Raises:
-            TypeError: other fields.
-            ValueError: a number that is out of range, or another version of stores.
+            ValueError: it is of no store, or of another format.
         """
-        if version not in (BEFORE, FORMAT):
-            raise ValueError(f"format {version}")
-        return cls(**(said | {"lattice": Lattice(**said["lattice"])}))
-
-    @property
-    def digest(self) -> str:
-        """Sixteen hexadecimal digits: the same for the same configuration."""
-        return _digest(self)
-
-
-@lru_cache
-def _digest(config: StoreConfig) -> str:
-    """Asked for with each of many logs."""
-    return hashlib.sha256(json.dumps(config.to_json(), sort_keys=True).encode()).hexdigest()[:16]
+        try:
+            said = json.loads(text)
+            version, frame, config = said["format"], str(said["frame"]), dict(said["config"])
+        except (TypeError, KeyError, ValueError) as error:
+            raise ValueError("no configuration of a store") from error
+        if version != FORMAT:
+            raise ValueError(f"format {version}, this program reads {FORMAT}")
+        return cls(**config), frame

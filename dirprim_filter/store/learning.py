@@ -1,201 +1,257 @@
-"""A map learned from a summary: of steps of pseudo-vehicles, faded by age, by hour, without what few vehicles did."""
+"""A map of a store: `learn_primitives` of the rows of each block, and of those around it; then all blocks as one.
+
+What a block's map follows from has a hash, by which it is kept in the store: what did not change is not learned again.
+"""
 
 from __future__ import annotations
 
-import logging
-from dataclasses import replace
+import hashlib
+import json
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+import dirprim_filter
+import tessellation
+from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives import learn_primitives
-from dirprim_filter.primitives.leader import LeaderResponse
-from dirprim_filter.primitives.leader_learning import LeaderSums
-from dirprim_filter.primitives.motion_learning import modes_of
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.rows import TrackRows
-from dirprim_filter.primitives.schedule import By
-from dirprim_filter.primitives.visits import Visits
-from dirprim_filter.store.by_hour import Strengths, choose_strengths, fit_schedule
-from dirprim_filter.store.fading import Fading, refreshed
-from dirprim_filter.store.lattice import Lattice
-from dirprim_filter.store.pseudo_tracks import APART_NS, pseudo_tracks
-from dirprim_filter.store.steps import WHEN, passed_place, unpacked_when
-from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.tallies import Tally
-from dirprim_filter.store.withholding import withheld
-from dirprim_filter.tracks import Tracks
+from dirprim_filter.recording import load_map, save_map
+from dirprim_filter.store.blocks import Block
+from dirprim_filter.store.files import Contents, File
+from dirprim_filter.store.joining import joined
+from dirprim_filter.store.rows import Rows
+from dirprim_filter.store.sampling import MOST_ROWS, Ageing, Recording, drawn, sample_of
+from dirprim_filter.store.store import FITS, DamagedFileError, GoneError, Store
+from dirprim_filter.store.workers import Workers
+from tessellation import GridTessellation
 
-logger = logging.getLogger(__name__)
+CODE = ("arrays.py", "config.py", "tracks.py", "course.py", "distributions", "primitives", "store")
+"""Of the package, what a block's map follows from, beside the tessellation."""
+MOST_ANEW = 20
+"""Times that learning begins anew while others take logs out."""
 
-MIN_VEHICLES = 5
-MOST_STEPS = 1_000_000
-"""Of pseudo-vehicles drawn evenly from all hours: more tell next to nothing new."""
-MOST_BY_HOUR = 200_000
-"""Of them by which it is chosen how strongly hours lean on all day."""
-PLACE_M = 256.0
-"""Side of the places where held-out vehicles choose, of all vehicles there: of a share of the vehicles everywhere they
-would choose for cells that know little."""
-BLOCK_STEPS = 200_000
-"""At a time become pseudo-vehicles."""
-GOLDEN = 0.6180339887498949
-"""Multiples of it, modulo 1, are spread evenly: every block of them holds its share below any number."""
-
-
-def learn_from_summary(
-    summary: Summary,
-    *,
-    min_vehicles: int = MIN_VEHICLES,
-    fading: Fading | None = None,
-    by: By | None = None,
-    zone: str = "UTC",
-    rng: np.random.Generator,
-    **options: Any,
-) -> PrimitiveMap:
-    """Learn a map: the same for the same summary, however it came together, and the same state of `rng`.
-
-    Args:
-        summary: of recordings.
-        min_vehicles: of what fewer vehicles did at a place the map says nothing; see `withheld`.
-        fading: left out, all recordings count alike. Else weights and mean speeds fade by it, all the rest more slowly;
-            see `Fading.slowly`.
-        by: how weights and mean speeds turn, with the "hour" of the day or of the "week"; left out, not at all.
-        zone: of the clocks that say the hour, such as Europe/Berlin.
-        rng: as for `learn_primitives`.
-        options: others of `learn_primitives`.
-
-    Raises:
-        ValueError: nothing is left to learn from, by hour no two days, or options as for `learn_primitives`.
-    """
-    if min_vehicles < 1:
-        raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
-    visible = visible_tracks(summary, min_vehicles=min_vehicles, fading=fading and fading.slowly)
-    return learn_from_visible(
-        visible, summary.leader_sums, min_vehicles=min_vehicles, fading=fading, by=by, zone=zone, rng=rng, **options
-    ).primitive_map
-
-
-class Visible(NamedTuple):
-    """Pseudo-vehicles that a map is learned from."""
-
-    tracks: Tracks
-    hour: IntArray  # (n_tracks,) since 1970-01-01, in which each came into sight
+Progress = Callable[[int, int], None]
 
 
 class Learned(NamedTuple):
-    """A map, and what its schedule was fitted by, if it has one."""
+    """A map, and what came of its blocks."""
 
     primitive_map: PrimitiveMap
-    strengths: Strengths | None
+    n_blocks: int
+    n_fitted: int  # of them; the others were known
+    n_logs: int
+    n_rows: int
+    digest: str  # of the recordings and of how they were learned from
+    damaged: list[str]  # what could not be read, a line each
 
 
-def learn_from_visible(
-    visible: Visible, sums: LeaderSums, *, min_vehicles: int, fading: Fading | None, by: By | None, zone: str,
-    rng: np.random.Generator, fitted_anew: bool = False, **options: Any,
+class Recipe(NamedTuple):
+    """How blocks are learned."""
+
+    options: dict[str, Any]  # of `learn_primitives`
+    min_vehicles: int
+    half_life_s: float | None
+    now_ms: int | None
+    seed: int
+
+    def key(self, block: Block, files: tuple[File, ...]) -> str:
+        """Of all that a block's map follows from."""
+        said = [asdict(value) if isinstance(value, LearningConfig) else value for value in self.options.values()]
+        holds = [(file.recording, file.digest, file.halo) for file in files]
+        age = (self.half_life_s, self.now_ms)
+        text = json.dumps([block, holds, list(self.options), said, self.min_vehicles, age, self.seed, MOST_ROWS,
+                           code_version()])  # fmt: skip
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Task(NamedTuple):
+    """A block to learn."""
+
+    block: Block
+    files: tuple[File, ...]  # of one recording after the other
+    recipe: Recipe
+    key: str
+
+
+class Done(NamedTuple):
+    """What came of it."""
+
+    block: Block
+    data: bytes  # of the map's file; none where no row is left
+    fitted: bool
+    damaged: list[str]
+
+
+def learn_from_store(
+    store: Store, *, min_vehicles: int = 1, half_life_s: float | None = None, now_ns: int | None = None,
+    workers: Workers | None = None, done: Progress | None = None, seed: int = 0, **options: Any,
 ) -> Learned:  # fmt: skip
-    """As `learn_from_summary`, of pseudo-vehicles and the sums that the response to leaders is learned from.
+    """Learn a map: the same for the same recordings, in whatever order they came and whoever does the work.
 
-    Of a map whose cells are `fitted_anew` afterwards, if they can be, nothing is left out before.
-    """
-    tracks, hour = visible
-    if not len(tracks):
-        raise ValueError(
-            f"summary: expected places that {min_vehicles} vehicles passed the same way, got none; add recordings, or "
-            "ask for fewer vehicles"
-        )
-    learned = learn_primitives(tracks, rng=rng, **options)
-    seen = float(sums.acceleration.weight.sum()) >= min_vehicles
-    leader = sums.response() if seen else LeaderResponse.none()
-    learned = replace(learned, motion=replace(learned.motion, leader=leader))
-    if by is None and ((min_vehicles == 1 and fading is None) or (fitted_anew and learned.refit is not None)):
-        return Learned(learned, None)
-    rows = TrackRows.thinned(tracks, interval_s=0.0)
-    if fitted_anew and learned.refit is not None:  # then visits are for strengths alone
-        rows = rows[at_some_places(rows.position, MOST_BY_HOUR, rng=rng)]
-    visits = Visits.of(rows, learned.tessellation)
-    mode = modes_of(learned, visits)
-    if min_vehicles > 1:
-        learned = withheld(learned, visits, mode, min_vehicles)
-    if fading is not None:
-        learned = refreshed(learned, visits, mode, hour, fading)
-    if by is None:
-        return Learned(learned, None)
-    strengths = choose_strengths(learned, visits, mode, hour, by=by, zone=zone, min_vehicles=min_vehicles)
-    schedule = fit_schedule(
-        learned, visits, mode, hour, strengths, by=by, zone=zone, min_vehicles=min_vehicles
-    )  # fmt: skip
-    return Learned(replace(learned, schedule=schedule), strengths)
-
-
-def at_some_places(position: FloatArray, most: int, *, rng: np.random.Generator) -> BoolArray:
-    """(n,) all rows of places drawn evenly, until there are at least so many. (n, 2) metres."""
-    if len(position) <= most:
-        return np.ones(len(position), np.bool_)
-    places, place = np.unique(np.floor(position / PLACE_M), axis=0, return_inverse=True)
-    order = rng.permutation(len(places))
-    n_rows = np.cumsum(np.bincount(place)[order])
-    return np.isin(place, order[: int(np.searchsorted(n_rows, most)) + 1])
-
-
-def visible_tracks(summary: Summary, *, min_vehicles: int = MIN_VEHICLES, fading: Fading | None = None) -> Visible:
-    """Pseudo-vehicles, where at least so many vehicles passed each place each way; of older ones as many as count.
+    Args:
+        store: of logs.
+        min_vehicles: rows where fewer vehicles passed the same way are left out.
+        half_life_s: seconds, after which a vehicle counts half; left out, all count alike. A block ages as it is seen
+            anew: from its last recording on, or from `now_ns` if that is earlier.
+        now_ns: nanoseconds since 1970-01-01.
+        workers: who learn blocks; left out, this process.
+        done: called with how many blocks are done, and of how many.
+        seed: of what `learn_primitives` draws.
+        options: of `learn_primitives`; what it calls is called in this process alone.
 
     Raises:
-        ValueError: none is left.
+        ValueError: there is nothing to learn from, or options as for `learn_primitives`.
+        RecordingError: the store cannot be read.
     """
-    whens = summary.whens
-    if not len(whens):
-        raise ValueError("summary: expected at least one vehicle, got none; add a recording first")
-    hour, _, _ = unpacked_when(whens.key[:, 0], summary.lattice)
-    share = np.ones(hour.size) if fading is None else fading.share(hour)
-    share *= min(1.0, MOST_STEPS / max(n_steps_left(whens, summary.lattice, fading), 1.0))
-    n_ways, end_ns = 0, 0
-    parts: list[Tracks] = []
-    hours: list[IntArray] = []
-    for first, last in _blocks(whens):
-        steps = summary.steps_of(first, last)
-        tracks, kind = pseudo_tracks(steps, summary.lattice)
-        way = tracks.track_id + n_ways
-        when = np.searchsorted(whens.key[:, 0], steps.key[kind, WHEN])
-        shown = ((way * GOLDEN) % 1.0 < share[when]) & is_passed(tracks, summary.passed, summary.lattice, min_vehicles)
-        parts.append(_shown(replace(tracks, track_id=way), shown, end_ns))
-        hours.append(hour[when[shown]])
-        n_ways, end_ns = n_ways + tracks.n_tracks, end_ns + len(tracks) * APART_NS
-    tracks = Tracks.concatenate(parts)
-    n_steps = int(whens.value[:, 0].sum())
-    logger.info("%d of %d steps of pseudo-vehicles are learned from", len(tracks), n_steps)
-    _, rows = np.unique(tracks.vehicle, return_index=True)
-    return Visible(tracks, np.concatenate(hours)[rows])
+    if min_vehicles < 1:
+        raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
+    recipe = Recipe(options, min_vehicles, half_life_s, None if now_ns is None else now_ns // 1_000_000, seed)
+    for _ in range(MOST_ANEW):
+        contents = store.contents()
+        try:
+            return _learned(store, contents, recipe, workers or Workers(), done)
+        except GoneError as error:
+            gone = error
+    raise gone
 
 
-def n_steps_left(whens: Tally, lattice: Lattice, fading: Fading | None) -> float:
-    """How many steps age leaves; `whens` as of `Summary`."""
-    count = whens.value[:, 0].astype(np.float64)
-    if fading is not None:
-        count *= fading.share(unpacked_when(whens.key[:, 0], lattice)[0])
-    return float(count.sum())
+def _learned(store: Store, contents: Contents, recipe: Recipe, workers: Workers, progress: Progress | None) -> Learned:
+    by_block = files_of_blocks(contents)
+    n_rows = {block: sum(file.n_rows for file in files if not file.halo) for block, files in by_block.items()}
+    if not sum(n_rows.values()):
+        raise ValueError(f"{store}: expected logs to learn from, the store is empty; see `dirprim store add`")
+    blocks = sorted((block for block in by_block if n_rows[block]), key=lambda block: (-n_rows[block], block))
+    done: list[Done] = []
+    calls: dict[str, Any] = {name: recipe.options[name] for name in ("progress", "stage") if name in recipe.options}
+    recipe = recipe._replace(options={k: v for k, v in recipe.options.items() if k not in calls})
+
+    def report(each: Done) -> None:
+        done.append(each)
+        if progress is not None:
+            progress(len(done), len(blocks))
+
+    def task_of(block: Block) -> Task:
+        own = _recipe_of(recipe, by_block[block], n_rows[block] / sum(n_rows.values()))
+        return Task(block, by_block[block], own, own.key(block, by_block[block]))
+
+    chosen = recipe.options.get("tessellation") == "grid" and len(blocks) > 1
+    if chosen and recipe.options.get("n_cells") is not None:
+        raise ValueError(
+            f"{store}: is of {len(blocks)} blocks, whose squares are of one size; give --cell-size instead"
+        )
+    if chosen and recipe.options.get("cell_size") is None:  # the block with the most rows chooses it for all
+        first = fitted(task_of(blocks[0]), store=store, calls=calls)
+        report(first)
+        found = _map_of(first.data).tessellation if first.data else None
+        if isinstance(found, GridTessellation):
+            recipe = recipe._replace(options=recipe.options | {"cell_size": found.cell_size})
+    tasks = [task_of(block) for block in blocks[len(done) :]]
+    work = partial(fitted, store=store, calls=calls if workers.in_process else {})
+    for each in workers.each(work, tasks, [f"fit-{task.key}" for task in tasks]):
+        report(each)
+    maps = {each.block: _map_of(each.data) for each in sorted(done, key=lambda each: each.block) if each.data}
+    if not maps:
+        raise ValueError(
+            f"{store}: expected places that {recipe.min_vehicles} vehicles passed the same way, got none; add logs, or "
+            "ask for fewer vehicles"
+        )
+    entries = contents.recordings()
+    digest = hashlib.sha256(json.dumps([[entry.recording, *sorted(f.digest for f in entry.files)] for entry in entries])
+                            .encode()).hexdigest()  # fmt: skip
+    return Learned(
+        joined(maps), len(blocks), sum(each.fitted for each in done), len(contents.entries), sum(n_rows.values()),
+        digest,
+        sorted({*contents.damaged, *(line for each in done for line in each.damaged)}),
+    )  # fmt: skip
 
 
-def _shown(tracks: Tracks, shown: BoolArray, begin_ns: int) -> Tracks:
-    """Some rows of pseudo-vehicles, apart in time wherever one was left out: else learning would fill it in."""
-    row = np.flatnonzero(shown)
-    lasts = np.where(np.diff(row) == 1, np.diff(tracks.time_ns[row]), APART_NS)
-    return replace(tracks[row], time_ns=begin_ns + np.cumsum(np.append(0, lasts))[: row.size])
+def _recipe_of(recipe: Recipe, files: tuple[File, ...], share: float) -> Recipe:
+    """Of a block that has such a share of all rows."""
+    n_cells, now_ms = recipe.options.get("n_cells"), None
+    if recipe.half_life_s is not None:
+        end_ms = max(file.end_ms for file in files)
+        now_ms = end_ms if recipe.now_ms is None else min(end_ms, recipe.now_ms)
+    options = recipe.options if n_cells is None else recipe.options | {"n_cells": max(1, round(n_cells * share))}
+    return recipe._replace(options=options, now_ms=now_ms)
 
 
-def _blocks(whens: Tally) -> list[tuple[int, int]]:
-    """First and last of some hours and folds, of about `BLOCK_STEPS` steps: all at once may be too many."""
-    before = np.cumsum(whens.value[:, 0]) - whens.value[:, 0]
-    begins = np.flatnonzero(np.diff(before // BLOCK_STEPS, prepend=-1) > 0)
-    when = whens.key[:, 0]
-    return list(zip(when[begins].tolist(), when[np.append(begins[1:], when.size) - 1].tolist(), strict=True))
+def files_of_blocks(contents: Contents) -> dict[Block, tuple[File, ...]]:
+    """Of each block, one recording after the other."""
+    found: defaultdict[Block, list[File]] = defaultdict(list)
+    for entry in contents.recordings():
+        for file in entry.files:
+            found[file.block].append(file)
+    return {block: tuple(files) for block, files in found.items()}
 
 
-def is_passed(tracks: Tracks, passed: Tally, lattice: Lattice, min_vehicles: int) -> BoolArray:
-    """(n,) where so many vehicles passed the place the way the row does; `passed` as of `Summary`."""
-    state, _ = lattice.states(tracks.position, tracks.direction, tracks.speed)
-    place = passed_place(state, lattice)
-    known = passed.key[:, 0]
-    at = np.minimum(np.searchsorted(known, place), max(known.size - 1, 0))
-    return np.asarray((known[at] == place) & (passed.value[at, 0] >= min_vehicles))
+def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
+    """A block's map: the one that is known by its key, or else a new one, known from now on.
+
+    Raises:
+        GoneError: a log was taken out meanwhile.
+        RecordingError: the store cannot be read or written.
+    """
+    path = f"{FITS}/{task.block}/{task.key}.mcap"
+    known = store.get(path)
+    if known is not None and hashlib.sha256(known[32:]).digest() == known[:32]:
+        return Done(task.block, known[32:], False, [])
+    damaged: list[str] = []
+    recipe = task.recipe
+    ageing = None if recipe.half_life_s is None else Ageing(recipe.half_life_s, recipe.now_ms or 0)
+    left, n_vehicles = drawn(_recordings(store, task.files, damaged))
+    sample = sample_of(left, n_vehicles, min_vehicles=recipe.min_vehicles, ageing=ageing)
+    data = b""
+    if len(sample.tracks):
+        rng = np.random.default_rng(recipe.seed)
+        data = _file_of(learn_primitives(sample.tracks, weight=sample.weight, rng=rng, **recipe.options, **calls))
+    if not damaged:
+        store.put(path, hashlib.sha256(data).digest() + data)
+    return Done(task.block, data, True, damaged)
+
+
+def _recordings(store: Store, files: tuple[File, ...], damaged: list[str]) -> Iterator[Recording]:
+    """The rows of each recording, inside and around a block; one that is damaged is left out, and named."""
+    by_name: defaultdict[str, list[File]] = defaultdict(list)
+    for file in files:
+        by_name[file.recording].append(file)
+    for name, own in by_name.items():
+        try:
+            yield Recording(name, Rows.together([store.read(file) for file in own]))
+        except DamagedFileError as error:
+            damaged.append(str(error))
+
+
+def _file_of(primitive_map: PrimitiveMap) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "map.mcap"
+        save_map(primitive_map, path)
+        return path.read_bytes()
+
+
+def _map_of(data: bytes) -> PrimitiveMap:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "map.mcap"
+        path.write_bytes(data)
+        return load_map(path)
+
+
+@cache
+def code_version() -> str:
+    """A hash of the code that a block's map follows from."""
+    digest = hashlib.sha256()
+    for package, names in ((dirprim_filter, CODE), (tessellation, (".",))):
+        (root,) = package.__path__
+        for path in sorted(each for name in names for each in _sources(Path(root) / name)):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _sources(path: Path) -> list[Path]:
+    return [path] if path.is_file() else list(path.rglob("*.py"))

@@ -1,343 +1,309 @@
-"""A store: a folder, here or far away, of summaries, one for each recording, and a manifest of their logs.
+"""A store of many logs' rows: a Delta table, whose commits take place as a whole or not at all.
 
-    STORE/store.json                  how logs are read and counted
-    STORE/frame.json                  the frame of their positions, from the first on
-    STORE/logs/HASH-OF-URL.json       the manifest
-    STORE/recordings/HASH-OF-ROWS.parquet
-    STORE/archives/HASH.json          which recordings count together, as recordings/HASH.parquet
-
-What counts are the archives, and of the recordings that the manifest names those that are in none, each once. A
-recording is written before the manifest or an archive names it, and every file is there when it is whole (`folder`): so
-whatever is killed, nothing half counts. How logs are read and counted, and their frame, are written once: of two who
-begin at the same time, the second is refused or follows the first.
+Every file of the table holds some rows of one recording, in one block of the ground or in its halo; what else is known
+of a log stands in the columns that the table is partitioned by, in its transaction log. So to list ten thousand logs
+opens none of their files, and to forget one writes none anew. Files have the SHA-256 of what they hold in their names,
+and whatever is read is compared with it.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Container, Iterable
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, fields
-from os import PathLike
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Any, Self
+from uuid import uuid4
+
+import numpy as np
 
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.store.archive import ARCHIVES, Archive
-from dirprim_filter.store.config import FORMAT, StoreConfig
-from dirprim_filter.store.folder import Folder, LocalFolder, folder_at
-from dirprim_filter.store.knots import Knots
-from dirprim_filter.store.log_files import LogFile
-from dirprim_filter.store.manifest import MANIFEST, Entry
-from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.table import write_knots, write_summary
-from dirprim_filter.store.workers import Workers
+from dirprim_filter.store.blocks import Block, blocks_near
+from dirprim_filter.store.config import StoreConfig
+from dirprim_filter.store.delta import address_of, asked, shown
+from dirprim_filter.store.files import COLUMNS, PARTITIONS, Contents, File, contents_of, partition_of, statistics_of
+from dirprim_filter.store.rows import Rows
 
-if TYPE_CHECKING:
-    from dirprim_filter.store.remote_folder import RemoteFile
-
-CONFIG_FILE, FRAME_FILE, RECORDINGS = "store.json", "frame.json", "recordings"
-PARTS = (MANIFEST, RECORDINGS, ARCHIVES)
-ROWS = ".parquet"
-MERGED_AT_ONCE = 8
-"""Recordings, whose files are held in memory."""
+FITS = "_fits"
+"""Folder of what was fitted; Delta leaves alone what begins so."""
+MOST_COMMITS = 200
+"""Tries, while others commit."""
+ORPHANS_H = 24
+"""After so many hours a file that was never committed is what a killed process left."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+class DamagedFileError(RecordingError):
+    """A file of a store is not what was written."""
+
+
+class GoneError(RecordingError):
+    """A file is no more: another process has taken its log out."""
+
+
+Change = Callable[[Contents], tuple[Iterable[File], Iterable[File]]]
+"""What to add and what to remove."""
+
+
+@dataclass(frozen=True)
 class Store:
-    """A store that exists.
+    """A table, by its path or URL; small, so that workers are sent it.
 
     Attributes:
-        folder: where its files are.
-        config: how its logs are read and counted.
+        path: of a folder, or a URL of an object store.
+        config: how its logs are read.
+        frame: of the positions.
     """
 
-    folder: Folder
+    path: str
     config: StoreConfig
+    frame: str
 
     @classmethod
-    def open(cls, path: str | PathLike[str]) -> Self:
-        """A store that is there: its folder, or a URL that fsspec knows, such as s3://bucket/fleet.
+    def is_at(cls, path: str | Path) -> bool:
+        """Whether there is one.
 
         Raises:
-            RecordingError: there is none, or of another version, or its server cannot be asked.
+            RecordingError: it cannot be asked.
         """
-        folder = folder_at(path)
-        try:
-            said = json.loads(folder.read(CONFIG_FILE))
-            return cls(folder=folder, config=StoreConfig.from_json(said["config"], said["format"]))
-        except (FileNotFoundError, NotADirectoryError):
-            raise RecordingError(f"{folder}: expected a store, found none; make one with `dirprim store add`") from None
-        except (ValueError, TypeError, KeyError) as error:
-            raise RecordingError(f"{folder}/{CONFIG_FILE}: expected a store of format {FORMAT}, got {error}") from error
+        ask = address_of(path)
+        return not Path(ask).is_file() and bool(asked(path, lambda delta: delta.DeltaTable.is_deltatable(ask)))
 
     @classmethod
-    def create(cls, path: str | PathLike[str], config: StoreConfig) -> Self:
-        """A new store, where nothing is yet.
-
-        Args:
-            path: as for `open`.
-            config: how its logs will be read and counted.
+    def open(cls, path: str | Path) -> Self:
+        """One that is there.
 
         Raises:
-            RecordingError: other files are there, or the server cannot be asked.
-            OSError: it cannot be made.
+            RecordingError: there is none, or one that cannot be read.
         """
-        folder = folder_at(path)
-        said = json.dumps({"format": FORMAT, "config": config.to_json()}, sort_keys=True, indent=1).encode()
-        if folder.is_free():
-            folder.make("")
-            if folder.create(CONFIG_FILE, said):
-                folder.make(MANIFEST, RECORDINGS)
-                return cls(folder=folder, config=config)
-        raise RecordingError(f"{folder}: expected a store or an empty folder, found other files; choose another")
-
-    @staticmethod
-    def is_at(path: str | PathLike[str]) -> bool:
-        """Whether there is one, of whatever version.
-
-        Raises:
-            RecordingError: a server cannot be asked.
-        """
-        return folder_at(path).has(CONFIG_FILE)
-
-    @property
-    def path(self) -> Path | str:
-        """Its folder, or its URL."""
-        return self.folder.path if isinstance(self.folder, LocalFolder) else str(self.folder)
-
-    @property
-    def frame(self) -> str | None:
-        """Of all positions; None while there is no recording. Once it is known it stays.
-
-        Raises:
-            RecordingError: its file is damaged.
-        """
-        found = self.folder.read_some([FRAME_FILE, CONFIG_FILE])
+        if not cls.is_at(path):
+            raise RecordingError(f"{shown(path)}: expected a store, found none; `dirprim store add` makes one")
+        table = asked(path, lambda delta: delta.DeltaTable(address_of(path)))
         try:
-            if FRAME_FILE in found:
-                return str(json.loads(found[FRAME_FILE])["frame"])
-            frame = json.loads(found[CONFIG_FILE]).get("frame")  # of stores of before
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise RecordingError(f"{self._named(FRAME_FILE)}: expected a frame, got {error!r}; restore it") from error
-        return None if frame is None else str(frame)
+            config, frame = StoreConfig.from_json(table.metadata().description or "")
+        except (ValueError, TypeError) as error:
+            raise RecordingError(f"{shown(path)}: expected a store, got {error}; add its logs to a new one") from error
+        return cls(address_of(path), config, frame)
 
-    def entries(self) -> list[Entry]:
-        """The logs that were added, in order of their URLs."""
-        found = self.folder.read_all(MANIFEST)
-        return sorted((Entry.from_json(data, self._named(name)) for name, data in found.items()), key=lambda e: e.url)
-
-    def entries_of(self, urls: Iterable[str]) -> dict[str, Entry]:
-        """Those of some logs by their URLs, but for logs that were not added."""
-        names = {Entry.file_of(url): url for url in urls}
-        found = self.folder.read_some(names)
-        return {names[name]: Entry.from_json(data, self._named(name)) for name, data in found.items()}
-
-    def archives(self) -> list[Archive]:
-        """Recordings that count together, in order of their names."""
-        found = self.folder.read_all(ARCHIVES)
-        return [Archive.from_json(data, self._named(name)) for name, data in sorted(found.items())]
-
-    def archived(self) -> dict[str, str]:
-        """The recordings that do not count by themselves, and the name of the archive of each."""
-        return {rows: archive.name for archive in self.archives() for rows in archive.recordings}
-
-    def recorded(self) -> dict[str, list[list[int]]]:
-        """What counts, recordings by the hashes of their rows and archives by their names, and the tiles of each."""
-        archives = self.archives()
-        archived = {rows for archive in archives for rows in archive.recordings}
-        single = {entry.rows: entry.tiles for entry in self.entries() if entry.rows not in archived}
-        return single | {archive.name: archive.tiles for archive in archives}
-
-    def rows(self) -> list[str]:
-        """The names of what counts, see `recorded`, in order."""
-        return sorted(self.recorded())
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the names of the recordings, and of how they were counted: what is learned depends on no more."""
-        return hashlib.sha256(repr((self.config.digest, self.frame, self.rows())).encode()).hexdigest()
-
-    def recording(self, rows: str) -> Path | RemoteFile:
-        """The file of a recording, by the hash of its rows, or of an archive by its name; to be read by `open`."""
-        return self.folder.file(_recording(rows))
-
-    def has_recording(self, rows: str) -> bool:
-        """Whether that file is there."""
-        return self.folder.has(_recording(rows))
-
-    def recording_sizes(self) -> dict[str, int]:
-        """Bytes of the files of recordings and archives that are there, whether they count or not."""
-        return {
-            name.rpartition("/")[2].removesuffix(ROWS): size for name, size in self.folder.sizes(RECORDINGS).items()
-        }
-
-    def write_recording(self, rows: str, summary: Summary) -> None:
-        """Write what `recording` is."""
-        with self.folder.new_file(_recording(rows)) as file:
-            write_summary(summary, file)
-
-    def holds(self, entry: Entry | None, log: LogFile, there: Container[str]) -> bool:
-        """Whether an entry is of a log as it is now, counted as this store counts, and its recording is there.
-
-        Args:
-            entry: None of a log that is not known.
-            log: it.
-            there: recordings that are there, by themselves or in archives.
-        """
-        return (
-            entry is not None and log.mark != "" and entry.config == self.config.digest and entry.rows in there
-            and (entry.url, entry.size, entry.mark) == (log.url, log.size, log.mark)
-        )  # fmt: skip
-
-    def record(self, entry: Entry) -> None:
-        """Count a log, in the place of what was counted of it, whose recording is written and its frame checked."""
-        self._write(entry)
-
-    def archive(self, archive: Archive, knots: Knots, summary: Summary) -> None:
-        """Let recordings count together, and no longer by themselves: as a summary, whose steps follow from knots."""
-        with self.folder.new_file(_recording(archive.name)) as file:
-            write_knots(knots, summary, file)
-        self.folder.write({archive.file: archive.to_json()})
-        self.folder.remove(*map(_recording, archive.recordings))
-
-    def check_frame(self, url: str, frame: str) -> None:
-        """Whether positions can be counted beside those of the store; the first log's frame becomes the store's.
+    @classmethod
+    def create(cls, path: str | Path, config: StoreConfig, frame: str) -> Self:
+        """A new one; of two who make it at once, one does, and the other takes that.
 
         Raises:
-            ValueError: they cannot.
+            RecordingError: it cannot be made.
+            ValueError: another made one at the same time, that reads otherwise.
         """
-        ours = self.frame
-        if ours is None:
-            self.folder.create(FRAME_FILE, json.dumps({"frame": frame}).encode())
-            ours = self.frame  # of who came first
-        if ours != frame:
-            raise ValueError(
-                f"{url}: expected positions in frame {ours!r} as in the rest of the store, got {frame!r}; use another "
-                "store, or another --frame or --origin for this one from its first log on"
-            )
+        try:
+            asked(path, lambda delta: delta.DeltaTable.create(
+                address_of(path), delta.Schema.from_arrow(COLUMNS), mode="error", partition_by=list(PARTITIONS),
+                description=config.to_json(frame),
+            ))  # fmt: skip
+        except RecordingError:
+            if not cls.is_at(path):
+                raise
+        made = cls.open(path)
+        made.check_config(config)
+        made.check_frame(made.path, frame)
+        return made
 
-    def entry_of(self, url: str) -> Entry | None:
-        """The entry of a log; None where it was not added."""
-        return self.entries_of([url]).get(url)
+    def __str__(self) -> str:
+        return shown(self.path)
 
-    def forget(self, *urls: str) -> list[Entry]:
-        """Take logs out: the rest is what it would be had they never been added.
-
-        Raises:
-            ValueError: one is not in the store, or in an archive of which others stay.
-        """
-        found = self.entries_of(urls)
-        for url in urls:
-            if url not in found:
-                raise ValueError(f"{url}: is not in the store; `dirprim store info {self.path}` lists what is")
-        gone = [found[url] for url in dict.fromkeys(urls)]
-        left = {entry.rows for entry in self.entries() if entry.url not in found}
-        empty = [a for a in self.archives() if left.isdisjoint(a.recordings)]
-        ends = {rows for archive in empty for rows in archive.recordings}
-        for entry in gone:
-            if entry.rows not in left | ends:
-                self.check_single(entry)
-        for archive in empty:
-            self.folder.remove(archive.file)
-            self.folder.remove(_recording(archive.name))
-        self.folder.remove(*(Entry.file_of(entry.url) for entry in gone))
-        self.drop(*(entry.rows for entry in gone))
-        self.gather()
-        return gone
-
-    def check_single(self, entry: Entry) -> None:
-        """Whether a log can be taken out, or another be counted in its place.
-
-        Raises:
-            ValueError: it is archived.
-        """
-        of = {rows: archive for archive in self.archives() for rows in archive.recordings}.get(entry.rows)
-        if of is not None:
-            raise ValueError(
-                f"{entry.url}: `store compact` made one of {len(of.recordings)} recordings of {of.month}; none can be "
-                "taken out or replaced alone: forget all logs of that month together"
-            )
-
-    def merge(self, other: Store) -> int:
-        """Add all recordings of another store; -> how many logs are new.
-
-        Raises:
-            ValueError: it was read or counted otherwise, is in another frame, holds another version of a log, or in an
-                archive what is here by itself or in another.
-        """
-        self.check_config(other.config)
-        theirs = other.entries()
-        if theirs:
-            self.check_frame(str(other.path), other.frame or "")
-        mine = {entry.url: entry for entry in self.entries()}
-        for entry in theirs:
-            if entry.url in mine and mine[entry.url].rows != entry.rows:
-                raise ValueError(f"{entry.url}: the stores hold two versions of it; forget one of them first")
-        ours, here = {archive.name for archive in self.archives()}, set(self.recorded()) | set(self.archived())
-        archives = [archive for archive in other.archives() if archive.name not in ours]
-        for archive in archives:
-            if not here.isdisjoint(archive.recordings):
-                raise ValueError(
-                    f"{other.path}: holds {archive.month} in an archive with recordings that {self.path} holds "
-                    "otherwise; merge stores before they are compacted"
-                )
-        missing = sorted(_recording(name) for name in other.recorded().keys() - here)
-        for i in range(0, len(missing), MERGED_AT_ONCE):
-            self.folder.write({name: other.folder.read(name) for name in missing[i : i + MERGED_AT_ONCE]})
-        self.folder.write({archive.file: archive.to_json() for archive in archives})
-        new = [entry for entry in theirs if entry.url not in mine]
-        self._write(*new)
-        self.gather()
-        return len(new)
-
-    def check_config(self, asked: StoreConfig) -> None:
-        """Whether logs read and counted so can be added.
+    def check_config(self, config: StoreConfig) -> None:
+        """Whether logs read so can be added.
 
         Raises:
             ValueError: they cannot.
         """
         for field in fields(StoreConfig):
-            ours, theirs = getattr(self.config, field.name), getattr(asked, field.name)
+            ours, theirs = getattr(self.config, field.name), getattr(config, field.name)
             if ours != theirs:
-                raise ValueError(f"{self.path}: expected {field.name} {ours}, as its logs are counted, got {theirs}")
+                raise ValueError(f"{self}: expected {field.name} {ours}, as its logs are read, got {theirs}")
 
-    def check_seen_by(self, workers: Workers) -> None:
-        """Whether workers see what this process does.
+    def check_frame(self, log: str, frame: str) -> None:
+        """Whether a log's positions are in the frame of the others.
 
         Raises:
-            ValueError: they do not.
+            ValueError: they are not.
         """
-        if not (workers.in_process or self.folder.is_shared):
+        if frame != self.frame:
             raise ValueError(
-                f"{self.path}: is in the memory of this process, and --workers and --scheduler see nothing of it; use "
-                "--workers 1, or a store in a folder"
+                f"{log}: expected positions in frame {self.frame!r} as in the rest of the store, got {frame!r}; use "
+                "another store, or another --frame or --origin for this one from its first log on"
             )
 
+    def contents(self) -> Contents:
+        """What it holds now.
+
+        Raises:
+            RecordingError: it cannot be read.
+        """
+        return contents_of(self._table(), str(self))
+
+    def commit(self, change: Change) -> None:
+        """Add and remove files at once, by what the table holds then; then those that were removed are deleted.
+
+        Args:
+            change: called anew where another process committed something in between.
+
+        Raises:
+            RecordingError: the table cannot be written, or others never let it be.
+        """
+        for attempt in range(MOST_COMMITS):
+            table = self._table()
+            added, removed = (list(files) for files in change(contents_of(table, str(self))))
+            if not added and not removed:
+                return
+            if self._committed(table, added, removed):
+                break
+            time.sleep(0.01 * (1 + uuid4().int % (4 + attempt)))
+        else:
+            raise RecordingError(f"{self}: others commit all the time; run again")
+        for file in removed:
+            with suppress(OSError):  # what stays is what no one knows of
+                self._folder.delete_file(file.path)
+        for block in {file.block for file in (*added, *removed)}:  # what was learned there is not asked for any more
+            with suppress(OSError):
+                self._folder.delete_dir(f"{FITS}/{block}")
+
     def tidy(self) -> None:
-        """Remove what killed processes left."""
-        self.folder.remove_parts(*PARTS, ".")
-        if archived := self.archived():
-            self.folder.remove(*map(_recording, sorted(archived.keys() & self.recording_sizes().keys())))
+        """Delete what processes left that were killed before they committed, unless others commit meanwhile."""
+        with suppress(RecordingError):
+            table = self._table()
+            asked(self.path, lambda _: table.vacuum(
+                ORPHANS_H, dry_run=False, enforce_retention_duration=False, full=True
+            ))  # fmt: skip
 
-    def gather(self, *, anew: bool = True) -> None:
-        """Let others read the manifest fast; `anew` if entries came or went."""
-        self.folder.gather(MANIFEST, anew=anew)
+    def write(
+        self, rows: Rows, *, log: str, mark: str, status: str, recording: str | None = None,
+        span: tuple[int, int] = (0, 0),
+    ) -> list[File]:  # fmt: skip
+        """Write the files of a log, which count once they are committed; of no rows one, so that the log stays known.
 
-    def drop(self, *recordings: str) -> None:
-        """Remove recordings that do not count by themselves, or no more."""
-        if recordings:
-            counts = self.recorded()
-            self.folder.remove(*(_recording(rows) for rows in recordings if rows not in counts))
+        Args:
+            rows: of the log.
+            log: its URL or absolute path.
+            mark: its size, and its ETag or time of change.
+            status: whether all of it could be read.
+            recording: `Rows.digest` of all its rows, where not all are left.
+            span: milliseconds, from when to when it is, where none is left.
 
-    def _named(self, name: str) -> str:
-        """A file of it, as users know it."""
-        return f"{self.folder}/{name}"
+        Raises:
+            RecordingError: they cannot be written.
+        """
+        recording, added, files = recording or rows.digest, f"{time.time_ns():020d}-{uuid4().hex}", []
+        near = blocks_near(rows.position) if len(rows) else [(Block(0, 0), np.ones(0, np.bool_), np.ones(0, np.bool_))]
+        for block, inside, around in near:
+            for halo, chosen in ((False, inside), (True, around)):
+                if halo if not len(rows) else not chosen.any():
+                    continue
+                some = rows.some(chosen)
+                data = some.to_parquet()
+                path = f"rows/{uuid4().hex}-{hashlib.sha256(data).hexdigest()}.parquet"
+                self.put(path, data)
+                times = some.t_ms if len(some) else np.array(span)
+                files.append(File(
+                    path, len(data), log, mark, recording, added, status, block, halo, len(some),
+                    int(some.track.max(initial=-1)), int(times.min()), int(times.max()),
+                ))  # fmt: skip
+        return files
 
-    def _write(self, *entries: Entry) -> None:
-        """Put entries into the manifest, in the place of what was there of their logs."""
-        self.folder.write({Entry.file_of(entry.url): entry.to_json() for entry in entries})
+    def read(self, file: File) -> Rows:
+        """The rows of a file.
+
+        Raises:
+            DamagedFileError: they are not those that were written.
+            GoneError: the file is no more.
+            RecordingError: it cannot be read.
+        """
+        data = self.get(file.path)
+        if data is None and file not in self.contents().files.get(file.log, []):
+            raise GoneError(f"{self}: {file.path} of {file.log} is no more")
+        try:
+            rows = _rows_of(file, data or b"")
+        except ValueError as error:
+            raise DamagedFileError(
+                f"{self}: {file.log} is damaged in the store, in {file.path}: {error}; forget it, and add it again"
+            ) from error
+        return rows
+
+    def put(self, path: str, data: bytes) -> None:
+        """Write a file as a whole.
+
+        Raises:
+            RecordingError: it cannot be written.
+        """
+
+        def write(_: Any) -> None:
+            stream = self._folder.open_output_stream(path)
+            stream.write(data)
+            stream.close()
+
+        asked(self.path, write)
+
+    def get(self, path: str) -> bytes | None:
+        """What a file holds; None where there is none.
+
+        Raises:
+            RecordingError: it cannot be read.
+        """
+
+        def read(_: Any) -> bytes | None:
+            try:
+                stream = self._folder.open_input_file(path)
+            except FileNotFoundError:
+                return None
+            return bytes(stream.read(stream.size()))
+
+        found: bytes | None = asked(self.path, read)
+        return found
+
+    def _table(self) -> Any:
+        return asked(self.path, lambda delta: delta.DeltaTable(self.path))
+
+    @cached_property
+    def _folder(self) -> Any:
+        from deltalake._internal import DeltaFileSystemHandler  # noqa: PLC0415 (pyarrow's wrapper of it cannot write)
+
+        if "://" not in self.path:
+            Path(self.path).mkdir(parents=True, exist_ok=True)
+        return DeltaFileSystemHandler(self.path)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def _committed(self, table: Any, added: list[File], removed: list[File]) -> bool:
+        """Whether nothing else was, that contradicts it."""
+        from deltalake.exceptions import CommitFailedError  # noqa: PLC0415 (an extra)
+        from deltalake.transaction import AddAction, RemoveAction  # noqa: PLC0415
+
+        now = time.time_ns() // 1_000_000
+        actions: list[Any] = [
+            AddAction(file.path, file.size, partition_of(file), now, True, statistics_of(file)) for file in added
+        ]
+        actions += [RemoveAction(path=file.path, data_change=True, deletion_timestamp=now) for file in removed]
+
+        def commit(delta: Any) -> bool:
+            try:
+                table.create_write_transaction(actions, "append", delta.Schema.from_arrow(COLUMNS), list(PARTITIONS))
+            except CommitFailedError:
+                return False
+            return True
+
+        return bool(asked(self.path, commit))
 
 
-def _recording(rows: str) -> str:
-    return f"{RECORDINGS}/{rows}{ROWS}"
+def _rows_of(file: File, data: bytes) -> Rows:
+    """The rows in the bytes of a file.
+
+    Raises:
+        ValueError: they are not those that were written.
+    """
+    if hashlib.sha256(data).hexdigest() != file.digest:
+        raise ValueError("other bytes than were written")
+    rows = Rows.from_parquet(data)
+    if len(rows) != file.n_rows:
+        raise ValueError(f"{len(rows)} rows in place of {file.n_rows}")
+    return rows

@@ -96,7 +96,6 @@ MECHANISMS: dict[str, Mechanism] = {
     "ends by the map": Mechanism(scenes=UNNAMED, strip=without_ends),
     "curved primitives": Mechanism(scenes=LEARNED, learning={"primitive": "flat"}),
     "joint cells (even ones instead)": Mechanism(scenes=LEARNED, learning={"tessellation": "voronoi"}),
-    "borrowed layouts": Mechanism(scenes=LEARNED, learning={"lenders": ()}),
     "choice of prior weights": Mechanism(scenes=LEARNED, learning={"config": ONE_PRIOR}),
 }  # fmt: skip
 STATISTICS = {

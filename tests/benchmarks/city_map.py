@@ -54,7 +54,7 @@ def city(one: PrimitiveMap, n: int) -> PrimitiveMap:
             concentration=rows(one.direction.concentration),
         ),
         speed=Gamma(shape=rows(one.speed.shape), rate=rows(one.speed.rate)),
-        n_rows=rows(one.n_rows), n_place_free_modes=one.n_place_free_modes, n_borrowed_modes=one.n_borrowed_modes,
+        n_rows=rows(one.n_rows), n_place_free_modes=one.n_place_free_modes,
         bend=rows(one.bend), gain=rows(one.gain), motion=motion_of(one.motion, one.tessellation.n_cells, n),
     )  # fmt: skip
 

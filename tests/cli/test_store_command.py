@@ -20,33 +20,34 @@ def logs(tmp_path, monkeypatch):
 
 def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
     assert run(["store", "add", "fleet", "*.mcap"]) == 0
-    assert "added 2 logs, 480 rows; 0 known, 0 failed" in capsys.readouterr().out
+    assert "added 2 logs, 240 rows; 0 known, 0 failed" in capsys.readouterr().out
     assert run(["store", "add", "fleet", "0.mcap", "1.mcap"]) == 0
     assert "added 0 logs, 0 rows; 2 known" in capsys.readouterr().out
     assert run(["store", "info", "fleet", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rows"] == 480
+    assert json.loads(capsys.readouterr().out)["rows"] == 240
     grid = ["--tessellation", "grid", "--cell-size", "10"]
     assert run(["store", "learn", "fleet", "-o", "map.mcap", "--min-vehicles", "3", *grid]) == 0
-    assert "from 2 logs, 480 rows" in capsys.readouterr().out
+    assert "from 2 logs, 240 rows; 1 of 1 block learned anew" in capsys.readouterr().out
     assert run(["store", "merge", "other", "fleet"]) == 0
     assert run(["store", "learn", "other", "-o", "same.mcap", "--min-vehicles", "3", *grid]) == 0
     assert (logs / "map.mcap").read_bytes() == (logs / "same.mcap").read_bytes()
     assert load_map("map.mcap").motion.n_placed > 0
     before = (logs / "map.mcap").read_bytes()
-    assert run(["update", "map.mcap", "fleet", "-o", "copy.mcap"]) == 0
-    assert run(["update", "map.mcap", "fleet"]) == 0
-    assert "0 of " in capsys.readouterr().out
+    assert run(["store", "update", "map.mcap", "fleet", "-o", "copy.mcap"]) == 0
+    assert run(["store", "update", "map.mcap", "fleet"]) == 0
+    assert "0 of 1 block learned anew" in capsys.readouterr().out
     assert before == (logs / "map.mcap").read_bytes() == (logs / "copy.mcap").read_bytes()
-    assert run(["update", "map.mcap", "fleet", "-o", "copy.mcap"]) == 1
+    assert run(["store", "update", "map.mcap", "fleet", "-o", "copy.mcap"]) == 1
     assert "copy.mcap" in capsys.readouterr().err
     assert run(["store", "forget", "fleet", "0.mcap"]) == 0
     assert run(["update", "copy.mcap", "fleet"]) == 0
+    assert "`dirprim update` is now `dirprim store update`" in capsys.readouterr().err
     assert (logs / "copy.mcap").read_bytes() != before
-    assert run(["update", "copy.mcap", "other"]) == 0
+    assert run(["store", "update", "copy.mcap", "other"]) == 0
     assert (logs / "copy.mcap").read_bytes() == before
     capsys.readouterr()
     assert run(["store", "info", "fleet"]) == 0
-    assert "1 log of 1 recording, 240 rows, 6 vehicles" in capsys.readouterr().out
+    assert "1 log of 1 recording, 120 rows, 6 vehicles" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -57,13 +58,11 @@ def test_a_store_is_made_told_learned_from_and_forgotten_from(logs, capsys):
         (["learn", "fleet", "-o", "m.mcap", "--topics", "x"], "fixes how its logs are read"),
         (["store", "learn", "0.mcap", "-o", "m.mcap"], "expected a store"),
         (["store", "learn", "fleet", "-o", "m.mcap", "--now", "3"], "expected --half-life with it"),
-        (["store", "learn", "fleet", "-o", "m.mcap", "--zone", "UTC"], "expected --by with it"),
-        (["store", "compact", "fleet", "--before", "soon"], "'soon': expected nanoseconds"),
         (["store", "add", "fleet", "1.mcap", "--frame", "odom"], "expected frame None"),
         (["store", "add", "fleet", "absent.mcap"], "absent.mcap: No such file"),
         (["store", "forget", "fleet", "1.mcap"], "is not in the store"),
         (["store", "info", "absent"], "expected a store, found none"),
-        (["store", "update", "of_log.mcap", "fleet"], "expected one learned from a store"),
+        (["store", "update", "of_log.mcap", "fleet"], "expected a map of a store"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -79,24 +78,28 @@ def test_what_cannot_be_done_is_said_in_one_line(logs, capsys, arguments, said):
     assert told.count("\n") == 1
 
 
-def test_a_month_is_made_one(logs, capsys):
+def test_fewer_vehicles_of_a_month_are_kept(logs, capsys):
     assert run(["store", "add", "fleet", "*.mcap"]) == 0
-    capsys.readouterr()
-    assert run(["store", "compact", "fleet"]) == 0
-    assert "nothing to make one of" in capsys.readouterr().out
-    assert run(["store", "compact", "fleet", "--before", "1970-02-01", "--vehicles", "3"]) == 0
-    assert "fleet: 1970-01, 2 recordings in " in capsys.readouterr().out
-    assert run(["store", "info", "fleet"]) == 0
-    assert "1970-01: 2 recordings made one, 0." in capsys.readouterr().out
-    assert run(["store", "info", "fleet", "--json"]) == 0
-    assert [archive["month"] for archive in json.loads(capsys.readouterr().out)["archives"]] == ["1970-01"]
-    assert run(["store", "forget", "fleet", "0.mcap"]) == 1
-    assert "forget all logs of that month together" in capsys.readouterr().err
-    grid = ["--tessellation", "grid", "--cell-size", "10", "--min-vehicles", "3", "--workers", "2"]
-    assert run(["learn", "fleet", "-o", "map.mcap", *grid]) == 0
-    assert load_map("map.mcap").motion.n_placed > 0
+    assert run(["store", "keep", "fleet"]) == 0
+    assert "nothing to thin" in capsys.readouterr().out
+    assert run(["store", "keep", "fleet", "--of-month", "1970-01", "--vehicles", "100"]) == 0
+    assert "fleet: 1970-01, 12 of 12 vehicles kept" in capsys.readouterr().out
     assert run(["store", "forget", "fleet", "0.mcap", "1.mcap"]) == 0
-    assert not any((logs / "fleet" / "recordings").iterdir())
+    assert not any((logs / "fleet" / "rows").iterdir())
+
+
+def test_of_a_damaged_store_the_rest_is_learned_from_and_the_exit_code_says_so(logs, capsys):
+    assert run(["store", "add", "fleet", "*.mcap"]) == 0
+    first = min((logs / "fleet" / "rows").iterdir())
+    data = bytearray(first.read_bytes())
+    data[100] ^= 1
+    first.write_bytes(data)
+    capsys.readouterr()
+    assert run(["learn", "fleet", "-o", "map.mcap", "--tessellation", "grid", "--cell-size", "10"]) == 3
+    told = capsys.readouterr().err
+    assert told.startswith("error: ")
+    assert ".mcap is damaged in the store" in told
+    assert load_map("map.mcap").tessellation.n_cells > 0
 
 
 def test_durations_have_a_unit(logs, capsys):

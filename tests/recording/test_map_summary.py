@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_map_file import assert_equal, by_hour, some_map
+from test_map_file import assert_equal, some_map
 
 from dirprim_filter.primitives.traffic import Passages, Totals
 from dirprim_filter.recording import load_map, open_map, save_map, topic_names
@@ -62,13 +62,12 @@ def test_tiles_are_found_wherever_they_stand(tmp_path, voronoi, in_one_chunk):
 
 
 def test_a_tile_that_stays_is_as_one_that_is_read_anew(tmp_path):
-    save_map(by_hour(some_map(N_CELLS)), tmp_path / "map.mcap")
+    save_map(some_map(N_CELLS), tmp_path / "map.mcap")
     with MapFile(tmp_path / "map.mcap") as opened:
         opened.part(np.array([0, 1]))
         found = opened.part(np.array([1, 2]))
     expected = part_of(tmp_path / "map.mcap", [1, 2])
     np.testing.assert_array_equal(found.part.cell, expected.part.cell)
-    np.testing.assert_array_equal(found.schedule.flow, expected.schedule.flow)
     np.testing.assert_array_equal(found.motion.following, expected.motion.following)
     np.testing.assert_array_equal(found.part.traffic.flow.toarray(), expected.part.traffic.flow.toarray())
 
@@ -129,13 +128,12 @@ def set_number(part, name, value):
     [
         (set_number("", "version", 3), "of an older version, 3"),
         (lambda summary, _: summary.tiles.pop(), "expected 4 tiles, got 3"),
-        (lambda summary, _: summary.tiles[1].ahead.append(4), "ahead: expected tiles 0 to 3"),
         (set_number("traffic", "seconds", np.nan), "traffic: expected no negative"),
         (set_number("traffic", "begun", -1.0), "traffic: expected no negative"),
         (set_number("traffic", "seconds", 0.0), "traffic: expected no negative"),
         (set_number("", "n_cells", 100), "cells: expected numbers 0 to 99"),
         (set_number("", "n_manoeuvres", 100), "expected"),
-        (set_number("shared", "n_borrowed_modes", 0), "tiles of several"),
+        (set_number("shared", "n_place_free_modes", 0), "tiles of several"),
         (lambda _, tiles: tiles.reverse(), r"expected tiles \[3\], got 0"),
         (lambda _, tiles: tiles[3].motion.arrived.__setitem__(2, np.inf), "arrived: expected no negative"),
         (lambda _, tiles: tiles[3].motion.number.__setitem__(2, -1), "manoeuvres: expected numbers"),

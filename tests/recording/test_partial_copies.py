@@ -10,9 +10,7 @@ from dirprim_filter import read_tracks, write_tracks
 from dirprim_filter.recording.container import outline, partial_copy, source
 from dirprim_filter.recording.container.log import scan
 from dirprim_filter.store.adding import add_logs, failures
-from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.log_files import find_logs
-from dirprim_filter.store.store import Store
+from dirprim_filter.store.logs import find_logs
 from situations import ring_traffic
 
 fsspec = pytest.importorskip("fsspec", reason="reading URLs needs fsspec")
@@ -147,20 +145,21 @@ def test_a_damaged_log_is_read_whole_and_as_if_it_were_here(name, harm, drive, t
     Counting.fetched = 0
     (tmp_path / "log.mcap").write_bytes(harmed)
     monkeypatch.setattr(Counting, "log", harmed)
-    stores = [Store.create(tmp_path / name, StoreConfig()) for name in ("here", "there")]
-    for store, log in zip(stores, (tmp_path / "log.mcap", URL), strict=True):
-        assert not list(failures(add_logs(store, find_logs([str(log)]))))
-    (here,), (there,) = (store.entries() for store in stores)
-    assert there.rows == here.rows, name
+    entries = []
+    for place, log in (("here", tmp_path / "log.mcap"), ("there", URL)):
+        added = add_logs(tmp_path / place, find_logs([str(log)]))
+        assert not list(failures(added))
+        entries += added.store.contents().recordings()
+    here, there = entries
+    assert there.recording == here.recording, name
     assert there.status == ("whole" if name in HARMLESS else here.status)
     assert (Counting.fetched >= len(harmed)) == (name not in HARMLESS)
 
 
 def test_a_sound_log_is_added_in_parts(tmp_path, drive):
-    store = Store.create(tmp_path / "store", StoreConfig())
-    added = add_logs(store, find_logs([URL]))
+    added = add_logs(tmp_path / "store", find_logs([URL]))
     assert not list(failures(added))
-    assert store.entries()[0].n_rows == len(drive[0])
+    assert added.store.contents().recordings()[0].n_vehicles == drive[0].n_tracks
     assert Counting.fetched < 0.5 * len(Counting.log)
 
 
@@ -188,7 +187,6 @@ def test_a_connection_that_breaks_is_said_in_one_line(monkeypatch, tmp_path):
         return self.log[start:end]
 
     monkeypatch.setattr(Counting, "cat_file", broken)
-    store = Store.create(tmp_path / "store", StoreConfig())
-    (line,) = failures(add_logs(store, find_logs([URL])))
+    (line,) = failures(add_logs(tmp_path / "store", find_logs([URL])))
     assert line.startswith("counting://log.mcap: log.mcap: expected its bytes")
     assert "no answer; try again" in line

@@ -1,41 +1,48 @@
 """What tests of stores share."""
 
-import logging
+import socket
+import subprocess
+import sys
+import time
 import urllib.request
-from collections import Counter
 
 import pytest
 
 
-@pytest.fixture
-def object_store(monkeypatch):
-    """The file system of S3 as moto plays it, with an empty bucket."""
-    server = pytest.importorskip("moto.server", reason="an object store needs moto")
-    s3fs = pytest.importorskip("s3fs", reason="an object store needs s3fs")
-    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
-        monkeypatch.setenv(name, "testing")
-    played = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    monkeypatch.setattr(logging.getLogger("werkzeug"), "disabled", True)
-    played.start()
-    where = "http://{}:{}".format(*played.get_host_and_port())
-    urllib.request.urlopen(urllib.request.Request(f"{where}/moto-api/reset", method="POST")).close()  # noqa: S310
-    monkeypatch.setenv("AWS_ENDPOINT_URL", where)
-    there = s3fs.S3FileSystem(skip_instance_cache=True)
-    s3fs.S3FileSystem.clear_instance_cache()  # of other servers that moto played
-    there.mkdir("bucket")
-    yield there
-    played.stop()
+@pytest.fixture(scope="session")
+def moto():
+    """An object store, as moto plays S3; one for all tests, in a process of its own: Delta's library holds the lock."""
+    pytest.importorskip("moto.server", reason="an object store needs moto")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    played = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    for _ in range(200):
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+            break
+        except OSError:
+            time.sleep(0.1)
+    yield f"http://127.0.0.1:{port}"
+    played.kill()
+    played.wait()
 
 
 @pytest.fixture
-def requests(object_store, monkeypatch):
-    """How many of each kind this process asked for."""
-    kind, asked = type(object_store), Counter()
-    call = kind._call_s3
+def bucket(moto, monkeypatch):
+    """The URL of an empty bucket."""
+    urllib.request.urlopen(urllib.request.Request(f"{moto}/moto-api/reset", method="POST")).close()  # noqa: S310
+    settings = {
+        "AWS_ACCESS_KEY_ID": "testing", "AWS_SECRET_ACCESS_KEY": "verysecret", "AWS_ENDPOINT_URL": moto,
+        "AWS_REGION": "us-east-1", "AWS_ALLOW_HTTP": "true",
+    }  # fmt: skip
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value)
+    urllib.request.urlopen(urllib.request.Request(f"{moto}/bucket", method="PUT")).close()  # noqa: S310
+    return "s3://bucket"
 
-    async def counting(files, method, *given, **options):
-        asked[method] += 1
-        return await call(files, method, *given, **options)
 
-    monkeypatch.setattr(kind, "_call_s3", counting)
-    return asked
+@pytest.fixture(params=["folder", "object store"])
+def place(request, tmp_path):
+    """Where a store may be."""
+    return str(tmp_path / "a store") if request.param == "folder" else f"{request.getfixturevalue('bucket')}/a/store"

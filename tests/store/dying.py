@@ -4,10 +4,10 @@ import os
 import signal
 
 
-def once_killed(task, shared):
-    """The task's number and the sum of what is shared; of number 1 the process dies, the first time it is asked."""
+def once_killed(task):
+    """The task's number; of number 1 the process dies, the first time it is asked."""
     path, number = task
     if number == 1 and not path.exists():
         path.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return number + int(shared.sum())
+    return number

@@ -1,59 +1,60 @@
-"""Two streets far apart, and stores of logs of them."""
+"""Streets, their logs, and stores of them."""
+
+import hashlib
 
 import numpy as np
 
-from dirprim_filter import Tracks, save_map
-from dirprim_filter.store import Store
-from dirprim_filter.store.adding import add_logs
-from dirprim_filter.store.config import StoreConfig
-from dirprim_filter.store.log_files import find_logs
-from dirprim_filter.store.summary import Summary
-from dirprim_filter.store.table import read_summary
+from dirprim_filter import Tracks, save_map, write_tracks
+from dirprim_filter.store import add_logs, find_logs
+from dirprim_filter.store.store import Store
 
-FAR_M = 1000.0
-"""Between two streets: more than any tile reaches."""
-
-MIDDLE_M = 50.0
-"""Of a tile, about."""
+GRID = {"tessellation": "grid", "cell_size": 32.0}
+"""Fast to learn."""
 
 
-def street(seed, *, north, n_vehicles=6):
-    """Vehicles that drive 300 m to the east, across the borders of tiles, in one of two lanes and some of them back."""
+def street(seed, *, north=0.0, start=-60.0, length=120.0, n_vehicles=5, back=0.4, day=0):
+    """Vehicles that drive to the east, and some of them back; each comes five seconds after the one before."""
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 30.01, 0.2)
-    back = rng.random(n_vehicles) < 0.4
-    speed = rng.uniform(8.0, 10.0, n_vehicles)
+    speed, turned = rng.uniform(9.0, 11.0, n_vehicles), rng.random(n_vehicles) < back
+    t = np.arange(0.0, length / 9.0, 0.2)
     way = speed[:, None] * t
-    east = np.where(back[:, None], 240.0 - way, way - 60.0)
-    side = np.where(back, 4.0, 0.0) + rng.normal(0.0, 0.3, n_vehicles)
+    east = np.where(turned[:, None], start + length - way, start + way)
+    side = np.where(turned, 4.0, 0.0) + rng.normal(0.0, 0.3, n_vehicles) + north
+    seen, shape = way < length, way.shape
+    time_s = t + 5.0 * np.arange(n_vehicles)[:, None]
     return Tracks(
-        track_id=1000 * seed + np.repeat(np.arange(n_vehicles), t.size),
-        time_ns=np.tile((t * 1e9).astype(np.int64), n_vehicles),
-        position=np.column_stack([east.ravel(), np.repeat(MIDDLE_M + north + side, t.size)]),
-        direction=np.repeat(np.where(back, np.pi, 0.0), t.size),
-        speed=np.repeat(speed, t.size),
+        track_id=np.broadcast_to(np.arange(n_vehicles)[:, None], shape)[seen],
+        time_ns=(np.round(time_s * 10) * 1e8).astype(np.int64)[seen] + day * 86_400 * 10**9,
+        position=np.column_stack([east[seen], np.broadcast_to(side[:, None], shape)[seen]]),
+        direction=np.broadcast_to(np.where(turned, np.pi, 0.0)[:, None], shape)[seen],
+        speed=np.broadcast_to(speed[:, None], shape)[seen],
     )
 
 
-def add(store, folder, *names):
-    """Logs of a folder, by their names."""
-    added = add_logs(store, find_logs([str(folder / f"{name}.mcap") for name in names]))
+def logs_of(folder, **tracks):
+    """Logs by their names; -> their paths, as a store calls them."""
+    for name, of in tracks.items():
+        write_tracks(of, folder / f"{name}.mcap")
+    return {name: str(folder / f"{name}.mcap") for name in tracks}
+
+
+def store_of(path, *logs):
+    """A store of logs."""
+    added = add_logs(path, find_logs(logs))
     assert not [receipt.error for receipt in added.receipts if receipt.error]
+    return added.store or Store.open(path)
 
 
-def store_of(path, folder, *names):
-    """A new store of them."""
-    store = Store.create(path, StoreConfig())
-    add(store, folder, *names)
-    return store
-
-
-def summed(store):
-    """What a store holds, as one summary."""
-    return Summary.total([read_summary(store.recording(rows)) for rows in store.rows()])
-
-
-def bytes_of(primitive_map, path):
-    """Of the file that a map is saved in."""
+def bytes_of(primitive_map, folder):
+    """A hash of the file that a map is saved in."""
+    path = folder / "bytes.mcap"
     save_map(primitive_map, path, force=True)
-    return path.read_bytes()
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def damage(store, file, rng):
+    """Flip a bit of a file of a store."""
+    data = bytearray(store.get(file.path))
+    at = int(rng.integers(len(data)))
+    data[at] ^= 1 << int(rng.integers(8))
+    store.put(file.path, bytes(data))

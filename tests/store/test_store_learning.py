@@ -1,120 +1,194 @@
-"""Maps of summaries: the same for the same statistics, silent of few vehicles, and faded by age."""
+"""Maps of stores: of the same rows the same, whoever learns them and however often, and never of what was forgotten."""
 
-from dataclasses import replace
+from collections import Counter
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+from streets import GRID, bytes_of, logs_of, store_of, street
 
-from dirprim_filter import save_map
-from dirprim_filter.store import learning
-from dirprim_filter.store.fading import Fading
-from dirprim_filter.store.learning import learn_from_summary, visible_tracks
-from dirprim_filter.store.pseudo_tracks import APART_NS
-from dirprim_filter.store.steps import HOUR_NS
-from dirprim_filter.store.summary import Summary
-from dirprim_filter.tracks import Tracks
-from situations import ring_traffic
+from dirprim_filter import Tracks, learn_primitives, write_tracks
+from dirprim_filter.store import learn_from_store
+from dirprim_filter.store.blocks import Block
+from dirprim_filter.store.forgetting import forget
+from dirprim_filter.store.keeping import whole
+from dirprim_filter.store.sampling import Ageing
+from dirprim_filter.store.store import Store
 
-DAY = 24
-
-
-def lane(n_vehicles, *, north=0.0, hour=0, first_id=0):
-    """Vehicles that drive 40 m to the east at about 8 m/s, one after the other."""
-    t = np.arange(0.0, 5.01, 0.5)
-    speed = 8.0 + 0.1 * np.arange(n_vehicles)
-    east = speed[:, None] * t - 20.0
-    return Tracks(
-        track_id=first_id + np.repeat(np.arange(n_vehicles), t.size),
-        time_ns=np.tile((t * 1e9).astype(np.int64), n_vehicles) + hour * HOUR_NS,
-        position=np.column_stack([east.ravel(), np.full(east.size, north)]),
-        direction=np.zeros(east.size),
-        speed=np.repeat(speed, t.size),
-    )
+LONG = {"start": -700.0, "length": 1400.0}
+"""A street across three blocks."""
 
 
-def test_the_bytes_of_a_map_depend_on_the_statistics_alone(tmp_path):
-    a, b = (Summary.of(ring_traffic(np.random.default_rng(seed), n_vehicles=6, n_rows=30)) for seed in (1, 2))
-    for name, summary in (("one", a + b), ("other", b + a + a - a), ("control", a + a)):
-        learned = learn_from_summary(
-            summary, min_vehicles=2, tessellation="grid", cell_size=8.0, rng=np.random.default_rng(0)
-        )
-        save_map(learned, tmp_path / name)
-    bytes_of = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert bytes_of["one"] == bytes_of["other"] != bytes_of["control"]
+@pytest.fixture(scope="module")
+def long_street(tmp_path_factory):
+    """A store of a street across three blocks, its logs, and another log of it."""
+    folder = tmp_path_factory.mktemp("long")
+    logs = logs_of(folder, **{f"log{seed}": street(seed, **LONG, n_vehicles=8) for seed in range(3)})
+    return store_of(folder / "store", *logs.values()), logs, street(9, **LONG, n_vehicles=8)
 
 
-def test_of_few_vehicles_a_map_says_nothing():
-    summary = Summary.of(lane(6)) + Summary.of(lane(4, north=50.0, first_id=9))
-    assert visible_tracks(summary, min_vehicles=4).tracks.position[:, 1].max() > 45.0
-    assert visible_tracks(summary, min_vehicles=5).tracks.position[:, 1].max() < 5.0
-    with pytest.raises(ValueError, match="expected places that 7 vehicles passed the same way, got none"):
-        learn_from_summary(summary, min_vehicles=7, rng=np.random.default_rng(0))
-    learned = learn_from_summary(
-        summary, min_vehicles=5, tessellation="grid", cell_size=8.0, rng=np.random.default_rng(0)
-    )
-    own = learned.direction.weight[:-1, : learned.n_own_modes + learned.n_borrowed_modes]
-    assert (own[learned.tessellation.centers[:, 1] < 10.0] > 0).any()
-    assert learned.motion.visits[learned.motion.cell >= 0].min() >= 5.0
-    from_placed = np.repeat(learned.motion.cell, np.diff(learned.motion.first)) >= 0
-    assert from_placed.any()
-    assert learned.motion.count[from_placed].min() >= 5.0
+def test_a_store_of_one_block_is_learned_as_its_rows_are(tmp_path):
+    store = store_of(tmp_path / "store", *logs_of(tmp_path, a=street(1), b=street(2)).values())
+    entries = store.contents().recordings()
+    parts = []
+    for number, entry in enumerate(entries):
+        rows = whole(store, entry)
+        parts.append(rows.tracks(rows.track + 100 * number, np.full(len(rows), number)))
+    learned = learn_primitives(Tracks.concatenate(parts), rng=np.random.default_rng(0), **GRID)
+    assert bytes_of(learn_from_store(store, **GRID).primitive_map, tmp_path) == bytes_of(learned, tmp_path)
 
 
-def test_a_vehicle_that_passes_twice_is_one():
-    """Four vehicles that pass two times each are no eight."""
-    once, again = lane(4), lane(4, hour=1)
-    tracks = Tracks.concatenate([once, again])
-    assert visible_tracks(Summary.of(tracks), min_vehicles=4).tracks.n_tracks == 8
-    assert not len(visible_tracks(Summary.of(tracks), min_vehicles=5).tracks)
-    in_two = visible_tracks(Summary.of(once) + Summary.of(again), min_vehicles=5)
-    assert in_two.tracks.n_tracks == 8
+def test_what_is_stored_is_what_the_log_says_but_for_rounding(tmp_path):
+    said = street(1)
+    store = store_of(tmp_path / "store", *logs_of(tmp_path, a=said).values())
+    rows = whole(store, store.contents().recordings()[0])
+    stored = rows.tracks(rows.track, rows.group)
+    assert (stored.time_ns == said.time_ns).all()
+    assert np.abs(stored.position - said.position).max() <= 0.0051
+    assert np.abs(np.angle(np.exp(1j * (stored.direction - said.direction)))).max() <= np.radians(0.126)
+    assert np.abs(stored.speed - said.speed).max() <= 0.051
 
 
-def test_nothing_stands_between_rows_that_something_was_left_out_between():
-    """Six vehicles drive the lane; the one that leaves it for half a second is nowhere in between."""
-    swerves = lane(1, first_id=50)
-    away = np.arange(len(swerves)) == 5
-    swerves = replace(swerves, position=swerves.position + 20.0 * away[:, None] * [0.0, 1.0])
-    tracks = visible_tracks(Summary.of(Tracks.concatenate([lane(6), swerves])), min_vehicles=5).tracks
-    assert tracks.n_tracks == 7
-    assert np.abs(tracks.position[:, 1]).max() < 1.0
-    own = tracks.time_ns[tracks.vehicle == np.argmin(np.bincount(tracks.vehicle))]
-    assert np.diff(own).max() == APART_NS  # too long for learning to fill it in
+def test_a_map_of_several_blocks_is_as_good_as_one_of_all_rows(long_street):
+    store, _, held_out = long_street
+    found = learn_from_store(store, **GRID)
+    assert found.n_blocks == 3
+    joined = found.primitive_map
+    parts = []
+    for number, entry in enumerate(store.contents().recordings()):
+        rows = whole(store, entry)
+        parts.append(rows.tracks(rows.track + 100 * number, np.full(len(rows), number)))
+    at_once = learn_primitives(Tracks.concatenate(parts), rng=np.random.default_rng(0), **GRID)
+    seen = (held_out.position, held_out.direction, held_out.speed)
+    apart = (joined.log_density(*seen) - at_once.log_density(*seen)).mean()
+    assert abs(apart) < 0.05
+    assert joined.tessellation.n_cells == at_once.tessellation.n_cells
+    motion = joined.motion
+    source, target = np.repeat(motion.cell, np.diff(motion.first)), motion.cell[motion.following]
+    block = np.floor(joined.tessellation.centers[:, 0] / 1024.0 + 0.5)
+    crossing = (source >= 0) & (target >= 0) & (block[source] != block[target])
+    assert motion.count[crossing].sum() == pytest.approx(2 * 24)  # two borders, each vehicle over both
 
 
-def test_age_fades_whole_vehicles_by_its_half_life():
-    n = 400
-    recordings = [Summary.of(lane(n, north=100.0 * k, hour=(10 - 10 * k) * DAY)) for k in range(2)]
-    summary = Summary.total(recordings)
-    fading = Fading(half_life_s=10 * DAY * 3600.0, now_ns=10 * DAY * HOUR_NS)
-    tracks = visible_tracks(summary, min_vehicles=1, fading=fading).tracks
-    old = np.unique(tracks.track_id[tracks.position[:, 1] > 50.0]).size
-    new = np.unique(tracks.track_id[tracks.position[:, 1] < 50.0]).size
-    assert new == n
-    assert abs(old - n / 2) <= 3
-    assert set(np.bincount(tracks.vehicle)) == {11}  # whole ones
-    before = Fading(half_life_s=3600.0, now_ns=0)
-    tracks, _ = visible_tracks(summary, min_vehicles=1, fading=before)
-    assert (tracks.position[:, 1] > 50.0).all()  # the rest is to come
+def test_nothing_is_learned_twice_and_an_update_is_what_learning_anew_would_be(long_street, tmp_path):
+    _, logs, _ = long_street
+    local = logs_of(tmp_path, near=street(7, start=-50.0))
+    store = store_of(tmp_path / "store", *logs.values())
+    before = learn_from_store(store, **GRID)
+    assert (before.n_fitted, learn_from_store(store, **GRID).n_fitted) == (3, 0)
+    store_of(store.path, local["near"])
+    updated = learn_from_store(store, **GRID)
+    assert updated.n_fitted == 1
+    anew = store_of(tmp_path / "anew", local["near"], *logs.values())
+    assert bytes_of(updated.primitive_map, tmp_path) == bytes_of(learn_from_store(anew, **GRID).primitive_map, tmp_path)
+    forget(store, [local["near"]])
+    after = learn_from_store(store, **GRID)
+    assert after.n_fitted == 1  # what was learned from a log goes with it
+    assert bytes_of(after.primitive_map, tmp_path) == bytes_of(before.primitive_map, tmp_path)
+    assert after.digest == before.digest != updated.digest
+    assert bytes_of(updated.primitive_map, tmp_path) != bytes_of(before.primitive_map, tmp_path)
 
 
-def test_many_steps_are_taken_block_by_block_and_thinned_by_whole_vehicles(monkeypatch):
-    summary = Summary.total([Summary.of(lane(30, hour=hour)) for hour in range(6)])
-    whole = visible_tracks(summary, min_vehicles=1).tracks
-    monkeypatch.setattr(learning, "BLOCK_STEPS", 150)
-    in_blocks = visible_tracks(summary, min_vehicles=1).tracks
-    assert in_blocks.n_tracks == whole.n_tracks == 180
-    assert sorted(in_blocks.position.tolist()) == sorted(whole.position.tolist())
-    monkeypatch.setattr(learning, "MOST_STEPS", 60 * 11)
-    some = visible_tracks(summary, min_vehicles=1).tracks
-    assert abs(some.n_tracks - 60) <= 3
-    assert set(np.bincount(some.vehicle)) == set(np.bincount(whole.vehicle))
+def test_a_fit_that_is_damaged_is_made_again(long_street, tmp_path):
+    store = store_of(tmp_path / "store", *long_street[1].values())
+    before = bytes_of(learn_from_store(store, **GRID).primitive_map, tmp_path)
+    for path in (tmp_path / "store" / "_fits").rglob("*.mcap"):
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+    again = learn_from_store(store, **GRID)
+    assert again.n_fitted == 3
+    assert bytes_of(again.primitive_map, tmp_path) == before
 
 
-def test_what_cannot_be_learned_from_is_refused():
-    with pytest.raises(ValueError, match="expected at least one vehicle, got none"):
-        visible_tracks(Summary.none())
-    with pytest.raises(ValueError, match="half_life_s: expected a positive number"):
-        Fading(half_life_s=0.0, now_ns=0)
+def test_a_copy_of_a_log_counts_once_and_stays_when_the_log_goes(tmp_path):
+    path = logs_of(tmp_path, a=street(1), copy=street(1), b=street(2))
+    store = store_of(tmp_path / "store", path["a"], path["b"])
+    once = bytes_of(learn_from_store(store, **GRID).primitive_map, tmp_path)
+    store_of(store.path, path["copy"])
+    assert bytes_of(learn_from_store(store, **GRID).primitive_map, tmp_path) == once
+    forget(store, [path["a"]])
+    assert bytes_of(learn_from_store(store, **GRID).primitive_map, tmp_path) == once
+
+
+def test_rows_are_read_once_and_those_near_borders_twice(tmp_path):
+    path = logs_of(tmp_path, **{f"km{km}": street(km, start=-300.0, length=1000.0 * km) for km in (1, 4)})
+    store, read = store_of(tmp_path / "store", *path.values()), Counter()
+
+    def counting(store, file, reads=Store.read):
+        read[file.log] += file.n_rows
+        return reads(store, file)
+
+    with patch.object(Store, "read", counting):
+        learn_from_store(store, **GRID)
+    for log, entry in store.contents().entries.items():
+        assert read[log] <= 1.2 * entry.n_rows
+
+
+def test_a_log_may_be_forgotten_while_it_is_learned_from(long_street, tmp_path):
+    path = dict(long_street[1])
+    store, first = store_of(tmp_path / "store", *path.values()), []
+
+    def forgetting(store, file, reads=Store.read):
+        if not first:
+            first.append(file.log)
+            forget(store, [file.log])
+        return reads(store, file)
+
+    with patch.object(Store, "read", forgetting):
+        found = learn_from_store(store, **GRID)
+    others = store_of(tmp_path / "others", *(log for log in path.values() if log not in first))
+    assert bytes_of(found.primitive_map, tmp_path) == bytes_of(learn_from_store(others, **GRID).primitive_map, tmp_path)
+
+
+def test_places_of_few_vehicles_are_left_out(tmp_path):
+    path = logs_of(tmp_path, a=street(1, n_vehicles=8, back=0.0), quiet=street(2, north=200.0, n_vehicles=2, back=0.0))
+    store = store_of(tmp_path / "store", *path.values())
+    everywhere = learn_from_store(store, **GRID).primitive_map
+    supported = learn_from_store(store, min_vehicles=3, **GRID).primitive_map
+    at = np.array([[0.0, 0.0], [0.0, 200.0]])
+    assert (everywhere.tessellation.cell_of(at) >= 0).all()
+    assert (supported.tessellation.cell_of(at) >= 0).tolist() == [True, False]
+    with pytest.raises(ValueError, match="20 vehicles passed the same way"):
+        learn_from_store(store, min_vehicles=20, **GRID)
+
+
+def test_older_vehicles_count_half_after_the_half_life(tmp_path):
+    days = {f"day{day}": street(day, n_vehicles=20, back=0.0 if day < 20 else 1.0, day=day) for day in (0, 20)}
+    store = store_of(tmp_path / "store", *logs_of(tmp_path, **days).values())
+    at = np.array([0.0, 2.0])
+    eastward = []
+    for half_life_s in (None, 20 * 86_400.0, 5 * 86_400.0):
+        found = learn_from_store(store, half_life_s=half_life_s, tessellation="grid", cell_size=64.0).primitive_map
+        density = np.exp(found.direction_log_density(at, np.array([0.0, np.pi])))
+        eastward.append(density[0] / density.sum())
+    # Prior weights pull towards a half: within .1 of the shares by weights 1, 1/2 and 1/16.
+    assert np.abs(np.array(eastward) - [0.5, 1 / 3, 1 / 17]).max() < 0.1
+    with_now = learn_from_store(store, half_life_s=1e6, now_ns=0, **GRID).primitive_map
+    assert bytes_of(with_now, tmp_path) == bytes_of(learn_from_store(store, **GRID).primitive_map, tmp_path)
+
+
+def test_ages_are_of_half_lives():
+    ageing = Ageing(half_life_s=10.0, now_ms=20_000)
+    assert ageing.weight(np.array([20_000, 10_000, 0, 99_000])) == pytest.approx([1.0, 0.5, 0.25, 1.0])
+
+
+def test_blocks_have_names_and_the_origin_in_their_middle():
+    assert Block.parse(str(Block(-3, 12))) == Block(-3, 12)
+    assert Block(0, 0).holds(np.array([[-511.0, 511.0], [0.0, 513.0]])).tolist() == [True, False]
+    for wrong in ("", "1", "a_b", "1_2_3", "../x"):
+        with pytest.raises(ValueError, match="expected a name"):
+            Block.parse(wrong)
+
+
+def test_what_cannot_be_learned_is_said(tmp_path, long_street):
+    store, _, _ = long_street
+    with pytest.raises(ValueError, match="give --cell-size"):
+        learn_from_store(store, tessellation="grid", n_cells=10)
     with pytest.raises(ValueError, match="min_vehicles: expected at least 1"):
-        learn_from_summary(Summary.none(), min_vehicles=0, rng=np.random.default_rng(0))
+        learn_from_store(store, min_vehicles=0)
+    write_tracks(street(1), tmp_path / "one.mcap")
+    empty = store_of(tmp_path / "store", str(tmp_path / "one.mcap"))
+    forget(empty, [str(tmp_path / "one.mcap")])
+    with pytest.raises(ValueError, match="the store is empty"):
+        learn_from_store(empty, **GRID)

@@ -224,80 +224,6 @@ class Motion(_message.Message):
     spread: float
     def __init__(self, number: _Optional[_Iterable[int]] = ..., cell: _Optional[_Iterable[int]] = ..., mode: _Optional[_Iterable[int]] = ..., visits: _Optional[_Iterable[float]] = ..., seconds: _Optional[_Iterable[float]] = ..., course: _Optional[_Iterable[float]] = ..., bend_east: _Optional[_Iterable[float]] = ..., bend_north: _Optional[_Iterable[float]] = ..., course_spread: _Optional[_Iterable[float]] = ..., log_pace: _Optional[_Iterable[float]] = ..., gain_east: _Optional[_Iterable[float]] = ..., gain_north: _Optional[_Iterable[float]] = ..., log_pace_spread: _Optional[_Iterable[float]] = ..., path_offset: _Optional[_Iterable[float]] = ..., path_slope: _Optional[_Iterable[float]] = ..., path_curvature: _Optional[_Iterable[float]] = ..., path_spread: _Optional[_Iterable[float]] = ..., path_direction: _Optional[_Iterable[float]] = ..., acceleration: _Optional[_Iterable[float]] = ..., acceleration_east: _Optional[_Iterable[float]] = ..., acceleration_north: _Optional[_Iterable[float]] = ..., acceleration_speed: _Optional[_Iterable[float]] = ..., push: _Optional[_Iterable[float]] = ..., stretch: _Optional[_Iterable[float]] = ..., start_rate: _Optional[_Iterable[float]] = ..., turn_ahead: _Optional[_Iterable[float]] = ..., curvature: _Optional[_Iterable[float]] = ..., first: _Optional[_Iterable[int]] = ..., following: _Optional[_Iterable[int]] = ..., count: _Optional[_Iterable[float]] = ..., arrived: _Optional[_Iterable[float]] = ..., course_rate: _Optional[float] = ..., strength: _Optional[float] = ..., leader: _Optional[_Union[Leader, _Mapping]] = ..., spread: _Optional[float] = ...) -> None: ...
 
-class Schedule(_message.Message):
-    __slots__ = ("by", "zone", "flow", "pace")
-    BY_FIELD_NUMBER: _ClassVar[int]
-    ZONE_FIELD_NUMBER: _ClassVar[int]
-    FLOW_FIELD_NUMBER: _ClassVar[int]
-    PACE_FIELD_NUMBER: _ClassVar[int]
-    by: str
-    zone: str
-    flow: _containers.RepeatedScalarFieldContainer[float]
-    pace: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, by: _Optional[str] = ..., zone: _Optional[str] = ..., flow: _Optional[_Iterable[float]] = ..., pace: _Optional[_Iterable[float]] = ...) -> None: ...
-
-class Generators(_message.Message):
-    __slots__ = ("x", "y")
-    X_FIELD_NUMBER: _ClassVar[int]
-    Y_FIELD_NUMBER: _ClassVar[int]
-    x: _containers.RepeatedScalarFieldContainer[float]
-    y: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ...) -> None: ...
-
-class Counted(_message.Message):
-    __slots__ = ("by", "min_vehicles", "most_rows", "usual_square", "east", "north", "digest", "half_life", "now", "slot_strength", "slot_share")
-    BY_FIELD_NUMBER: _ClassVar[int]
-    MIN_VEHICLES_FIELD_NUMBER: _ClassVar[int]
-    MOST_ROWS_FIELD_NUMBER: _ClassVar[int]
-    USUAL_SQUARE_FIELD_NUMBER: _ClassVar[int]
-    EAST_FIELD_NUMBER: _ClassVar[int]
-    NORTH_FIELD_NUMBER: _ClassVar[int]
-    DIGEST_FIELD_NUMBER: _ClassVar[int]
-    HALF_LIFE_FIELD_NUMBER: _ClassVar[int]
-    NOW_FIELD_NUMBER: _ClassVar[int]
-    SLOT_STRENGTH_FIELD_NUMBER: _ClassVar[int]
-    SLOT_SHARE_FIELD_NUMBER: _ClassVar[int]
-    by: str
-    min_vehicles: int
-    most_rows: int
-    usual_square: _containers.RepeatedScalarFieldContainer[float]
-    east: _containers.RepeatedScalarFieldContainer[int]
-    north: _containers.RepeatedScalarFieldContainer[int]
-    digest: _containers.RepeatedScalarFieldContainer[int]
-    half_life: float
-    now: int
-    slot_strength: _containers.RepeatedScalarFieldContainer[float]
-    slot_share: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, by: _Optional[str] = ..., min_vehicles: _Optional[int] = ..., most_rows: _Optional[int] = ..., usual_square: _Optional[_Iterable[float]] = ..., east: _Optional[_Iterable[int]] = ..., north: _Optional[_Iterable[int]] = ..., digest: _Optional[_Iterable[int]] = ..., half_life: _Optional[float] = ..., now: _Optional[int] = ..., slot_strength: _Optional[_Iterable[float]] = ..., slot_share: _Optional[_Iterable[float]] = ...) -> None: ...
-
-class Refit(_message.Message):
-    __slots__ = ("modes", "curved", "prior_strength", "parameter_cost", "usual_resultant", "usual_speed_spread", "config", "softness", "place_free", "borrowed", "lenders", "counted")
-    MODES_FIELD_NUMBER: _ClassVar[int]
-    CURVED_FIELD_NUMBER: _ClassVar[int]
-    PRIOR_STRENGTH_FIELD_NUMBER: _ClassVar[int]
-    PARAMETER_COST_FIELD_NUMBER: _ClassVar[int]
-    USUAL_RESULTANT_FIELD_NUMBER: _ClassVar[int]
-    USUAL_SPEED_SPREAD_FIELD_NUMBER: _ClassVar[int]
-    CONFIG_FIELD_NUMBER: _ClassVar[int]
-    SOFTNESS_FIELD_NUMBER: _ClassVar[int]
-    PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
-    BORROWED_FIELD_NUMBER: _ClassVar[int]
-    LENDERS_FIELD_NUMBER: _ClassVar[int]
-    COUNTED_FIELD_NUMBER: _ClassVar[int]
-    modes: str
-    curved: bool
-    prior_strength: float
-    parameter_cost: float
-    usual_resultant: float
-    usual_speed_spread: float
-    config: str
-    softness: float
-    place_free: float
-    borrowed: float
-    lenders: _containers.RepeatedCompositeFieldContainer[Generators]
-    counted: Counted
-    def __init__(self, modes: _Optional[str] = ..., curved: bool = ..., prior_strength: _Optional[float] = ..., parameter_cost: _Optional[float] = ..., usual_resultant: _Optional[float] = ..., usual_speed_spread: _Optional[float] = ..., config: _Optional[str] = ..., softness: _Optional[float] = ..., place_free: _Optional[float] = ..., borrowed: _Optional[float] = ..., lenders: _Optional[_Iterable[_Union[Generators, _Mapping]]] = ..., counted: _Optional[_Union[Counted, _Mapping]] = ...) -> None: ...
-
 class Box(_message.Message):
     __slots__ = ("west", "south", "east", "north")
     WEST_FIELD_NUMBER: _ClassVar[int]
@@ -311,44 +237,36 @@ class Box(_message.Message):
     def __init__(self, west: _Optional[float] = ..., south: _Optional[float] = ..., east: _Optional[float] = ..., north: _Optional[float] = ...) -> None: ...
 
 class PrimitiveMap(_message.Message):
-    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "n_borrowed_modes", "grid", "voronoi", "cell", "area", "box", "ahead", "cells", "place_free", "version", "motion", "place_free_motion", "schedule", "refit")
+    __slots__ = ("tile", "n_tiles", "n_modes", "n_place_free_modes", "grid", "voronoi", "cell", "area", "box", "cells", "place_free", "version", "motion", "place_free_motion")
     TILE_FIELD_NUMBER: _ClassVar[int]
     N_TILES_FIELD_NUMBER: _ClassVar[int]
     N_MODES_FIELD_NUMBER: _ClassVar[int]
     N_PLACE_FREE_MODES_FIELD_NUMBER: _ClassVar[int]
-    N_BORROWED_MODES_FIELD_NUMBER: _ClassVar[int]
     GRID_FIELD_NUMBER: _ClassVar[int]
     VORONOI_FIELD_NUMBER: _ClassVar[int]
     CELL_FIELD_NUMBER: _ClassVar[int]
     AREA_FIELD_NUMBER: _ClassVar[int]
     BOX_FIELD_NUMBER: _ClassVar[int]
-    AHEAD_FIELD_NUMBER: _ClassVar[int]
     CELLS_FIELD_NUMBER: _ClassVar[int]
     PLACE_FREE_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     MOTION_FIELD_NUMBER: _ClassVar[int]
     PLACE_FREE_MOTION_FIELD_NUMBER: _ClassVar[int]
-    SCHEDULE_FIELD_NUMBER: _ClassVar[int]
-    REFIT_FIELD_NUMBER: _ClassVar[int]
     tile: int
     n_tiles: int
     n_modes: int
     n_place_free_modes: int
-    n_borrowed_modes: int
     grid: Grid
     voronoi: Voronoi
     cell: _containers.RepeatedScalarFieldContainer[int]
     area: _containers.RepeatedScalarFieldContainer[float]
     box: Box
-    ahead: _containers.RepeatedScalarFieldContainer[int]
     cells: Primitives
     place_free: Primitives
     version: int
     motion: Motion
     place_free_motion: Motion
-    schedule: Schedule
-    refit: Refit
-    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., n_borrowed_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cell: _Optional[_Iterable[int]] = ..., area: _Optional[_Iterable[float]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., ahead: _Optional[_Iterable[int]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., place_free_motion: _Optional[_Union[Motion, _Mapping]] = ..., schedule: _Optional[_Union[Schedule, _Mapping]] = ..., refit: _Optional[_Union[Refit, _Mapping]] = ...) -> None: ...
+    def __init__(self, tile: _Optional[int] = ..., n_tiles: _Optional[int] = ..., n_modes: _Optional[int] = ..., n_place_free_modes: _Optional[int] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., voronoi: _Optional[_Union[Voronoi, _Mapping]] = ..., cell: _Optional[_Iterable[int]] = ..., area: _Optional[_Iterable[float]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., cells: _Optional[_Union[Primitives, _Mapping]] = ..., place_free: _Optional[_Union[Primitives, _Mapping]] = ..., version: _Optional[int] = ..., motion: _Optional[_Union[Motion, _Mapping]] = ..., place_free_motion: _Optional[_Union[Motion, _Mapping]] = ...) -> None: ...
 
 class MapSummary(_message.Message):
     __slots__ = ("version", "shared", "tiles", "n_cells", "n_manoeuvres", "traffic")
@@ -367,12 +285,10 @@ class MapSummary(_message.Message):
     def __init__(self, version: _Optional[int] = ..., shared: _Optional[_Union[PrimitiveMap, _Mapping]] = ..., tiles: _Optional[_Iterable[_Union[TileSummary, _Mapping]]] = ..., n_cells: _Optional[int] = ..., n_manoeuvres: _Optional[int] = ..., traffic: _Optional[_Union[Traffic, _Mapping]] = ...) -> None: ...
 
 class TileSummary(_message.Message):
-    __slots__ = ("box", "ahead")
+    __slots__ = ("box",)
     BOX_FIELD_NUMBER: _ClassVar[int]
-    AHEAD_FIELD_NUMBER: _ClassVar[int]
     box: Box
-    ahead: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, box: _Optional[_Union[Box, _Mapping]] = ..., ahead: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, box: _Optional[_Union[Box, _Mapping]] = ...) -> None: ...
 
 class Traffic(_message.Message):
     __slots__ = ("area", "seconds", "begun", "end_rate")

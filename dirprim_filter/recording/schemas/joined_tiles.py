@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -10,13 +10,11 @@ from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.part import Part, renumbered
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.refit import Refit
-from dirprim_filter.primitives.schedule import By, Schedule
 from dirprim_filter.primitives.traffic import Passages, Totals, Traffic
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.map_tiles import MODE_COLUMNS
 from dirprim_filter.recording.schemas.motion_columns import ALL, OF_TRANSITIONS, motion_of, ranges
-from dirprim_filter.recording.schemas.tile_message import Columns, TileColumns, manoeuvres_of, rows_of, turning_shape
+from dirprim_filter.recording.schemas.tile_message import Columns, TileColumns, manoeuvres_of, rows_of
 from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 from tessellation.located_part import LocatedPart
 
@@ -40,10 +38,6 @@ class JoinedTiles:
         self._rows: dict[str, Any] = {name: np.empty((n + 1, m)) for name in MODE_COLUMNS[:5]} | {
             "bend": np.empty((n + 1, m, 2)), "gain": np.empty((n + 1, m, 2)), "n_rows": np.empty(n + 1, np.int64),
         }  # fmt: skip
-        self._turning: Columns = {}
-        if shared.HasField("schedule"):
-            slots, own = turning_shape(shared)
-            self._turning = {name: np.empty((slots, n, own)) for name in ("flow", "pace")}
         self._place, self._area = np.empty((n, 2)), np.empty(n)
         self._square: list[IntArray] = [NO_NUMBERS]
         self._beside: list[IntArray] = [NO_NUMBERS]
@@ -55,8 +49,6 @@ class JoinedTiles:
         """Take in a tile."""
         at = np.searchsorted(self._cell, tile.cell)
         self._fill(at, tile.rows)
-        for name, column in tile.turning.items():
-            self._turning[name][:, at] = column
         self._area[at] = tile.area
         if self._shared.HasField("voronoi"):
             self._place[at] = tile.place
@@ -69,7 +61,7 @@ class JoinedTiles:
         for name, column in rows.items():
             self._rows[name][at] = column
 
-    def whole(self, refit: Refit | None) -> PrimitiveMap:
+    def whole(self) -> PrimitiveMap:
         """The map, where all tiles were taken in.
 
         Raises:
@@ -79,7 +71,7 @@ class JoinedTiles:
         _renumber(motion, self._cell, self._n_placed)
         squares, of_grid = self._squares(), self._shared.HasField("grid")
         cells = squares if of_grid else VoronoiTessellation(generators=self._place, region=squares)
-        return self._map(cells, motion, refit=refit)
+        return self._map(cells, motion)
 
     def part(self, totals: Totals | None) -> PrimitiveMap:
         """The map of these tiles alone, of columns `OF_PARTS`, and its traffic if there are totals of the whole's.
@@ -116,9 +108,7 @@ class JoinedTiles:
         all_here = VoronoiTessellation(generators=generators, region=squares)
         return LocatedPart.of(all_here, np.searchsorted(number, self._cell), self._area)
 
-    def _map(
-        self, tessellation: Tessellation, motion: Columns, *, part: Part | None = None, refit: Refit | None = None
-    ) -> PrimitiveMap:
+    def _map(self, tessellation: Tessellation, motion: Columns, part: Part | None = None) -> PrimitiveMap:
         shared, rows = self._shared, self._rows
         return PrimitiveMap(
             tessellation=tessellation,
@@ -128,14 +118,9 @@ class JoinedTiles:
             speed=Gamma(shape=rows["shape"], rate=rows["rate"]),
             n_rows=rows["n_rows"],
             n_place_free_modes=shared.n_place_free_modes,
-            n_borrowed_modes=shared.n_borrowed_modes,
             bend=rows["bend"],
             gain=rows["gain"],
             motion=motion_of(motion, shared.place_free_motion),
-            schedule=Schedule(by=cast(By, shared.schedule.by), zone=shared.schedule.zone, **self._turning)
-            if self._turning
-            else None,
-            refit=refit,
             part=part,
         )
 

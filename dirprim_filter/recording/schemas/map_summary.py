@@ -11,11 +11,11 @@ from typing import Any, Self
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.traffic import Passages, Totals
 from dirprim_filter.recording.schemas import dirprim_pb2
-from dirprim_filter.recording.schemas.dirprim import ints_of, parse
+from dirprim_filter.recording.schemas.dirprim import parse
 from dirprim_filter.recording.schemas.map_tiles import VERSION
 from dirprim_filter.recording.schemas.tile_message import check_version, n_cells_of, shared_part
 
@@ -33,7 +33,7 @@ def summary_of(primitive_map: PrimitiveMap) -> dirprim_pb2.MapSummary:
 
 def add_tile(summary: dirprim_pb2.MapSummary, tile: dirprim_pb2.PrimitiveMap) -> None:
     """Note a tile, the next by its number; its message has nothing of its own then."""
-    summary.tiles.append(dirprim_pb2.TileSummary(box=tile.box, ahead=tile.ahead))
+    summary.tiles.append(dirprim_pb2.TileSummary(box=tile.box))
     shared = shared_part(tile)
     if len(summary.tiles) == 1:
         summary.shared.ParseFromString(shared)
@@ -47,7 +47,6 @@ class MapSummary:
         shared: what every tile repeats.
         shared_bytes: the same, encoded.
         box: (n_tiles, 4) west, south, east and north of each tile and of all where its cells may be, metres.
-        ahead: of each tile those that what it says of an hour depends on.
         n_cells: of the map.
         n_manoeuvres: of places.
         totals: of its traffic; None where it counted no transitions.
@@ -56,7 +55,6 @@ class MapSummary:
     shared: dirprim_pb2.PrimitiveMap
     shared_bytes: bytes
     box: FloatArray
-    ahead: list[IntArray]
     n_cells: int
     n_manoeuvres: int
     totals: Totals | None
@@ -78,13 +76,10 @@ class MapSummary:
         check_version(message.version)
         if n_cells_of(message.shared) or len(message.tiles) != message.shared.n_tiles:
             raise DecodeError(f"summary: expected {message.shared.n_tiles} tiles, got {len(message.tiles)}")
-        ahead = [ints_of(tile, "ahead", len(tile.ahead)) for tile in message.tiles]
-        if any((of >= len(ahead)).any() for of in ahead):
-            raise DecodeError(f"ahead: expected tiles 0 to {len(ahead) - 1}, got others")
         box = np.array([[of.box.west, of.box.south, of.box.east, of.box.north] for of in message.tiles])
         return cls(
             shared=message.shared, shared_bytes=message.shared.SerializeToString(deterministic=True),
-            box=box.reshape(-1, 4), ahead=ahead, n_cells=message.n_cells, n_manoeuvres=message.n_manoeuvres,
+            box=box.reshape(-1, 4), n_cells=message.n_cells, n_manoeuvres=message.n_manoeuvres,
             totals=_totals_of(message) if message.HasField("traffic") else None,
         )  # fmt: skip
 

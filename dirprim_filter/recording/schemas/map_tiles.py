@@ -9,19 +9,16 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.schedule import STEPS_AHEAD, Schedule
 from dirprim_filter.primitives.traffic import Passages
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.motion_columns import encode_manoeuvres, encode_place_free, ranges
-from dirprim_filter.recording.schemas.refit_message import encode_refit
 from tessellation import GridTessellation, VoronoiTessellation
 from tessellation.tiles import Tile, tiles_of
 
-VERSION = 4
+VERSION = 5
 """Of the messages; a map of another version has other tiles."""
 TILE_M = 500.0
 """Side of a tile, about: a vehicle is on one of them, at most on four, and a city has hundreds."""
@@ -59,7 +56,6 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
     of_grid = isinstance(tessellation, GridTessellation)
     tiles = [part for tile in tiles_of(tessellation, TILE_M) for part in _not_too_large(tile, of_grid)] or [_NOTHING]
     begin = np.searchsorted(motion.cell[: motion.n_placed], np.arange(tessellation.n_cells + 1))
-    ahead = _ahead(primitive_map, tiles)
     place_free = _encode_rows(columns, primitive_map.n_rows, np.array([tessellation.n_cells]))
     for i, tile in enumerate(tiles):
         yield dirprim_pb2.PrimitiveMap(
@@ -68,18 +64,14 @@ def encode_tiles(primitive_map: PrimitiveMap) -> Iterator[dirprim_pb2.PrimitiveM
             n_tiles=len(tiles),
             n_modes=primitive_map.direction.weight.shape[1],
             n_place_free_modes=primitive_map.n_place_free_modes,
-            n_borrowed_modes=primitive_map.n_borrowed_modes,
             **_encode_ground(tessellation, tile),
             cell=tile.cell.tolist(),
             area=area[tile.cell].tolist(),
             box=dirprim_pb2.Box(**dict(zip(("west", "south", "east", "north"), tile.box.tolist(), strict=True))),
-            ahead=ahead[i].tolist(),
             cells=_encode_rows(columns, primitive_map.n_rows, tile.cell),
             place_free=place_free,
             motion=encode_manoeuvres(motion, ranges(begin, tile.cell)[0], arrived),
             place_free_motion=encode_place_free(motion),
-            schedule=_encode_schedule(primitive_map.schedule, tile.cell),
-            refit=encode_refit(primitive_map.refit) if i == 0 else None,
         )
 
 
@@ -95,28 +87,6 @@ def _not_too_large(tile: Tile, of_grid: bool) -> list[Tile]:
         ground = (tile.square[some] if of_grid else none if first else tile.square, none if first else tile.beside)
         made.append(Tile(tile.cell[some], *ground, tile.box))
     return made
-
-
-def _ahead(primitive_map: PrimitiveMap, tiles: list[Tile]) -> list[IntArray]:
-    """Of each tile those with the cells ahead of its own: what `Schedule` makes of an hour in these depends on them."""
-    if primitive_map.schedule is None:
-        return [np.empty(0, np.int64)] * len(tiles)
-    motion, n = primitive_map.motion, primitive_map.tessellation.n_cells
-    source, to = np.repeat(motion.cell, np.diff(motion.first)), motion.cell[motion.following]
-    placed = (source >= 0) & (to >= 0)
-    after = csr_array((np.ones(placed.sum(), np.bool_), (to[placed], source[placed])), shape=(n, n))
-    of_cell = np.empty(n, np.int64)
-    for i, tile in enumerate(tiles):
-        of_cell[tile.cell] = i
-    found = []
-    for i, tile in enumerate(tiles):
-        reached = np.zeros(n, np.bool_)
-        reached[tile.cell] = True
-        for _ in range(STEPS_AHEAD + 1):  # and what goes on to the last
-            reached |= after @ reached
-        there = np.unique(of_cell[reached])
-        found.append(there[there != i])
-    return found
 
 
 def _encode_ground(tessellation: GridTessellation | VoronoiTessellation, tile: Tile) -> dict[str, Any]:
@@ -144,10 +114,3 @@ def _encode_grid(grid: GridTessellation, square: IntArray) -> dirprim_pb2.Grid:
 def _encode_rows(columns: dict[str, FloatArray], n_rows: IntArray, rows: IntArray) -> dirprim_pb2.Primitives:
     packed = {name: column[rows].ravel().tolist() for name, column in columns.items()}
     return dirprim_pb2.Primitives(**packed, n_rows=n_rows[rows].tolist())
-
-
-def _encode_schedule(schedule: Schedule | None, cells: IntArray) -> dirprim_pb2.Schedule | None:
-    if schedule is None:
-        return None
-    columns = {name: getattr(schedule, name)[:, cells].swapaxes(0, 1).ravel().tolist() for name in ("flow", "pace")}
-    return dirprim_pb2.Schedule(by=schedule.by, zone=schedule.zone, **columns)

@@ -12,7 +12,6 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
-from dirprim_filter.primitives.schedule import N_SLOTS
 from dirprim_filter.recording.schemas import dirprim_pb2
 from dirprim_filter.recording.schemas.dirprim import column_of, floats_of, ints_of, parse
 from dirprim_filter.recording.schemas.map_tiles import MODE_COLUMNS, VERSION
@@ -26,7 +25,6 @@ class TileColumns(NamedTuple):
 
     cell: IntArray  # (n,) ascending
     rows: Columns  # (n, m, ...) of its primitives
-    turning: Columns  # (slots, n, own modes) of its schedule; none where all hours are alike
     area: FloatArray  # (n,) square metres
     place: FloatArray  # (n, 2) metres, of its generators; none of a grid
     square: IntArray  # those that it has of the grid, or the region
@@ -81,18 +79,12 @@ def columns_of(message: dirprim_pb2.PrimitiveMap, motion: Iterable[str] = ALL) -
         DecodeError: columns of a wrong length.
     """
     check_lengths(message)
-    n, turning, of_generators = n_cells_of(message), {}, message.HasField("voronoi")
-    if message.HasField("schedule"):
-        slots, own = turning_shape(message)
-        for name in ("flow", "pace"):
-            of_cells = floats_of(message.schedule, name, n * slots * own).reshape(n, slots, own)
-            turning[name] = of_cells.swapaxes(0, 1)
+    n, of_generators = n_cells_of(message), message.HasField("voronoi")
     cells = message.voronoi  # empty of a grid
     region, n_beside = (cells.region if of_generators else message.grid), len(cells.beside)
     return TileColumns(
         cell=ints_of(message, "cell", n),
         rows=rows_of(message.cells, n, message.n_modes),
-        turning=turning,
         area=floats_of(message, "area", n),
         place=places_of(cells, "x", "y", n if of_generators else 0),
         square=ints_of(region, "square", len(region.square)),
@@ -139,24 +131,12 @@ def check_lengths(message: dirprim_pb2.PrimitiveMap) -> None:
     for motion in (message.motion, message.place_free_motion):
         for name in COLUMNS:
             column_of(motion, name, len(motion.following if name in OF_TRANSITIONS else motion.cell))
-    if message.HasField("schedule"):
-        for name in ("flow", "pace"):
-            column_of(message.schedule, name, n * int(np.prod(turning_shape(message))))
-
-
-def turning_shape(message: dirprim_pb2.PrimitiveMap) -> tuple[int, int]:
-    """Slots, and modes of a cell's own."""
-    own = message.n_modes - message.n_borrowed_modes - message.n_place_free_modes
-    return N_SLOTS.get(message.schedule.by, 0), own
 
 
 def shared_part(message: dirprim_pb2.PrimitiveMap) -> bytes:
     """What every tile of a map repeats; the message has nothing else then."""
-    for name in ("tile", "cell", "area", "box", "ahead", "cells", "motion", "refit"):
+    for name in ("tile", "cell", "area", "box", "cells", "motion"):
         message.ClearField(name)
-    if message.HasField("schedule"):  # which clearing its columns would set
-        for column in ("flow", "pace"):
-            message.schedule.ClearField(column)
     if message.HasField("grid"):
         message.grid.ClearField("square")
     else:

@@ -16,10 +16,8 @@ from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.refit import Refit
 from dirprim_filter.recording.schemas.joined_tiles import NO_NUMBERS, OF_PARTS, JoinedTiles, are_some_of
 from dirprim_filter.recording.schemas.map_summary import MapSummary
-from dirprim_filter.recording.schemas.refit_message import decode_refit
 from dirprim_filter.recording.schemas.tile_message import (
     TileColumns,
     check_lengths,
@@ -59,7 +57,6 @@ def whole_map(messages: Messages) -> PrimitiveMap:
     tiles: set[int] = set()
     shared: set[bytes] = set()
     cells, manoeuvres = [], []
-    refit: Refit | None = None
     for message in parsed(messages):
         if message.tile in tiles:
             raise DecodeError(f"tile {message.tile}: expected once, got twice")
@@ -68,8 +65,6 @@ def whole_map(messages: Messages) -> PrimitiveMap:
         cell, manoeuvre = numbers_of(message)
         cells.append(cell)
         manoeuvres.append(manoeuvre)
-        if message.HasField("refit"):
-            refit = decode_refit(message.refit)
         shared.add(shared_part(message))
     said = the_only(shared, tiles)
     cell, n_placed = _numbered("cells", cells), _numbered("manoeuvres", manoeuvres).size
@@ -77,7 +72,7 @@ def whole_map(messages: Messages) -> PrimitiveMap:
         joined = JoinedTiles(cell, said, n_placed)
         for message in parsed(messages):
             joined.add(columns_of(message))
-        return joined.whole(refit)
+        return joined.whole()
     except ValueError as error:
         raise DecodeError(str(error)) from error
 
@@ -116,7 +111,7 @@ class TiledMap:
         Raises:
             DecodeError: numbers that make no map.
         """
-        wanted = set(np.concatenate([tiles, *(self.summary.ahead[tile] for tile in tiles.tolist())]).tolist())
+        wanted = set(tiles.tolist())
         self._held = {tile: columns for tile, columns in self._held.items() if tile in wanted}
         self._read(wanted - self._held.keys())
         cell = np.sort(np.concatenate([NO_NUMBERS, *(tile.cell for tile in self._held.values())]))

@@ -29,6 +29,11 @@ class LogFile:
     size: int
     mark: str
 
+    @property
+    def version(self) -> str:
+        """The same for as long as the log is the same; without a mark, of its size alone."""
+        return f"{self.size} {self.mark}"
+
 
 def find_logs(patterns: Iterable[str]) -> list[LogFile]:
     """The logs of paths, URLs, and patterns with `*` and `**` of either, each once, in order of their names.

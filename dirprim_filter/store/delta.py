@@ -1,0 +1,47 @@
+"""The library of Delta tables: where tables are, and what is wrong with them in one line, without secrets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from dirprim_filter.recording.errors import MissingExtraError, RecordingError
+
+ANSI = re.compile(r"\x1b\[[0-9;]*m")
+SECRET = re.compile(r"(?<=://)[^/@\s]*@|(?<=[?&])[^=&\s]*(?:sig|token|key|secret)[^=&\s]*=[^&\s]*", re.IGNORECASE)
+"""In a URL: what stands before @, and signatures."""
+
+
+def address_of(path: str | Path) -> str:
+    """As Delta takes it: an absolute path, or a URL, which `Path` takes a slash of."""
+    text = re.sub(r"^file:/+", "/", str(path))
+    if ":/" in text:
+        return re.sub(r":/+", "://", text, count=1)
+    return str(Path(text).resolve())
+
+
+def shown(path: str | Path) -> str:
+    """As messages name it: without what is secret in a URL."""
+    return SECRET.sub("***", address_of(path) if ":/" in str(path) else str(path))
+
+
+def asked(path: str | Path, ask: Callable[[Any], Any]) -> Any:
+    """What the library of Delta tables answers; what is wrong becomes one line, without colours and secrets.
+
+    Raises:
+        MissingExtraError: it is not installed.
+        RecordingError: whatever it raises, but for a lack of room and rights, which say themselves what they are.
+    """
+    try:
+        import deltalake  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise MissingExtraError(shown(path), library="deltalake", extra="fleet") from error
+    from deltalake.exceptions import DeltaError  # noqa: PLC0415
+
+    try:
+        return ask(deltalake)
+    except (OSError, DeltaError, ValueError, TypeError) as error:
+        said = SECRET.sub("***", " ".join(ANSI.sub("", str(error)).replace("↳", "").split()))
+        raise RecordingError(f"{shown(path)}: {said or type(error).__name__}") from error

@@ -1,0 +1,168 @@
+"""One map of those of many blocks: of each the cells that lie in it.
+
+A vehicle that leaves a block goes on, in the block's own map, to a manoeuvre of a cell in its halo. In the joined map
+that is the manoeuvre of the neighbour's cell there that is most alike in course and speed. What is of no place comes
+from the block with the most rows.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.motion import FLOATS, Motion
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.store.blocks import Block
+from tessellation import GridTessellation, Tessellation, VoronoiTessellation
+
+FILLERS = {
+    "weight": 0.0,
+    "mean_direction": 0.0,
+    "concentration": 0.0,
+    "shape": 1.0,
+    "rate": 1.0,
+    "bend": 0.0,
+    "gain": 0.0,
+}
+"""Of modes that a cell does not have."""
+COURSE, LOG_PACE = 0.2, 0.25
+"""Radians, and of log(speed + 0.3 m/s): by so much manoeuvres are about as far apart."""
+
+
+def joined(parts: dict[Block, PrimitiveMap]) -> PrimitiveMap:
+    """The map of all blocks; of one, its own.
+
+    Args:
+        parts: at least one, in order.
+    """
+    if len(parts) == 1:
+        return next(iter(parts.values()))
+    maps = list(parts.values())
+    own = [np.flatnonzero(block.holds(m.tessellation.centers)) for block, m in parts.items()]
+    cells, order = _tessellation(maps, own)
+    of_most = maps[int(np.argmax([m.n_rows[-1] for m in maps]))]
+    columns = _Columns.of(maps, own, of_most)
+    numbers = np.argsort(order)
+    begin = np.concatenate([[0], np.cumsum([cell.size for cell in own])])
+    homes = [numbers[begin[i] : begin[i + 1]] for i in range(len(maps))]
+    rows = np.append(order, order.size)
+    c = {name: column[rows] for name, column in columns.column.items()}
+    n_rows = columns.n_rows[rows]
+    n_rows[-1] = n_rows[:-1].sum()
+    return PrimitiveMap(
+        tessellation=cells, n_rows=n_rows, n_place_free_modes=columns.n_free,
+        direction=VonMisesMixture(
+            weight=c["weight"], mean_direction=c["mean_direction"], concentration=c["concentration"]
+        ),
+        speed=Gamma(shape=c["shape"], rate=c["rate"]), bend=c["bend"], gain=c["gain"],
+        motion=_motion(maps, own, homes, cells=cells, of_most=of_most, n_own=columns.n_own),
+    )  # fmt: skip
+
+
+def _tessellation(maps: list[PrimitiveMap], own: list[IntArray]) -> tuple[Tessellation, IntArray]:
+    """All cells, and (n,) which of the blocks' cells, one after the other, each is."""
+    centers = np.concatenate([m.tessellation.centers[cells] for m, cells in zip(maps, own, strict=True)])
+    grids = [m.tessellation for m in maps if isinstance(m.tessellation, GridTessellation)]
+    if grids:
+        grid = GridTessellation.covering(centers, cell_size=grids[0].cell_size)
+        return grid, np.argsort(grid.cell_of(centers), kind="stable")
+    regions = [m.tessellation.region for m in maps if isinstance(m.tessellation, VoronoiTessellation)]
+    region = GridTessellation.covering(
+        np.concatenate([region.centers for region in regions]), cell_size=regions[0].cell_size
+    )
+    return VoronoiTessellation(generators=centers, region=region), np.arange(len(centers))
+
+
+class _Columns(NamedTuple):
+    """Of all primitives, one block's cells after the other's, and last of no place."""
+
+    column: dict[str, FloatArray]
+    n_rows: IntArray
+    n_own: int
+    n_free: int
+
+    @classmethod
+    def of(cls, maps: list[PrimitiveMap], own: list[IntArray], of_most: PrimitiveMap) -> _Columns:
+        n_own, n_free = (max(getattr(m, name) for m in maps) for name in ("n_own_modes", "n_place_free_modes"))
+        parts: dict[str, list[FloatArray]] = {name: [] for name in FILLERS}
+        n_rows = []
+        for m, cells in [*zip(maps, own, strict=True), (of_most, np.array([-1]))]:
+            d, s = m.direction, m.speed
+            values = (d.weight, d.mean_direction, d.concentration, s.shape, s.rate, m.bend, m.gain)
+            moves = m.n_own_modes - 1
+            free = n_own + np.arange(n_free - m.n_place_free_modes, n_free)
+            at = np.concatenate([np.arange(moves), [n_own - 1], free])  # in motion, standing, place-free
+            for (name, filler), value in zip(FILLERS.items(), values, strict=True):
+                column = np.full((cells.size, n_own + n_free, *value.shape[2:]), filler)
+                column[:, at] = value[cells]
+                parts[name].append(column)
+            n_rows.append(m.n_rows[cells])
+        together = {name: np.concatenate(some) for name, some in parts.items()}
+        return cls(together, np.concatenate(n_rows), n_own, n_free)
+
+
+def _motion(
+    maps: list[PrimitiveMap], own: list[IntArray], homes: list[IntArray], *, cells: Tessellation,
+    of_most: PrimitiveMap, n_own: int,
+) -> Motion:  # fmt: skip
+    """Manoeuvres in order of their cells, and transitions between them; `homes` are the numbers of the own cells."""
+    columns: list[dict[str, AnyArray]] = []
+    kept = []
+    for m, mine, home in zip(maps, own, homes, strict=True):
+        motion = m.motion
+        at = np.full(m.tessellation.n_cells, -1)
+        at[mine] = home
+        chosen = np.flatnonzero(at[motion.cell[: motion.n_placed]] >= 0)
+        column = {name: getattr(motion, name)[chosen] for name in FLOATS}
+        column["cell"] = at[motion.cell[chosen]]
+        column["mode"] = np.where(motion.mode[chosen] == m.n_own_modes - 1, n_own - 1, motion.mode[chosen])
+        columns.append(column)
+        kept.append(chosen)
+    free = of_most.motion.without_places()
+    placed = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+    order = np.argsort(placed["cell"], kind="stable")
+    begin = np.concatenate([[0], np.cumsum([chosen.size for chosen in kept])])
+    placed = {name: column[order] for name, column in placed.items()}
+    z = order.size
+    number = np.argsort(order)
+    count = [csr_array((free.count, free.following + z, np.concatenate([np.zeros(z, np.int64), free.first])),
+                       shape=(z + len(free), z + len(free)))]  # fmt: skip
+    for i, (m, chosen) in enumerate(zip(maps, kept, strict=True)):
+        known = number[begin[i] : begin[i + 1]]
+        target = _targets(m, placed, cells, n_own)
+        target[chosen] = known
+        source = np.repeat(np.arange(len(m.motion)), np.diff(m.motion.first))
+        of = np.full(len(m.motion), -1)
+        of[chosen] = known
+        there = (of[source] >= 0) & (target[m.motion.following] >= 0)
+        pair = of[source[there]], target[m.motion.following[there]]
+        count.append(csr_array((m.motion.count[there], pair), shape=count[0].shape))
+    total = csr_array(sum(count[1:], count[0]))
+    total.sum_duplicates()
+    total.sort_indices()
+    joint: dict[str, Any] = {name: np.concatenate([column, getattr(free, name)]) for name, column in placed.items()}
+    return Motion(
+        **joint, first=total.indptr.astype(np.int64), following=total.indices.astype(np.int64),
+        count=total.data.astype(np.float64), strength=free.strength, spread=free.spread, leader=free.leader,
+        course_rate=free.course_rate,
+    )  # fmt: skip
+
+
+def _targets(m: PrimitiveMap, placed: dict[str, AnyArray], cells: Tessellation, n_own: int) -> IntArray:
+    """(z,) the joined map's manoeuvre that is most alike each of a block's, in the cell there; -1 where none is."""
+    motion, n = m.motion, m.motion.n_placed
+    found = np.full(len(motion), -1)
+    there = cells.cell_of(m.tessellation.centers)[motion.cell[:n]]
+    begin, end = (np.searchsorted(placed["cell"], there, side=side) for side in ("left", "right"))
+    stands = motion.mode[:n] == m.n_own_modes - 1
+    for i in np.flatnonzero((there >= 0) & (end > begin)).tolist():
+        some = slice(begin[i], end[i])
+        off = 2.0 * np.sin(0.5 * (placed["course"][some] - motion.course[i])) / COURSE
+        slower = (placed["log_pace"][some] - motion.log_pace[i]) / LOG_PACE
+        other = 1e6 * ((placed["mode"][some] == n_own - 1) != stands[i])
+        found[i] = begin[i] + int(np.argmin(off**2 + slower**2 + other))
+    return found
