@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Unpack
+from typing import TYPE_CHECKING, TypeGuard, Unpack
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
@@ -28,11 +28,16 @@ from dirprim_filter.recording.schemas.dirprim import decode_estimates
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.summary import LogSummary, TopicSummary
-from dirprim_filter.recording.tables.source import TableDetections, is_table, read_table
 from dirprim_filter.recording.transforms.geodesy import Origin
 from dirprim_filter.recording.vehicle_rows import VehicleRows
 from dirprim_filter.track_ids import repeated_rows
 from dirprim_filter.tracks import Tracks
+
+if TYPE_CHECKING:
+    from dirprim_filter.recording.tables.source import TableDetections
+
+TABLES = (".csv", ".csv.gz", ".tsv", ".parquet", ".feather", ".arrow")
+"""Ends of the names of tables, which stand wherever a log does."""
 
 __all__ = [
     "Damage", "DetectionStream", "FieldMapping", "LogSummary", "Losses", "Origin", "ReadOptions", "TimeSource",
@@ -86,7 +91,9 @@ def read_track_logs(
     frame = ""
     options = replace(options, **changes)
     for one in sources:
-        if is_table(one):
+        if _is_table(one):
+            from dirprim_filter.recording.tables.source import read_table  # noqa: PLC0415 - logs do without Arrow
+
             table = read_table(Path(one), options)
             if table.detections and not len(table.tracks):
                 way = "`dirprim track --no-ids` tracks them"
@@ -144,7 +151,9 @@ def stream_detections(
         ValueError: `topics` is neither a name nor a regular expression.
     """
     options = replace(options, **changes)
-    if is_table(path):
+    if _is_table(path):
+        from dirprim_filter.recording.tables.source import TableDetections  # noqa: PLC0415 - logs do without Arrow
+
         return TableDetections(Path(path), options, motion=motion)
     log = Log(path)
     chosen = choose_topics(log, options, prefer_detections=True)
@@ -189,3 +198,8 @@ def read_estimates(path: PathOrText, *, smoothed: bool = False, topic: str | Non
                     ) from error  # fmt: skip
         Losses(damage=scan.damage).log(log.path)
     return Estimates.concatenate(parts)
+
+
+def _is_table(source: object) -> TypeGuard[str | PathLike[str]]:
+    """Whether a source is a table, by the end of its name."""
+    return isinstance(source, str | PathLike) and str(source).lower().endswith(TABLES)

@@ -6,7 +6,8 @@ What is true for the whole log is static; all else stands on the log's own time 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sized
 from itertools import chain, compress, repeat
 from types import TracebackType
 from typing import Any, Self
@@ -37,7 +38,9 @@ from dirprim_filter.viewer.stream import Stream
 from dirprim_filter.viewer.timeline import time_column
 
 BATCH_FRAMES = 64
-"""Frames that a file gets at a time; a viewer gets each as it comes."""
+"""Frames that a file gets at a time;"""
+LIVE_S = 0.1
+"""a viewer gets them so often: one by one, a fast run would wait for its viewer."""
 IN_FOCUS = 100
 """Particles of the vehicle in focus, where none were asked for."""
 BUSY_SHARE = 0.75
@@ -74,6 +77,7 @@ class RerunSink:
         self._forecast_ns = 0
         self._forecasts_pending = False
         self._background = Background("dirprim-rerun")
+        self._sent_s = 0.0
 
     def __enter__(self) -> Self:
         return self
@@ -183,14 +187,14 @@ class RerunSink:
         )  # fmt: skip
         self._lines.see(frame)
         self._see(frame, in_full)
-        if self.stream.live or len(self._batch) >= BATCH_FRAMES:
+        if self._is_due(self._batch):
             self._send_batch()
         self.stream.look_after()
 
     def write_smoothed(self, frame: TrackedFrame) -> None:
         """Show what a smoother says of one instant; frames in order of time, each later than the filter's."""
         self._smoothed.add(frame)
-        if self.stream.live or len(self._smoothed) >= BATCH_FRAMES:
+        if self._is_due(self._smoothed):
             self._send_smoothed()
 
     def write_forecast(self, forecasts: Forecasts) -> None:
@@ -263,9 +267,13 @@ class RerunSink:
         depth = 100.0 if self._box is None else float(np.ptp(self._box[:, 1]))
         return FrameBatch(primitives=self._primitives, depth=depth)
 
+    def _is_due(self, batch: Sized) -> bool:
+        return len(batch) >= BATCH_FRAMES or (self.stream.live and time.monotonic() >= self._sent_s + LIVE_S)
+
     def _send_batch(self) -> None:
         """Send what is gathered: to a file by a thread of its own, so that the tracker goes on meanwhile."""
         self._background.wait()
+        self._sent_s = time.monotonic()
         batch, lanes, styles = self._batch, list(lane_columns(self._lines)), list(lane_styles(self._lines))
         self._lines.changes, self._lines.entries = {}, []
         self._batch = self._new_batch()

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from os import PathLike
 from pathlib import Path
-from typing import TypeGuard
 
 import numpy as np
 
@@ -19,13 +17,6 @@ from dirprim_filter.recording.tables.formats import FORMATS, recognised
 from dirprim_filter.recording.tables.table import Table
 from dirprim_filter.recording.topic_names import DETECTIONS, OBJECTS
 from dirprim_filter.tracks import Tracks
-
-SUFFIXES = (".csv", ".csv.gz", ".tsv", ".parquet", ".feather", ".arrow")
-
-
-def is_table(source: object) -> TypeGuard[str | PathLike[str]]:
-    """Whether a source is a table, by the end of its name."""
-    return isinstance(source, str | PathLike) and str(source).lower().endswith(SUFFIXES)
 
 
 def read_table(path: Path, options: ReadOptions) -> Table:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log
@@ -18,6 +18,9 @@ from dirprim_filter.recording.schemas.family import GEODETIC
 from dirprim_filter.recording.schemas.object_rows import ObjectRows
 from dirprim_filter.recording.transforms.geodesy import Origin, on_plane
 from dirprim_filter.recording.transforms.transform_tree import Placement, TransformTree
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 logger = logging.getLogger(__name__)
 

@@ -14,10 +14,9 @@ import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
 from dirprim_filter.recording.container.log import Log, Scan
@@ -31,6 +30,9 @@ from dirprim_filter.recording.schemas.decoders import Decoders, batches, by_sche
 from dirprim_filter.recording.schemas.families import TRANSFORMS
 from dirprim_filter.recording.schemas.family import QUATERNION
 from dirprim_filter.track_ids import Numbers
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 logger = logging.getLogger(__name__)
 
@@ -86,6 +88,8 @@ class Edge:
 
     def at(self, time_ns: IntArray) -> Placement:
         """The frame in its parent at (n,) times."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - logs in one frame do without
+
         n = time_ns.size
         if self.is_constant:
             rotation = Rotation.from_quat(np.broadcast_to(self.rotation[0], (n, 4)))
@@ -181,6 +185,8 @@ class TransformTree:
         )
 
     def _climb(self, frames: Iterable[str], time_ns: IntArray) -> Placement:
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - logs in one frame do without
+
         placed = Placement(
             Rotation.from_quat(np.broadcast_to([0.0, 0.0, 0.0, 1.0], (time_ns.size, 4))),
             np.zeros((time_ns.size, 3)),
