@@ -28,15 +28,6 @@ VIRIDIS: FloatArray = np.array(
 )  # fmt: skip
 """(17, 3) equidistant colours from dark (slow) to light (fast)."""
 
-BLUE_TO_RED: FloatArray = np.array(
-    [
-        [13, 8, 135], [56, 4, 154], [89, 1, 165], [122, 2, 168], [150, 19, 161], [177, 42, 144], [198, 65, 125],
-        [217, 88, 106], [232, 112, 89],
-    ],
-    dtype=np.float64,
-)  # fmt: skip
-"""(9, 3) the first two thirds of plasma: from blue to red as the paper's Fig. 9, but lighter all the way."""
-
 OKABE_ITO: ByteArray = np.array(
     [[86, 180, 233], [233, 104, 20], [224, 141, 187], [230, 159, 0], [90, 140, 255]],
     dtype=np.uint8,
@@ -54,11 +45,6 @@ FAINTEST_FAN = 0.05
 def speed_color(speed: FloatArray, *, fastest: float) -> ByteArray:
     """Viridis from 0 m/s to `fastest` and beyond. (...) m/s -> (..., 4)."""
     return _between(VIRIDIS, np.asarray(speed) / fastest)
-
-
-def probability_color(probability: FloatArray) -> ByteArray:
-    """From blue, 0, to red, 1. (...) -> (..., 4)."""
-    return _between(BLUE_TO_RED, np.asarray(probability))
 
 
 def direction_color(direction: FloatArray) -> ByteArray:

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.distributions import VonMisesMixture, von_mises
-from dirprim_filter.distributions.angles import TWO_PI
+from dirprim_filter.distributions import von_mises
 from dirprim_filter.drawing.colors import ByteArray, speed_color
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.transitions import cell_transitions
@@ -37,14 +36,6 @@ REACH = 1.5
 ends before the next cell's petal begins."""
 LARGEST_ROSE = 0.18
 """The same as a share of the width of a square as large as all cells: those of a map of few cells would hide it."""
-N_SECTORS = 24
-"""Of a rose diagram: 15 degrees each."""
-SMALLEST_SECTOR = 0.003
-"""Sectors that are less probable are not drawn."""
-SECTOR_VERTICES = 4
-POINTS_IN_SECTOR = 64
-"""Directions at which a density is taken to integrate it over a sector; a mode of the greatest concentration has a
-standard deviation of 0.6 degrees."""
 MOST_BEND = 1.0
 """Radians by which a petal turns at most from its root to its tip."""
 LITTLE_MORE = 1.6
@@ -111,52 +102,6 @@ def rose_petals(primitives: PrimitiveMap) -> Petals:
         weight=weight,
         cell=cell,
     )
-
-
-class Roses(NamedTuple):
-    """The sectors of a map's rose diagrams.
-
-    Attributes:
-        polygon: (n, k, 2) metres; the first vertex is the cell's anchor.
-        probability: (n,) that a vehicle in the cell goes that way.
-        cell: (n,) the sector's cell.
-    """
-
-    polygon: FloatArray
-    probability: FloatArray
-    cell: IntArray
-
-
-def sector_probabilities(mixture: VonMisesMixture, *, n_sectors: int = N_SECTORS) -> FloatArray:
-    """The probability of each of equal sectors, the first around east. (..., M) -> (..., n_sectors) summing to one."""
-    width = TWO_PI / n_sectors
-    middle = np.arange(n_sectors) * width
-    one_each = VonMisesMixture(
-        weight=mixture.weight[..., None, :],
-        mean_direction=mixture.mean_direction[..., None, :],
-        concentration=mixture.concentration[..., None, :],
-    )
-    share = np.zeros((*mixture.weight.shape[:-1], n_sectors))
-    for offset in (np.arange(POINTS_IN_SECTOR) + 0.5) / POINTS_IN_SECTOR - 0.5:
-        share += np.exp(one_each.log_density(middle + offset * width))
-    return np.asarray(share / share.sum(axis=-1, keepdims=True))
-
-
-def rose_sectors(primitives: PrimitiveMap) -> Roses:
-    """A rose diagram for each cell that holds data: p(direction) at its anchor, integrated over sectors.
-
-    The radius is R sqrt(probability), with R the cell's radius times `REACH`: the area is proportional to it.
-    """
-    tessellation = primitives.tessellation
-    held, root = np.flatnonzero(_has_rose(primitives)), anchors(tessellation)
-    probability = sector_probabilities(primitives.primitive_at(root[held]).direction)
-    row, sector = np.nonzero(probability >= SMALLEST_SECTOR)
-    cell, share = held[row], probability[row, sector]
-    width = TWO_PI / N_SECTORS
-    theta = (sector * width)[:, None] + np.linspace(-0.5, 0.5, SECTOR_VERTICES) * width
-    radius = _rose_reach(tessellation)[cell] * np.sqrt(share)
-    rim = root[cell, None] + radius[:, None, None] * _heading(theta)
-    return Roses(polygon=np.concatenate([root[cell, None], rim], axis=1), probability=share, cell=cell)
 
 
 def _has_rose(primitives: PrimitiveMap) -> BoolArray:

@@ -18,11 +18,10 @@ from matplotlib.patches import Wedge
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.drawing import shapes
-from dirprim_filter.drawing.colors import direction_color, probability_color, speed_color
+from dirprim_filter.drawing.colors import direction_color, speed_color
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
-from tessellation import Tessellation
 from tessellation.anchors import anchors
 
 CONFIDENCE = 0.9
@@ -30,8 +29,6 @@ MAX_GAP_S = 2.0
 """A vehicle unseen for longer is drawn as two lines."""
 ROOT_DIAMETER = 0.09
 """Of the dot at a rose's root, as a share of its cell's width: it shows which way the petals point."""
-ROW_SIZE = 1.2
-"""Square points of a row's dot."""
 STANDING_SPEED = LearningConfig().standing_speed
 """m/s; below it a direction means nothing."""
 
@@ -63,22 +60,6 @@ def draw_map(axes: Axes, primitives: PrimitiveMap, *, opacity: float = 1.0) -> S
     return ScalarMappable(Normalize(0.0, fastest), ListedColormap(steps))
 
 
-def draw_roses(axes: Axes, primitives: PrimitiveMap) -> ScalarMappable:
-    """Cells and rose diagrams; -> the colours of probability, for a colour bar."""
-    roses = shapes.rose_sectors(primitives)
-    outlines = shapes.cell_outlines(primitives.tessellation)
-    axes.add_collection(LineCollection(outlines, colors=CELL_GREY, linewidths=0.4, zorder=1))
-    color = probability_color(roses.probability) / 255.0
-    axes.add_collection(PolyCollection(list(roses.polygon), facecolors=color, linewidths=0, zorder=3))
-    return ScalarMappable(Normalize(0.0, 1.0), ListedColormap(probability_color(np.linspace(0.0, 1.0, 256)) / 255.0))
-
-
-def draw_cells(axes: Axes, tessellation: Tessellation) -> None:
-    """The borders of the cells, to be seen over data."""
-    outlines = shapes.cell_outlines(tessellation)
-    axes.add_collection(LineCollection(outlines, colors="0.3", linewidths=0.45, joinstyle="round", zorder=4))
-
-
 def draw_flow(axes: Axes, primitives: PrimitiveMap) -> None:
     """Arrows from cell to cell, as wide as their share of the vehicles leaving the cell, coloured by direction."""
     ways = shapes.Flow.of(primitives)
@@ -87,14 +68,6 @@ def draw_flow(axes: Axes, primitives: PrimitiveMap) -> None:
     outlines = ways.outlines(shapes.FLOW_WIDTH * usual * ways.share)[order]
     color = direction_color(np.arctan2(*ways.vector.T[::-1]))[order] / 255.0
     axes.add_collection(PolyCollection(list(outlines), facecolors=color, edgecolors="white", linewidths=0.15, zorder=3))
-
-
-def draw_rows(axes: Axes, tracks: Tracks) -> None:
-    """Where vehicles were seen, coloured by direction; grey where they stood. A bitmap also in a vector file."""
-    color = direction_color(tracks.direction) / 255.0
-    color[tracks.speed < STANDING_SPEED, :3] = float(CELL_GREY)
-    x, y = tracks.position.T
-    axes.scatter(x, y, s=ROW_SIZE, c=color, linewidths=0, zorder=2, rasterized=True)
 
 
 def draw_wheel(axes: Axes, title: str) -> None:
@@ -118,17 +91,19 @@ def _roots(primitives: PrimitiveMap, petals: shapes.Petals) -> tuple[FloatArray,
 def draw_tracks(axes: Axes, tracks: Tracks) -> None:
     """Observed motion, as thin lines under the roses."""
     paths = paths_of(tracks.vehicle, tracks.time_ns, tracks.position)
-    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.3, alpha=0.3, zorder=2))
+    axes.add_collection(LineCollection(paths, colors=TRACK_GREY, linewidths=0.5, alpha=0.5, zorder=2))
 
 
 def draw_estimates(axes: Axes, estimates: Estimates, color: Mapping[str, str]) -> None:
-    """The way of each vehicle, in its colour or else in that of all others."""
+    """The way of each vehicle, in its colour or else in that of all others; thin where it coasts."""
     names = estimates.track_id.astype(np.str_)
     for name in np.unique(names):
         rows = names == name
-        paths = paths_of(names[rows], estimates.time_ns[rows], estimates.position[rows])
-        shade = color.get(name, OTHER_COLOR)
-        axes.add_collection(LineCollection(paths, colors=shade, linewidths=1.6, capstyle="round", zorder=6))
+        for coasts, width in ((False, 1.6), (True, 0.6)):
+            own = rows & (estimates.is_coasting == coasts)
+            paths = paths_of(names[own], estimates.time_ns[own], estimates.position[own])
+            shade = color.get(name, OTHER_COLOR)
+            axes.add_collection(LineCollection(paths, colors=shade, linewidths=width, capstyle="round", zorder=6))
 
 
 def draw_forecast(axes: Axes, paths: FloatArray, color: str, *, opacity: float) -> None:

@@ -290,7 +290,7 @@ def test_a_setting_that_is_none_is_usage(log, capsys, given, said):
     assert said in " ".join(capsys.readouterr().err.split())
 
 
-@pytest.mark.parametrize("command", ["tracking", "forecast", "density", "cues"])
+@pytest.mark.parametrize("command", ["tracking", "forecast"])
 def test_a_picture_that_exists_is_found_before_the_work(log, capsys, tmp_path, command, monkeypatch):
     def reads_nothing(*_args, **_options):
         raise AssertionError("the log was read")

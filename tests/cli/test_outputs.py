@@ -56,7 +56,7 @@ def files(ring, ring_map, tmp_path):
         "export log.mcap -o log.mcap",
         "score log.mcap --truth log.mcap --plot log.mcap",
         "evaluate tracking log.mcap --map map.mcap -o map.mcap",
-        "evaluate density log.mcap --plot log.mcap",
+        "evaluate forecast log.mcap --plot log.mcap",
     ],
 )
 def test_an_input_is_never_replaced(command, files, monkeypatch, capsys):

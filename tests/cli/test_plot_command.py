@@ -25,13 +25,9 @@ def plot(files, *arguments):
     ("figure", "more"),
     [
         ("map", ()),
-        ("roses", ()),
-        ("cells", ("--log", "log.mcap")),
         ("transitions", ("--log", "log.mcap")),
-        ("direction", ("--at", 20, 0, "--log", "log.mcap")),
-        ("speed", ("--at", -20, 0)),
-        ("rejection", ("--cue", "left")),
-        ("product", ("--at", 20, 0, "--heading-deg", 90)),
+        ("place", ("--at", 20, 0, "--log", "log.mcap")),
+        ("place", ("--cue", "left", "--heading-deg", 90)),
     ],
 )
 def test_every_picture(files, tmp_path, capsys, figure, more):
@@ -53,25 +49,15 @@ def test_a_part_of_the_map_in_a_given_width_and_resolution(files, tmp_path, figu
     assert b[0] < a[0]  # half as deep a part is drawn on a flatter page
 
 
-def test_the_seed_decides_the_picture(files, tmp_path):
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        assert plot(files, "-o", tmp_path / f"{name}.svg", "--figure", "rejection", "--seed", seed) == DONE
-    a, b, c = ((tmp_path / f"{name}.svg").read_bytes() for name in "abc")
-    assert a == b
-    assert a != c
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--figure", "roses", "--at", 1, 2], "--at: has no meaning for --figure roses; it is for direction"),
-        (["--figure", "cells"], "--log: expected with --figure cells"),
-        (["--cue", "left"], "it is for rejection, product"),
+        (["--at", 1, 2], "--at: has no meaning for --figure map; it is for place"),
         (["--figure", "pie"], "pie"),
-        (["--figure", "speed", "--width", 4], "--width: has no meaning for --figure speed"),
+        (["--figure", "place", "--width", 4], "--width: has no meaning for --figure place"),
         (["--extent", 10, 0, -10, 5], "expected west south east north"),
-        (["--figure", "speed", "--at", 900, 0], "expected a place in a cell, got (900, 0) m"),
-        (["--figure", "speed", "--at", "nan", 0], "finite"),
+        (["--figure", "place", "--at", 900, 0], "expected a place in a cell, got (900, 0) m"),
+        (["--figure", "place", "--at", "nan", 0], "finite"),
     ],
 )
 def test_what_cannot_be_drawn_is_reported_and_nothing_is_written(files, tmp_path, capsys, arguments, said):
@@ -83,14 +69,3 @@ def test_what_cannot_be_drawn_is_reported_and_nothing_is_written(files, tmp_path
 def test_a_format_is_refused_before_the_work(files, tmp_path, capsys):
     assert plot(files, "-o", tmp_path / "p.gif") == FAILED
     assert "ends in .png, .pdf, .svg, got .gif" in capsys.readouterr().err
-    options = ["--folds", "2", "--every", "1", "--plot", str(tmp_path / "t.gif")]
-    assert run(["evaluate", "density", str(files / "log.mcap"), *options]) == FAILED
-    assert "got .gif" in capsys.readouterr().err
-
-
-def test_tables_are_drawn_beside_their_text(files, tmp_path, capsys):
-    options = ["--folds", "2", "--tessellation", "grid", "--plot", str(tmp_path / "t.pdf")]
-    assert run(["evaluate", "cues", str(files / "log.mcap"), *options]) == DONE
-    assert "steps from cell to cell" in capsys.readouterr().out
-    assert (tmp_path / "t.pdf").read_bytes().startswith(b"%PDF")
-    assert [path.name for path in tmp_path.iterdir()] == ["t.pdf"]

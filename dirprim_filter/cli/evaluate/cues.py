@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.density import interval_text
 from dirprim_filter.cli.evaluate.report import Experiment, Folds, Json, MinSpeed, Split, table_line
-from dirprim_filter.cli.options import Cells, Force, Logs, Plot, Seed, Tessellation
+from dirprim_filter.cli.options import Cells, Force, Logs, Seed, Tessellation
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.cues import CueTable
     from dirprim_filter.evaluation.turn_signal import SignalExample
-    from dirprim_filter.viewer.figures import Figure
 
 
 @reads_logs()
@@ -25,7 +24,6 @@ def cues(
     tessellation: Tessellation = Cells.JOINT,
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
-    plot: Plot = None,
     as_json: Json = False,
     force: Force = False,
     *,
@@ -43,7 +41,7 @@ def cues(
     from dirprim_filter.primitives import learn_primitives
 
     experiment = Experiment.on(
-        logs, command="evaluate cues", reading=reading, plot=plot, as_json=as_json, force=force
+        logs, command="evaluate cues", reading=reading, as_json=as_json, force=force
     )  # fmt: skip
     tracks = experiment.log.tracks
     deal, learn, draw = np.random.default_rng(seed).spawn(3)
@@ -55,19 +53,13 @@ def cues(
     learned = learn_primitives(tracks, tessellation=tessellation.value, rng=learn)
     example = turn_signal_example(learned, rng=draw)
 
-    def figure() -> Figure:
-        from dirprim_filter.viewer.figures import cue_table_figure
-
-        return cue_table_figure(table)
-
     settings = {
         "split_by": table.split_by, "n_folds": folds, "tessellation": tessellation.value, "min_speed": min_speed,
         "seed": seed,
     }  # fmt: skip
     signal = asdict(example) | {"position": example.position.tolist()}
     return experiment.report(
-        {"table": asdict(table), "turn_signal": signal}, settings=settings, text=lambda: cues_text(table, example),
-        figure=figure,
+        {"table": asdict(table), "turn_signal": signal}, settings=settings, text=lambda: cues_text(table, example)
     )  # fmt: skip
 
 

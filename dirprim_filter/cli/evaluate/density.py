@@ -10,14 +10,13 @@ import typer
 
 from dirprim_filter.cli.counts import counted
 from dirprim_filter.cli.evaluate.report import Experiment, Folds, Json, MinSpeed, table_line
-from dirprim_filter.cli.options import Force, Logs, Plot, Seed
+from dirprim_filter.cli.options import Force, Logs, Seed
 from dirprim_filter.cli.reading import Reading, reads_logs
 
 if TYPE_CHECKING:
     from dirprim_filter.evaluation.density import DensityScore, DensityTable
     from dirprim_filter.evaluation.intervals import Interval
     from dirprim_filter.evaluation.settings import Choice
-    from dirprim_filter.viewer.figures import Figure
 
 
 class SplitBy(StrEnum):
@@ -39,7 +38,6 @@ def density(
     every: Annotated[float | None, typer.Option(help="Seconds between a vehicle's rows. Default: all rows.")] = None,
     min_speed: MinSpeed = 0.5,
     seed: Seed = 0,
-    plot: Plot = None,
     as_json: Json = False,
     force: Force = False,
     *,
@@ -55,7 +53,7 @@ def density(
     from dirprim_filter.evaluation.density import conclusion, evaluate_density
 
     experiment = Experiment.on(
-        logs, command="evaluate density", reading=reading, plot=plot, as_json=as_json, force=force
+        logs, command="evaluate density", reading=reading, as_json=as_json, force=force
     )  # fmt: skip
     with step_progress("evaluating", "fits") as step:
         table = evaluate_density(
@@ -63,17 +61,11 @@ def density(
             interval_s=every, progress=step, rng=np.random.default_rng(seed),
         )  # fmt: skip
 
-    def figure() -> Figure:
-        from dirprim_filter.viewer.figures import density_table_figure
-
-        return density_table_figure(table)
-
     settings = {
         "split_by": table.split_by, "n_folds": folds, "interval_s": every, "min_speed": min_speed, "seed": seed
     }  # fmt: skip
     return experiment.report(
-        asdict(table) | {"conclusion": conclusion(table)}, settings=settings, text=lambda: density_text(table),
-        figure=figure,
+        asdict(table) | {"conclusion": conclusion(table)}, settings=settings, text=lambda: density_text(table)
     )  # fmt: skip
 
 

@@ -56,9 +56,9 @@ class Experiment:
         *,
         command: str,
         reading: Reading,
-        plot: Path | None,
         as_json: bool,
-        force: bool,
+        force: bool = False,
+        plot: Path | None = None,
         more_inputs: Sequence[Path] = (),
     ) -> Self:
         """Read the logs, once it is sure that the figure can be written.
@@ -79,7 +79,7 @@ class Experiment:
         *,
         settings: Mapping[str, Any],
         text: Callable[[], str],
-        figure: Callable[[], Figure],
+        figure: Callable[[], Figure] | None = None,
     ) -> int:
         """Draw and print the result.
 
@@ -92,7 +92,7 @@ class Experiment:
         Returns:
             The exit code.
         """
-        if self.plot is not None:
+        if self.plot is not None and figure is not None:
             from dirprim_filter.viewer.figures import save_figure
 
             save_figure(figure(), self.plot, force=self.force)

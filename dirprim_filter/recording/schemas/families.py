@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, IntArray
-from dirprim_filter.primitives.cues import signalled
 from dirprim_filter.recording.decoding.field_columns import FieldColumns
 from dirprim_filter.recording.schemas.family import AS_BOX, UNLABELLED, Family, Shape, family, label_names
 from dirprim_filter.recording.schemas.osi_sensor_data import SENSOR_DATA
@@ -92,6 +91,8 @@ def _derived(schema: str, pose: str, twist: str) -> Family:
 
 def _osi_signs(columns: FieldColumns, _: IntArray, known: dict[str, Any]) -> BoolArray:
     """What a vehicle is, and signals; an object that stands, of unknown yaw, has the course of what little it moves."""
+    from dirprim_filter.primitives.cues import signalled  # noqa: PLC0415 - logs without lights do without
+
     kind = columns.integers("type", default=UNLABELLED)
     vehicle = label_names(columns.integers("vehicle"), OSI_VEHICLES)
     known["label"] = np.where(kind == OSI_VEHICLE, vehicle, label_names(kind, OSI))

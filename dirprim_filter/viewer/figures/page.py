@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
@@ -23,11 +21,8 @@ DOTS_PER_INCH = 200
 FORMATS = (".png", ".pdf", ".svg")
 SMALL, NORMAL, LARGE = 8, 9, 10
 """Points: numbers at ticks and keys, labels, titles."""
-KEY_ROW = 0.18
-"""Inches."""
 FAINT = "0.6"
 """Of frames and ticks."""
-COMPASS = {-90: "S", 0: "E", 90: "N", 180: "W"}
 
 
 def check_figure_path(path: Path, *, force: bool) -> None:
@@ -104,16 +99,6 @@ def dress(axes: Axes) -> None:
     axes.yaxis.label.set_fontsize(NORMAL)
 
 
-def dress_directions(axes: Axes, *, start: float) -> None:
-    """An x axis once around the circle from `start`, radians: degrees, with the compass under them."""
-    first = round(float(np.rad2deg(start)))
-    degrees = np.arange(first, first + 361, 45)
-    wrapped = 180 - (180 - degrees) % 360
-    axes.set(xlim=(first, first + 360), xlabel="direction, counter-clockwise from east [deg]")
-    axes.set_xticks(degrees, [f"{turn}\n{COMPASS.get(int(turn), '')}" for turn in wrapped])
-    open_frame(axes)
-
-
 def open_frame(axes: Axes) -> None:
     """Only the lower and the left side of the frame: for curves."""
     dress(axes)
@@ -136,27 +121,6 @@ def dress_polar(axes: PolarAxes, *, densest: float, free: float) -> None:
     axes.grid(color=FAINT, linewidth=0.4)
     axes.spines[:].set_color(FAINT)
     axes.set_xlabel("density [1/rad], areas to scale", fontsize=NORMAL, labelpad=4)
-
-
-def panels_above_key(*, width: float, height: float, key: Sequence[Artist], n_columns: int) -> tuple[Figure, float]:
-    """A figure for panels of one height with a key in a strip below them, outside of all data.
-
-    Args:
-        width: inches, of the figure.
-        height: inches, of the panels.
-        key: what the marks mean, handles with labels.
-        n_columns: of the key.
-
-    Returns:
-        The figure, and where its panels begin: inches from below.
-    """
-    bottom = 0.8 + KEY_ROW * -(-len(key) // n_columns)
-    figure = Figure(figsize=(width, bottom + height + 0.4), dpi=DOTS_PER_INCH)
-    figure.legend(
-        handles=list(key), loc="lower center", ncols=n_columns, frameon=False, fontsize=NORMAL, borderaxespad=0.2,
-        columnspacing=2.0, handlelength=2.4, labelspacing=0.35,
-    )  # fmt: skip
-    return figure, bottom
 
 
 def dress_color_bar(bar: Colorbar, label: str) -> None:
