@@ -26,7 +26,7 @@ def replay(stream: Iterable[Detections], tracker: Tracker | Worlds, sinks: Seque
     """
     n_frames = 0
     for detections in stream:
-        tracker.predict(detections)  # hallucinate: direction and speed from the primitive (Eq. 4), one step on
+        tracker.predict(detections)  # one step on, by the manoeuvres of the map
         tracker.weigh()  # by the measured positions
         frame = tracker.frame()
         for sink in sinks:

@@ -107,7 +107,7 @@ def read_filter(
     """
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.evaluation.tracking_experiment import config_of
-    from dirprim_filter.filtering.sensed_particles import knobs_of
+    from dirprim_filter.filtering.measurements import settings_of
 
     config = read_experiment(path, of="track")
     if path is not None and path.suffix == ".toml":
@@ -116,7 +116,7 @@ def read_filter(
             raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
     kinds: dict[str, type[Any]] = {"filter": FilterConfig, "tracking": TrackingConfig}
     names = [[field.name for field in fields(kind)] for kind in kinds.values()]
-    of_sensor = {} if sensor is None else knobs_of(sensor)
+    of_sensor = {} if sensor is None else settings_of(sensor)
     made = []
     for (name, kind), own, known in zip(kinds.items(), deal(settings, *names), names, strict=True):
         stated = {of: value for of, value in (of_sensor | given).items() if of in known and value is not None}

@@ -12,7 +12,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.methods import METHODS, Method
 from dirprim_filter.evaluation.tracking_report import Scales
-from dirprim_filter.filtering.sensed_particles import knobs_of
+from dirprim_filter.filtering.measurements import settings_of
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.tracks import Tracks
 
@@ -59,7 +59,7 @@ class TrackingExperiment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "methods", tuple(self.methods))
-        knobs = {} if self.sensor is None else knobs_of(self.sensor)
+        knobs = {} if self.sensor is None else settings_of(self.sensor)
         if self.sensor is not None:
             object.__setattr__(self, "noise_m", knobs["noise_m"])
             object.__setattr__(self, "miss_rate", 1.0 - knobs.get("detection_probability", 1.0))

@@ -19,41 +19,44 @@ LOOK_S = 0.2
 
 
 @njit(cache=True, nogil=True)
-def predict(
+def advance(
     table: MotionTable, response: LeaderTable, cloud: Cloud, others: FloatArray, vehicle: IntArray, own: IntArray,
     since_s: FloatArray, dt_s: FloatArray,
 ) -> None:  # fmt: skip
-    """Move every particle of the given vehicles, among others that are extrapolated at constant velocity.
-
-    Place-free particles ignore leaders: they cover vehicles that do what no vehicle did there in the log.
+    """Move every particle of the given vehicles by the map: the one transition of filter, smoother and forecasts.
 
     Args:
         table: the map.
         response: the map's response to leaders; without trust vehicles move as if alone.
         cloud: the particles.
-        others: (1, m, 4) place, direction and speed.
+        others: (1, m, 4) place, direction and speed of all vehicles, which are extrapolated at constant velocity; then
+            particles without the map ignore leaders, for they cover vehicles that do what none did there in the log.
+            Or (n, m, 4): particle p of all vehicles is one world, which holds for at most `LOOK_S`.
         vehicle: (V,) the vehicles to move.
         own: (V,) the index of each vehicle among the others, -1 for none.
         since_s: (V,) seconds by which each is later than the others.
         dt_s: (V,) seconds to move by.
     """
     n, m = cloud.speed.shape[1], others.shape[1]
-    is_alone = response.trust == 0.0 or m == 0
+    is_alone, is_world = response.trust == 0.0 or m == 0, others.shape[0] > 1
     curvature, seen = np.empty(n), np.empty((n, 3))
     led, there = np.empty((0 if is_alone else n, 3)), np.empty((1, m, 4))
     for i in range(vehicle.size):
         v = vehicle[i]
-        if is_alone:
-            step(table, cloud, v, led, dt_s[i])
-            continue
-        n_looks = max(1, math.ceil(dt_s[i] / LOOK_S - 1e-9))
+        n_looks = 1 if is_alone else max(1, math.ceil(dt_s[i] / LOOK_S - 1e-9))
         h = dt_s[i] / n_looks
         for look in range(n_looks):
-            n_near, itself = vehicles_near(cloud.position[v], others[0], own[i], since_s[i] + look * h, there[0])
-            look_ahead(table, response, cloud, v, there, n_near, itself, curvature, seen, led)
-            for p in range(n):
-                if cloud.manoeuvre[v, p] >= table.begin[-1]:
-                    led[p, 0], led[p, 1], led[p, 2] = 0.0, 1.0, 0.0
+            if not is_alone:
+                near, n_near, itself = others, m, own[i]
+                if not is_world:
+                    later_s = since_s[i] + look * h
+                    n_near, itself = vehicles_near(cloud.position[v], others[0], own[i], later_s, there[0])
+                    near = there
+                look_ahead(table, response, cloud, v, near, n_near, itself, curvature, seen, led)
+                if not is_world:
+                    for p in range(n):
+                        if cloud.manoeuvre[v, p] >= table.begin[-1]:
+                            led[p, 0], led[p, 1], led[p, 2] = 0.0, 1.0, 0.0
             step(table, cloud, v, led, h)
 
 
@@ -81,33 +84,6 @@ def vehicles_near(
             there[n, 0], there[n, 1], there[n, 2], there[n, 3] = x, y, others[j, 2], others[j, 3]
             n += 1
     return n, itself
-
-
-@njit(cache=True, nogil=True)
-def predict_paths(
-    table: MotionTable, response: LeaderTable, cloud: Cloud, dt_s: FloatArray, path: FloatArray
-) -> None:  # fmt: skip
-    """Joint rollouts: particle p of all vehicles is one world. (n_steps,) seconds; fills (V, P, n_steps, 2)."""
-    n_vehicles, n = cloud.speed.shape
-    is_alone = response.trust == 0.0 or n_vehicles == 1
-    seers = 0 if is_alone else n
-    curvature, seen = np.empty(seers), np.empty((seers, 3))
-    led, world = np.empty((n_vehicles, seers, 3)), np.empty((seers, n_vehicles, 4))
-    for t in range(dt_s.size):
-        n_looks = 1 if is_alone else max(1, math.ceil(dt_s[t] / LOOK_S - 1e-9))
-        for _ in range(n_looks):
-            if not is_alone:
-                for v in range(n_vehicles):
-                    for p in range(n):
-                        world[p, v, 0], world[p, v, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
-                        world[p, v, 2], world[p, v, 3] = cloud.direction[v, p], cloud.speed[v, p]
-                for v in range(n_vehicles):
-                    look_ahead(table, response, cloud, v, world, n_vehicles, v, curvature, seen, led[v])
-            for v in range(n_vehicles):
-                step(table, cloud, v, led[v], dt_s[t] / n_looks)
-        for v in range(n_vehicles):
-            for p in range(n):
-                path[v, p, t, 0], path[v, p, t, 1] = cloud.position[v, p, 0], cloud.position[v, p, 1]
 
 
 @njit(cache=True, nogil=True)

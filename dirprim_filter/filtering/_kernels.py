@@ -10,19 +10,12 @@ import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions import _random as random
-from dirprim_filter.distributions._arithmetic import dot, total_of, weighted_sums
-from dirprim_filter.distributions._blocks import ROWS
-from dirprim_filter.distributions._elementary import EXACT, squared_sine, wrap
+from dirprim_filter.distributions._arithmetic import dot, total_of
+from dirprim_filter.distributions._elementary import EXACT, squared_sine
 from dirprim_filter.distributions._random import UIntArray
-from dirprim_filter.primitives import _map_kernels, _motion
+from dirprim_filter.primitives import _motion
 from dirprim_filter.primitives._manoeuvres import MotionTable
-from dirprim_filter.primitives._map_kernels import MapTable
 from tessellation import OUTSIDE
-
-KERNEL_SHARE = 0.7
-"""Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur. Of half of it beliefs
-are too sure: NEES of 2.2 in sight instead of 2.0."""
 
 
 class Cloud(NamedTuple):
@@ -48,161 +41,10 @@ def initialise_motion(table: MotionTable, cloud: Cloud, vehicle: IntArray) -> No
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
-def scatter(
-    primitives: MapTable, cloud: Cloud, vehicle: IntArray, key: UIntArray, measured: FloatArray, noise: float
-) -> None:
-    """Initialise a belief from one measurement: positions around it, direction and speed from the primitive there.
-
-    `initialise_motion` then looks up the cells and draws manoeuvres.
-    """
-    n = cloud.speed.shape[1]
-    block = np.empty(n // ROWS + 1, np.uint64)
-    for i in range(vehicle.size):
-        v = vehicle[i]
-        state = cloud.state[v]
-        random.seed_state(key[i], state)
-        for p in range(n):
-            cloud.position[v, p, 0] = measured[i, 0] + noise * random.draw_normal(state)
-            cloud.position[v, p, 1] = measured[i, 1] + noise * random.draw_normal(state)
-        for b in range(block.size):
-            block[b] = random.bits(state)
-        _map_kernels.draw(primitives, cloud.position[v], block, cloud.direction[v], cloud.speed[v])
-        cloud.weight[v] = 1.0 / n
-
-
 @njit(cache=True)
 def effective_sample_size(weight: FloatArray) -> float:
     """1 / sum of squared weights."""
     return 1.0 / dot(weight, weight)
-
-
-@njit(cache=True)
-def systematic(weight: FloatArray, u: float, survivors: IntArray) -> None:
-    """Systematic resampling (Kitagawa 1996): particle p survives floor or ceil of n w_p times. Fills how often."""
-    n = weight.size
-    total, cumulative, before = 0.0, 0.0, 0
-    for p in range(n):
-        total += weight[p]
-    share = n / total
-    for p in range(n - 1):
-        cumulative += weight[p]
-        so_far = min(max(math.ceil(cumulative * share - u), before), n)
-        survivors[p] = so_far - before
-        before = so_far
-    survivors[n - 1] = n - before
-
-
-@njit(cache=True)
-def parent_of(survivors: IntArray, parent: IntArray, copy: IntArray) -> int:
-    """Whose copy each particle becomes, by how often each survives: fills (n,), and which ones are another's.
-
-    Returns:
-        How many these are; `copy` (n,) begins with them, in ascending order.
-    """
-    free = n_copies = 0
-    for a in range(survivors.size):
-        if survivors[a] > 0:
-            parent[a] = a
-        for _ in range(survivors[a] - 1):
-            while survivors[free] > 0:
-                free += 1
-            parent[free], copy[n_copies] = a, free
-            free += 1
-            n_copies += 1
-    return n_copies
-
-
-@njit(cache=True)
-def spread_of(column: FloatArray, copies: FloatArray, off: FloatArray, squared: FloatArray, is_angle: bool) -> float:
-    """Standard deviation of a column (n,) of which `copies` (n,) survive; of angles, from the first survivor's.
-
-    `off` and `squared` are room for n numbers each.
-    """
-    n, first = column.size, 0
-    while copies[first] == 0.0:
-        first += 1
-    origin = column[first]
-    for p in range(n):
-        off[p] = column[p] - origin
-    if is_angle:
-        for p in range(n):
-            off[p] -= 2.0 * math.pi * math.floor(off[p] / (2.0 * math.pi) + 0.5)
-    for p in range(n):
-        squared[p] = off[p] * off[p]
-    _, mean, square = weighted_sums(copies, (off, squared))
-    return math.sqrt(max(square / n - (mean / n) ** 2, 0.0))
-
-
-class ResampleRoom(NamedTuple):
-    """What resampling works in."""
-
-    survivors: IntArray  # (P,) how often each particle survives
-    parent: IntArray  # (P,) whose copy each has become
-    copy: IntArray  # (P,) which have become another's
-    normal: FloatArray  # (4 P + 4,)
-    column: FloatArray  # (4, P)
-
-
-@njit(cache=True)
-def room_to_resample(n: int) -> ResampleRoom:
-    """For n particles of a vehicle."""
-    numbers = np.empty((3, n), np.int64)
-    return ResampleRoom(numbers[0], numbers[1], numbers[2], np.empty(4 * n + 4), np.empty((4, n)))
-
-
-@njit(cache=True, nogil=True)
-def resample(cloud: Cloud, vehicle: IntArray, below: float) -> None:
-    """Replace the particles of each vehicle by equally weighted survivors: the first of each stays where it is.
-
-    A vehicle whose effective sample size is not below `below` keeps its own.
-    """
-    room = room_to_resample(cloud.position.shape[1])
-    for v in vehicle:
-        effective = effective_sample_size(cloud.weight[v])
-        if effective < below:
-            resample_vehicle(cloud, v, effective, room)
-
-
-@njit(cache=True)
-def resample_vehicle(cloud: Cloud, v: int, effective: float, room: ResampleRoom) -> None:
-    """Resample one vehicle of so large an effective sample size; `room.parent` says then whose copy each particle is.
-
-    Copies are spread by the kernel of a regularised filter (Musso, Oudjane and Le Gland 2001): as wide as the belief
-    is, times the effective sample size to the power -1/6. Else the few particles that go with a fast driver, or that a
-    vehicle found again after a gap leaves, soon descend from one that is wrong, and the belief is sure of it.
-    """
-    n, bandwidth, state = cloud.position.shape[1], KERNEL_SHARE * effective ** (-1.0 / 6.0), cloud.state[v].copy()
-    survivors, parent, normal = room.survivors, room.parent, room.normal
-    copies, column, off, squared = room.column[0], room.column[1], room.column[2], room.column[3]
-    turns, runs = bool(np.bool_(True)), bool(np.bool_(False))  # literals would compile it once more, as do views
-    systematic(cloud.weight[v], random.uniform(state), survivors)
-    position, direction, speed, push = cloud.position[v], cloud.direction[v], cloud.speed[v], cloud.push[v]
-    cell, manoeuvre = cloud.cell[v], cloud.manoeuvre[v]
-    for p in range(n):
-        copies[p] = survivors[p]
-    wider = bandwidth * spread_of(direction, copies, off, squared, turns)
-    faster = bandwidth * spread_of(speed, copies, off, squared, runs)
-    for p in range(n):
-        column[p] = position[p, 0]
-    east = bandwidth * spread_of(column, copies, off, squared, runs)
-    for p in range(n):
-        column[p] = position[p, 1]
-    north = bandwidth * spread_of(column, copies, off, squared, runs)
-    n_copies = parent_of(survivors, parent, room.copy)
-    m = (n_copies + 1) // 2 * 2
-    random.fill_normals(normal[: 4 * m], state)
-    for k in range(n_copies):
-        p = room.copy[k]
-        a = parent[p]
-        position[p, 0] = position[a, 0] + east * normal[k]
-        position[p, 1] = position[a, 1] + north * normal[m + k]
-        direction[p] = wrap(direction[a] + wider * normal[2 * m + k])
-        speed[p] = max(speed[a] + faster * normal[3 * m + k], 0.0)
-        cell[p], manoeuvre[p], push[p] = cell[a], manoeuvre[a], push[a]
-    for word in range(state.size):
-        cloud.state[v, word] = state[word]
-    cloud.weight[v] = 1.0 / n
 
 
 @njit(cache=True, nogil=True)

@@ -1,7 +1,23 @@
-"""Compiled likelihoods: particles against measured positions, directions and speeds, each of which may be an outlier.
+"""Compiled: particles against measured positions, directions and speeds, each of which may be an outlier.
 
-Arguments shared by all vehicles come as one `Noise`; those of one vehicle come as a row of `measured`: x, y, the
-inverse covariance xx, xy, yy, the log of its normaliser, direction, speed; NaN where not measured.
+A measurement leaves each particle a residual along two axes, with a variance along each. The axes are those of the
+measurement's covariance, or each particle's own, along and across its direction, where a sensor errs so. Part of a
+sensor's error lasts: given the particle's path it is a first-order Gauss-Markov process, measured in white noise by
+what the path leaves of the detections. Each particle *carries* its mean, by a scalar Kalman filter for each axis; its
+variance is the same for all particles of a belief, for it depends on times alone (Rao-Blackwellisation). White errors
+are the case in which nothing is carried.
+
+A particle that stands two metres beyond where its vehicle stopped stays there, and so do all others: they are equally
+far off, so none is preferred. But now and then a vehicle leaves its motion model: an *innovation outlier* puts it off
+by a Gaussian of `PLACE_M` in each axis, and its speed by one of `SPEED_OFF` that goes with how far it is ahead. A
+particle is weighed by the mixture (1 - e) N(z; x, R) + e N(z; x, R + PLACE_M^2), and is drawn from the second part
+given the measurement as often as that part weighs. A belief that is sure and wrong then takes a few measurements to
+mend.
+
+Source: Doucet, de Freitas, Murphy and Russell, Rao-Blackwellised Particle Filtering, 2000; Bar-Shalom, Li and
+Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 8, for the state augmented by the
+error; Fox, Outliers in time series, 1972, for innovation outliers, against additive ones, which are a sensor's; Liu and
+Chen, Sequential Monte Carlo methods for dynamic systems, 1998, for drawing from a transition given the measurement.
 """
 
 import math
@@ -10,24 +26,47 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dirprim_filter.arrays import FloatArray, IntArray
-from dirprim_filter.distributions._arithmetic import dot, total_of
-from dirprim_filter.distributions._elementary import exp, log, squared_sine
+from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.distributions import _random as random
+from dirprim_filter.distributions._arithmetic import dot
+from dirprim_filter.distributions._blocks import ROWS
+from dirprim_filter.distributions._elementary import cos, exp, sin, squared_sine, wrap
+from dirprim_filter.distributions._random import UIntArray
 from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.primitives import _map_kernels
+from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
+from dirprim_filter.primitives._map_kernels import MapTable
 
-X, Y, XX, XY, YY, LOG_NORMAL, DIRECTION, SPEED = range(8)
+X, Y, COURSE, PACE, AXIS, WHITE = range(6)
+"""Columns of a measurement: metres; radians and m/s, NaN where not measured; the direction of the first axis, NaN where
+it is each particle's own; the variances of white errors along both, m2, two columns."""
+COSINE, SINE = 2, 3
+"""Rows of `off`, the unit vector of the first axis, below metres along both axes."""
 LEAST = 1e-200
 """Weight below which a particle has none: far above the subnormal numbers, with which processors are slow."""
+COURSE_FROM, COURSE_UNTIL = 0.95, 0.7
+"""Resultants of a belief's directions from which on it has a course, and below which it has none any more.
+
+Were the bias in the axes of each particle for good, it would be a lever: what it swings across would tell the filter of
+directions far more than a body's heading, smooth as it is, tells of the motion's noise in them.
+"""
+PLACE_M, SPEED_OFF, TOGETHER = 1.0, 2.0, 0.7
+"""Metres, m/s, and their correlation: an acceleration of 2 m/s^2 beside the model's, for a second."""
+LEAST_SHARE = 0.01
+"""Of the particles, that innovation outliers explain: of beliefs in which fewer do they are left out."""
+MOST_OUTLIERS = 0.1
+"""Share of the particles that left the motion model since the frame before, at most."""
 
 
 class Noise(NamedTuple):
     """Densities of measurement errors: (1 - e) of a Gaussian or von Mises, e of an outlier.
 
-    Those of course and speed are ratios to the densities of a false detection's, 1/(2 pi) and 1/`FASTEST`.
+    Those of course and speed are ratios to the densities of a false detection's, see `measurements`.
     """
 
     outlier: float  # per square metre
     kept: float  # 1 less the probability of an outlier
+    leaves: float  # 1/s, rate of innovation outliers
     direction_concentration: float
     direction_scale: float
     direction_outlier: float
@@ -36,130 +75,278 @@ class Noise(NamedTuple):
     speed_outlier: float
 
 
-@njit(cache=True, inline="always")
-def direction_fit(noise: Noise, direction: float, course: float) -> float:
-    """Density of a measured course, over that of a false detection's."""
-    agreed = noise.direction_concentration * squared_sine(0.5 * (direction - course))
-    return float(noise.direction_scale * exp(-2.0 * agreed) + noise.direction_outlier)
+class Errors(NamedTuple):
+    """A sensor's errors along both axes, beside white ones."""
+
+    bias: tuple[float, float]  # m
+    lasting: tuple[float, float]  # m2, variance of what lasts
+    forgets: tuple[float, float]  # 1/s
+
+
+class Carried(NamedTuple):
+    """The lasting part of every belief's error."""
+
+    mean: FloatArray  # (V, P, 2) metres along both axes, given the particle's path
+    variance: FloatArray  # (V, 2) of that
+    since_s: FloatArray  # (V,) since the belief was last weighed
+    has_course: BoolArray  # (V,) the particles agree on a course: the bias is in its axes, for all alike
+
+
+@njit(cache=True, nogil=True)
+def begin(
+    primitives: MapTable, cloud: Cloud, carried: Carried, vehicle: IntArray, key: UIntArray, measured: FloatArray,
+    errors: Errors, noise: Noise,
+) -> None:  # fmt: skip
+    """Initialise beliefs from one measurement each: positions by its errors, direction and speed by the primitive.
+
+    Where the axes are the particles' own, the primitive is that at a position drawn with the larger of the two errors.
+    A measured course and pace weigh the particles. `initialise_motion` then looks up cells and draws manoeuvres.
+    """
+    n = cloud.speed.shape[1]
+    block, fit = np.empty(n // ROWS + 1, np.uint64), np.empty(n)
+    for i in range(vehicle.size):
+        v, z = vehicle[i], measured[i]
+        place, direction, mean, state = cloud.position[v], cloud.direction[v], carried.mean[v], cloud.state[v]
+        random.seed_state(key[i], state)
+        along, across = math.sqrt(z[WHITE] + errors.lasting[0]), math.sqrt(z[WHITE + 1] + errors.lasting[1])
+        is_own, widest = math.isnan(z[AXIS]), max(along, across)
+        c, s = (1.0, 0.0) if is_own else (math.cos(z[AXIS]), math.sin(z[AXIS]))
+        first, second = (widest, widest) if is_own else (along, across)
+        for p in range(n):
+            ahead, aside = first * random.draw_normal(state), second * random.draw_normal(state)
+            place[p, 0], place[p, 1] = z[X] + ahead * c - aside * s, z[Y] + ahead * s + aside * c
+        for b in range(block.size):
+            block[b] = random.bits(state)
+        _map_kernels.draw(primitives, place, block, direction, cloud.speed[v])
+        share, share_across = lasting_share(z, errors, 0), lasting_share(z, errors, 1)
+        if is_own:
+            along, across = along / widest, across / widest
+            for p in range(n):
+                c, s = math.cos(direction[p]), math.sin(direction[p])
+                dx, dy = z[X] - place[p, 0], z[Y] - place[p, 1]
+                ahead, aside = along * (dx * c + dy * s), across * (dy * c - dx * s)
+                mean[p, 0], mean[p, 1] = share * ahead, share_across * aside
+                ahead, aside = ahead + errors.bias[0], aside + errors.bias[1]
+                place[p, 0], place[p, 1] = z[X] - (ahead * c - aside * s), z[Y] - (ahead * s + aside * c)
+        for p in range(n):
+            fit[p], cloud.weight[v, p] = 1.0, 1.0 / n
+        fit_motion(cloud, v, z, noise, fit)
+        normalise(cloud.weight[v], fit)
+        carried.variance[v, 0], carried.variance[v, 1] = share * z[WHITE], share_across * z[WHITE + 1]
+        carried.since_s[v], carried.has_course[v] = 0.0, False
 
 
 @njit(cache=True, inline="always")
-def speed_fit(noise: Noise, speed: float, pace: float) -> float:
-    """Density of a measured speed, likewise."""
-    off = speed - pace
-    return float(noise.speed_scale * exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier)
-
-
-@njit(cache=True, inline="always")
-def log_motion_fit(noise: Noise, direction: float, speed: float, course: float, pace: float) -> float:
-    """Natural log of that of a measured course and pace; 0 of what is not measured."""
-    fit = 1.0
-    if not math.isnan(course):
-        fit *= direction_fit(noise, direction, course)
-    if not math.isnan(pace):
-        fit *= speed_fit(noise, speed, pace)
-    return float(log(fit))
+def lasting_share(z: FloatArray, errors: Errors, a: int) -> float:
+    """Of the variance along an axis."""
+    return float(errors.lasting[a] / (errors.lasting[a] + z[WHITE + a]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def weigh(cloud: Cloud, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, noise: Noise) -> None:
-    """Weigh each vehicle's particles by its measurement; normalise.
+def weigh(
+    cloud: Cloud, carried: Carried, vehicle: IntArray, measured: FloatArray, evidence: FloatArray, errors: Errors,
+    noise: Noise,
+) -> None:  # fmt: skip
+    """Weigh each vehicle's particles by its measurement, normalise, and learn of the error that each carries.
 
-    Fills (V, 2): the log density of the measurement given those before it, and that of its position alone. Loops are
-    kept apart, and without branches, so that they are compiled to vector instructions.
+    Fills (V, 3): the log density of the measurement given those before it, that of its position alone, and 1 where
+    particles were moved as innovation outliers. A measurement that the belief as a whole calls an outlier tells nothing
+    of the carried error. Loops are kept apart, and without branches, so that they are compiled to vector instructions.
     """
     n = cloud.position.shape[1]
-    fit = np.empty(n)
+    fit, off = np.empty(n), np.empty((4, n))
+    densest = 1.0 / (2.0 * math.pi * PLACE_M * PLACE_M)
     for i in range(vehicle.size):
-        weight, place = cloud.weight[vehicle[i]], cloud.position[vehicle[i]]
-        direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
-        x, y, xx, xy, yy = measured[i, X], measured[i, Y], measured[i, XX], measured[i, XY], measured[i, YY]
-        course, pace = measured[i, DIRECTION], measured[i, SPEED]
-        scale = noise.kept * math.exp(measured[i, LOG_NORMAL])
+        v, z = vehicle[i], measured[i]
+        weight, share = cloud.weight[v], min(noise.leaves * carried.since_s[v], MOST_OUTLIERS)
+        scale = noise.kept * residuals(cloud, carried, v, z, errors, off, fit)
         for p in range(n):
-            dx, dy = place[p, 0] - x, place[p, 1] - y
-            fit[p] = dx * (xx * dx + 2.0 * xy * dy) + yy * dy * dy
-        weigh_by(weight, direction, speed, fit, scale, course, pace, noise, evidence[i])
+            likely = scale * exp(-0.5 * fit[p]) + noise.outlier
+            fit[p] = likely if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
+        near = dot(weight, fit)
+        fit_motion(cloud, v, z, noise, fit)
+        total = dot(weight, fit)
+        evidence[i, 0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
+        evidence[i, 1] = math.log(near) if near > 0.0 else -np.inf
+        is_explained = near >= 2.0 * noise.outlier and total > 0.0
+        is_moved = is_explained and near * LEAST_SHARE < share * densest
+        evidence[i, 2] = 1.0 if is_moved else 0.0
+        if is_moved:
+            move_outliers(cloud, carried, v, z, share, errors, noise, off, fit)
+            fit_motion(cloud, v, z, noise, fit)
+        normalise(weight, fit)
+        learn(cloud, carried, v, z, errors, off, is_explained)
+        carried.since_s[v] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def weigh_by(
-    weight: FloatArray, direction: FloatArray, speed: FloatArray, fit: FloatArray, scale: float, course: float,
-    pace: float, noise: Noise, evidence: FloatArray,
+def log_likelihood(
+    cloud: Cloud, carried: Carried, vehicle: IntArray, measured: FloatArray, out: FloatArray, errors: Errors,
+    noise: Noise,
 ) -> None:  # fmt: skip
-    """Weigh (P,) particles by the squared distances `fit`, which are lost, and by a course and a pace; normalise.
+    """Fills (V,): natural log of the density of each measurement under the belief, outlying positions aside."""
+    n = cloud.position.shape[1]
+    fit, off = np.empty(n), np.empty((4, n))
+    for i in range(vehicle.size):
+        v = vehicle[i]
+        scale = residuals(cloud, carried, v, measured[i], errors, off, fit)
+        nearest = fit.min()
+        for p in range(n):
+            fit[p] = exp(-0.5 * (fit[p] - nearest))
+        fit_motion(cloud, v, measured[i], noise, fit)
+        total = dot(cloud.weight[v], fit)
+        out[i] = math.log(total * scale) - 0.5 * nearest if total > 0.0 else -np.inf
 
-    `scale` is the density of no distance, 1/m2. Fills the evidence as `weigh`.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def residuals(
+    cloud: Cloud, carried: Carried, v: int, z: FloatArray, errors: Errors, off: FloatArray, fit: FloatArray
+) -> float:
+    """What each particle's path and carried error leave of a measurement.
+
+    Fills off (4, P), metres along both axes and the unit vector of the first, and fit (P,), the squares of the metres
+    in their variances. Returns the density of no difference, 1/m2.
     """
-    n = weight.size
-    for p in range(n):
-        density = scale * exp(-0.5 * fit[p]) + noise.outlier
-        fit[p] = density if fit[p] < np.inf else 0.0  # it has run off to where there are no numbers
-    near = dot(weight, fit)
+    place, direction, mean, x, y = cloud.position[v], cloud.direction[v], carried.mean[v], z[X], z[Y]
+    kept, other = math.exp(-carried.since_s[v] * errors.forgets[0]), math.exp(-carried.since_s[v] * errors.forgets[1])
+    precision = 1.0 / error_variance(carried, v, z, errors, 0)
+    precision_across = 1.0 / error_variance(carried, v, z, errors, 1)
+    bias, bias_across = errors.bias[0], errors.bias[1]
+    if math.isnan(z[AXIS]):
+        for p in range(direction.size):
+            off[COSINE, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
+            off[SINE, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
+    else:
+        c, s = math.cos(z[AXIS]), math.sin(z[AXIS])
+        for p in range(direction.size):
+            off[COSINE, p], off[SINE, p] = c, s
+    if carried.has_course[v]:
+        c, s = course_of(cloud.weight[v], off)
+        x, y = x - (bias * c - bias_across * s), y - (bias * s + bias_across * c)
+        bias = bias_across = 0.0
+    for p in range(direction.size):
+        dx, dy = x - place[p, 0], y - place[p, 1]
+        off[0, p] = dx * off[COSINE, p] + dy * off[SINE, p] - bias - kept * mean[p, 0]
+        off[1, p] = dy * off[COSINE, p] - dx * off[SINE, p] - bias_across - other * mean[p, 1]
+    for p in range(direction.size):
+        fit[p] = precision * off[0, p] * off[0, p] + precision_across * off[1, p] * off[1, p]
+    return math.sqrt(precision * precision_across) / (2.0 * math.pi)
+
+
+@njit(cache=True, inline="always")
+def error_variance(carried: Carried, v: int, z: FloatArray, errors: Errors, a: int) -> float:
+    """Of a residual along an axis: white, and what lasts."""
+    return float(z[WHITE + a] + lasting_variance(carried, v, errors, a))
+
+
+@njit(cache=True, inline="always")
+def lasting_variance(carried: Carried, v: int, errors: Errors, a: int) -> float:
+    """Of the carried error by now: a Gauss-Markov process has kept a share."""
+    kept = math.exp(-2.0 * carried.since_s[v] * errors.forgets[a])
+    return float(kept * carried.variance[v, a] + (1.0 - kept) * errors.lasting[a])
+
+
+@njit(cache=True, nogil=True)
+def fit_motion(cloud: Cloud, v: int, z: FloatArray, noise: Noise, fit: FloatArray) -> None:
+    """Multiply (P,) by how well a measured course and pace fit, over how well they fit a false detection."""
+    direction, speed, course, pace = cloud.direction[v], cloud.speed[v], z[COURSE], z[PACE]
     if not math.isnan(course):
-        for p in range(n):
-            fit[p] *= direction_fit(noise, direction[p], course)
+        for p in range(fit.size):
+            apart = 2.0 * noise.direction_concentration * squared_sine(0.5 * (direction[p] - course))
+            fit[p] *= noise.direction_scale * exp(-apart) + noise.direction_outlier
     if not math.isnan(pace):
-        for p in range(n):
-            fit[p] *= speed_fit(noise, speed[p], pace)
+        for p in range(fit.size):
+            off = speed[p] - pace
+            fit[p] *= noise.speed_scale * exp(-0.5 * noise.speed_precision * off * off) + noise.speed_outlier
+
+
+@njit(cache=True, nogil=True)
+def normalise(weight: FloatArray, fit: FloatArray) -> None:
+    """Multiply weights (P,) by likelihoods; where none is left, they stay as they are."""
     total = dot(weight, fit)
-    evidence[0] = math.log(total) if total > 0.0 else -np.inf  # no particle has a weight
-    evidence[1] = math.log(near) if near > 0.0 else -np.inf
     if total > 0.0:
-        for p in range(n):
+        for p in range(weight.size):
             later = weight[p] * fit[p] / total
             weight[p] = later if later > LEAST else 0.0
 
 
+@njit(cache=True, error_model="numpy")
+def move_outliers(
+    cloud: Cloud, carried: Carried, v: int, z: FloatArray, share: float, errors: Errors, noise: Noise,
+    off: FloatArray, fit: FloatArray,
+) -> None:  # fmt: skip
+    """Fill (P,) likelihoods of the mixture, and move the particles that are its outliers; `off` stays what is left."""
+    k, state = PLACE_M * PLACE_M, cloud.state[v].copy()
+    s, s_across = error_variance(carried, v, z, errors, 0), error_variance(carried, v, z, errors, 1)
+    gain, gain_across = k / (k + s), k / (k + s_across)
+    scale = (1.0 - share) * noise.kept / (2.0 * math.pi * math.sqrt(s * s_across))
+    wide = share * noise.kept / (2.0 * math.pi * math.sqrt((k + s) * (k + s_across)))
+    for p in range(fit.size):
+        ahead, aside = off[0, p], off[1, p]
+        ordinary = scale * exp(-0.5 * (ahead * ahead / s + aside * aside / s_across)) + (1.0 - share) * noise.outlier
+        far = wide * exp(-0.5 * (gain * ahead * ahead + gain_across * aside * aside) / k)
+        fit[p] = ordinary + far if ordinary + far < np.inf else 0.0
+        if random.uniform(state) * fit[p] < far:
+            ahead = gain * ahead + math.sqrt(gain * s) * random.draw_normal(state)
+            aside = gain_across * aside + math.sqrt(gain_across * s_across) * random.draw_normal(state)
+            off[0, p] -= ahead
+            off[1, p] -= aside
+            east = ahead * off[COSINE, p] - aside * off[SINE, p]
+            displace(cloud, v, p, east, ahead * off[SINE, p] + aside * off[COSINE, p], state)
+    for word in range(state.size):  # a slice would compile numba's strings for its error
+        cloud.state[v, word] = state[word]
+
+
 @njit(cache=True)
-def weigh_motion(cloud: Cloud, v: int, course: float, pace: float, noise: Noise) -> None:
-    """Weigh the particles of a vehicle by a measured course and pace; normalise."""
-    weight, direction, speed = cloud.weight[v], cloud.direction[v], cloud.speed[v]
-    if not math.isnan(course):
-        for p in range(weight.size):
-            weight[p] *= direction_fit(noise, direction[p], course)
-    if not math.isnan(pace):
-        for p in range(weight.size):
-            weight[p] *= speed_fit(noise, speed[p], pace)
-    total = total_of(weight)
+def displace(cloud: Cloud, v: int, p: int, east: float, north: float, state: UIntArray) -> None:
+    """Move a particle, and draw its velocity given by how far. Who stands keeps standing, who moves keeps moving."""
+    cloud.position[v, p, 0] += east
+    cloud.position[v, p, 1] += north
+    theta, pace = cloud.direction[v, p], cloud.speed[v, p]
+    if pace >= STANDING_BELOW:
+        c, s, alone = cos(theta), sin(theta), math.sqrt(1.0 - TOGETHER * TOGETHER)
+        ahead = SPEED_OFF * (TOGETHER * (east * c + north * s) / PLACE_M + alone * random.draw_normal(state))
+        aside = SPEED_OFF * (TOGETHER * (north * c - east * s) / PLACE_M + alone * random.draw_normal(state))
+        cloud.direction[v, p] = wrap(theta + aside / (pace + SPEED_OFF))
+        cloud.speed[v, p] = max(pace + ahead, STANDING_BELOW)
+
+
+@njit(cache=True, nogil=True)
+def learn(
+    cloud: Cloud, carried: Carried, v: int, z: FloatArray, errors: Errors, off: FloatArray, is_explained: bool
+) -> None:
+    """The carried error at the measurement's time, and corrected by what is left of it where the belief explains it."""
+    for a in range(2):
+        if errors.lasting[a] > 0.0:
+            kept, variance = math.exp(-carried.since_s[v] * errors.forgets[a]), lasting_variance(carried, v, errors, a)
+            gain = variance / (variance + z[WHITE + a]) if is_explained else 0.0
+            carried.variance[v, a] = (1.0 - gain) * variance
+            for p in range(off.shape[1]):
+                carried.mean[v, p, a] = kept * carried.mean[v, p, a] + gain * off[a, p]
+    if errors.bias[0] != 0.0 or errors.bias[1] != 0.0:
+        update_course(cloud, carried, v, errors, off)
+
+
+@njit(cache=True)
+def course_of(weight: FloatArray, off: FloatArray) -> tuple[float, float]:
+    """The unit vector of the belief's course; off (4, P) as `residuals` fills it."""
+    c, s = dot(weight, off[COSINE]), dot(weight, off[SINE])
+    length = max(math.hypot(c, s), 1e-9)
+    return c / length, s / length
+
+
+@njit(cache=True)
+def update_course(cloud: Cloud, carried: Carried, v: int, errors: Errors, off: FloatArray) -> None:
+    """Update whether particles agree on a course; where that changes, move them so that detections fit as before."""
+    weight, place, had = cloud.weight[v], cloud.position[v], carried.has_course[v]
+    resultant = math.hypot(dot(weight, off[COSINE]), dot(weight, off[SINE]))
+    has = resultant >= (COURSE_UNTIL if had else COURSE_FROM)
+    if has == had:
+        return
+    carried.has_course[v] = has
+    c, s = course_of(weight, off)
+    sign = 1.0 if has else -1.0
     for p in range(weight.size):
-        weight[p] /= total
-
-
-@njit(cache=True, nogil=True)
-def weigh_at_birth(cloud: Cloud, vehicle: IntArray, measured: FloatArray, spread: FloatArray, noise: Noise) -> None:
-    """Correct particles drawn around a position with an isotropic `spread` (V,) to what was measured; normalise."""
-    log_fit = np.empty(cloud.weight.shape[1])
-    for i in range(vehicle.size):
-        weight, place = cloud.weight[vehicle[i]], cloud.position[vehicle[i]]
-        direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
-        top = -np.inf
-        for p in range(weight.size):
-            dx, dy = place[p, 0] - measured[i, X], place[p, 1] - measured[i, Y]
-            distance = measured[i, XX] * dx * dx + 2.0 * measured[i, XY] * dx * dy + measured[i, YY] * dy * dy
-            log_fit[p] = -0.5 * (distance - (dx * dx + dy * dy) / (spread[i] * spread[i]))
-            log_fit[p] += log_motion_fit(noise, direction[p], speed[p], measured[i, DIRECTION], measured[i, SPEED])
-            top = max(top, log_fit[p])
-        for p in range(weight.size):
-            weight[p] = math.exp(log_fit[p] - top)
-        weight /= weight.sum()
-
-
-@njit(cache=True, nogil=True)
-def log_likelihood(cloud: Cloud, vehicle: IntArray, measured: FloatArray, result: FloatArray, noise: Noise) -> None:
-    """Fills (V,) the log density of each measurement under the belief, outlying positions aside."""
-    for i in range(vehicle.size):
-        weight, place = cloud.weight[vehicle[i]], cloud.position[vehicle[i]]
-        direction, speed = cloud.direction[vehicle[i]], cloud.speed[vehicle[i]]
-        course, pace = measured[i, DIRECTION], measured[i, SPEED]
-        is_moving = not (math.isnan(course) and math.isnan(pace))
-        total = 0.0
-        for p in range(weight.size):
-            dx, dy = place[p, 0] - measured[i, X], place[p, 1] - measured[i, Y]
-            distance = measured[i, XX] * dx * dx + 2.0 * measured[i, XY] * dx * dy + measured[i, YY] * dy * dy
-            if distance < 100.0:
-                log_fit = -0.5 * distance
-                if is_moving:
-                    log_fit += log_motion_fit(noise, direction[p], speed[p], course, pace)
-                total += weight[p] * math.exp(log_fit)
-        result[i] = measured[i, LOG_NORMAL] + math.log(total) if total > 0.0 else -np.inf
+        dc, ds = sign * (off[COSINE, p] - c), sign * (off[SINE, p] - s)
+        place[p, 0] += errors.bias[0] * dc - errors.bias[1] * ds
+        place[p, 1] += errors.bias[0] * ds + errors.bias[1] * dc

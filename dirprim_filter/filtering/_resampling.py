@@ -1,102 +1,188 @@
-"""Compiled resampling of particles that carry the correlated part of a sensor's error.
+"""Compiled resampling: survivors of a belief, spread by one kernel of its whole covariance.
 
-Where errors last, detections show where a vehicle and its error are together, and hardly either alone. So what tells
-the particles apart in that direction is lost to resampling and never comes back: a belief of a thousand particles would
-soon be sure of one error that is wrong. Copies are spread in that direction, which leaves all detections as likely.
+Without it the few particles that go with a fast driver, or that a vehicle found again after a gap leaves, soon descend
+from one that is wrong, and the belief is sure of it. With weights w and d numbers to a particle, survivor x becomes
 
-Source: Liu and West, Combined parameter and state estimation in simulation-based filtering, 2001, for the kernel.
+    m + sqrt(1 - h^2) (x - m) + h L xi,    h = k (4 / (n (d + 2)))^(1 / (d + 4)),    L L^T = P
+
+of mean m, covariance P and effective sample size n = 1 / sum w^2: m and P stay as they are. Places stand along and
+across the mean course, so that the belief turns with the world. Where errors last, what a particle carries is among the
+numbers: detections show where a vehicle and its error are together, and the kernel is as narrow as that.
+
+Source: Liu and West, Combined parameter and state estimation in simulation-based filtering, 2001; Musso, Oudjane and Le
+Gland, Improving regularised particle filters, 2001, for the bandwidth; Kitagawa 1996 for systematic resampling.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from dirprim_filter.arrays import IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.distributions import _random as random
-from dirprim_filter.filtering._kernels import (
-    KERNEL_SHARE,
-    Cloud,
-    effective_sample_size,
-    resample_vehicle,
-    room_to_resample,
-)
-from dirprim_filter.filtering._sensing import Axes, Carried, correlated_share
+from dirprim_filter.distributions._arithmetic import dot, total_of
+from dirprim_filter.distributions._elementary import squared_sine, wrap
+from dirprim_filter.filtering._kernels import Cloud, effective_sample_size
+from dirprim_filter.filtering._measuring import Carried
+from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
-FEW = 0.1
-"""Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, errors are drawn
-anew."""
+KERNEL_SHARE = 0.7
+"""Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
+AHEAD, ASIDE, TURN, PACE, ERROR = range(5)
+"""Rows of a state: metres along and across the mean course, radians from it, m/s; two of the carried error, if any."""
+
+
+class Room(NamedTuple):
+    """What resampling works in."""
+
+    survivors: IntArray  # (P,) how often each particle survives
+    parent: IntArray  # (P,) whose copy each becomes
+    state: FloatArray  # (d, P)
+    normal: FloatArray  # (d P + d,)
+    product: FloatArray  # (P,)
+
+
+@njit(cache=True)
+def systematic(weight: FloatArray, u: float, survivors: IntArray) -> None:
+    """Systematic resampling: particle p survives floor or ceil of n w_p times. Fills how often."""
+    n = weight.size
+    total, cumulative, before = 0.0, 0.0, 0
+    for p in range(n):
+        total += weight[p]
+    share = n / total
+    for p in range(n - 1):
+        cumulative += weight[p]
+        so_far = min(max(math.ceil(cumulative * share - u), before), n)
+        survivors[p] = so_far - before
+        before = so_far
+    survivors[n - 1] = n - before
+
+
+@njit(cache=True)
+def find_parents(survivors: IntArray, parent: IntArray) -> None:
+    """Whose copy each particle becomes, by how often each survives, (n,): the first copy of each stays where it is."""
+    free = 0
+    for a in range(survivors.size):
+        if survivors[a] > 0:
+            parent[a] = a
+        for _ in range(survivors[a] - 1):
+            while survivors[free] > 0:
+                free += 1
+            parent[free] = a
+            free += 1
 
 
 @njit(cache=True, nogil=True)
-def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, axes: Axes, below: float) -> None:
-    """`_kernels.resample`, with the error that each survivor carries.
+def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, lasts: bool, below: float) -> None:
+    """Replace the particles of each vehicle by equally weighted survivors, spread by the kernel.
 
-    Of the way by which a copy is put beside its survivor, its error makes up for the correlated share: as at birth.
+    A vehicle whose effective sample size is not below `below` keeps its own. `lasts`: whether errors are carried. Who
+    stands keeps its direction and keeps standing; who moves keeps moving.
     """
-    n = cloud.position.shape[1]
-    room, place = room_to_resample(n), np.empty((n, 2))
-    parent, share, share_across = room.parent, correlated_share(axes, 0), correlated_share(axes, 1)
+    n, d = cloud.position.shape[1], 6 if lasts else 4
+    numbers = np.empty((2, n), np.int64)
+    room = Room(numbers[0], numbers[1], np.empty((d, n)), np.empty(d * (n + 1)), np.empty(n))
+    mean, root, covariance = np.empty(d), np.zeros((d, d)), np.empty((d, d))
     for v in vehicle:
         effective = effective_sample_size(cloud.weight[v])
-        if effective >= below:
-            continue
-        place[:] = cloud.position[v]
-        resample_vehicle(cloud, v, effective, room)
-        mean, direction = carried.mean[v], cloud.direction[v]
-        for p in range(n):
-            a = parent[p]
-            if a != p:
-                dx, dy = cloud.position[v, p, 0] - place[a, 0], cloud.position[v, p, 1] - place[a, 1]
-                c, s = math.cos(direction[p]), math.sin(direction[p])
-                mean[p, 0] = mean[a, 0] - share * (dx * c + dy * s)
-                mean[p, 1] = mean[a, 1] - share_across * (dy * c - dx * s)
-        if effective < FEW * n:
-            spread_anew(cloud, carried, v, parent, axes)
-        else:
-            tell_apart(cloud, carried, v, parent, KERNEL_SHARE * effective ** (-1.0 / 6.0))
+        if effective < below:
+            c, s = states_of(cloud, carried, v, room, mean)
+            covariance_of(cloud.weight[v], room, covariance)
+            factorise(covariance, root)
+            h = KERNEL_SHARE * (4.0 / (effective * (d + 2.0))) ** (1.0 / (d + 4.0))
+            draw(cloud, carried, v, room, mean, root, h, c, s)
 
 
 @njit(cache=True)
-def spread_anew(cloud: Cloud, carried: Carried, v: int, parent: IntArray, axes: Axes) -> None:
-    """Draw the errors of copies as at birth: the few that are left tell how the vehicle moves, not how it is seen."""
-    state = cloud.state[v].copy()
-    for a in range(2):
-        spread = axes.correlated[a] / math.sqrt(axes.correlated[a] + axes.white[a])
-        if spread > 0.0:
-            for p in range(parent.size):
-                if parent[p] != p:
-                    slide(cloud, carried, v, p, a, spread * random.draw_normal(state))
-    cloud.state[v] = state
+def states_of(cloud: Cloud, carried: Carried, v: int, room: Room, mean: FloatArray) -> tuple[float, float]:
+    """Fills (d, P) deviations from the mean, and the mean (d,): of the place east and north; -> the mean course."""
+    weight, state, direction = cloud.weight[v], room.state, cloud.direction[v]
+    for p in range(weight.size):
+        state[0, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p])
+        state[1, p] = 1.0 - 2.0 * squared_sine(0.5 * direction[p] - 0.25 * math.pi)
+    c, s = dot(weight, state[0]), dot(weight, state[1])
+    course, length = math.atan2(s, c), math.hypot(c, s)
+    c, s = (c / length, s / length) if length > 0.0 else (1.0, 0.0)
+    for p in range(weight.size):
+        state[AHEAD, p], state[ASIDE, p] = cloud.position[v, p, 0], cloud.position[v, p, 1]
+        state[TURN, p], state[PACE, p] = wrap(direction[p] - course), cloud.speed[v, p]
+    for a in range(ERROR, mean.size):
+        for p in range(weight.size):
+            state[a, p] = carried.mean[v, p, a - ERROR]
+    total = total_of(weight)
+    for a in range(mean.size):
+        mean[a] = dot(weight, state[a]) / total
+        for p in range(weight.size):
+            state[a, p] -= mean[a]
+    for p in range(weight.size):
+        east, north = state[AHEAD, p], state[ASIDE, p]
+        state[AHEAD, p], state[ASIDE, p] = east * c + north * s, north * c - east * s
+    mean[TURN] += course
+    return c, s
 
 
 @njit(cache=True)
-def tell_apart(cloud: Cloud, carried: Carried, v: int, parent: IntArray, bandwidth: float) -> None:
-    """Spread the errors of copies by a kernel: nothing else would tell them apart if errors last.
+def covariance_of(weight: FloatArray, room: Room, covariance: FloatArray) -> None:
+    """Fills (d, d) from deviations (d, P)."""
+    total = total_of(weight)
+    for a in range(len(covariance)):
+        for p in range(weight.size):
+            room.product[p] = weight[p] * room.state[a, p]
+        for b in range(a + 1):
+            covariance[a, b] = covariance[b, a] = dot(room.product, room.state[b]) / total
 
-    The kernel shrinks to the mean as it spreads, so that the spread stays as it is (Liu and West 2001).
-    """
-    n, mean, kept = parent.size, carried.mean[v], math.sqrt(1.0 - bandwidth * bandwidth)
-    state = cloud.state[v].copy()
-    for a in range(2):
-        middle, squared = 0.0, 0.0
+
+@njit(cache=True)
+def factorise(covariance: FloatArray, root: FloatArray) -> None:
+    """Fills the lower triangle (d, d) of Cholesky; what does not vary has none."""
+    for b in range(len(root)):
+        for a in range(b, len(root)):
+            left = covariance[a, b]
+            for k in range(b):
+                left -= root[a, k] * root[b, k]
+            if a == b:
+                root[a, b] = math.sqrt(left) if left > 1e-12 * covariance[a, a] else 0.0
+            else:
+                root[a, b] = left / root[b, b] if root[b, b] > 0.0 else 0.0
+
+
+@njit(cache=True)
+def draw(
+    cloud: Cloud, carried: Carried, v: int, room: Room, mean: FloatArray, root: FloatArray, h: float, c: float, s: float
+) -> None:  # fmt: skip
+    """Draw the survivors of a vehicle, and put each beside its parent's state."""
+    n, d, kept, state, parent = room.parent.size, mean.size, math.sqrt(1.0 - h * h), room.state, room.parent
+    numbers, m = cloud.state[v].copy(), (n + 1) // 2 * 2
+    systematic(cloud.weight[v], random.uniform(numbers), room.survivors)
+    find_parents(room.survivors, parent)
+    random.fill_normals(room.normal[: d * m], numbers)
+    for word in range(numbers.size):
+        cloud.state[v, word] = numbers[word]
+    for p in range(n):  # who is its own parent survives, so that what is read is not yet written
+        a = parent[p]
+        if a != p:
+            cloud.direction[v, p], cloud.speed[v, p] = cloud.direction[v, a], cloud.speed[v, a]
+            cloud.cell[v, p], cloud.manoeuvre[v, p], cloud.push[v, p] = (
+                cloud.cell[v, a], cloud.manoeuvre[v, a], cloud.push[v, a],
+            )  # fmt: skip
+            for k in range(d):
+                state[k, p] = state[k, a]
+    for a in range(d - 1, -1, -1):
         for p in range(n):
-            middle += mean[p, a] / n
-        for p in range(n):
-            squared += (mean[p, a] - middle) ** 2 / n
-        spread = bandwidth * math.sqrt(squared)
-        if spread > 0.0:
+            state[a, p] *= kept
+        for b in range(a + 1):
             for p in range(n):
-                if parent[p] != p:
-                    error = middle + kept * (mean[p, a] - middle) + spread * random.draw_normal(state)
-                    slide(cloud, carried, v, p, a, error)
-    cloud.state[v] = state
-
-
-@njit(cache=True)
-def slide(cloud: Cloud, carried: Carried, v: int, p: int, a: int, error: float) -> None:
-    """Give a particle another error, and the place from which detections fit as they did."""
-    off, c, s = carried.mean[v, p, a] - error, math.cos(cloud.direction[v, p]), math.sin(cloud.direction[v, p])
-    cloud.position[v, p, 0] += off * (c if a == 0 else -s)
-    cloud.position[v, p, 1] += off * (s if a == 0 else c)
-    carried.mean[v, p, a] = error
+                state[a, p] += h * root[a, b] * room.normal[b * m + p]
+    for p in range(n):
+        ahead, aside = state[AHEAD, p], state[ASIDE, p]
+        cloud.position[v, p, 0] = mean[AHEAD] + ahead * c - aside * s
+        cloud.position[v, p, 1] = mean[ASIDE] + ahead * s + aside * c
+        if cloud.speed[v, p] >= STANDING_BELOW:
+            cloud.direction[v, p] = wrap(mean[TURN] + state[TURN, p])
+            cloud.speed[v, p] = max(mean[PACE] + state[PACE, p], STANDING_BELOW)
+    for a in range(ERROR, d):
+        for p in range(n):
+            carried.mean[v, p, a - ERROR] = mean[a] + state[a, p]
+    for p in range(n):
+        cloud.weight[v, p] = 1.0 / n

@@ -9,6 +9,7 @@ import numpy as np
 from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering._kernels import Cloud
+from dirprim_filter.filtering._measuring import Carried
 
 FIRST_CAPACITY = 16
 
@@ -18,17 +19,16 @@ class ParticleBelief:
 
     Attributes:
         cloud: arrays of (slots, particles, ...).
+        carried: the lasting errors of measurements.
         mode_of: (z,) the mode of each manoeuvre.
-        unweighed_s: (slots,) by how much each belief has moved on since it was last weighed.
         step: how often it was changed; whoever changes it counts.
     """
 
     def __init__(self, *, n_particles: int, mode_of: IntArray) -> None:
         if n_particles < 1:
             raise ValueError(f"n_particles: expected at least 1, got {n_particles}")
-        self.cloud = _empty_cloud(FIRST_CAPACITY, n_particles)
+        self.cloud, self.carried = _empty(FIRST_CAPACITY, n_particles)
         self.mode_of = mode_of
-        self.unweighed_s = np.zeros(FIRST_CAPACITY)
         self.step = 0
 
     @property
@@ -41,18 +41,16 @@ class ParticleBelief:
         old = self.n_slots
         if n_slots <= old:
             return
-        larger = _empty_cloud(n_slots, self.cloud.speed.shape[1])
-        for new, column in zip(larger, self.cloud, strict=True):
+        larger = _empty(n_slots, self.cloud.speed.shape[1])
+        for new, column in zip((*larger[0], *larger[1]), (*self.cloud, *self.carried), strict=True):
             new[:old] = column
-        self.cloud = larger
-        self.unweighed_s = np.append(self.unweighed_s, np.zeros(n_slots - old))
+        self.cloud, self.carried = larger
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the particles of `target` those of `source`, random numbers to come included."""
         self.step += 1
-        for column in self.cloud:
+        for column in (*self.cloud, *self.carried):
             column[target] = column[source]
-        self.unweighed_s[target] = self.unweighed_s[source]
 
 
 class BelievedParticles:
@@ -109,9 +107,9 @@ class BelievedParticles:
         )
 
 
-def _empty_cloud(n_slots: int, n_particles: int) -> Cloud:
+def _empty(n_slots: int, n_particles: int) -> tuple[Cloud, Carried]:
     shape = (n_slots, n_particles)
-    return Cloud(
+    cloud = Cloud(
         position=np.zeros((*shape, 2)),
         direction=np.zeros(shape),
         speed=np.zeros(shape),
@@ -121,6 +119,8 @@ def _empty_cloud(n_slots: int, n_particles: int) -> Cloud:
         weight=np.full(shape, 1.0 / n_particles),
         state=np.zeros((n_slots, 4), np.uint64),
     )
+    carried = Carried(np.zeros((*shape, 2)), np.zeros((n_slots, 2)), np.zeros(n_slots), np.zeros(n_slots, np.bool_))
+    return cloud, carried
 
 
 def birth_key(seed: int, track_id: str, time_ns: int) -> np.uint64:

@@ -11,6 +11,7 @@ import numpy as np
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.sensor import Sensor
 
 MOVING_FROM = 0.5
 """m/s; slower vehicles have no measured course."""
@@ -30,3 +31,18 @@ def measured_motion(measured: Detections) -> tuple[FloatArray, FloatArray]:
     """(n,), (n,) course in radians and speed in m/s, NaN where not measured; what stands has no course."""
     stands = measured.speed < MOVING_FROM  # where the speed is unknown, the course counts
     return np.where(stands, np.nan, measured.direction), measured.speed
+
+
+def settings_of(sensor: Sensor) -> dict[str, float]:
+    """The parameters of `FilterConfig` and `TrackingConfig`, by name, that a sensor determines.
+
+    The noise of a round error holds for gates alone; it is as wide as the sensor's errors are in any direction.
+    """
+    axes = (sensor.along, sensor.across)
+    known = {
+        "noise_m": float(np.sqrt(max(a.spread_m for a in axes) ** 2 + sum(a.bias_m**2 for a in axes))),
+        "outlier_probability": sensor.outlier_share,
+        "detection_probability": sensor.detection_probability,
+        "clutter_density": sensor.clutter_density,
+    }
+    return {name: value for name, value in known.items() if value is not None}

@@ -1,6 +1,6 @@
 """The particle filter whose transition model is the map: predict, weigh, resample.
 
-Source: Gordon, Salmond and Smith 1993 for the filter; Senanayake et al. 2020, Eq. 4, for the transition.
+Source: Gordon, Salmond and Smith 1993 for the filter; section 4 of `docs/method.md` for the transition.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
-from dirprim_filter.filtering import _innovation_outliers, _interaction, _kernels, _measuring
+from dirprim_filter.filtering import _interaction, _kernels, _measuring, _resampling
 from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import cue_columns
-from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, measured_motion
+from dirprim_filter.filtering.measurements import FASTEST, measured_motion
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.surroundings import Surroundings, leader_table
 from dirprim_filter.primitives import PrimitiveMap
@@ -30,15 +30,13 @@ from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.primitives.part import renumbered
 from dirprim_filter.primitives.traffic import Traffic
+from dirprim_filter.sensor import Sensor
 from tessellation import OUTSIDE
 
 PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
 PARTS_PER_THREAD = 4
 """Vehicles differ in work: a thread that is done early takes another part."""
-
-MOST_OUTLIERS = 0.1
-"""Share of the particles that left the motion model since the frame before, at most."""
 
 
 class ParticleFilter:
@@ -49,10 +47,14 @@ class ParticleFilter:
 
     Args:
         primitive_map: how vehicles move at each place.
-        config: the filter's knobs.
+        config: the filter's parameters.
+        sensor: how measured positions err, latency aside, which is the tracker's; it replaces the configured noise
+            and the covariances that detections report.
     """
 
-    def __init__(self, primitive_map: PrimitiveMap, config: FilterConfig | None = None) -> None:
+    def __init__(
+        self, primitive_map: PrimitiveMap, config: FilterConfig | None = None, sensor: Sensor | None = None
+    ) -> None:
         self.config = config = config or FilterConfig()
         self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
         self._map = primitive_map
@@ -61,7 +63,7 @@ class ParticleFilter:
         self._surroundings = Surroundings()
         self._surroundings.reserve(self.belief.n_slots)
         self._end_journeys_by(primitive_map)
-        self._noise = _noise(config)
+        self._noise, self._sensor, self._errors = _noise(config), sensor, _errors(sensor)
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
@@ -127,22 +129,12 @@ class ParticleFilter:
             measured: v rows.
         """
         self.belief.step += 1
-        of_their_own = ~np.isnan(measured.covariance[:, 0, 0])
-        spread = np.full(slot.size, self.config.noise_m)
-        spread[of_their_own] = np.sqrt(np.linalg.eigvalsh(measured.covariance[of_their_own])[:, -1])
-        cloud = self.belief.cloud
-        self.belief.unweighed_s[slot] = 0.0
-        for s in np.unique(spread):
-            rows = np.flatnonzero(spread == s)
-            first = (slot[rows], np.asarray(key)[rows], measured.position[rows])
-            self.split(_kernels.scatter, (self._primitives, cloud), first, (float(s),), each_ns=150.0)
-            self.split(_kernels.initialise_motion, (self._table, cloud), (slot[rows],), (), each_ns=100.0)
-        more = np.flatnonzero(of_their_own | ~np.isnan(measured.direction) | ~np.isnan(measured.speed))
-        if more.size:
-            columns = self._columns(measured[more])
-            self.split(
-                _measuring.weigh_at_birth, (cloud,), (slot[more], columns, spread[more]), (self._noise,), each_ns=60.0
-            )
+        belief = self.belief
+        self.split(
+            _measuring.begin, (self._primitives, belief.cloud, belief.carried),
+            (slot, np.asarray(key), self._columns(measured)), (self._errors, self._noise), each_ns=200.0,
+        )  # fmt: skip
+        self.split(_kernels.initialise_motion, (self._table, belief.cloud), (slot,), (), each_ns=100.0)
 
     def sibling(self) -> Self:
         """One that moves by the same map, without beliefs."""
@@ -175,50 +167,32 @@ class ParticleFilter:
         self.belief.step += 1
         around = self._surroundings
         self.split(
-            _interaction.predict, (self._table, self._response, self.belief.cloud, around.state),
+            _interaction.advance, (self._table, self._response, self.belief.cloud, around.state),
             (slot, around.own[slot], around.since_s[slot], dt_s), (), each_ns=60.0,
         )  # fmt: skip
         around.since_s[slot] += dt_s
-        self.belief.unweighed_s[slot] += dt_s
+        self.belief.carried.since_s[slot] += dt_s
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:
         """Log density of measurements under the beliefs, outliers aside. (v,), v rows -> (v,)."""
-        result = np.empty(slot.size)
-        columns = self._columns(measured)
+        result, belief = np.empty(slot.size), self.belief
         self.split(
-            _measuring.log_likelihood, (self.belief.cloud,), (slot, columns, result), (self._noise,), each_ns=20.0
-        )
+            _measuring.log_likelihood, (belief.cloud, belief.carried), (slot, self._columns(measured), result),
+            (self._errors, self._noise), each_ns=20.0,
+        )  # fmt: skip
         return result
 
     def weigh(self, slot: IntArray, measured: Detections) -> Evidence:
-        """Weigh the particles by measurements; a belief none of whose particles is near is left as it was.
-
-        Where a measurement is improbable, some are moved to it, see `_innovation_outliers`.
-        """
+        """Weigh the particles by measurements; a belief none of whose particles is near is left as it was."""
         self.belief.step += 1
-        cloud, columns, evidence = self.belief.cloud, self._columns(measured), np.empty((slot.size, 2))
-        before = cloud.weight[slot]
-        self.split(_measuring.weigh, (cloud,), (slot, columns, evidence), (self._noise,), each_ns=5.0)
-        judged = self._judged(evidence)
-        share = self._outlier_share(slot)
-        rare = np.exp(evidence[:, 1]) * _innovation_outliers.LEAST_SHARE < share * _innovation_outliers.DENSEST
-        judged.is_moved[:] = rare & ~judged.is_unexplained
-        off = np.flatnonzero(judged.is_moved)
-        astray = (slot[off], before[off], columns[off], share[off])
-        self.split(_innovation_outliers.weigh, (cloud,), astray, (self._noise,), each_ns=25.0)
-        return judged
-
-    def _outlier_share(self, slot: IntArray) -> FloatArray:
-        """(v,) how probably each vehicle has left the motion model since it was last weighed, which is now."""
-        share = np.minimum(self.config.innovation_outlier_rate * self.belief.unweighed_s[slot], MOST_OUTLIERS)
-        self.belief.unweighed_s[slot] = 0.0
-        return np.asarray(share)
-
-    def _judged(self, evidence: FloatArray) -> Evidence:
-        """(v, 2) log densities of a measurement and of its position alone -> the evidence."""
+        evidence, belief = np.empty((slot.size, 3)), self.belief
+        self.split(
+            _measuring.weigh, (belief.cloud, belief.carried), (slot, self._columns(measured), evidence),
+            (self._errors, self._noise), each_ns=8.0,
+        )  # fmt: skip
         unexplained = ~(np.exp(evidence[:, 1]) >= 2.0 * self._noise.outlier)  # so that a NaN is unexplained
         unexplained |= ~np.isfinite(evidence[:, 0])
-        return Evidence(evidence[:, 0], unexplained, np.zeros(unexplained.size, np.bool_))
+        return Evidence(evidence[:, 0], unexplained, evidence[:, 2] > 0.0)
 
     def weigh_by_cue(self, slot: IntArray, cue: Cue) -> FloatArray:
         """Weigh particles by a cue of the direction some seconds later: Eq. 4.
@@ -239,7 +213,8 @@ class ParticleFilter:
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.belief.step += 1
         below = self.config.resample_below * self.config.n_particles
-        self.split(_kernels.resample, (self.belief.cloud,), (slot,), (below,), each_ns=12.0)
+        lasts, belief = any(self._errors.lasting), self.belief
+        self.split(_resampling.resample, (belief.cloud, belief.carried), (slot,), (lasts, below), each_ns=25.0)
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""
@@ -266,17 +241,17 @@ class ParticleFilter:
         return BelievedParticles(self.belief, slot)
 
     def _columns(self, measured: Detections) -> FloatArray:
-        """(v, 8) measurements as the kernels take them."""
-        covariance = measured_covariance(measured, self.config)
-        xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-        determinant = xx * yy - xy * xy
-        direction, speed = measured_motion(measured)
-        return np.column_stack(
-            [
-                measured.position, yy / determinant, -xy / determinant, xx / determinant,
-                -np.log(2.0 * np.pi) - 0.5 * np.log(determinant), direction, speed,
-            ]
-        )  # fmt: skip
+        """(v, 7) measurements as the kernels take them."""
+        axis, white = np.full(len(measured), np.nan), np.empty((len(measured), 2))
+        if self._sensor is not None:
+            white[:] = self._sensor.along.white_variance, self._sensor.across.white_variance
+        else:
+            axis[:], white[:] = 0.0, self.config.noise_m**2
+            own = np.flatnonzero(~np.isnan(measured.covariance[:, 0, 0]))
+            if own.size:
+                white[own], axes = np.linalg.eigh(measured.covariance[own])
+                axis[own] = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
+        return np.column_stack([measured.position, *measured_motion(measured), axis, white])
 
     def split(
         self,
@@ -314,10 +289,22 @@ def _noise(config: FilterConfig) -> _measuring.Noise:
     return _measuring.Noise(
         outlier=outlier / config.outlier_extent_m**2,
         kept=1.0 - outlier,
+        leaves=config.innovation_outlier_rate,
         direction_concentration=float(concentration),
         direction_scale=(1.0 - astray) * 2.0 * np.pi * float(np.exp(-von_mises.log_normaliser(concentration))),
         direction_outlier=astray,
         speed_precision=1.0 / config.speed_noise**2,
         speed_scale=(1.0 - astray) * FASTEST / (config.speed_noise * float(np.sqrt(2.0 * np.pi))),
         speed_outlier=astray,
+    )
+
+
+def _errors(sensor: Sensor | None) -> _measuring.Errors:
+    if sensor is None:
+        return _measuring.Errors(bias=(0.0, 0.0), lasting=(0.0, 0.0), forgets=(1.0, 1.0))
+    along, across = sensor.along, sensor.across
+    return _measuring.Errors(
+        bias=(along.bias_m, across.bias_m),
+        lasting=(along.correlated_variance, across.correlated_variance),
+        forgets=(1.0 / along.correlation_s, 1.0 / across.correlation_s),
     )

@@ -6,6 +6,7 @@ repeat at its new place.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -190,14 +191,22 @@ def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.rand
     v, n = cloud.speed.shape
     vehicle = np.arange(v)
     weigh_by_cue(table, cloud, vehicle, np.empty(v), *cue_columns(cue))
-    _kernels.resample(cloud, vehicle, np.inf)
-    kept = rng.permuted(np.tile(np.arange(n), (v, 1)), axis=1)[:, : n // PER_SAMPLE]
+    kept = np.stack([rng.choice(n, n // PER_SAMPLE, p=weight) for weight in cloud.weight])
     of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}
     return cloud._replace(**of_particles)
 
 
 def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: LeaderTable = ALONE) -> FloatArray:
     """The particles moved on: (v, n, n_steps, 2) metres. Behind leaders sample p of all vehicles is one world."""
-    path: FloatArray = np.empty((*cloud.speed.shape, dt_s.size, 2))
-    _interaction.predict_paths(table, response, cloud, dt_s, path)
+    v, n = cloud.speed.shape
+    path, vehicle, zero = np.empty((v, n, dt_s.size, 2)), np.arange(v), np.zeros(v)
+    is_alone, world = response.trust == 0.0 or v == 1, np.empty((1, 0, 4))
+    for t, dt in enumerate(dt_s.tolist()):
+        n_looks = 1 if is_alone else max(1, math.ceil(dt / _interaction.LOOK_S - 1e-9))
+        for _ in range(n_looks):
+            if not is_alone:
+                columns = [*np.moveaxis(cloud.position, 2, 0), cloud.direction, cloud.speed]
+                world = np.ascontiguousarray(np.stack(columns, axis=-1).transpose(1, 0, 2))
+            _interaction.advance(table, response, cloud, world, vehicle, vehicle, zero, np.full(v, dt / n_looks))
+        path[:, :, t] = cloud.position
     return path

@@ -21,7 +21,6 @@ from dirprim_filter.filtering.measurements import FASTEST, measured_covariance
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter, WeighsCues
 from dirprim_filter.filtering.roster import Roster
-from dirprim_filter.filtering.sensed_particles import SensedParticles
 from dirprim_filter.filtering.track_existence import TrackExistence
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
@@ -387,7 +386,7 @@ def bayes_filter_of(model: PrimitiveMap | BayesFilter, config: FilterConfig, sen
     """A particle filter on a map, by a sensor's model where there is one; or the filter given."""
     if not isinstance(model, PrimitiveMap):
         return model
-    return ParticleFilter(model, config) if sensor is None else SensedParticles(model, config, sensor)
+    return ParticleFilter(model, config, sensor)
 
 
 def _seconds(time_ns: IntArray) -> FloatArray:

@@ -21,7 +21,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration import self_calibrate
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.sensed_particles import knobs_of
+from dirprim_filter.filtering.measurements import settings_of
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
@@ -80,7 +80,7 @@ class Errors:
 
 def followed(learned, truth: Tracks, seen: Detections, sensor: Sensor | None) -> tuple[float, float, float]:
     """RMSE, NEES, and the share of true positions in 90 % ellipses."""
-    known = {} if sensor is None else knobs_of(sensor)
+    known = {} if sensor is None else settings_of(sensor)
     config, tracking = (
         kind(**{f.name: known[f.name] for f in fields(kind) if f.name in known})
         for kind in (FilterConfig, TrackingConfig)

@@ -22,7 +22,7 @@ from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.calibration import calibrate, self_calibrate
 from dirprim_filter.evaluation.calibration.pairing import Scene
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, InteractingModels, Tracker
-from dirprim_filter.filtering.sensed_particles import knobs_of
+from dirprim_filter.filtering.measurements import settings_of
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.tables import read_json
 from dirprim_filter.recording.transforms.geodesy import Origin
@@ -101,7 +101,7 @@ def kalman(make: Callable[[FilterConfig], BayesFilter], noise_m: float, sensor: 
 
 def configured(sensor: Sensor) -> tuple[FilterConfig, TrackingConfig]:
     """What a sensor determines; the rest at its defaults."""
-    known = knobs_of(sensor)
+    known = settings_of(sensor)
     made = [
         kind(**{name: known[name] for name in known if name in kind.__dataclass_fields__})
         for kind in (FilterConfig, TrackingConfig)

@@ -241,7 +241,7 @@ def _mcity_fold(roadside: Any, held: int) -> Fold:
     sensor = roadside.calibrated(others)
     parts = {drive: _mcity_part(roadside, drive, sensor.latency_s) for drive in roadside.WITH_TRUTH}
     traffic = [roadside.without_bias(roadside.detected(drive), sensor) for drive in roadside.DRIVES if drive != held]
-    told = roadside.knobs_of(sensor)
+    told = roadside.settings_of(sensor)
     return Fold(
         judged=(parts[held],), clusters="drives", training=tuple(parts[drive] for drive in others),
         traffic=roadside.told_apart(traffic),

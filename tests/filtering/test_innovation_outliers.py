@@ -5,8 +5,7 @@ import pytest
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import ParticleFilter, Tracker, _innovation_outliers
-from dirprim_filter.filtering.sensed_particles import SensedParticles
+from dirprim_filter.filtering import ParticleFilter, Tracker, _measuring
 from dirprim_filter.sensor import AxisError, Sensor
 from situations import TRUSTING, one_cell_map
 
@@ -19,12 +18,13 @@ def weighed(place, *, pace, rate=RATE, sensor=None, n=N):
     """Particles that are all at the origin and go east, given a measurement; -> weights, places and velocities."""
     config = FilterConfig(n_particles=n, innovation_outlier_rate=rate, outlier_probability=1e-9)
     road = one_cell_map(concentration=5.0, shape=10.0)
-    bayes = ParticleFilter(road, config) if sensor is None else SensedParticles(road, config, sensor)
+    bayes = ParticleFilter(road, config, sensor)
     cloud, slot = bayes.belief.cloud, np.array([0])
     bayes.place(slot, np.zeros(1, np.uint64), np.zeros((1, 4)), np.zeros((1, 4, 4)))
-    cloud.speed[0], cloud.direction[0], bayes.belief.unweighed_s[0] = pace, 0.0, DT_S
+    cloud.speed[0], cloud.direction[0], bayes.belief.carried.since_s[0] = pace, 0.0, DT_S
     seen = Detections(track_id=["a"], time_ns=[0], position=[place], covariance=[MEASURED])
-    bayes.weigh(slot, seen)
+    evidence = bayes.weigh(slot, seen)
+    assert evidence.is_moved[0] == (cloud.position[0] != 0.0).any()
     velocity = cloud.speed[0, :, None] * np.column_stack([np.cos(cloud.direction[0]), np.sin(cloud.direction[0])])
     return cloud.weight[0], cloud.position[0], velocity
 
@@ -44,7 +44,7 @@ def test_particles_follow_the_posterior_of_the_mixture(place, sensor):
     """Its share, mean and covariance in closed form; each is estimated to five standard errors, of which one in a
     million is exceeded.
     """
-    z, prior = np.array(place), _innovation_outliers.PLACE_M**2 * np.eye(2)
+    z, prior = np.array(place), _measuring.PLACE_M**2 * np.eye(2)
     noise = MEASURED if sensor is None else np.diag([0.36, 0.16])
     share = RATE * DT_S
     ordinary, outlying = (1.0 - share) * normal(z, noise), share * normal(z, noise + prior)

@@ -85,16 +85,19 @@ def test_what_stands_has_no_course(cloudy):
     assert (cloudy.log_likelihood(SLOT, moving) != cloudy.log_likelihood(SLOT, here)).all()
 
 
-def test_a_birth_is_as_wide_as_its_measurement_says():
-    config = FilterConfig(n_particles=20_000)
-    made = ParticleFilter(one_cell_map(), config)
-    seen = measured(covariance=np.stack([COVARIANCE, np.full((2, 2), np.nan)]))
-    made.begin(SLOT, np.array([1, 2], np.uint64), seen)
+@pytest.mark.parametrize("turned", [0.0, 0.8])
+def test_a_birth_is_as_wide_as_its_measurement_says(turned):
+    """Whatever the covariance, all particles weigh alike: they are drawn from it."""
+    root = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]]) @ np.diag([5.0, 0.1])
+    covariance = root @ root.T
+    made = ParticleFilter(one_cell_map(), FilterConfig(n_particles=20_000))
+    made.begin(SLOT, np.array([1, 2], np.uint64), measured(covariance=np.stack([covariance, np.full((2, 2), np.nan)])))
     m = made.moments(SLOT)
-    five_errors = 5 * np.sqrt(2 / 5000)  # the first is weighted: a quarter of its particles' worth
-    np.testing.assert_allclose(m[0, 2:5], [0.5, 0.2, 0.9], atol=five_errors)
-    np.testing.assert_allclose(m[1, 2:5], [0.25, 0.0, 0.25], atol=0.25 * five_errors)
-    assert np.abs(m[0, 2:5] - [0.25, 0.0, 0.25]).max() > five_errors
+    np.testing.assert_allclose(m[:, 9], 20_000)
+    scale = np.linalg.inv(root)
+    found = scale @ m[0, [2, 3, 3, 4]].reshape(2, 2) @ scale.T
+    np.testing.assert_allclose(found, np.eye(2), atol=5 * np.sqrt(2 / 20_000))
+    np.testing.assert_allclose(m[1, 2:5], [0.25, 0.0, 0.25], atol=0.25 * 5 * np.sqrt(2 / 20_000))
 
 
 @pytest.mark.parametrize(

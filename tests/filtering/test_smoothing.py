@@ -169,6 +169,20 @@ def test_a_long_lag_is_the_whole_log_a_short_one_is_not_and_none_is_the_filter()
     np.testing.assert_allclose(none.covariance, found.covariance, atol=1e-9)
 
 
+def test_without_a_lag_it_is_the_filter_also_where_particles_are_moved():
+    """A driver who stops dead: innovation outliers move particles to him, and to his last belief in the chain."""
+    times = 0.1 * np.arange(60)
+    east = np.cumsum(0.1 * np.interp(times, [0.0, 3.0, 3.6], [8.0, 8.0, 0.0]))
+    seen = Detections(
+        track_id=["a"] * 60, time_ns=(times * 1e9).astype(np.int64), position=np.column_stack([east, 0.0 * east])
+    )
+    for rate in (0.03, 0.0):
+        config = replace(CONFIG, innovation_outlier_rate=rate, outlier_probability=1e-3)
+        found, none = smoothed(seen, model=one_cell_map(concentration=50.0, shape=60.0), lag_s=0.0, config=config)
+        np.testing.assert_allclose(none.position, found.position, atol=1e-9)
+        np.testing.assert_allclose(none.covariance, found.covariance, atol=1e-9)
+
+
 def test_logs_longer_than_what_is_kept_are_smoothed_as_if_all_were(monkeypatch):
     tracks = ring_traffic(np.random.default_rng(2), n_vehicles=1, n_rows=400)
     whole = smoothed(measured(tracks))[1]
