@@ -80,17 +80,59 @@ def _heights(path: FloatArray, probability: FloatArray) -> tuple[FloatArray, Flo
     Returns:
         (2,) where the first node is, metres; (k, rows, columns) the logarithm; metres between nodes.
     """
-    n_samples = len(path)
     low, high = path.min(axis=(0, 1)), path.max(axis=(0, 1))
     side = max(float((high - low).max()) / N_SQUARES, FINEST_M)
     margin = math.ceil(KERNEL_REACH * KERNEL_SQUARES) * side
     columns, rows = (int(n) + 1 for n in np.ceil((high - low + 2.0 * margin) / side))
-    stride, kernel = max(n_samples // NEIGHBOURS_AMONG, 1), np.empty(path.shape[1])
-    _highest_density.neighbour_distances(path, stride, min(NEIGHBOUR, (n_samples - 1) // stride), kernel)
-    place = np.ascontiguousarray(((path - (low - margin)) / side)[..., ::-1])
-    height = np.zeros((probability.size, rows, columns))
-    _highest_density.highest_densities(
-        place, np.clip(kernel / side, KERNEL_SQUARES, WIDEST_KERNEL), KERNEL_REACH, probability,
-        SOME_COMPANY, SPARED, EASED, height,
-    )  # fmt: skip
+    kernel = np.clip(neighbour_distances(path) / side, KERNEL_SQUARES, WIDEST_KERNEL)
+    place = ((path - (low - margin)) / side)[..., ::-1].swapaxes(0, 1)
+    height = highest_densities(place, kernel, probability, (rows, columns))
     return low - margin, np.log(np.maximum(height, FAINTEST)), side
+
+
+def neighbour_distances(path: FloatArray) -> FloatArray:
+    """(n_steps,) the median distance of some samples to their nth nearest at each step; the first is the sample itself.
+
+    path: (n_samples, n_steps, 2).
+    """
+    some = path[:: max(len(path) // NEIGHBOURS_AMONG, 1)].swapaxes(0, 1)
+    apart = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
+    nth = min(NEIGHBOUR, some.shape[1] - 1)
+    return np.asarray(np.median(np.partition(apart, nth, axis=2)[:, :, nth], axis=1), np.float64)
+
+
+def highest_densities(
+    place: FloatArray, kernel: FloatArray, probability: FloatArray, shape: tuple[int, int]
+) -> FloatArray:
+    """How many times its step's level the density is at each node of a grid, at the step where that is most.
+
+    The level is the density at so many of the step's samples that the probability is held.
+
+    Args:
+        place: (n_steps, n_samples, 2) row and column of each sample, from 0 to the last but one.
+        kernel: (n_steps,) standard deviation in nodes.
+        probability: (k,).
+        shape: rows and columns of the grid.
+
+    Returns:
+        (k, rows, columns).
+    """
+    n_steps, n_samples, _ = place.shape
+    bell = []
+    for axis in (0, 1):
+        off = np.arange(shape[axis]) - place[:, :, axis, None]
+        wide = kernel[:, None, None]
+        near = np.abs(np.arange(shape[axis]) - np.rint(place[:, :, axis, None])) <= np.floor(KERNEL_REACH * wide + 0.5)
+        bell.append(near * np.exp(-0.5 * (off / wide) ** 2) / (np.sqrt(2.0 * np.pi) * wide))
+    density = bell[0].swapaxes(1, 2) @ bell[1]
+    node = place.astype(np.int64)
+    up, right = (place - node)[..., 0], (place - node)[..., 1]
+    step, (row, column) = np.arange(n_steps)[:, None], np.moveaxis(node, 2, 0)
+    at_sample = (1.0 - up) * ((1.0 - right) * density[step, row, column] + right * density[step, row, column + 1])
+    at_sample += up * ((1.0 - right) * density[step, row + 1, column] + right * density[step, row + 1, column + 1])
+    at_sample.sort(axis=1)
+    least = SOME_COMPANY / (2.0 * np.pi * kernel**2)
+    level = at_sample[:, ((1.0 - probability) * n_samples).astype(np.int64)]
+    enough = (at_sample >= least[:, None]).sum(axis=1)[:, None] >= (probability - SPARED) * n_samples
+    level = EASED * np.where(enough, np.maximum(level, least[:, None]), level)
+    return np.stack([(density / of[:, None, None]).max(axis=0) for of in level.T])

@@ -15,7 +15,9 @@ from dirprim_filter.distributions.highest_density import (
     KERNEL_REACH,
     KERNEL_SQUARES,
     N_SQUARES,
+    highest_densities,
     highest_density_regions,
+    neighbour_distances,
 )
 
 SHARES = (0.9, 0.5)
@@ -100,8 +102,7 @@ def test_densities_are_sums_of_normal_ones() -> None:
     rng = np.random.default_rng(7)
     place = rng.uniform(6, [24, 34], (40, 5, 2))
     kernel, shares, company = np.array([1.2, 1.5, 1.9, 2.2, 1.2]), np.array([0.9, 0.5]), 1.3
-    found = np.zeros((2, 30, 40))
-    _highest_density.highest_densities(place, kernel, KERNEL_REACH, shares, company, 0.1, EASED, found)
+    found = highest_densities(place.swapaxes(0, 1), kernel, shares, (30, 40))
     expected = np.zeros_like(found)
     for step, width in enumerate(kernel):
         density = np.zeros((30, 40))
@@ -121,10 +122,9 @@ def test_densities_are_sums_of_normal_ones() -> None:
 
 
 def test_neighbours_are_the_nearest() -> None:
-    path = np.random.default_rng(8).normal(size=(30, 4, 2))
-    found = np.empty(4)
-    _highest_density.neighbour_distances(path, 2, 3, found)
-    expected = [np.median(np.sort(cdist(path[::2, k], path[::2, k]), axis=1)[:, 3]) for k in range(4)]
+    path = np.random.default_rng(8).normal(size=(125, 4, 2))
+    found = neighbour_distances(path)
+    expected = [np.median(np.sort(cdist(path[::2, k], path[::2, k]), axis=1)[:, 4]) for k in range(4)]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
