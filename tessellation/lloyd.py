@@ -12,7 +12,7 @@ LEAST_GAIN = 1e-4
 """Of the squared distances; a step that lowers them by less is the last."""
 SAME_M = 1e-6
 """Positions as near to each other are one: parked vehicles jitter by rounding."""
-SEEDED = 20
+SEEDED = 50
 """Positions for each seed, of which seeds are chosen: with more the means hardly change."""
 
 
