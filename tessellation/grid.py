@@ -121,20 +121,6 @@ class GridTessellation:
         position = as_floats("position", position, "... 2")
         return cells_of(self.locator, position.reshape(-1, 2)).reshape(position.shape[:-1])
 
-    def neighbors(self, cell: int) -> IntArray:
-        """The cells that share a side with `cell`, ascending.
-
-        Raises:
-            IndexError: there is no such cell.
-        """
-        if not 0 <= cell < self.n_cells:
-            raise IndexError(f"cell: expected 0 to {self.n_cells - 1}, got {cell}")
-        row, column = divmod(int(self.square[cell]), self.n_x)
-        beside = [(row - 1, column), (row, column - 1), (row, column + 1), (row + 1, column)]
-        wanted = np.array([r * self.n_x + c for r, c in beside if 0 <= r < self.n_y and 0 <= c < self.n_x], np.int64)
-        at = np.minimum(np.searchsorted(self.square, wanted), self.n_cells - 1)
-        return np.asarray(at[self.square[at] == wanted])
-
     def polygons(self) -> list[FloatArray]:
         """One (4, 2) square for each cell, counter-clockwise from its south-west corner."""
         side = self.cell_size * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -12,8 +12,8 @@ LEAST_GAIN = 1e-4
 """Of the squared distances; a step that lowers them by less is the last."""
 SAME_M = 1e-6
 """Positions as near to each other are one: parked vehicles jitter by rounding."""
-SEEDED = 50
-"""Positions for each seed, of which seeds are chosen: with more the means hardly change."""
+MOST_DISTANCES = 500_000_000
+"""From positions to seeds: of more, seeds are chosen among every second, third, ... position."""
 
 
 def lloyd_generators(
@@ -43,7 +43,7 @@ def lloyd_generators(
     if n_cells < 1:
         raise ValueError(f"n_cells: expected at least 1, got {n_cells}")
     position, weight = _distinct(position[weight > 0], weight[weight > 0])
-    stride = max(len(position) // (SEEDED * n_cells), 1)
+    stride = 1 + len(position) * n_cells // MOST_DISTANCES
     generators = position[::stride][seeds(position[::stride], weight[::stride], rng.random(n_cells))]
     before = np.inf
     for _ in range(MAX_STEPS):

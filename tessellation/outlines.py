@@ -1,4 +1,4 @@
-"""The polygons of a Voronoi tessellation, their areas, and which of them share a border.
+"""The polygons of a Voronoi tessellation, and their areas.
 
 After Rycroft (2009), "Voro++": a box cut by the bisectors of a generator with those near it, nearest first; once the
 farthest corner is within half the distance of the next generator, no other can cut. Corners are offsets from the
@@ -22,13 +22,11 @@ SHORTEST_EDGE = 1e-9
 
 
 class Outlines(NamedTuple):
-    """Ragged arrays: cell c has vertex[start[c]:start[c + 1]] and neighbor[border[c]:border[c + 1]]."""
+    """Ragged arrays: cell c has vertex[start[c]:start[c + 1]]."""
 
     vertex: FloatArray  # (n, 2) metres
     start: IntArray  # (n_cells + 1,)
     area: FloatArray  # (n_cells,) square metres
-    neighbor: IntArray
-    border: IntArray  # (n_cells + 1,)
 
 
 class Corners(NamedTuple):
@@ -36,7 +34,6 @@ class Corners(NamedTuple):
 
     polygon: IntArray  # (n,) which each is of, ascending
     place: FloatArray  # (n, 2) metres from the generator
-    beyond: IntArray  # (n,) the cell beyond the edge that begins here; -1, the box
 
     def following(self) -> IntArray:
         """(n,) the next corner of the same polygon."""
@@ -47,8 +44,8 @@ class Corners(NamedTuple):
         after[last] = first
         return after
 
-    def cut(self, bisected: IntArray, to: FloatArray) -> Corners:
-        """Where the generators are nearer than others, one for each polygon: their numbers, and offsets (k, 2)."""
+    def cut(self, to: FloatArray) -> Corners:
+        """Where the generators are nearer than others, one for each polygon, at offsets (k, 2)."""
         to = to[self.polygon]
         off = (self.place * to).sum(axis=1) - 0.5 * (to * to).sum(axis=1)
         after = self.following()
@@ -56,18 +53,18 @@ class Corners(NamedTuple):
         share = np.divide(off, off - off[after], out=np.zeros(off.size), where=crosses)[:, None]
         crossing = self.place + share * (self.place[after] - self.place)
         both = np.column_stack([inside, crosses]).ravel()
-        beyond = np.where(inside, bisected[self.polygon], self.beyond)
-        return Corners(
-            np.repeat(self.polygon, 2)[both], np.stack([self.place, crossing], axis=1).reshape(-1, 2)[both],
-            np.column_stack([self.beyond, beyond]).ravel()[both],
-        )  # fmt: skip
+        place = np.stack([self.place, crossing], axis=1).reshape(-1, 2)
+        return Corners(np.repeat(self.polygon, 2)[both], place[both])
 
     def longer(self, least: FloatArray) -> Corners:
         """Without edges as short as rounding, (k,) metres, and without what is then no polygon."""
         length = np.hypot(*(self.place[self.following()] - self.place).T)
         kept = length > least[self.polygon]
         kept &= (np.bincount(self.polygon[kept], minlength=least.size) > 2)[self.polygon]
-        return Corners(self.polygon[kept], self.place[kept], self.beyond[kept])
+        return Corners(self.polygon[kept], self.place[kept])
+
+
+NO_CORNERS = Corners(np.empty(0, np.int64), np.empty((0, 2)))
 
 
 def outlines(generators: FloatArray, locator: Locator) -> Outlines:
@@ -84,20 +81,25 @@ def outlines(generators: FloatArray, locator: Locator) -> Outlines:
     while owns.size and tree is not None:
         n_near = min(n_near, n_cells)
         corner = box[owns][:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
-        found = Corners(np.repeat(np.arange(owns.size), 4), corner, np.full(len(corner), -1))
+        found = Corners(np.repeat(np.arange(owns.size), 4), corner)
         near = np.asarray(tree.query(generators[owns], k=np.arange(1, n_near + 1))[1], np.int64)
         for column in near.T[1:]:
-            found = found.cut(column, generators[column] - generators[owns])
+            found = found.cut(generators[column] - generators[owns])
         farthest = np.zeros(owns.size)
         np.maximum.at(farthest, found.polygon, (found.place**2).sum(axis=1))
         last = ((generators[near[:, -1]] - generators[owns]) ** 2).sum(axis=1)
         done = (last >= 4.0 * farthest) | (n_near == n_cells)
         found = found.longer(SHORTEST_EDGE * np.hypot(*(box[owns, 2:] - box[owns, :2]).T))
         kept = done[found.polygon]
-        parts.append(Corners(owns[found.polygon[kept]], found.place[kept], found.beyond[kept]))
+        parts.append(Corners(owns[found.polygon[kept]], found.place[kept]))
         owns, n_near = owns[~done], 4 * n_near
-    every = Corners(*(np.concatenate(column) for column in zip(*parts, strict=True))) if parts else None
-    return _joined(generators, every)
+    cell, offset = (np.concatenate(column) for column in zip(*parts, strict=True)) if parts else NO_CORNERS
+    order = np.argsort(cell, kind="stable")
+    cell, offset = cell[order], offset[order]
+    (x, y), (next_x, next_y) = offset.T, offset[Corners(cell, offset).following()].T
+    area = np.bincount(cell, weights=0.5 * (x * next_y - next_x * y), minlength=n_cells)
+    start = np.searchsorted(cell, np.arange(n_cells + 1))
+    return Outlines(offset + generators[cell], start, area.astype(np.float64))
 
 
 def _boxes(generators: FloatArray, locator: Locator) -> FloatArray:
@@ -115,19 +117,3 @@ def _boxes(generators: FloatArray, locator: Locator) -> FloatArray:
     np.maximum.at(high, cell, place + 1.0)
     origin = np.array([locator.origin_x, locator.origin_y]) - generators
     return np.hstack([origin + low / locator.pixels_per_metre, origin + high / locator.pixels_per_metre])
-
-
-def _joined(generators: FloatArray, corners: Corners | None) -> Outlines:
-    n_cells = len(generators)
-    if corners is None:
-        start = np.zeros(n_cells + 1, np.int64)
-        return Outlines(np.empty((0, 2)), start, np.zeros(n_cells), np.empty(0, np.int64), start)
-    order = np.argsort(corners.polygon, kind="stable")
-    cell, offset, beyond = corners.polygon[order], corners.place[order], corners.beyond[order]
-    (x, y), (next_x, next_y) = offset.T, offset[Corners(cell, offset, beyond).following()].T
-    area = np.bincount(cell, weights=0.5 * (x * next_y - next_x * y), minlength=n_cells)
-    pair = np.unique(np.column_stack([cell, beyond])[beyond >= 0], axis=0)
-    # A border may leave the box of one of the two cells: it is shared where it lies in both.
-    pair = pair[np.isin(pair @ np.array([1, n_cells]), pair @ np.array([n_cells, 1]))]
-    start, border = (np.searchsorted(of, np.arange(n_cells + 1)) for of in (cell, pair[:, 0]))
-    return Outlines(offset + generators[cell], start, area.astype(np.float64), pair[:, 1].copy(), border)

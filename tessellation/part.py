@@ -55,11 +55,6 @@ class PartOfCells:
         """
         return np.asarray(self.number[self.whole.cell_of(position)])
 
-    def neighbors(self, cell: int) -> IntArray:
-        """Those of the cells that share a border with `cell`, ascending."""
-        beside = self.number[self.whole.neighbors(int(self.cells[cell]))]
-        return np.asarray(beside[beside != OUTSIDE])
-
     def polygons(self) -> list[FloatArray]:
         """One (k, 2) polygon for each cell, counter-clockwise, not closed."""
         every = self.whole.polygons()

@@ -33,10 +33,6 @@ class Tessellation(Protocol):
         """The cell of each position; `OUTSIDE` where no cell covers it. (..., 2) -> (...)."""
         ...
 
-    def neighbors(self, cell: int) -> IntArray:
-        """The cells that share a border with `cell`, ascending."""
-        ...
-
     def polygons(self) -> list[FloatArray]:
         """One (k, 2) polygon for each cell, counter-clockwise, not closed."""
         ...

@@ -128,17 +128,6 @@ class VoronoiTessellation:
         position = as_floats("position", position, "... 2")
         return cells_of(self.locator, position.reshape(-1, 2)).reshape(position.shape[:-1])
 
-    def neighbors(self, cell: int) -> IntArray:
-        """The cells whose polygons share a border with that of `cell`, more than a point, ascending.
-
-        Raises:
-            IndexError: there is no such cell.
-        """
-        if not 0 <= cell < self.n_cells:
-            raise IndexError(f"cell: expected 0 to {self.n_cells - 1}, got {cell}")
-        drawn = self._drawn()
-        return drawn.neighbor[drawn.border[cell] : drawn.border[cell + 1]].copy()
-
     def polygons(self) -> list[FloatArray]:
         """One convex (k, 2) polygon for each cell, counter-clockwise, not closed; k = 0 where it owns no region.
 

@@ -6,7 +6,6 @@ from tessellation import OUTSIDE
 
 ROW = np.sqrt(3.0) / 2.0
 """From one row of hexagons to the next, in widths."""
-BESIDE = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 FARTHEST = 1e9
 """Widths; what lies beyond counts as being there."""
 
@@ -41,12 +40,6 @@ class Hexagons:
         hexagons, of = np.unique(self._axial(position.reshape(-1, 2)), axis=0, return_inverse=True)
         cells = np.array([self._number.get(tuple(hexagon), OUTSIDE) for hexagon in hexagons.tolist()], dtype=np.int64)
         return cells[of].reshape(position.shape[:-1])
-
-    def neighbors(self, cell):
-        if not 0 <= cell < self.n_cells:
-            raise IndexError(f"cell: expected 0 to {self.n_cells - 1}, got {cell}")
-        beside = (self._number.get(tuple(hexagon)) for hexagon in (self.axial[cell] + BESIDE).tolist())
-        return np.array(sorted(found for found in beside if found is not None), dtype=np.int64)
 
     def polygons(self):
         turn = np.pi / 6 + np.pi / 3 * np.arange(6)

@@ -1,15 +1,11 @@
 """Cells learned together with a model that has nothing to do with roads."""
 
-import logging
-import logging.handlers
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from toy_model import GaussianCells
 
-from tessellation import OUTSIDE, JointFit, fit_jointly, joint
+from tessellation import OUTSIDE, JointFit, fit_jointly
 from tessellation.gates import members_of
 
 TRUE = np.array([[0.0, 0.0], [20.0, 4.0], [6.0, 18.0], [26.0, 22.0], [-14.0, 14.0]])
@@ -231,31 +227,3 @@ def test_bad_options_are_refused(options, message):
 def test_bad_positions_are_refused(position):
     with pytest.raises(ValueError, match=r"position|weight"):
         learned(position, np.zeros(len(position)))
-
-
-def test_the_library_prints_nothing_but_logs(monkeypatch, capsys):
-    said = logging.handlers.BufferingHandler(100)
-    logger = logging.getLogger("tessellation")
-    monkeypatch.setattr(logger, "propagate", False)
-    before = logger.level
-    logger.addHandler(said)
-    logger.setLevel(logging.INFO)
-    try:
-        learned(*world(300)[:2])
-    finally:
-        logger.removeHandler(said)
-        logger.setLevel(before)
-    assert "joint cells" in said.buffer[0].getMessage()
-    assert capsys.readouterr() == ("", "")
-
-
-def test_the_search_begins_with_half_the_best_number_of_even_cells_though_a_smaller_one_is_a_local_optimum():
-    objective = {1: 3.0, 2: 2.0, 4: 1.5, 8: 1.0, 16: 0.9, 32: 2.0, 64: 0.1, 128: 0.4}
-
-    class Evaluated:
-        row = np.arange(1024)
-
-        def evaluate(self, generators):
-            return SimpleNamespace(generators=generators, objective=objective[len(generators)])
-
-    assert len(joint._first(Evaluated(), lambda n: np.zeros((n, 2)), None).generators) == 32

@@ -74,9 +74,6 @@ def test_every_twin_is_a_tessellation(twin):
     assert cells.cell_of(np.zeros((3, 4, 2))).shape == (3, 4)
     assert cells.cell_of(np.zeros(2)).shape == ()
     assert cells.cell_of(np.empty((0, 2))).shape == (0,)
-    for beyond in (-1, cells.n_cells):
-        with pytest.raises(IndexError, match="cell: expected 0 to"):
-            cells.neighbors(beyond)
     with pytest.raises(ValueError, match="position: expected finite"):
         cells.cell_of(np.array([np.nan, 0.0]))
 
@@ -119,22 +116,6 @@ def test_polygons_are_counter_clockwise_convex_and_of_the_stated_area(twin):
     for polygon, area in zip(cells.polygons(), cells.area, strict=True):
         assert signed_area(polygon) == pytest.approx(area)
         assert inside(polygon, polygon, 1e-6).all()
-
-
-@pytest.mark.parametrize("twin", TWINS)
-def test_neighbors_are_mutual_ascending_and_share_a_border(twin):
-    cells = twin(data())
-    polygons = cells.polygons()
-    neighbors = [cells.neighbors(c) for c in range(cells.n_cells)]
-    assert sum(map(len, neighbors)) > cells.n_cells
-    for cell, beside in enumerate(neighbors):
-        assert (np.diff(beside) > 0).all()
-        for other in beside:
-            assert cell in neighbors[other]
-            low = np.maximum(polygons[cell].min(axis=0), polygons[other].min(axis=0))
-            high = np.minimum(polygons[cell].max(axis=0), polygons[other].max(axis=0))
-            assert (low <= high + 1e-6).all()
-            assert (high - low).max() > 0
 
 
 @pytest.mark.parametrize("twin", TWINS)
