@@ -272,29 +272,6 @@ def test_protobuf_of_any_kind_reads_as_the_stock_parser_reads_it(kind, data):
             np.testing.assert_array_equal(of_item[parents], read.message_of(".items[].items[]"))
 
 
-@settings(max_examples=60, deadline=None)
-@given(message=messages(), cut=st.integers(0, 300), flips=st.lists(st.tuples(st.integers(0, 300), st.integers(1, 255))))
-def test_a_broken_protobuf_message_costs_only_itself(message, cut, flips):
-    whole = message.SerializeToString()
-    broken = bytearray(whole[:cut])
-    for at, bits in flips:
-        if at < len(broken):
-            broken[at] ^= bits
-    fields = {
-        "x": Field(path=".items[].packed_double[]"),
-        "y": Field(path=".double"),
-        "s": Field(path=".string", kind="name"),
-    }
-    plan = protobuf_plan("p.M", DEFINITION, fields)
-    alone, between = plan.run([whole]), plan.run([whole, bytes(broken), whole])
-    values, of = between.numbers("x"), between.message_of(".items[].packed_double[]")
-    between.names("s")
-    for place in (0, 2):
-        assert place not in between.failures
-        np.testing.assert_array_equal(values[of == place], alone.numbers("x"))
-        np.testing.assert_array_equal(between.numbers("y")[place], alone.numbers("y")[0])
-
-
 class OfAnyVersion:
     """A descriptor without what comes into protobuf, or goes out of it, after the lowest version that is allowed."""
 

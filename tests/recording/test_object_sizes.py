@@ -20,7 +20,6 @@ from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording import read_tracks, write_tracks
 from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
 from dirprim_filter.recording.reader import inspect, stream_detections
-from dirprim_filter.recording.schemas import decoders as decoding
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.recording.writer import EstimateWriter
@@ -259,18 +258,6 @@ def test_logs_are_joined_whether_they_tell_of_sizes_or_not(tmp_path):
     tracks = read_tracks([tmp_path / "without.mcap", tmp_path / "with.mcap"])
     for name, size in (("without/b", (NAN,) * 3), ("with/b", (L, W, H)), ("with/c", SOME[2])):
         np.testing.assert_array_equal(tracks.size[tracks.track_id == name], [size] * 20)
-
-
-def test_a_log_whose_sizes_begin_late_is_whole(tmp_path, monkeypatch):
-    """More messages than are decoded together: the rows before the first size are unknown, not lost."""
-    monkeypatch.setattr(decoding, "BATCH_MESSAGES", 64)
-    n = 500
-    truth = Tracks(
-        track_id=np.zeros(n, np.int64), time_ns=np.arange(n) * 10**7, position=np.zeros((n, 2)), direction=np.zeros(n),
-        speed=np.zeros(n), size=np.where(np.arange(n)[:, None] < 400, NAN, [[L, W, H]]),
-    )  # fmt: skip
-    write_tracks(truth, tmp_path / "log.mcap")
-    np.testing.assert_array_equal(read_tracks(tmp_path / "log.mcap").size, truth.size)
 
 
 def test_info_tells_sizes(tmp_path, capsys):

@@ -28,7 +28,6 @@ from dirprim_filter.recording.container import partial_copy
 from dirprim_filter.recording.container.errors import NoRoomError, NotMcapError, RecordingError
 from dirprim_filter.recording.container.file_bytes import FileBytes
 from dirprim_filter.recording.container.other_formats import READ_BYTES
-from dirprim_filter.recording.container.outline import outline_by_summary
 from dirprim_filter.recording.container.partial_copy import NotInPartsError, PartialCopy, Remote
 from dirprim_filter.recording.container.records import MAGIC
 
@@ -93,6 +92,8 @@ def copy_in_parts(path: str | PathLike[str]) -> bool:
     name = fspath(path)
     if (url := as_url(name)) is None or _key(name) in _copies:
         return False
+
+    from dirprim_filter.recording.container.outline import outline_by_summary  # noqa: PLC0415  (it has kernels)
 
     def write(file: FileIO) -> None:
         _in_parts[_key(name)] = PartialCopy(remote, file)
