@@ -64,6 +64,10 @@ class LearningConfig:
                 raise ValueError(f"{name}: expected positive numbers, got {numbers}")
 
 
+LEAST_STEP_S = 1e-3
+"""Of the motion model: a pause of seconds has thousands of steps then."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterConfig:
     """How vehicles are tracked. What may be 0 is off then.
@@ -107,6 +111,10 @@ class FilterConfig:
     def __post_init__(self) -> None:
         may_be_off = ("outlier_probability", "motion_outlier_probability", "resample_below", "innovation_outlier_rate")
         require_positive(self, skip=("interaction",), or_zero=may_be_off)
+        if self.step_s < LEAST_STEP_S:
+            raise ValueError(
+                f"step_s: expected at least {LEAST_STEP_S:g} s, got {self.step_s}: a frame has so many steps"
+            )
         if self.interaction not in ("none", "leader"):
             raise ValueError(f"interaction: expected 'none' or 'leader', got {self.interaction!r}")
         for name in ("outlier_probability", "motion_outlier_probability"):

@@ -60,6 +60,11 @@ def test_a_share_above_one_is_refused_by_name(name):
         FilterConfig(**given)
 
 
+def test_a_step_that_a_frame_has_without_number_is_refused():
+    with pytest.raises(ValueError, match=r"step_s: expected at least 0.001 s, got 1e-300"):
+        FilterConfig(step_s=1e-300)
+
+
 def test_an_interaction_that_does_not_exist_is_refused():
     with pytest.raises(ValueError, match="interaction: expected 'none' or 'leader', got 'all'"):
         FilterConfig(interaction="all")

@@ -67,6 +67,25 @@ def has_kernels(kernel: str = "") -> bool:
     return any(Path(folder).rglob(f"{kernel}*.nbi"))
 
 
+def mend_cache() -> None:
+    """Remove what a power cut left empty of the compiler's cache, and say so: the compiler would end in an error."""
+    package = Path(__file__).parents[1]
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    folders = [Path(given)] if given else [package, package.parent / "tessellation"]
+    broken = [path for folder in folders for path in folder.rglob("*.nb[ic]") if not _is_pickled(path)]
+    for path in broken:
+        path.unlink(missing_ok=True)
+    if broken:
+        sys.stderr.write(
+            f"warning: {len(broken)} of the compiled kernels' files were damaged and are removed; compiling anew\n"
+        )
+
+
+def _is_pickled(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(1) == b"\x80"
+
+
 def notice(left_s: float) -> str:
     """The line, with the seconds left, to the next five."""
     shown_s = 5 * round(max(left_s, 5.0) / 5)

@@ -132,6 +132,7 @@ def _of_log(
     from dirprim_filter.forecasting import Forecaster
     from dirprim_filter.nearby_map import NearbyMap
     from dirprim_filter.recording import open_map
+    from dirprim_filter.recording.container.errors import one_line
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
@@ -154,7 +155,7 @@ def _of_log(
         seen = with_progress(frames, what=f"forecasting {log.name}", end_ns=stream.end_ns)
         n_frames = replay(seen, worlds, [estimates, forecaster])
         reading.require_frames(n_frames, log, stream.losses)
-    typer.echo(f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", err=as_json)
+    typer.echo(one_line(f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}"), err=as_json)
     return losses.exit_code(stream.losses)
 
 

@@ -13,7 +13,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from dirprim_filter.cli.compiling import compiling_notice
+from dirprim_filter.cli.compiling import compiling_notice, mend_cache
 from dirprim_filter.cli.options import WRITTEN
 
 Result = TypeVar("Result")
@@ -30,6 +30,7 @@ def checked(command: Callable[..., Result]) -> Callable[..., Result]:
         written = [value for name, value in arguments.items() if name in outputs and isinstance(value, Path)]
         read = [path for name, value in arguments.items() if name not in outputs for path in _paths(value)]
         check_outputs(written, read)
+        mend_cache()
         with compiling_notice(command.__name__):
             return command(*positional, **given)
 

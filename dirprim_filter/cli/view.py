@@ -128,12 +128,13 @@ class _Played:
         """Play it, and say so."""
         from dirprim_filter.cli.counts import counted
         from dirprim_filter.cli.progress import with_progress
+        from dirprim_filter.recording.container.errors import one_line
 
         n_frames, end_ns = 0, self._playback.end_ns
         for frame in with_progress(self._frames, what=f"playing {self._log.name}", end_ns=end_ns):
             viewer.write(frame)
             n_frames += 1
-        typer.echo(f"{self._log}: {counted(n_frames, 'frame')} of {', '.join(sorted(self._playback.topics))}")
+        typer.echo(one_line(f"{self._log}: {counted(n_frames, 'frame')} of {', '.join(sorted(self._playback.topics))}"))
 
 
 def _all_recordings(files: Sequence[Path]) -> bool:

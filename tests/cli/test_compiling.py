@@ -70,3 +70,16 @@ def test_kernels_are_looked_for_by_name(tmp_path, monkeypatch):
     assert compiling.has_kernels(demo.KERNEL)
     module, function = demo.KERNEL.split(".")
     assert hasattr(import_module(f"dirprim_filter.filtering.{module}"), function)
+
+
+def test_what_a_power_cut_left_empty_of_the_cache_is_compiled_anew_and_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    (tmp_path / "module").mkdir()
+    empty, whole = tmp_path / "module" / "kernel.nbi", tmp_path / "module" / "other.nbi"
+    empty.touch()
+    whole.write_bytes(b"\x80\x04")
+    compiling.mend_cache()
+    assert capsys.readouterr().err.startswith("warning: 1 of the compiled kernels' files were damaged")
+    assert (empty.exists(), whole.exists()) == (False, True)
+    compiling.mend_cache()
+    assert capsys.readouterr().err == ""

@@ -2,9 +2,11 @@
 
 import logging
 import os
+import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +23,7 @@ from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import process as viewer_room
-from dirprim_filter.viewer import sink
+from dirprim_filter.viewer import sink, stream
 from dirprim_filter.viewer.sink import open_stream
 from dirprim_filter.viewer.timeline import TIMELINE
 
@@ -248,3 +250,69 @@ def test_a_viewer_that_does_not_start_is_reported(tmp_path: Path, monkeypatch: p
 def test_the_library_imports_neither_viewer_nor_figures() -> None:
     program = "import sys, dirprim_filter; sys.exit(bool({'rerun', 'matplotlib'} & set(sys.modules)))"
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+@pytest.fixture
+def running_viewer() -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+    """A viewer without a window that takes streams, and its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    viewer = subprocess.Popen(
+        [viewer_room.viewer_program() or "rerun", "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    until = time.monotonic() + 30
+    while time.monotonic() < until:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        time.sleep(0.05)
+    yield viewer, f"rerun+http://127.0.0.1:{port}/proxy"
+    viewer.kill()
+    viewer.wait()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP, None])
+def test_a_viewer_that_goes_away_or_freezes_ends_alone(
+    tmp_path: Path, scene_frames: list[TrackedFrame], scene_map: PrimitiveMap, running_viewer: tuple,
+    monkeypatch: pytest.MonkeyPatch, *, how: signal.Signals | None,
+) -> None:  # fmt: skip
+    """The file beside it is whole; control: a viewer that stays is no failure."""
+    monkeypatch.setattr(stream, "FROZEN_S", 1.0)
+    viewer, address = running_viewer
+    path, rng = tmp_path / "run.rrd", np.random.default_rng(0)
+    with open_stream(save=path, connect=address) as shown:
+        shown.log_map(scene_map)
+        shown.write(scene_frames[0])
+        shown.flush()
+        if how is not None:
+            viewer.send_signal(how)
+        for frame in scene_frames[1:]:
+            for _ in range(60):  # more than what a connection holds
+                shown.log_report(rng.bytes(50_000).hex())
+            shown.write(frame)
+    assert len(rows_of(path, "/detections", "Points3D:positions")) == len(scene_frames)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.rrd"]
+    assert [line.startswith(f"{address}: is left") for line in shown.stream.failures] == [True] * (how is not None)
+
+
+FULL_DISK = """
+import resource, sys, numpy as np
+from pathlib import Path
+from dirprim_filter.viewer.sink import open_stream
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
+with open_stream(save=Path(sys.argv[1])) as shown:
+    for _ in range(40):
+        shown.log_report(np.random.default_rng(0).bytes(100_000).hex())
+print(len(shown.stream.failures))
+"""
+
+
+def test_a_disk_that_is_full_is_a_failure_and_a_part_never_takes_the_name(tmp_path: Path) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, tmp_path / "run.rrd"], capture_output=True, text=True, check=True
+    )
+    assert ended.stdout == "1\n"
+    (left,) = tmp_path.iterdir()
+    assert left.name.endswith(".partial")
