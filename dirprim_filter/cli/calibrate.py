@@ -34,7 +34,9 @@ def calibrate(
     *,
     reading: Reading,
 ) -> int:
-    """Measure latency, bias, spread, correlation, misses and false detections of a sensor; write them as TOML.
+    """Measure how a sensor errs, against the truth.
+
+    Latency, bias, spread, correlation, misses and false detections are written as TOML.
 
     Not all vehicles need be in the truth. The clocks may differ by a constant, which is found. Options that choose a
     part of a log are about the detections. `dirprim track --sensor` uses the file.

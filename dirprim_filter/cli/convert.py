@@ -54,7 +54,7 @@ def convert(
     ] = None,
     force: Force = False,
 ) -> int:
-    """Write a table of tracks, or of detections, as an MCAP log.
+    """Write a table of tracks or detections as an MCAP log.
 
     csv, parquet and feather have columns by name: time_s, track_id, x_m, y_m; optional heading_rad (of the body),
     course_rad (over ground), speed_mps, group, length_m, width_m, height_m, turn_signal (left, right, none),

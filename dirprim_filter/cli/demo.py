@@ -66,7 +66,9 @@ def demo(
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Learn a map from one recording, track and forecast the vehicles of another with it, and plot the result.
+    """Learn, track and plot on the recordings that ship.
+
+    A map is learned from one recording; vehicles of another are tracked and forecast with it.
 
     In the scene `blind` the detections have no ids, and in a ring about the junction there are none: which tracks last?
 

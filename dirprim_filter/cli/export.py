@@ -28,7 +28,7 @@ def export(
     *,
     reading: Reading,
 ) -> int:
-    """Write what a tracker believed as .csv, .parquet or, in MOTChallenge's format, .txt.
+    """Write estimates as .csv, .parquet or MOTChallenge's .txt.
 
     A .csv has the columns of `dirprim convert`, then the covariance and what else is known. A .txt has frame, id, a box
     of -1, confidence, x, y and 0. The options that choose a part of a log are about --frames-of.

@@ -67,7 +67,9 @@ def forecast(
     reading: Reading,
     settings: Settings,
 ) -> int:
-    """Sample rollouts of a vehicle on a map, or of the vehicles of a log from the filter's beliefs.
+    """Sample where a vehicle, or all of a log, may go.
+
+    Rollouts of a log's vehicles start from the filter's beliefs.
 
     Example: dirprim forecast --map map.mcap --at -30 -1.5 --direction-deg 0 --speed 10 -o forecast.png
     """

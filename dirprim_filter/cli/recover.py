@@ -24,7 +24,7 @@ def recover(
     strict: Strict = False,
     force: Force = False,
 ) -> int:
-    """Write the intact part of a damaged log as a valid log, and report what was lost.
+    """Write the intact part of a damaged log; say what was lost.
 
     A command that was killed leaves its output beside where it belongs, as NAME.PID.partial: all but its last chunk
     can be recovered. Every message is written anew.

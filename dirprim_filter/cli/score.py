@@ -50,7 +50,9 @@ def score(
     reading: Reading,
     settings: Settings,
 ) -> int:
-    """Score what trackers wrote against the truth, a column for each file.
+    """Score the outputs of trackers against the truth.
+
+    The table has a column for each file.
 
     Every group of the truth is a world of its own. The options that choose a part of a log are about the truth;
     estimates of other groups, and of instants at which the truth is not known, are left out and counted. Between rows

@@ -38,7 +38,7 @@ def simulate(
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Simulate traffic with Eclipse SUMO (extra `sim`) and write it as an MCAP log.
+    """Simulate traffic by Eclipse SUMO (extra `sim`) as a log.
 
     Example: dirprim simulate roundabout -o roundabout.mcap --duration 600 --seed 1
     """

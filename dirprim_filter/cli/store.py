@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 store = typer.Typer(
     name="store",
     help=(
-        "The rows of many logs: add logs, forget some, and learn from all that are left. "
+        "The rows of many logs, to learn from all of them. "
         "Example: dirprim store add fleet recordings/roundabout_learn.mcap"
     ),
     no_args_is_help=True,
@@ -50,7 +50,9 @@ def add(
     ] = None,
     scheduler: Scheduler = None,
 ) -> int:
-    """Add logs to a store, which is made if it is not there; logs that it knows are skipped.
+    """Add logs to a store, which is made if need be.
+
+    Logs that it knows are skipped.
 
     How logs are read is fixed when the store is made. One log that cannot be read does not stop the others.
 
@@ -142,7 +144,7 @@ def forget(
     folder: Folder,
     logs: Annotated[list[str], typer.Argument(metavar="LOG...", help="As `dirprim store info` lists them, or paths.")],
 ) -> None:
-    """Take logs out of a store: maps learned from it afterwards are as if they had never been added.
+    """Take logs out of a store, as if they never were in it.
 
     Example: dirprim store forget fleet recordings/roundabout_learn.mcap
     """
@@ -180,9 +182,10 @@ def keep(
         str | None, typer.Option("--of-month", help="Such as 2026-08. Default: all but that of the last log.")
     ] = None,
 ) -> None:
-    """Keep fewer vehicles of months that are over: of each turn at most so many, which count for all of it.
+    """Keep fewer vehicles of months that are over.
 
-    A turn that fewer vehicles take is kept whole. What is left out is gone.
+    Of each turn at most so many are kept, which count for all of it. A turn that fewer vehicles take is
+    kept whole. What is left out is gone.
 
     Example: dirprim store keep fleet --vehicles 100 --of-month 2026-08
     """

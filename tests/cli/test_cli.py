@@ -80,6 +80,12 @@ def test_help_of_every_command_has_an_example(capsys):
         assert f"Example: dirprim {command} " in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.parametrize("group", [(), ("evaluate",), ("store",)])
+def test_every_summary_fits_its_line(capsys, group):
+    assert dirprim(*group, "--help") == DONE
+    assert not re.findall(r"^  \w+ .*\.\.\.$", capsys.readouterr().out, flags=re.MULTILINE)
+
+
 def test_the_version(capsys):
     assert dirprim("--version") == DONE
     assert capsys.readouterr().out == f"dirprim {version('dirprim-filter')}\n"

@@ -10,7 +10,7 @@ from dirprim_filter.cli.outputs import checked
 evaluate = typer.Typer(
     name="evaluate",
     help=(
-        "Compare methods on held-out vehicles: the paper's tables for a log of your own. "
+        "Compare methods on held-out vehicles of your own log. "
         "Example: dirprim evaluate density recordings/roundabout_learn.mcap"
     ),
     no_args_is_help=True,

@@ -29,7 +29,7 @@ def cues(
     *,
     reading: Reading,
 ) -> int:
-    """What the prior adds to an observation, and a turn signal to the prior (the paper's Table II and Eq. 4).
+    """Compare what prior and turn signal add (Table II).
 
     Example: dirprim evaluate cues recordings/roundabout_learn.mcap
     """

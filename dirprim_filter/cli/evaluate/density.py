@@ -43,7 +43,7 @@ def density(
     *,
     reading: Reading,
 ) -> int:
-    """The density that each method gives to held-out directions and speeds (the paper's Table I).
+    """Compare densities of held-out motion (the paper's Table I).
 
     Example: dirprim evaluate density recordings/roundabout_learn.mcap --split vehicle --folds 5
     """

@@ -50,7 +50,9 @@ def forecast(
     reading: Reading,
     settings: Settings,
 ) -> int:
-    """Forecast held-out vehicles with the prior and what it must beat: fewer or no cells, remembered tracks, velocity.
+    """Compare forecasts of held-out vehicles.
+
+    The prior stands beside what it must beat: fewer or no cells, remembered tracks, constant velocity.
 
     Example: dirprim evaluate forecast recordings/roundabout_learn.mcap --plot forecast.png
     """

@@ -54,7 +54,7 @@ def tracking(
     reading: Reading,
     settings: Settings,
 ) -> int:
-    """Compare trackers on known traffic with a simulated sensor.
+    """Compare trackers on known traffic, by a simulated sensor.
 
     The traffic goes through noise, gaps, misses and false detections; the trackers have the prior, or do without. What
     `--set` takes of an experiment, such as noise_m or miss_rate, is in docs/experiments.md.
