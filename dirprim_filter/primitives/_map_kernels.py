@@ -104,5 +104,5 @@ def draw(table: MapTable, position: FloatArray, key: UIntArray, direction: Float
         turned += table.mode[j, BEND_EAST] * east + table.mode[j, BEND_NORTH] * north
         rate *= math.exp(-(table.mode[j, GAIN_EAST] * east + table.mode[j, GAIN_NORTH] * north))
         direction[i] = wrap(turned)
-        speed[i] = random.draw_gamma(table.mode[j, SHAPE], state) / rate
+        speed[i] = random.draw_gamma(table.mode[j, SHAPE], state) / max(rate, 1e-300)  # of a slope without bounds
     return finite

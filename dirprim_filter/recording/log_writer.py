@@ -108,8 +108,8 @@ class LogWriter:
         """
         self.write_encoded(topic, type(message), message.SerializeToString(), time_ns)
 
-    def write_encoded(self, topic: str, kind: type[Message], data: bytes, time_ns: int) -> None:
-        """Append a message of this kind that is encoded already.
+    def write_encoded(self, topic: str, kind: type[Message] | Schema, data: bytes, time_ns: int) -> None:
+        """Append a message of this kind that is encoded already; of a schema that is none of protobuf as it names.
 
         Raises:
             ValueError: the time is negative, which MCAP cannot hold.
@@ -127,7 +127,7 @@ class LogWriter:
         with uninterrupted():
             self._writer.close_chunk()
 
-    def _append(self, topic: str, kind: type[Message], data: bytes, time_ns: int) -> None:
+    def _append(self, topic: str, kind: type[Message] | Schema, data: bytes, time_ns: int) -> None:
         channel = self._channel.get(topic)
         if channel is None:
             channel = self._channel[topic] = self._register(topic, kind)
@@ -144,12 +144,15 @@ class LogWriter:
         self._n_messages[channel] = sequence + 1
         self._writer.add(channel, sequence, time_ns, time_ns, data)
 
-    def _register(self, topic: str, kind: type[Message]) -> int:
-        name = kind.DESCRIPTOR.full_name
+    def _register(self, topic: str, kind: type[Message] | Schema) -> int:
+        name = kind.name if isinstance(kind, Schema) else kind.DESCRIPTOR.full_name
         if name not in self._schema:
-            definition = build_file_descriptor_set(kind).SerializeToString()
-            self._schema[name] = Schema(name=name, encoding="protobuf", data=definition)
-        channel = Channel(topic=topic, message_encoding="protobuf", schema=self._schema[name], metadata=())
+            if not isinstance(kind, Schema):
+                definition = build_file_descriptor_set(kind).SerializeToString()
+                kind = Schema(name=name, encoding="protobuf", data=definition)
+            self._schema[name] = kind
+        schema = self._schema[name]
+        channel = Channel(topic=topic, message_encoding=schema.encoding, schema=schema, metadata=())
         channel_id = self._writer.define(channel)
         self._n_messages[channel_id] = 0
         return channel_id

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
@@ -18,18 +17,21 @@ from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.container.chunk import Chunk
 from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import FilePass, Log, Scan
+from dirprim_filter.recording.container.records import Message, Schema
 from dirprim_filter.recording.errors import RecordingError
 from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import map_scene
 from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.schemas.map_summary import MapSummary, add_tile, summary_of
-from dirprim_filter.recording.schemas.map_tiles import encode_tiles
+from dirprim_filter.recording.schemas.arrow_message import ENCODING
+from dirprim_filter.recording.schemas.map_summary import MapSummary, encode_summary
+from dirprim_filter.recording.schemas.map_tiles import encoded_tiles, tiles_in
 from dirprim_filter.recording.schemas.tiled_map import TiledMap, places_in, whole_map
 
 logger = logging.getLogger(__name__)
 
 MAP_SCHEMA = "dirprim.PrimitiveMap"
-SUMMARY_SCHEMA = "dirprim.MapSummary"
+MAP = Schema(name=MAP_SCHEMA, encoding=ENCODING, data=b"an Arrow IPC stream of one row")
+SUMMARY = Schema(name="dirprim.MapSummary", encoding=ENCODING, data=MAP.data)
 Made = TypeVar("Made")
 
 
@@ -53,12 +55,11 @@ def save_map(
         OSError: the file cannot be written.
     """
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
-        summary = summary_of(primitive_map)
-        for tile in encode_tiles(primitive_map):
-            log.write(topic_names.MAP, tile, 0)  # a map holds at no time of its own
+        tiles = tiles_in(primitive_map)
+        for tile in encoded_tiles(primitive_map, tiles):
+            log.write_encoded(topic_names.MAP, MAP, tile, 0)  # a map holds at no time of its own
             log.end_chunk()  # a tile can be read by itself
-            add_tile(summary, tile)
-        log.write(topic_names.MAP_SUMMARY, summary, 0)
+        log.write_encoded(topic_names.MAP_SUMMARY, SUMMARY, encode_summary(primitive_map, tiles), 0)
         log.end_chunk()
         origin = origin_of(view_of(primitive_map))
         log.write(topic_names.TRANSFORM, scene_transform(0, origin), 0)
@@ -195,7 +196,7 @@ class _Messages:
 
     def summary(self) -> bytes | None:
         """The message that says what is in the others, if there is one that is whole."""
-        found = [message.data for message in self._summaries if message.schema_name == SUMMARY_SCHEMA]
+        found = [_data(message) for message in self._summaries if message.schema_name == SUMMARY.name]
         self._any = self._any or bool(found)
         return found[0] if found and not self._summaries.damage else None
 
@@ -221,9 +222,9 @@ class _Messages:
             if wanted is None or not wanted.isdisjoint(self._numbers[i]):
                 first = number
                 for message in file.messages(chunk).messages():
-                    if message.schema_name == MAP_SCHEMA:
+                    if message.schema_name == MAP.name:
                         self._any = True
-                        yield number, message.data
+                        yield number, _data(message)
                         number += 1
                 self._numbers[i] = range(first, number)
             number = self._numbers[i].stop
@@ -241,14 +242,24 @@ class _Messages:
         """
         try:
             return decode()
-        except DecodeError as error:
+        except ValueError as error:
             damage = self.damage or self._scan.damage
             if not self._any and not damage:
                 raise RecordingError(
-                    f"{self.path}: expected a map, with messages of {MAP_SCHEMA}, got none; make one with "
-                    "`dirprim learn`"
+                    f"{self.path}: expected a map, with messages of {MAP.name}, got none; make one with `dirprim learn`"
                 ) from error
             broken = f" (the file is damaged: {damage[0]})" if damage else ""
             raise RecordingError(
                 f"{self.path}: cannot be read as a map: {error}{broken}; learn it again with `dirprim learn`"
             ) from error
+
+
+def _data(message: Message) -> bytes:
+    """The bytes of a message of this form.
+
+    Raises:
+        ValueError: it is of another, as maps were before version 5.
+    """
+    if message.message_encoding != ENCODING:
+        raise ValueError(f"it is of an older version, in {message.message_encoding}, not {ENCODING}")
+    return message.data

@@ -1,50 +1,57 @@
-"""Maps through a file: the same to the last bit, or one clear line."""
+"""Maps through a file: the same to the last bit, whole and by tiles, or one clear line."""
 
+import re
+import tempfile
 from collections import Counter
-from dataclasses import fields
+from dataclasses import fields, replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import AMOUNTS, FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording import load_map, save_map, topic_names
+from dirprim_filter.primitives.traffic import Passages, Totals
+from dirprim_filter.recording import load_map, open_map, save_map, topic_names
 from dirprim_filter.recording.container import log
 from dirprim_filter.recording.container.chunk import read_contents
+from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
 from dirprim_filter.recording.foxglove.frames import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.map_file import MapFile
+from dirprim_filter.recording.map_file import MAP, SUMMARY, MapFile
 from dirprim_filter.recording.scan import scan
-from dirprim_filter.recording.schemas import map_tiles
-from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS, encode_tiles
-from dirprim_filter.recording.schemas.motion_columns import COLUMNS
+from dirprim_filter.recording.schemas import map_tiles, tiled_map
+from dirprim_filter.recording.schemas.arrow_message import encode
+from dirprim_filter.recording.schemas.map_summary import encode_summary
+from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS
 from tessellation import GridTessellation, VoronoiTessellation
+
+FEW, N_CELLS = 40, 150
+"""Cells of a tile, and of a map in tiles, where they are small."""
 
 
 def some_map(n_cells, *, n_modes=3, seed=0, voronoi=False):
     rng = np.random.default_rng([seed, n_cells])
     rows = (n_cells + 1, n_modes)
-    n_x = 200
-    weight = rng.dirichlet(np.ones(n_modes), size=n_cells + 1)
     square = np.sort(rng.choice(2 * n_cells + 1, size=n_cells, replace=False))
     grid = GridTessellation(
-        origin=rng.normal(size=2), cell_size=1 / 3, n_x=n_x, n_y=(2 * n_cells) // n_x + 1, square=square
+        origin=rng.normal(size=2), cell_size=1 / 3, n_x=200, n_y=(2 * n_cells) // 200 + 1, square=square
     )
     generators = 5e6 / 7 + rng.normal(size=(n_cells, 2))
     return PrimitiveMap(
         tessellation=VoronoiTessellation(generators=generators, region=grid) if voronoi else grid,
         direction=VonMisesMixture(
-            weight=weight,
-            mean_direction=rng.uniform(-np.pi, np.pi, rows),
-            concentration=10.0 ** rng.uniform(-3, 6, rows),
+            weight=rng.dirichlet(np.ones(n_modes), size=n_cells + 1),
+            mean_direction=rng.uniform(-np.pi, np.pi, rows), concentration=10.0 ** rng.uniform(-3, 6, rows),
         ),
         speed=Gamma(shape=rng.gamma(2.0, 1.0, rows), rate=rng.gamma(2.0, 1.0, rows)),
-        n_rows=rng.integers(0, 2**40, n_cells + 1),
-        n_place_free_modes=1,
-        motion=some_motion(n_cells, n_modes, rng),
-    )
+        n_rows=rng.integers(0, 2**40, n_cells + 1), n_place_free_modes=1,
+        bend=rng.normal(size=(*rows, 2)), motion=some_motion(n_cells, n_modes, rng),
+    )  # fmt: skip
 
 
 def some_motion(n_cells, n_modes, rng):
@@ -63,38 +70,23 @@ def some_motion(n_cells, n_modes, rng):
 
 
 def assert_equal(a, b):
-    assert type(a.tessellation) is type(b.tessellation)
-    grids = [a.tessellation, b.tessellation]
-    if isinstance(a.tessellation, VoronoiTessellation):
-        np.testing.assert_array_equal(a.tessellation.generators, b.tessellation.generators)
-        grids = [a.tessellation.region, b.tessellation.region]
-    for name in ("origin", "cell_size", "n_x", "n_y", "square"):
-        np.testing.assert_array_equal(getattr(grids[0], name), getattr(grids[1], name), err_msg=name)
-    for name in ("weight", "mean_direction", "concentration"):
-        np.testing.assert_array_equal(getattr(a.direction, name), getattr(b.direction, name), err_msg=name)
-    for name in ("shape", "rate"):
-        np.testing.assert_array_equal(getattr(a.speed, name), getattr(b.speed, name), err_msg=name)
-    np.testing.assert_array_equal(a.n_rows, b.n_rows)
-    assert a.n_place_free_modes == b.n_place_free_modes
-    assert (a.motion.leader is None) == (b.motion.leader is None)
-    for one, other in (
-        (a.motion, b.motion),
-        *([] if a.motion.leader is None else [(a.motion.leader, b.motion.leader)]),
-    ):
-        assert_columns_equal(one, other)
-
-
-def assert_columns_equal(a, b):
+    """Every number of every value in the two, and its type."""
+    assert type(a) is type(b)
+    if isinstance(a, tuple):
+        for one, other in zip(a, b, strict=True):
+            assert_equal(one, other)
+        return
+    if not hasattr(a, "__dataclass_fields__"):
+        np.testing.assert_array_equal(a, b)
+        assert np.asarray(a).dtype == np.asarray(b).dtype
+        return
     for field in fields(a):
-        if field.name == "leader":
-            continue
-        sent, got = getattr(a, field.name), getattr(b, field.name)
-        np.testing.assert_array_equal(sent, got, err_msg=field.name)
-        assert np.asarray(sent).dtype == np.asarray(got).dtype, field.name
+        if field.init and field.compare:
+            assert_equal(getattr(a, field.name), getattr(b, field.name))
 
 
 @pytest.mark.parametrize("voronoi", [False, True])
-@pytest.mark.parametrize("n_cells", [0, 1, TILE_CELLS, TILE_CELLS + 1, 3 * TILE_CELLS - 5])
+@pytest.mark.parametrize("n_cells", [0, 1, TILE_CELLS + 1])
 def test_a_map_loads_equal(tmp_path, n_cells, voronoi):
     sent = some_map(n_cells, voronoi=voronoi)
     save_map(sent, tmp_path / "map.mcap", metadata={"seed": "0"})
@@ -104,83 +96,23 @@ def test_a_map_loads_equal(tmp_path, n_cells, voronoi):
     assert n_messages == {"/dirprim/map": max(1, -(-n_cells // TILE_CELLS))} | once
 
 
-def test_tiles_of_several_maps_are_none(tmp_path, monkeypatch):
-    monkeypatch.setattr(map_tiles, "TILE_CELLS", 20)
-    one, other = encode_tiles(some_map(33))
-    other.n_place_free_modes = 2
-    write_tiles(tmp_path / "mixed.mcap", [one, other])
-    with pytest.raises(RecordingError, match="tiles of several"):
-        load_map(tmp_path / "mixed.mcap")
-
-
-def test_what_was_learned_loads_equal(tmp_path, ring_map):
+def test_what_was_learned_loads_equal_and_an_equal_map_has_equal_bytes(tmp_path, ring_map):
     assert ring_map.motion.count.size > 0
     assert ring_map.motion.leader is not None
-    save_map(ring_map, tmp_path / "map.mcap")
-    assert_equal(load_map(tmp_path / "map.mcap"), ring_map)
-
-
-def test_a_tile_has_the_manoeuvres_of_its_cells_and_what_follows_them():
-    sent = some_map(2 * TILE_CELLS + 9).motion
-    tiles = list(encode_tiles(some_map(2 * TILE_CELLS + 9)))
-    assert len(tiles) == 3
-    for tile in tiles:
-        of, number = tile.motion, np.array(tile.motion.number)
-        assert set(of.cell) <= set(tile.cell)
-        np.testing.assert_array_equal(sent.cell[number], of.cell)
-        np.testing.assert_array_equal(sent.push[number], of.push)
-        source = np.repeat(number, np.diff(np.append(of.first, len(of.following))))
-        every = np.repeat(np.arange(len(sent)), np.diff(sent.first))
-        own = np.isin(every, number)
-        np.testing.assert_array_equal(every[own], source)
-        np.testing.assert_array_equal(sent.following[own], of.following)
-        np.testing.assert_array_equal(sent.count[own], of.count)
-    assert sum(len(tile.motion.cell) for tile in tiles) == sent.n_placed
-
-
-def test_tiles_are_squares_of_the_ground(tmp_path, monkeypatch):
-    monkeypatch.setattr(map_tiles, "TILE_M", 12.0)
-    sent = some_map(700)
-    tiles = list(encode_tiles(sent))
-    assert len(tiles) > 5
-    for tile in tiles:
-        center = sent.tessellation.centers[tile.cell]
-        assert np.ptp(center, axis=0).max() < 12.0
-        assert (center > [tile.box.west, tile.box.south]).all()
-        assert (center < [tile.box.east, tile.box.north]).all()
-        np.testing.assert_array_equal(sent.tessellation.square[tile.cell], tile.grid.square)
-    save_map(sent, tmp_path / "map.mcap")
-    assert_equal(load_map(tmp_path / "map.mcap"), sent)
-
-
-def test_a_tile_is_read_without_the_chunks_of_others(tmp_path, monkeypatch):
-    monkeypatch.setattr(map_tiles, "TILE_CELLS", 50)
-    save_map(some_map(300), tmp_path / "map.mcap")
-    opened = []
-    with MapFile(tmp_path / "map.mcap") as tiles:
-        assert len(tiles.box) == 6
-        monkeypatch.setattr(log, "read_contents", lambda *of: opened.append(1) or read_contents(*of))
-        assert tiles.part(np.array([2])).tessellation.n_cells == 50
-        assert len(opened) == 1
-        tiles.part(np.array([0, 2, 5]))
-        assert len(opened) == 3  # of which one is kept
-
-
-@pytest.mark.parametrize(("version", "age"), [(0, "an older"), (4, "an older"), (6, "a newer")])
-def test_a_map_of_another_version_is_to_be_learned_again(tmp_path, version, age):
-    (tile,) = encode_tiles(some_map(10))
-    tile.version = version
-    tile.ClearField("motion")
-    write_tiles(tmp_path / "map.mcap", [tile])
-    with pytest.raises(RecordingError, match=rf"map\.mcap: .*of {age} version.*learn it again") as caught:
-        load_map(tmp_path / "map.mcap")
-    assert "\n" not in str(caught.value)
-
-
-def test_the_same_map_gives_the_same_bytes(tmp_path):
-    for name in ("a", "b"):
-        save_map(some_map(50), tmp_path / name)
+    for name, sent in (("a", ring_map), ("b", ring_map), ("some", some_map(33))):
+        save_map(sent, tmp_path / name)
+        assert_equal(load_map(tmp_path / name), sent)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_any_reader_of_arrow_opens_a_tile(tmp_path):
+    sent = some_map(20)
+    save_map(sent, tmp_path / "map.mcap")
+    (message,) = (message for message in scan(tmp_path / "map.mcap") if message.topic == "/dirprim/map")
+    assert message.schema_name == "dirprim.PrimitiveMap"
+    (tile,) = pa.ipc.open_stream(message.data).read_all().to_pylist()
+    assert [row["rate"] for row in tile["cell"]] == sent.speed.rate[:-1].tolist()
+    assert [row["push"] for row in tile["manoeuvre"]] == sent.motion.push[: sent.motion.n_placed].tolist()
 
 
 def test_an_existing_file_is_kept_without_force(tmp_path):
@@ -193,235 +125,324 @@ def test_an_existing_file_is_kept_without_force(tmp_path):
     assert_equal(load_map(path), some_map(6))
 
 
-def test_a_log_that_is_no_map_is_reported(tmp_path):
-    with LogWriter(tmp_path / "log.mcap", metadata={}) as writer:
+def test_what_is_no_map_is_reported(tmp_path):
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, metadata={}) as writer:
         writer.write("/tf", scene_transform(0, np.zeros(2)), 0)
     with pytest.raises(RecordingError, match=r"log\.mcap: expected a map.*dirprim learn"):
-        load_map(tmp_path / "log.mcap")
-    (tmp_path / "text").write_text("no log at all")
+        load_map(path)
+    path.write_text("no log at all")
     with pytest.raises(RecordingError, match="expected an MCAP log"):
-        load_map(tmp_path / "text")
+        load_map(path)
+    with LogWriter(path, metadata={}, force=True) as writer:
+        writer.write_encoded(topic_names.MAP, Schema(name=MAP.name, encoding="protobuf", data=b""), b"\x58\x04", 0)
+    with pytest.raises(RecordingError, match=r"log\.mcap: .*of an older version, in protobuf.*learn it again"):
+        load_map(path)
 
 
-def write_tiles(path, tiles):
-    with LogWriter(path, metadata={}) as writer:
-        for tile in tiles:
-            writer.write(topic_names.MAP, tile, 0)
+# Tiles
+
+
+@pytest.fixture
+def small_tiles(monkeypatch):
+    monkeypatch.setattr(map_tiles, "TILE_CELLS", FEW)
+    monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 100)
+    monkeypatch.setattr(tiled_map, "DENSE_SQUARES", 0)
+
+
+def test_tiles_are_squares_of_the_ground(tmp_path, monkeypatch):
+    monkeypatch.setattr(map_tiles, "TILE_M", 12.0)
+    sent = some_map(700)
+    save_map(sent, tmp_path / "map.mcap")
+    assert_equal(load_map(tmp_path / "map.mcap"), sent)
+    with MapFile(tmp_path / "map.mcap") as tiles:
+        assert len(tiles.box) > 5
+        for i, (west, south, east, north) in enumerate(tiles.box.tolist()):
+            center = sent.tessellation.centers[tiles.part(np.array([i])).part.cell]
+            assert np.ptp(center, axis=0).max() < 12.0
+            assert (center > [west, south]).all()
+            assert (center < [east, north]).all()
+
+
+def test_a_tile_has_the_manoeuvres_of_its_cells_and_what_follows_them(small_tiles):
+    sent = some_map(2 * FEW + 9).motion
+    tiles = [opened(data)[1] for data in messages_of(some_map(2 * FEW + 9))[1]]
+    assert len(tiles) == 3
+    for tile in tiles:
+        of, after = tile["manoeuvre"], tile["transition"]
+        assert set(of["cell"]) <= set(tile["cell"]["number"])
+        np.testing.assert_array_equal(sent.cell[of["number"]], of["cell"])
+        np.testing.assert_array_equal(sent.push[of["number"]], of["push"])
+        every = np.repeat(np.arange(len(sent)), np.diff(sent.first))
+        own = np.isin(every, of["number"])
+        np.testing.assert_array_equal(every[own], np.repeat(of["number"], of["n_following"]))
+        np.testing.assert_array_equal(sent.following[own], after["following"])
+        np.testing.assert_array_equal(sent.count[own], after["count"])
+    assert sum(len(tile["manoeuvre"]["cell"]) for tile in tiles) == sent.n_placed
+
+
+def test_a_tile_is_read_without_the_chunks_of_others(tmp_path, monkeypatch, small_tiles):
+    save_map(some_map(6 * FEW), tmp_path / "map.mcap")
+    n_opened = []
+    with MapFile(tmp_path / "map.mcap") as tiles:
+        assert len(tiles.box) == 6
+        monkeypatch.setattr(log, "read_contents", lambda *of: n_opened.append(1) or read_contents(*of))
+        assert tiles.part(np.array([2])).tessellation.n_cells == FEW
+        assert len(n_opened) == 1
+        tiles.part(np.array([0, 2, 5]))
+        assert len(n_opened) == 3  # of which one is kept
+
+
+def opened(data):
+    """The scalars and the tables of a message, as `encode` takes them."""
+    (batch,) = pa.ipc.open_stream(data)
+    scalars, tables = {}, {}
+    for name, column in zip(batch.schema.names, batch.columns, strict=True):
+        if pa.types.is_list(column.type):
+            struct = column.flatten()
+            tables[name] = {of.name: as_numpy(struct.field(of.name)) for of in struct.type}
+        else:
+            scalars[name] = column[0].as_py()
+    return scalars, tables
+
+
+def as_numpy(array):
+    if pa.types.is_fixed_size_list(array.type):
+        return array.flatten().to_numpy(zero_copy_only=False).reshape(len(array), array.type.list_size).copy()
+    return array.to_numpy(zero_copy_only=False).copy()
+
+
+def messages_of(made):
+    """The summary of a map, and its tiles."""
+    tiles = map_tiles.tiles_in(made)
+    return encode_summary(made, tiles), list(map_tiles.encoded_tiles(made, tiles))
+
+
+def write(path, tiles, summary=None, *, in_one_chunk=False):
+    with LogWriter(path, metadata={}, force=True) as writer:
+        for data in tiles:
+            writer.write_encoded(topic_names.MAP, MAP, data, 0)
+            if not in_one_chunk:
+                writer.end_chunk()
+        if summary is not None:
+            writer.write_encoded(topic_names.MAP_SUMMARY, SUMMARY, summary, 0)
+    return path
+
+
+def part_of(path, tiles):
+    with MapFile(path) as opened_map:
+        return opened_map.part(np.array(tiles))
 
 
 @pytest.mark.parametrize("voronoi", [False, True])
-def test_tiles_may_come_in_any_order(tmp_path, voronoi):
-    sent = some_map(2 * TILE_CELLS + 9, voronoi=voronoi)
-    write_tiles(tmp_path / "map.mcap", reversed(list(encode_tiles(sent))))
-    assert_equal(load_map(tmp_path / "map.mcap"), sent)
+@pytest.mark.parametrize("in_one_chunk", [False, True])
+def test_tiles_are_found_wherever_they_stand(tmp_path, voronoi, in_one_chunk, small_tiles):
+    made = some_map(N_CELLS, voronoi=voronoi)
+    save_map(made, tmp_path / "map.mcap")
+    summary, tiles = messages_of(made)
+    write(tmp_path / "other", tiles[1:] + tiles[:1] if in_one_chunk else tiles, summary, in_one_chunk=in_one_chunk)
+    assert_equal(load_map(tmp_path / "other"), made)
+    for wanted in ([], [2], [0, 3]):
+        expected, found = (part_of(tmp_path / name, wanted) for name in ("map.mcap", "other"))
+        assert expected.tessellation.n_cells == min(FEW * len(wanted), FEW + 30 if 3 in wanted else FEW)
+        np.testing.assert_array_equal(found.part.cell, expected.part.cell)
+        np.testing.assert_array_equal(found.motion.push, expected.motion.push)
 
 
-def without_weight(tile):
-    tile.cells.weight.pop()
+def test_a_tile_that_stays_is_as_one_that_is_read_anew(tmp_path, small_tiles):
+    save_map(some_map(N_CELLS), tmp_path / "map.mcap")
+    with MapFile(tmp_path / "map.mcap") as opened_map:
+        opened_map.part(np.array([0, 1]))
+        found = opened_map.part(np.array([1, 2]))
+    expected = part_of(tmp_path / "map.mcap", [1, 2])
+    for name in ("direction", "motion"):
+        assert_equal(getattr(found, name), getattr(expected, name))
+    np.testing.assert_array_equal(found.part.traffic.flow.toarray(), expected.part.traffic.flow.toarray())
 
 
-def of_a_huge_count(tile):
-    tile.n_modes = 2**31
+def test_the_summary_has_the_sums_of_all_manoeuvres_if_there_are_transitions(tmp_path, small_tiles):
+    made = some_map(N_CELLS)
+    save_map(made, tmp_path / "map.mcap")
+    with MapFile(tmp_path / "map.mcap") as opened_map:
+        summary = opened_map._tiles.summary
+        assert open_map(tmp_path / "map.mcap").is_large
+    assert summary.n_cells == N_CELLS
+    assert summary.totals == Totals.of(Passages.of(made), made.tessellation)
+    assert part_of(tmp_path / "map.mcap", [2]).part.traffic is not None
+    nothing = np.zeros(len(made.motion) + 1, np.int64)
+    motion = replace(made.motion, first=nothing, following=nothing[:0], count=made.motion.count[:0])
+    save_map(replace(made, motion=motion), tmp_path / "none.mcap")
+    assert part_of(tmp_path / "none.mcap", [2]).part.traffic is None
 
 
-def of_many_tiles(tile):
-    tile.n_tiles = 2**31
+def test_a_map_without_a_summary_or_with_a_damaged_one_is_read_whole(tmp_path, small_tiles):
+    made, path = some_map(N_CELLS), tmp_path / "map.mcap"
+    write(path, messages_of(made)[1])
+    assert_equal(load_map(path), made)
+    assert_equal(open_map(path), made)
+    with pytest.raises(RecordingError, match=r"map\.mcap: has no summary"):
+        part_of(path, [0])
+    save_map(made, path, force=True)
+    with MapFile(path) as opened_map:
+        (file,) = opened_map._messages._summaries.by_file()
+        (chunk,) = (chunk for chunk in file.outline.chunks if not file.is_beside(chunk))
+        assert opened_map.is_large
+    data = bytearray(path.read_bytes())
+    data[chunk.end - 8] ^= 0xFF
+    path.write_bytes(data)
+    assert_equal(open_map(path), made)
+    assert_equal(load_map(path), made)
 
 
-def of_an_endless_grid(tile):
-    tile.grid.n_x = tile.grid.n_y = 2**40
+# Harm
 
 
-def of_other_weights(tile):
-    tile.cells.weight[0] += 1.0
+def test_a_missing_a_doubled_a_foreign_and_a_damaged_tile_are_reported(tmp_path, small_tiles):
+    (_, tiles), (_, foreign), (_, other) = (
+        messages_of(some_map(FEW + 9, **of)) for of in ({}, {"seed": 1}, {"voronoi": True})
+    )
+    for part, message in (
+        (tiles[:1], "expected tiles 0 to 1, got 1"), ([tiles[0], tiles[0]], "tile 0: expected once"),
+        ([tiles[0], foreign[1]], "tiles of several"), ([tiles[0], other[1]], "tiles of several"),
+        ([], "expected a map"),
+    ):  # fmt: skip
+        with pytest.raises(RecordingError, match=message):
+            load_map(write(tmp_path / "map", part))
+    save_map(some_map(500), tmp_path / "damaged.mcap")
+    data = bytearray((tmp_path / "damaged.mcap").read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    (tmp_path / "damaged.mcap").write_bytes(data)
+    with pytest.raises(RecordingError, match=r"map\.mcap|damaged\.mcap: cannot be read as a map.*damaged"):
+        load_map(tmp_path / "damaged.mcap")
 
 
-def of_no_number(tile):
-    tile.cells.rate[0] = np.nan
+def number(name, value):
+    """Set a scalar."""
+    return lambda scalars, tables: scalars.__setitem__(name, value)
 
 
-def of_unknown_cells(tile):
-    tile.ClearField("grid")
+def cell(table, column, row, value):
+    """Set a number of a table, or all of a row's."""
+    return lambda scalars, tables: tables[table][column].__setitem__(row, value)
 
 
-def of_no_place_free_row(tile):
-    tile.ClearField("place_free")
+def without(table, column=None):
+    return lambda scalars, tables: tables.pop(table) if column is None else tables[table].pop(column)
 
 
-def without_a_coordinate(tile):
-    tile.voronoi.y.pop()
+def column(table, name, made):
+    return lambda scalars, tables: tables[table].__setitem__(name, made(tables[table][name]))
 
 
-def with_a_generator_twice(tile):
-    tile.voronoi.x[3], tile.voronoi.y[3] = tile.voronoi.x[7], tile.voronoi.y[7]
+TILE = [
+    (number("version", 4), "an older version, 4"),
+    (number("version", 6), "a newer version, 6"),
+    (number("version", "5"), "version: expected int64, got string"),
+    (number("n_tiles", 2**62), "expected tiles 0 to 4611686018427387903, got 1"),
+    (number("kind", "hexagons"), "kind: expected grid or voronoi"),
+    (number("n_x", 2**40), "squares, more than"),
+    (number("cell_size", 5e-324), "cell_size: expected a positive"),
+    (number("origin_x", -1e300), "origin: expected places within"),
+    (number("n_place_free_modes", 9), "n_place_free_modes: expected 0 to 3"),
+    *((number(name, value), f"{name}: expected a positive") for name in ("strength", "course_rate", "spread")
+      for value in (0.0, -1.0, np.nan)),
+    (without("place_free"), "place_free: expected once"),
+    (without("cell", "weight"), "cell.weight: expected it"),
+    (without("manoeuvre", "push"), "manoeuvre.push: expected it"),
+    (column("cell", "number", lambda of: of.astype(np.float64)), "cell.number: expected int64"),
+    (column("cell", "rate", lambda of: of[:, :2]), "place_free: expected one row, as wide as those of the cells"),
+    (column("cell", "bend", lambda of: of[:, :3]), "place_free: expected one row, as wide"),
+    (column("manoeuvre", "path", lambda of: of[:, :2]), "tiles of several|expected|dimension"),
+    (cell("cell", "weight", 0, 0.9), "expected to sum to one"),
+    (cell("cell", "rate", 0, np.nan), "rate: expected finite"),
+    (cell("cell", "shape", 0, -1.0), "shape, rate: expected positive"),
+    (cell("cell", "bend", 0, np.inf), "bend: expected finite"),
+    (cell("cell", "number", 3, 2**62), "cells: expected numbers 0 to 9"),
+    (cell("square", "number", -1, 2**62), "square: expected numbers"),
+    *((cell("manoeuvre", name, 2, value), "expected finite")
+      for name in ("course", "bend", "path", "acceleration") for value in (np.nan, -np.inf)),
+    *((cell("manoeuvre", name, 2, -1.0), f"{name}: expected no negative") for name in AMOUNTS if name != "count"),
+    (cell("transition", "count", 2, -1.0), "count: expected no negative"),
+    (cell("free_manoeuvre", "cell", -1, 3), "manoeuvres: expected numbers 0 to 20"),
+    (cell("manoeuvre", "cell", 0, -1), "expected"),
+    (cell("free_manoeuvre", "cell", -1, -2), "expected cells in ascending order"),
+    *((cell("manoeuvre", "cell", 19, value), "expected manoeuvres of 10 cells, got others") for value in (10, 2**62)),
+    *((cell("manoeuvre", "number", 19, value), "manoeuvres: expected numbers 0 to 19, each") for value in (2**62, 18)),
+    *((cell("manoeuvre", "mode", 0, value), "expected manoeuvres of 10 cells and 3 modes") for value in (3, -1)),
+    *((cell("manoeuvre", "n_following", 0, value), "n_following: expected numbers that sum to")
+      for value in (2**62, -(2**63), 99)),
+    *((cell("transition", "following", 0, value), "expected transitions to manoeuvres 0 to 22") for value in (23, -1)),
+]  # fmt: skip
+GENERATORS = [
+    (
+        lambda _, tables: cell("cell", "place", 3, tables["cell"]["place"][7])(_, tables),
+        "generators: expected each once",
+    ),
+    (cell("cell", "place", 0, np.inf), "generators: expected finite"),
+    (lambda _, tables: tables["cell"].update(place=1e300 + 1e290 * tables["cell"]["place"]), "places within 1e.09 m"),
+]
 
 
-def of_an_endless_region(tile):
-    tile.voronoi.region.n_x = tile.voronoi.region.n_y = 2**40
-
-
-def of_no_region(tile):
-    tile.voronoi.ClearField("region")
-
-
-def of_a_generator_nowhere(tile):
-    tile.voronoi.x[0] = np.inf
-
-
-def of_all_generators_far_away(tile):
-    """Squares of their distances are infinite, so none is the nearest: the kernel read before its table."""
-    tile.voronoi.x[:] = (1e300 + 1e290 * np.arange(len(tile.voronoi.x))).tolist()
-
-
-def of_squares_of_no_size(tile):
-    tile.voronoi.region.cell_size = 5e-324
-
-
-def of_a_region_nowhere(tile):
-    tile.voronoi.region.origin_x = -1e300
+@cache
+def tile_of(kind):
+    """The message of a small map, which reads back."""
+    made = some_map(10, voronoi=kind == "generators")
+    _, (data,) = messages_of(made)
+    with tempfile.TemporaryDirectory() as folder:
+        assert_equal(load_map(write(Path(folder) / "map", [encode(*opened(data))])), made)
+    return data
 
 
 @pytest.mark.parametrize(
-    ("harm", "message"),
-    [
-        (without_a_coordinate, "y: expected 10 numbers, got 9"),
-        (with_a_generator_twice, "generators: expected each once"),
-        (of_an_endless_region, "squares, more than"),
-        (of_no_region, "cell_size: expected a positive"),
-        (of_a_generator_nowhere, "generators: expected finite"),
-        (of_all_generators_far_away, "generators: expected places within 1e.09 m"),
-        (of_squares_of_no_size, "cell_size: expected a positive"),
-        (of_a_region_nowhere, "origin: expected places within"),
-    ],
+    ("kind", "harm", "message"),
+    [(kind, *of) for kind, harms in (("grid", TILE), ("generators", GENERATORS)) for of in harms],
 )
-def test_harmed_generators_are_reported_in_one_line(tmp_path, harm, message):
-    (tile,) = encode_tiles(some_map(10, voronoi=True))
-    harm(tile)
-    write_tiles(tmp_path / "map.mcap", [tile])
+def test_a_harmed_tile_is_reported_in_one_line(tmp_path, kind, harm, message):
+    scalars, tables = opened(tile_of(kind))
+    harm(scalars, tables)
+    path = write(tmp_path / "map.mcap", [encode(scalars, tables)])
     with pytest.raises(RecordingError, match=message) as caught:
-        load_map(tmp_path / "map.mcap")
-    assert "\n" not in str(caught.value)
-
-
-def test_tiles_of_two_kinds_make_no_map(tmp_path):
-    grids, generators = (list(encode_tiles(some_map(TILE_CELLS + 9, voronoi=kind))) for kind in (False, True))
-    write_tiles(tmp_path / "map.mcap", [grids[0], generators[1]])
-    with pytest.raises(RecordingError, match="tiles of several"):
-        load_map(tmp_path / "map.mcap")
-
-
-@pytest.mark.parametrize(
-    ("harm", "message"),
-    [
-        (without_weight, "weight: expected 30 numbers, got 29"),
-        (of_a_huge_count, "weight: expected 21474836480 numbers, got 30"),
-        (of_many_tiles, "expected tiles 0 to 2147483647, got 1"),
-        (of_an_endless_grid, "squares, more than"),
-        (of_other_weights, "expected to sum to one"),
-        (of_no_number, "rate: expected finite"),
-        (of_unknown_cells, "expected the cells of a grid"),
-        (of_no_place_free_row, "weight: expected 3 numbers, got 0"),
-    ],
-)
-def test_a_harmed_tile_is_reported_in_one_line(tmp_path, harm, message):
-    (tile,) = encode_tiles(some_map(10))
-    harm(tile)
-    write_tiles(tmp_path / "map.mcap", [tile])
-    with pytest.raises(RecordingError, match=message) as caught:
-        load_map(tmp_path / "map.mcap")
+        load_map(path)
     assert "map.mcap" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def harm_motion(name, index, value):
-    """Set one number of a column."""
-
-    def harm(tile):
-        getattr(tile.motion, name)[index] = value
-
-    return harm
-
-
-def harm_place_free(name, index, value):
-    """Likewise, of the place-free manoeuvres."""
-
-    def harm(tile):
-        getattr(tile.place_free_motion, name)[index] = value
-
-    return harm
-
-
-def shorten_motion(name):
-    def harm(tile):
-        getattr(tile.motion, name).pop()
-
-    return harm
-
-
-def wrap_around(tile):
-    """Differences of 64 bits would be positive all along."""
-    tile.motion.first[1:4] = [2**63 - 1, -(2**63), -1]
+@pytest.mark.parametrize(
+    ("harm", "message"),
+    [
+        (number("version", 3), "of an older version, 3"),
+        (column("tile", "box", lambda of: of[:, :3]), "expected 4 tiles, got"),
+        (number("n_tiles", 3), "summary: expected 3 tiles, got 4"),
+        *((cell("traffic", "seconds", 0, value), "traffic: expected no negative") for value in (np.nan, 0.0)),
+        (cell("traffic", "begun", 0, -1.0), "traffic: expected no negative"),
+        (number("n_cells", 100), "cells: expected numbers 0 to 99"),
+        (number("n_manoeuvres", 100), "expected"),
+        (number("n_place_free_modes", 0), "tiles of several"),
+    ],
+)  # fmt: skip
+def test_a_harmed_summary_is_reported_in_one_line(tmp_path, harm, message, small_tiles):
+    summary, tiles = messages_of(some_map(N_CELLS))
+    scalars, tables = opened(summary)
+    harm(scalars, tables)
+    write(tmp_path / "map.mcap", tiles, encode(scalars, tables))
+    with pytest.raises(RecordingError, match=message) as caught:
+        part_of(tmp_path / "map.mcap", [3])
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("harm", "message"),
     [
-        *((shorten_motion(name), f"{name}: expected") for name in COLUMNS if name not in ("cell", "following")),
-        (shorten_motion("cell"), "expected 19 numbers, got 20"),
-        (shorten_motion("following"), "count: expected"),
-        *(
-            (harm_motion(name, 2, value), "expected finite")
-            for name in ("course", "bend_north", "path_curvature", "acceleration_speed", "count")
-            for value in (np.nan, -np.inf)
-        ),
-        *((harm_motion(name, 2, -1.0), f"{name}: expected no negative") for name in AMOUNTS),
-        (harm_place_free("cell", -1, 3), "then -1 for two place-free manoeuvres"),
-        (harm_motion("cell", 0, -1), "expected cells in ascending order"),
-        (harm_place_free("cell", -1, -2), "expected cells in ascending order"),
-        (harm_motion("cell", 19, 10), "expected manoeuvres of 10 cells, got others"),
-        (harm_motion("cell", 19, 2**62), "expected manoeuvres of 10 cells, got others"),
-        (harm_motion("number", 19, 2**62), "manoeuvres: expected numbers 0 to 19, each once"),
-        (harm_motion("number", 19, 18), "manoeuvres: expected numbers 0 to 19, each once"),
-        (harm_motion("mode", 0, 3), "expected manoeuvres of 10 cells and 3 modes"),
-        (harm_motion("mode", 0, -1), "expected manoeuvres of 10 cells and 3 modes"),
-        (harm_motion("first", 0, 1), "first: expected ascending numbers from 0"),
-        (harm_motion("first", 4, 2**62), "first: expected ascending numbers from 0"),
-        (harm_motion("first", -1, -(2**63)), "first: expected ascending numbers from 0"),
-        (wrap_around, "first: expected ascending numbers from 0"),
-        (harm_motion("following", 0, 23), "expected transitions to manoeuvres 0 to 22"),
-        (harm_motion("following", 0, -1), "expected transitions to manoeuvres 0 to 22"),
-        (lambda tile: tile.ClearField("place_free_motion"), "then -1 for two place-free manoeuvres"),
-        (lambda tile: tile.place_free_motion.ClearField("strength"), "strength: expected a positive number"),
-        (lambda tile: tile.place_free_motion.ClearField("course_rate"), "course_rate: expected a positive number"),
+        (cell("manoeuvre", "arrived", 2, np.inf), "arrived: expected no negative"),
+        (cell("manoeuvre", "number", 2, -1), "manoeuvres: expected numbers"),
+        (cell("cell", "number", 2, 149), "cells: expected numbers 0 to 149, each once"),
+        (number("tile", 0), re.escape("expected tiles [3], got 0")),
     ],
 )
-def test_harmed_motion_is_reported_in_one_line(tmp_path, harm, message):
-    (tile,) = encode_tiles(some_map(10))
-    harm(tile)
-    write_tiles(tmp_path / "map.mcap", [tile])
-    with pytest.raises(RecordingError, match=message) as caught:
-        load_map(tmp_path / "map.mcap")
-    assert "\n" not in str(caught.value)
-
-
-def test_a_missing_a_doubled_and_a_foreign_tile_are_reported(tmp_path):
-    tiles = list(encode_tiles(some_map(TILE_CELLS + 9)))
-    foreign = list(encode_tiles(some_map(TILE_CELLS + 9, seed=1)))
-    for name, part, message in (
-        ("a", tiles[:1], "expected tiles 0 to 1, got 1"),
-        ("b", [tiles[0], tiles[0]], "tile 0: expected once"),
-        ("c", [tiles[0], foreign[1]], "tiles of several"),
-    ):
-        write_tiles(tmp_path / name, part)
-        with pytest.raises(RecordingError, match=message):
-            load_map(tmp_path / name)
-
-
-def test_a_damaged_map_is_reported(tmp_path):
-    path = tmp_path / "map.mcap"
-    save_map(some_map(500), path)
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    path.write_bytes(data)
-    with pytest.raises(RecordingError, match=r"map\.mcap: cannot be read as a map.*damaged"):
-        load_map(path)
+def test_a_harmed_tile_of_a_part_is_reported_in_one_line(tmp_path, harm, message, small_tiles):
+    summary, tiles = messages_of(some_map(N_CELLS))
+    scalars, tables = opened(tiles[3])
+    harm(scalars, tables)
+    write(tmp_path / "map.mcap", [*tiles[:3], encode(scalars, tables)], summary)
+    with pytest.raises(RecordingError, match=message):
+        part_of(tmp_path / "map.mcap", [3])

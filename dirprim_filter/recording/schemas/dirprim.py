@@ -76,28 +76,10 @@ def floats_of(message: Message, name: str, n: int) -> FloatArray:
     Raises:
         DecodeError: there are not n of them.
     """
-    return np.array(column_of(message, name, n), dtype=np.float64)
-
-
-def ints_of(message: Message, name: str, n: int) -> IntArray:
-    """(n,) the packed integers of a field.
-
-    Raises:
-        DecodeError: there are not n of them.
-    """
-    return np.array(column_of(message, name, n), dtype=np.int64)
-
-
-def column_of(message: Message, name: str, n: int) -> Any:
-    """The n items of a repeated field.
-
-    Raises:
-        DecodeError: there are not n of them.
-    """
     column = getattr(message, name)
     if len(column) != n:
         raise DecodeError(f"{message.DESCRIPTOR.full_name}.{name}: expected {n} numbers, got {len(column)}")
-    return column
+    return np.array(column, dtype=np.float64)
 
 
 def _covariance_of(message: Message, n: int) -> FloatArray:

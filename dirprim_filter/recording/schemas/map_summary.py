@@ -1,42 +1,51 @@
-"""What a part of a map cannot say of the whole, as a `dirprim.MapSummary` message.
+"""What a part of a map cannot say of the whole, as a message `dirprim.MapSummary`: which tiles there are, and sums.
 
-Source: dirprim.proto.
+A map can be read without it, but only whole. Source of the tables: `map_tiles`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.primitives.traffic import Passages, Totals
-from dirprim_filter.recording.schemas import dirprim_pb2
-from dirprim_filter.recording.schemas.dirprim import parse
-from dirprim_filter.recording.schemas.map_tiles import VERSION
-from dirprim_filter.recording.schemas.tile_message import check_version, n_cells_of, shared_part
+from dirprim_filter.recording.schemas.arrow_message import ArrowMessage, encode
+from dirprim_filter.recording.schemas.map_tiles import NOTHING, VERSION, OfAll, shared_by_tiles, tables_of
+from tessellation.tiles import Tile
+
+SUMS = ("area", "seconds", "begun", "end_rate")
 
 
-def summary_of(primitive_map: PrimitiveMap) -> dirprim_pb2.MapSummary:
-    """The summary of a map, to which tiles are then added."""
+def encode_summary(primitive_map: PrimitiveMap, tiles: list[Tile]) -> bytes:
+    """The summary of a map; it is a tile without cells as well.
+
+    Args:
+        primitive_map: the map.
+        tiles: its tiles.
+    """
     totals = Totals.of(Passages.of(primitive_map), primitive_map.tessellation)
-    return dirprim_pb2.MapSummary(
-        version=VERSION,
-        n_cells=primitive_map.tessellation.n_cells,
-        n_manoeuvres=primitive_map.motion.n_placed,
-        traffic=None if totals is None else dirprim_pb2.Traffic(**_sums(totals)),
-    )
+    scalars, tables = shared_by_tiles(primitive_map, len(tiles))
+    sizes = {"n_cells": primitive_map.tessellation.n_cells, "n_manoeuvres": primitive_map.motion.n_placed}
+    return encode(scalars | sizes, tables_of(primitive_map, NOTHING, OfAll.of(primitive_map)) | tables | {
+        "tile": {"box": np.array([tile.box for tile in tiles])},
+        "traffic": {name: np.array([] if totals is None else [getattr(totals, name)]) for name in SUMS},
+    })  # fmt: skip
 
 
-def add_tile(summary: dirprim_pb2.MapSummary, tile: dirprim_pb2.PrimitiveMap) -> None:
-    """Note a tile, the next by its number; its message has nothing of its own then."""
-    summary.tiles.append(dirprim_pb2.TileSummary(box=tile.box))
-    shared = shared_part(tile)
-    if len(summary.tiles) == 1:
-        summary.shared.ParseFromString(shared)
+def check_version(message: ArrowMessage) -> None:
+    """Whether a message is of the version that this program reads.
+
+    Raises:
+        ValueError: it is not.
+    """
+    version = message.whole_number("version")
+    if version != VERSION:
+        age = "an older" if version < VERSION else "a newer"
+        raise ValueError(f"it is of {age} version, {version}; this program reads version {VERSION}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,52 +54,40 @@ class MapSummary:
 
     Attributes:
         shared: what every tile repeats.
-        shared_bytes: the same, encoded.
         box: (n_tiles, 4) west, south, east and north of each tile and of all where its cells may be, metres.
         n_cells: of the map.
         n_manoeuvres: of places.
         totals: of its traffic; None where it counted no transitions.
     """
 
-    shared: dirprim_pb2.PrimitiveMap
-    shared_bytes: bytes
+    shared: ArrowMessage
     box: FloatArray
     n_cells: int
     n_manoeuvres: int
     totals: Totals | None
-
-    @property
-    def grid(self) -> dirprim_pb2.Grid:
-        """The squares that cells are in, none of them named."""
-        return self.shared.grid if self.shared.HasField("grid") else self.shared.voronoi.region
 
     @classmethod
     def decoded(cls, data: bytes) -> Self:
         """Out of its message.
 
         Raises:
-            DecodeError: bytes that are no such message, another version of it, or numbers that make no summary.
+            ValueError: bytes that are no such message, another version of it, or numbers that make no summary.
         """
-        message = dirprim_pb2.MapSummary()
-        parse(message, data)
-        check_version(message.version)
-        if n_cells_of(message.shared) or len(message.tiles) != message.shared.n_tiles:
-            raise DecodeError(f"summary: expected {message.shared.n_tiles} tiles, got {len(message.tiles)}")
-        box = np.array([[of.box.west, of.box.south, of.box.east, of.box.north] for of in message.tiles])
+        message = ArrowMessage(data)
+        check_version(message)
+        n_tiles, box = message.whole_number("n_tiles"), message.table("tile", floats=("box",))["box"]
+        if box.shape != (n_tiles, 4) or not n_tiles:
+            raise ValueError(f"summary: expected {n_tiles} tiles, got {len(box)}")
         return cls(
-            shared=message.shared, shared_bytes=message.shared.SerializeToString(deterministic=True),
-            box=box.reshape(-1, 4), n_cells=message.n_cells, n_manoeuvres=message.n_manoeuvres,
-            totals=_totals_of(message) if message.HasField("traffic") else None,
+            shared=message, box=box,
+            n_cells=message.whole_number("n_cells"), n_manoeuvres=message.whole_number("n_manoeuvres"),
+            totals=_totals(message) if message.rows("traffic") else None,
         )  # fmt: skip
 
 
-def _sums(totals: Totals) -> dict[str, Any]:
-    return {name: getattr(totals, name) for name in dirprim_pb2.Traffic.DESCRIPTOR.fields_by_name}
-
-
-def _totals_of(message: dirprim_pb2.MapSummary) -> Totals:
-    of = message.traffic
-    sums = np.array([of.area, of.seconds, of.begun, of.end_rate])
-    if not (np.isfinite(sums) & (sums >= 0)).all() or not of.seconds > 0:
-        raise DecodeError(f"traffic: expected no negative and no infinite sums, got {sums.tolist()}")
-    return Totals(message.n_manoeuvres, of.area, of.seconds, of.begun, of.end_rate)
+def _totals(message: ArrowMessage) -> Totals:
+    area, seconds, begun, end_rate = (float(of[0]) for of in message.table("traffic", floats=SUMS).values())
+    sums = np.array([area, seconds, begun, end_rate])
+    if not (np.isfinite(sums) & (sums >= 0)).all() or not seconds > 0:
+        raise ValueError(f"traffic: expected no negative and no infinite sums, got {sums.tolist()}")
+    return Totals(message.whole_number("n_manoeuvres"), area, seconds, begun, end_rate)

@@ -1,9 +1,6 @@
 """A map out of its messages: whole, or the tiles of it that are wanted.
 
-The whole is gone through twice, a message at a time: first for what is in each, then for what it holds. So no more is
-held than the map that is made. Of a map in parts its summary is read, and no tile before it is wanted.
-
-Source: dirprim.proto, see `map_tiles`.
+Of a map in parts its summary is read, and no tile before it is wanted.
 """
 
 from __future__ import annotations
@@ -12,27 +9,20 @@ from collections.abc import Iterable, Iterator
 from typing import Protocol
 
 import numpy as np
-from google.protobuf.message import DecodeError
 
 from dirprim_filter.arrays import IntArray
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.recording.schemas.joined_tiles import NO_NUMBERS, OF_PARTS, JoinedTiles, are_some_of
-from dirprim_filter.recording.schemas.map_summary import MapSummary
-from dirprim_filter.recording.schemas.tile_message import (
-    TileColumns,
-    check_lengths,
-    columns_of,
-    numbers_of,
-    parsed,
-    shared_part,
-    the_only,
-)
+from dirprim_filter.recording.schemas.arrow_message import ArrowMessage
+from dirprim_filter.recording.schemas.joined_tiles import JoinedTiles, are_some_of
+from dirprim_filter.recording.schemas.map_summary import MapSummary, check_version
+from dirprim_filter.recording.schemas.map_tiles import SHARED
 from tessellation.tiles import BLOCK_SQUARES
 
 DENSE_SQUARES = 1 << 18
 """Up to so many squares, 1.5 km at 3 m, a raster of the whole map is small."""
 WHOLE_CELLS = 20_000
 """A map of no more is read whole: it takes 0.2 GB with all that is made of it."""
+SEVERAL = "expected the tiles of one map, got tiles of several"
 
 
 class Messages(Protocol):
@@ -47,34 +37,40 @@ class Messages(Protocol):
         ...
 
 
+def opened_tiles(messages: Iterable[bytes]) -> Iterator[tuple[int, ArrowMessage]]:
+    """The number of each of the tiles, and what it holds.
+
+    Raises:
+        ValueError: bytes that are no such message, or another version of it.
+    """
+    for data in messages:
+        message = ArrowMessage(data)
+        check_version(message)
+        yield message.whole_number("tile"), message
+
+
 def whole_map(messages: Messages) -> PrimitiveMap:
     """The map of all its tiles.
 
     Raises:
-        DecodeError: bytes that are no such message, another version of it, a tile that is missing, twice there or of
-            another map, columns of a wrong length, or numbers that make no map.
+        ValueError: bytes that are no such message, another version of it, a tile that is missing, twice there or of
+            another map, or numbers that make no map.
     """
-    tiles: set[int] = set()
-    shared: set[bytes] = set()
-    cells, manoeuvres = [], []
-    for message in parsed(messages):
-        if message.tile in tiles:
-            raise DecodeError(f"tile {message.tile}: expected once, got twice")
-        check_lengths(message)
-        tiles.add(message.tile)
-        cell, manoeuvre = numbers_of(message)
-        cells.append(cell)
-        manoeuvres.append(manoeuvre)
-        shared.add(shared_part(message))
-    said = the_only(shared, tiles)
-    cell, n_placed = _numbered("cells", cells), _numbered("manoeuvres", manoeuvres).size
-    try:
-        joined = JoinedTiles(cell, said, n_placed)
-        for message in parsed(messages):
-            joined.add(columns_of(message))
-        return joined.whole()
-    except ValueError as error:
-        raise DecodeError(str(error)) from error
+    tiles: dict[int, ArrowMessage] = {}
+    for number, tile in opened_tiles(messages):
+        if number in tiles:
+            raise ValueError(f"tile {number}: expected once, got twice")
+        tiles[number] = tile
+    if not tiles:
+        raise ValueError("expected at least one tile of a map, got none")
+    first = next(iter(tiles.values()))
+    n_tiles = first.whole_number("n_tiles")
+    # Compared by number: the count comes from the file, and a range of it could be of any length.
+    if len(tiles) != n_tiles or min(tiles) != 0 or max(tiles) != n_tiles - 1:
+        raise ValueError(f"expected tiles 0 to {n_tiles - 1}, got {len(tiles)} of them")
+    if not all(tile is first or tile.part(SHARED).equals(first.part(SHARED)) for tile in tiles.values()):
+        raise ValueError(SEVERAL)
+    return JoinedTiles(first, list(tiles.values())).whole()
 
 
 class TiledMap:
@@ -88,74 +84,58 @@ class TiledMap:
 
     def __init__(self, messages: Messages, summary: MapSummary, at: IntArray) -> None:
         self._messages, self._at, self.summary = messages, at, summary
-        self._held: dict[int, TileColumns] = {}
+        self._held: dict[int, ArrowMessage] = {}
 
     @property
     def is_large(self) -> bool:
         """Whether there is much to gain by reading some tiles alone: else rasters are of the whole, and small."""
-        n_squares = self.summary.grid.n_x * self.summary.grid.n_y
+        n_squares = self.summary.shared.whole_number("n_x") * self.summary.shared.whole_number("n_y")
         return self.summary.n_cells > WHOLE_CELLS and n_squares > DENSE_SQUARES
 
     @property
     def margin_m(self) -> float:
         """What is at a place depends on no cells farther from it than that."""
-        return 2.0 * BLOCK_SQUARES * float(self.summary.grid.cell_size)
+        return 2.0 * BLOCK_SQUARES * self.summary.shared.number("cell_size")
 
     def tiles_with(self, cell: IntArray) -> IntArray:
         """The tiles of the last part that have some cells (n,), ascending."""
-        return np.array(sorted(i for i, tile in self._held.items() if np.isin(cell, tile.cell).any()), np.int64)
+        numbers = {i: tile.table("cell", whole=("number",))["number"] for i, tile in self._held.items()}
+        return np.array(sorted(i for i, number in numbers.items() if np.isin(cell, number).any()), np.int64)
 
     def part(self, tiles: IntArray) -> PrimitiveMap:
         """The map of some tiles (n,) alone: near those it is as the whole.
 
         Raises:
-            DecodeError: numbers that make no map.
+            ValueError: numbers that make no map.
         """
         wanted = set(tiles.tolist())
         self._held = {tile: columns for tile, columns in self._held.items() if tile in wanted}
         self._read(wanted - self._held.keys())
-        cell = np.sort(np.concatenate([NO_NUMBERS, *(tile.cell for tile in self._held.values())]))
-        if not are_some_of(cell, self.summary.n_cells):
-            raise DecodeError(f"cells: expected numbers 0 to {self.summary.n_cells - 1}, each once, got others")
-        try:
-            joined = JoinedTiles(cell, self.summary.shared, self.summary.n_manoeuvres)
-            for tile in sorted(self._held):
-                joined.add(self._held[tile])
-            return joined.part(self.summary.totals)
-        except ValueError as error:
-            raise DecodeError(str(error)) from error
+        held = [self._held[tile] for tile in sorted(self._held)]
+        joined = JoinedTiles(self.summary.shared, [self.summary.shared, *held], n_placed=self.summary.n_manoeuvres)
+        if not are_some_of(joined.number, self.summary.n_cells):
+            raise ValueError(f"cells: expected numbers 0 to {self.summary.n_cells - 1}, each once, got others")
+        return joined.part(self.summary.totals)
 
     def _read(self, tiles: set[int]) -> None:
         """Take in these."""
-        for message in parsed(self._messages.some(self._at[sorted(tiles)]) if tiles else ()):
-            if message.tile not in tiles:
-                raise DecodeError(f"expected tiles {sorted(tiles)}, got {message.tile}")
-            self._held[message.tile] = columns_of(message, OF_PARTS)
-            if shared_part(message) != self.summary.shared_bytes:
-                raise DecodeError("expected the tiles of one map, got tiles of several")
+        for number, tile in opened_tiles(self._messages.some(self._at[sorted(tiles)]) if tiles else ()):
+            if number not in tiles:
+                raise ValueError(f"expected tiles {sorted(tiles)}, got {number}")
+            if not tile.part(SHARED).equals(self.summary.shared.part(SHARED)):
+                raise ValueError(SEVERAL)
+            self._held[number] = tile
         if missing := tiles - self._held.keys():
-            raise DecodeError(f"expected tiles {sorted(tiles)}, got none of {sorted(missing)}")
+            raise ValueError(f"expected tiles {sorted(tiles)}, got none of {sorted(missing)}")
 
 
 def places_in(messages: Messages, n_tiles: int) -> IntArray:
     """(n_tiles,) which of the messages each tile is, by going through them all.
 
     Raises:
-        DecodeError: a tile that is missing, or twice there.
+        ValueError: a tile that is missing, or twice there.
     """
-    at = np.full(n_tiles, -1)
-    for i, message in enumerate(parsed(messages)):
-        if message.tile >= n_tiles or at[message.tile] >= 0:
-            raise DecodeError(f"tile {message.tile}: expected each of {n_tiles} once")
-        at[message.tile] = i
-    if (at < 0).any():
-        raise DecodeError(f"expected tiles 0 to {n_tiles - 1}, got {int((at >= 0).sum())} of them")
-    return at
-
-
-def _numbered(what: str, numbers: list[IntArray]) -> IntArray:
-    """(n,) all numbers of cells or manoeuvres, ascending, if they are 0 to n - 1."""
-    every = np.sort(np.concatenate([NO_NUMBERS, *numbers]))
-    if not np.array_equal(every, np.arange(every.size)):
-        raise DecodeError(f"{what}: expected numbers 0 to {every.size - 1}, each once, got others")
-    return every
+    numbers = [number for number, _ in opened_tiles(messages)]
+    if len(numbers) != n_tiles or not np.array_equal(np.sort(numbers), np.arange(n_tiles)):
+        raise ValueError(f"expected tiles 0 to {n_tiles - 1}, each once, got {len(numbers)} of them")
+    return np.argsort(numbers)
