@@ -48,6 +48,10 @@ def learn(
     now: Annotated[
         str | None, typer.Option(help="With --half-life: from when age is counted. Default: the last log's end.")
     ] = None,
+    hours: Annotated[
+        str | None, typer.Option(help="From vehicles that come in these hours of the day alone, such as 7-10 or 22-5.")
+    ] = None,
+    zone: Annotated[str, typer.Option(help="With --hours: whose clocks count, such as Europe/Berlin.")] = "UTC",
     workers: StoreWorkers = None,
     scheduler: Scheduler = None,
     seed: Seed = 0,
@@ -62,8 +66,9 @@ def learn(
     if output.exists() and not force:  # before the work, not after it
         raise OutputExistsError(output)
     source = StoreSource(
-        folder, min_vehicles=min_vehicles, half_life_s=half_life, now=now, workers=workers, scheduler=scheduler
-    )
+        folder, min_vehicles=min_vehicles, half_life_s=half_life, now=now, hours=hours, zone=zone, workers=workers,
+        scheduler=scheduler,
+    )  # fmt: skip
     return write_map(
         source, output, seed=seed, force=force, tessellation=tessellation.value, cell_size=cell_size, n_cells=cells,
         modes=modes.value, primitive=primitive.value,
@@ -75,8 +80,10 @@ class StoreSource:
 
     def __init__(
         self, folder: Path, *, min_vehicles: int | None = None, half_life_s: float | None = None,
-        now: str | None = None, workers: int | None = None, scheduler: str | None = None,
+        now: str | None = None, hours: str | None = None, zone: str = "UTC", workers: int | None = None,
+        scheduler: str | None = None,
     ) -> None:  # fmt: skip
+        from dirprim_filter.store.sampling import Hours
         from dirprim_filter.store.store import Store
         from dirprim_filter.store.workers import Workers
 
@@ -84,11 +91,15 @@ class StoreSource:
             raise ValueError("--now: expected --half-life with it")
         self._store, self._workers = Store.open(folder), Workers.of(0, workers, scheduler)
         self._how: dict[str, Any] = {
-            "min_vehicles": min_vehicles or 1, "half_life_s": half_life_s, "now_ns": time_ns(now)
+            "min_vehicles": min_vehicles or 1, "half_life_s": half_life_s, "now_ns": time_ns(now),
+            "hours": None if hours is None else Hours.parse(hours, zone),
         }  # fmt: skip
         self.files = tuple[Path, ...]()
         self.exit_code, self.counts = losses.DONE, ""
-        self.said: dict[str, Any] = {"min_vehicles": min_vehicles or 1, "half_life_s": half_life_s, "now": now}
+        self.said: dict[str, Any] = {
+            "min_vehicles": min_vehicles or 1, "half_life_s": half_life_s, "now": now, "hours": hours,
+            "zone": None if hours is None else zone,
+        }  # fmt: skip
 
     def learn(self, bars: LearningProgress, **options: Any) -> PrimitiveMap:
         """The map; what is damaged in the store is left out, and reported."""
@@ -145,8 +156,8 @@ def update(
     kinds = {"tessellation": str, "cell_size": float, "n_cells": int, "modes": str, "primitive": str}
     options = {name: kind(said[name]) if name in said else None for name, kind in kinds.items()}
     source = StoreSource(
-        store_folder, min_vehicles=int(said["min_vehicles"]), now=said.get("now"),
+        store_folder, min_vehicles=int(said["min_vehicles"]), now=said.get("now"), hours=said.get("hours"),
         half_life_s=float(said["half_life_s"]) if "half_life_s" in said else None, workers=workers,
-        scheduler=scheduler,
+        scheduler=scheduler, zone=said.get("zone", "UTC"),
     )  # fmt: skip
     return write_map(source, output or map_file, seed=int(said["seed"]), force=force or output is None, **options)

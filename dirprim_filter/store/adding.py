@@ -154,8 +154,8 @@ def _written(log: LogFile, *, path: str, config: StoreConfig) -> Receipt:
         read = _read(log, config)
         rows = Rows.of(read.tracks)
     except (RecordingError, OSError, ValueError) as error:
-        said = " ".join(str(error).split()) or type(error).__name__
-        return Receipt(log, [], "", said if log.url in said else f"{log.url}: {said}")
+        reason = " ".join(str(error).split()) or type(error).__name__
+        return Receipt(log, [], "", reason if log.url in reason else f"{log.url}: {reason}")
     finally:
         drop_copy(log.url)
     status = "damaged" if read.losses.damage or set(read.losses.dropped) - {ALONE} else "whole"

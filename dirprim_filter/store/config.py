@@ -53,8 +53,8 @@ class StoreConfig:
             ValueError: it is of no store, or of another format.
         """
         try:
-            said = json.loads(text)
-            version, frame, config = said["format"], str(said["frame"]), dict(said["config"])
+            metadata = json.loads(text)
+            version, frame, config = metadata["format"], str(metadata["frame"]), dict(metadata["config"])
         except (TypeError, KeyError, ValueError) as error:
             raise ValueError("no configuration of a store") from error
         if version != FORMAT:

@@ -43,5 +43,5 @@ def asked(path: str | Path, ask: Callable[[Any], Any]) -> Any:
     try:
         return ask(deltalake)
     except (OSError, DeltaError, ValueError, TypeError) as error:
-        said = SECRET.sub("***", " ".join(ANSI.sub("", str(error)).replace("↳", "").split()))
-        raise RecordingError(f"{shown(path)}: {said or type(error).__name__}") from error
+        reason = SECRET.sub("***", " ".join(ANSI.sub("", str(error)).replace("↳", "").split()))
+        raise RecordingError(f"{shown(path)}: {reason or type(error).__name__}") from error

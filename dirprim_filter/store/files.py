@@ -106,11 +106,11 @@ def contents_of(table: Any, name: str) -> Contents:
     """Of files: by their logs, of each as it was added last."""
     found: defaultdict[str, list[File]] = defaultdict(list)
     damaged = []
-    for said in pa.table(table.get_add_actions(flatten=True)).to_pylist():
+    for action in pa.table(table.get_add_actions(flatten=True)).to_pylist():
         try:
-            file = _file(said)
+            file = _file(action)
         except (ValueError, TypeError, KeyError) as error:
-            damaged.append(f"{name}: {said.get('path')}: no file of a store: {error}")
+            damaged.append(f"{name}: {action.get('path')}: no file of a store: {error}")
         else:
             found[file.log].append(file)
     entries = {}
@@ -121,19 +121,19 @@ def contents_of(table: Any, name: str) -> Contents:
     return Contents(entries, damaged, found)
 
 
-def _file(said: dict[str, Any]) -> File:
+def _file(action: dict[str, Any]) -> File:
     """Of an action of the transaction log, whoever wrote it."""
-    path, of = said["path"], {name: said[f"partition.{name}"] for name in PARTITIONS}
+    path, of = action["path"], {name: action[f"partition.{name}"] for name in PARTITIONS}
     if not PATH.fullmatch(path) or not all(isinstance(of[name], str) for name in PARTITIONS if name != "halo"):
         raise ValueError("expected a name with the hash of what the file holds, and its log")
     if not DIGEST.fullmatch(of["recording"]):
         raise ValueError(f"expected the hash of a recording, got {of['recording']!r}")
     numbers: list[int] = [
-        said["num_records"],
-        said["max.track"],
-        said["min.t_ms"],
-        said["max.t_ms"],
-        said["size_bytes"],
+        action["num_records"],
+        action["max.track"],
+        action["min.t_ms"],
+        action["max.t_ms"],
+        action["size_bytes"],
     ]
     if not all(type(number) is int for number in numbers):
         raise ValueError(f"expected whole numbers of rows, vehicles and times, got {numbers}")

@@ -27,7 +27,7 @@ from dirprim_filter.store.blocks import Block
 from dirprim_filter.store.files import Contents, File
 from dirprim_filter.store.joining import joined
 from dirprim_filter.store.rows import Rows
-from dirprim_filter.store.sampling import MOST_ROWS, Ageing, Recording, drawn, sample_of
+from dirprim_filter.store.sampling import MOST_ROWS, Ageing, Hours, Recording, drawn, sample_of
 from dirprim_filter.store.store import FITS, DamagedFileError, GoneError, Store
 from dirprim_filter.store.workers import Workers
 from tessellation import GridTessellation
@@ -59,15 +59,15 @@ class Recipe(NamedTuple):
     min_vehicles: int
     half_life_s: float | None
     now_ms: int | None
+    hours: Hours | None
     seed: int
 
     def key(self, block: Block, files: tuple[File, ...]) -> str:
         """Of all that a block's map follows from."""
-        said = [asdict(value) if isinstance(value, LearningConfig) else value for value in self.options.values()]
+        values = [asdict(value) if isinstance(value, LearningConfig) else value for value in self.options.values()]
         holds = [(file.recording, file.digest, file.halo) for file in files]
-        age = (self.half_life_s, self.now_ms)
-        text = json.dumps([block, holds, list(self.options), said, self.min_vehicles, age, self.seed, MOST_ROWS,
-                           code_version()])  # fmt: skip
+        chosen = (self.min_vehicles, self.half_life_s, self.now_ms, self.hours)
+        text = json.dumps([block, holds, list(self.options), values, chosen, self.seed, MOST_ROWS, code_version()])
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -91,7 +91,8 @@ class Done(NamedTuple):
 
 def learn_from_store(
     store: Store, *, min_vehicles: int = 1, half_life_s: float | None = None, now_ns: int | None = None,
-    workers: Workers | None = None, done: Progress | None = None, seed: int = 0, **options: Any,
+    hours: Hours | None = None, workers: Workers | None = None, done: Progress | None = None, seed: int = 0,
+    **options: Any,
 ) -> Learned:  # fmt: skip
     """Learn a map: the same for the same recordings, in whatever order they came and whoever does the work.
 
@@ -101,6 +102,7 @@ def learn_from_store(
         half_life_s: seconds, after which a vehicle counts half; left out, all count alike. A block ages as it is seen
             anew: from its last recording on, or from `now_ns` if that is earlier.
         now_ns: nanoseconds since 1970-01-01.
+        hours: of the day, in which vehicles count; left out, all do.
         workers: who learn blocks; left out, this process.
         done: called with how many blocks are done, and of how many.
         seed: of what `learn_primitives` draws.
@@ -112,7 +114,7 @@ def learn_from_store(
     """
     if min_vehicles < 1:
         raise ValueError(f"min_vehicles: expected at least 1, got {min_vehicles}")
-    recipe = Recipe(options, min_vehicles, half_life_s, None if now_ns is None else now_ns // 1_000_000, seed)
+    recipe = Recipe(options, min_vehicles, half_life_s, None if now_ns is None else now_ns // 1_000_000, hours, seed)
     for _ in range(MOST_ANEW):
         contents = store.contents()
         try:
@@ -160,7 +162,7 @@ def _learned(store: Store, contents: Contents, recipe: Recipe, workers: Workers,
     if not maps:
         raise ValueError(
             f"{store}: expected places that {recipe.min_vehicles} vehicles passed the same way, got none; add logs, or "
-            "ask for fewer vehicles"
+            "ask for fewer vehicles or other hours"
         )
     entries = contents.recordings()
     digest = hashlib.sha256(json.dumps([[entry.recording, *sorted(f.digest for f in entry.files)] for entry in entries])
@@ -205,7 +207,7 @@ def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
     damaged: list[str] = []
     recipe = task.recipe
     ageing = None if recipe.half_life_s is None else Ageing(recipe.half_life_s, recipe.now_ms or 0)
-    left, n_vehicles = drawn(_recordings(store, task.files, damaged))
+    left, n_vehicles = drawn(_recordings(store, task.files, recipe.hours, damaged))
     sample = sample_of(left, n_vehicles, min_vehicles=recipe.min_vehicles, ageing=ageing)
     data = b""
     if len(sample.tracks):
@@ -216,16 +218,18 @@ def fitted(task: Task, *, store: Store, calls: dict[str, Any]) -> Done:
     return Done(task.block, data, True, damaged)
 
 
-def _recordings(store: Store, files: tuple[File, ...], damaged: list[str]) -> Iterator[Recording]:
+def _recordings(store: Store, files: tuple[File, ...], hours: Hours | None, damaged: list[str]) -> Iterator[Recording]:
     """The rows of each recording, inside and around a block; one that is damaged is left out, and named."""
     by_name: defaultdict[str, list[File]] = defaultdict(list)
     for file in files:
         by_name[file.recording].append(file)
     for name, own in by_name.items():
         try:
-            yield Recording(name, Rows.together([store.read(file) for file in own]))
+            rows = Rows.together([store.read(file) for file in own])
         except DamagedFileError as error:
             damaged.append(str(error))
+        else:
+            yield Recording(name, rows if hours is None else hours.of(rows))
 
 
 def _file_of(primitive_map: PrimitiveMap) -> bytes:

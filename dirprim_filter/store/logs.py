@@ -1,4 +1,4 @@
-"""Logs by path, URL or pattern, and what tells that one has not changed."""
+"""Logs by path, URL or pattern, and by what one is known not to have changed."""
 
 from __future__ import annotations
 

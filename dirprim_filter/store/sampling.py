@@ -11,7 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from datetime import datetime
+from typing import NamedTuple, Self
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
@@ -29,7 +31,8 @@ SQUARE_M = 32.0
 """Of the squares that vehicles come from and go to."""
 SUPPORT_M, SUPPORT_COURSES = 8.0, 8
 """Side of the squares, and number of the courses, that vehicles are counted in for the minimum support."""
-DAY_S = 86_400.0
+QUARTER_S = 900
+"""Of an hour: clocks of all zones differ by some of these."""
 
 
 class Recording(NamedTuple):
@@ -49,6 +52,39 @@ class Ageing(NamedTuple):
         """(n,) of vehicles that came at times (n,): half after each half-life, in full if they are yet to come."""
         age_s = np.maximum(self.now_ms - t_ms, 0) * 1e-3
         return np.asarray(np.maximum(0.5 ** (age_s / self.half_life_s), 1e-6))
+
+
+class Hours(NamedTuple):
+    """A part of the day: vehicles that come in it count, others do not."""
+
+    first: int  # a full hour by the clocks of the zone
+    last: int  # not in it any more; before `first` where midnight is in it
+    zone: str
+
+    @classmethod
+    def parse(cls, text: str, zone: str) -> Self:
+        """Of a text such as 7-10.
+
+        Raises:
+            ValueError: it is no part of a day, or there is no such zone.
+        """
+        first, _, last = text.partition("-")
+        if not (first.isdecimal() and last.isdecimal() and max(int(first), int(last)) <= 24):
+            raise ValueError(f"--hours: expected full hours such as 7-10 or 22-5, got {text!r}")
+        try:
+            ZoneInfo(zone)
+        except (ValueError, OSError, KeyError) as error:  # ZoneInfoNotFoundError is a KeyError
+            raise ValueError(f"--zone: expected a time zone such as Europe/Berlin, got {zone!r}") from error
+        return cls(int(first), int(last), zone)
+
+    def of(self, rows: Rows) -> Rows:
+        """Those of the vehicles that come in these hours."""
+        first, clocks = rows.first, ZoneInfo(self.zone)
+        quarter, at = np.unique(rows.t_ms[first] // (1000 * QUARTER_S), return_inverse=True)
+        hour = np.array([datetime.fromtimestamp(q * QUARTER_S, clocks).hour for q in quarter.tolist()], np.int64)
+        lasts = (self.last - self.first) % 24 or 24
+        inside = ((hour - self.first) % 24 < lasts)[at]
+        return rows.some(np.repeat(inside, np.diff(np.append(first, len(rows)))))
 
 
 class Sample(NamedTuple):

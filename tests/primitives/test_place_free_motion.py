@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dirprim_filter.config import FilterConfig
 from dirprim_filter.primitives.motion import joined, place_free_manoeuvres
 from dirprim_filter.primitives.place_free_motion import learn_place_free
 from dirprim_filter.primitives.visits import Visits
@@ -110,7 +109,7 @@ def test_vehicles_of_no_place_go_over_once_a_second_as_counted():
     count = np.array([[3.0, 1.0], [2.0, 2.0]])
     rate = count / count.sum(axis=1, keepdims=True) - np.eye(2)
     for seconds in (0.5, 2.0):
-        found = moved(squares(1, 1, chain(count)), seconds, n=N, place=(500.0, 500.0), config=FilterConfig(step_s=0.02))
+        found = moved(squares(1, 1, chain(count)), seconds, n=N, place=(500.0, 500.0), step_s=0.02)
         assert (found.manoeuvre > 0).all()
         turning = int((found.manoeuvre == 2).sum())
         # exp(Q t) of two states: what is left of the difference from the stationary share decays at a + b.

@@ -1,6 +1,7 @@
 """Maps of stores: of the same rows the same, whoever learns them and however often, and never of what was forgotten."""
 
 from collections import Counter
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
@@ -12,7 +13,7 @@ from dirprim_filter.store import learn_from_store
 from dirprim_filter.store.blocks import Block
 from dirprim_filter.store.forgetting import forget
 from dirprim_filter.store.keeping import whole
-from dirprim_filter.store.sampling import Ageing
+from dirprim_filter.store.sampling import Ageing, Hours
 from dirprim_filter.store.store import Store
 
 LONG = {"start": -700.0, "length": 1400.0}
@@ -151,6 +152,26 @@ def test_places_of_few_vehicles_are_left_out(tmp_path):
     assert (supported.tessellation.cell_of(at) >= 0).tolist() == [True, False]
     with pytest.raises(ValueError, match="20 vehicles passed the same way"):
         learn_from_store(store, min_vehicles=20, **GRID)
+
+
+@pytest.mark.parametrize(("hours", "days"), [("23-2", "ab"), ("2-23", "c"), ("0-24", "abc"), ("5-5", "abc")])
+def test_a_map_of_some_hours_is_that_of_the_logs_of_these_hours(tmp_path, hours, days):
+    """By the clocks of a zone: in Kathmandu it is 5:45 later, so that the first log comes at 23:45."""
+    path = logs_of(tmp_path, **{
+        name: replace(of, time_ns=of.time_ns + hour * 3600 * 10**9)
+        for name, hour, of in (("a", 18, street(1)), ("b", 20, street(2)), ("c", 30, street(3)))
+    })  # fmt: skip
+    store, alone = store_of(tmp_path / "all", *path.values()), store_of(tmp_path / "some", *(path[d] for d in days))
+    of_hours = learn_from_store(store, hours=Hours.parse(hours, "Asia/Kathmandu"), **GRID).primitive_map
+    assert bytes_of(of_hours, tmp_path) == bytes_of(learn_from_store(alone, **GRID).primitive_map, tmp_path)
+    everything = bytes_of(learn_from_store(store, **GRID).primitive_map, tmp_path)
+    assert (bytes_of(of_hours, tmp_path) == everything) == (days == "abc")
+
+
+@pytest.mark.parametrize(("hours", "zone"), [("7", "UTC"), ("7-25", "UTC"), ("a-b", "UTC"), ("7-9", "../etc/passwd")])
+def test_what_is_no_part_of_a_day_is_refused(hours, zone):
+    with pytest.raises(ValueError, match="expected"):
+        Hours.parse(hours, zone)
 
 
 def test_older_vehicles_count_half_after_the_half_life(tmp_path):
