@@ -35,7 +35,7 @@ from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import ParticleFilter
 from dirprim_filter.simulation.sensor import detect
 from dirprim_filter.viewer.process import viewer_program
-from dirprim_filter.viewer.timeline import TIMELINE
+from dirprim_filter.viewer.stream import TIMELINE
 
 RECORDINGS = Path("recordings")
 SECOND_NS = 1_000_000_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import repeat
 
 import numpy as np
 import rerun as rr
@@ -13,15 +14,80 @@ from dirprim_filter.drawing.sight import may_be_anywhere
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.viewer import marks
+from dirprim_filter.viewer.blueprint import TRAIL_S
 from dirprim_filter.viewer.focus import Look, polar_curves, speed_rows
-from dirprim_filter.viewer.lifelines import Lifelines
-from dirprim_filter.viewer.timeline import time_column
+from dirprim_filter.viewer.stream import time_column
 
 Columns = tuple[str, rr.TimeColumn, rr.ComponentColumnList]
 """An entity, its instants, and what it shows at each."""
 POLAR = ("prior", "cue", "posterior", "belief")
+BOLD = 2.5
+"""By how much a smoothed path is wider than the filter's."""
 SOUTHWARDS = np.array([1.0, -1.0])
 """Two-dimensional views count y downwards."""
+
+
+class Steps:
+    """Where vehicles were seen last, so that a line leads from there to where they are.
+
+    Attributes:
+        last: by name the time, ns, and metres east and north.
+    """
+
+    def __init__(self) -> None:
+        self.last: dict[str, tuple[int, float, float]] = {}
+
+    def of(self, frame: TrackedFrame) -> tuple[IntArray, FloatArray]:
+        """Rows of the frame's vehicles that were seen in the last seconds, (n,), and their steps, (n, 2, 2) metres."""
+        seen = [self.last.get(name) for name in frame.names]
+        known = np.array([row for row, before in enumerate(seen) if before is not None], np.int64)
+        start = np.array([before[1:] for before in seen if before is not None]).reshape(-1, 2)
+        east, north = frame.estimates.position.T.tolist()
+        oldest_ns = frame.time_ns - int(TRAIL_S * 1e9)
+        self.last = {name: before for name, before in self.last.items() if before[0] >= oldest_ns}
+        self.last |= dict(zip(frame.names, zip(repeat(frame.time_ns), east, north), strict=True))
+        return known, np.stack([start, frame.estimates.position[known]], axis=1)
+
+
+class SmoothedBatch:
+    """Smoothed frames, in order of time, beside those of the filter: bold paths and thin ellipses."""
+
+    def __init__(self) -> None:
+        self._frames: list[TrackedFrame] = []
+        self._steps, self._trails = Steps(), list[tuple[IntArray, FloatArray]]()
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def add(self, frame: TrackedFrame) -> None:
+        """Take a frame."""
+        self._frames.append(frame)
+        self._trails.append(self._steps.of(frame))
+
+    def columns(self) -> Iterator[Columns]:
+        """What the frames gathered since the last time show."""
+        if not self._frames:
+            return
+        times = time_column([frame.time_ns for frame in self._frames])
+        n_each = [len(frame.estimates) for frame in self._frames]
+        believed = Estimates.concatenate([frame.estimates for frame in self._frames])
+        drawn = _trails(believed, n_each, self._trails, np.ones(len(believed)), width=BOLD)
+        yield "/smoothed/trails", times, drawn
+        yield "/smoothed/covariance", times, marks.covariance(believed).partition(n_each)
+        self._frames, self._trails = [], []
+
+
+def _trails(
+    believed: Estimates, n_each: list[int], steps: list[tuple[IntArray, FloatArray]], prominence: FloatArray, *,
+    width: float = 1.0,
+) -> rr.ComponentColumnList:  # fmt: skip
+    """The steps of each frame's vehicles; its rows count from its own first."""
+    first = np.cumsum([0, *n_each[:-1]])
+    rows = np.concatenate([start + own for start, (own, _) in zip(first, steps, strict=True)])
+    path = np.concatenate([part for _, part in steps])
+    return marks.trails(believed.track_id[rows], path, prominence[rows], width=width).partition(
+        [len(own) for own, _ in steps]
+    )
 
 
 class FrameBatch:
@@ -105,11 +171,7 @@ class FrameBatch:
         yield "/detections", times, marks.detections(detected, n_detected)
         n_particles = [len(dots.color) for dots in self._particles]
         yield "/tracks/particles", times, marks.particles(self._particles).partition(n_particles)
-        first = np.cumsum([0, *n_believed[:-1]])
-        stepped = np.concatenate([start + rows for start, (rows, _) in zip(first, self._steps, strict=True)])
-        way = np.concatenate([part for _, part in self._steps])
-        steps = marks.trails(believed.track_id[stepped], way, prominence[stepped])
-        yield "/tracks/trails", times, steps.partition([len(rows) for rows, _ in self._steps])
+        yield "/tracks/trails", times, _trails(believed, n_believed, self._steps, prominence)
         yield from self._of_focus(times)
         for entity, rows in self._metrics.items():
             when = time_column([time_ns for time_ns, _ in rows])
@@ -135,31 +197,3 @@ class FrameBatch:
 def _curves(rows: FloatArray) -> rr.ComponentColumnList:
     """(n, k) values of k curves."""
     return rr.Scalars.columns(scalars=rows.ravel()).partition([rows.shape[1]] * len(rows))
-
-
-def lane_columns(lines: Lifelines) -> Iterator[Columns]:
-    """What has changed in the lanes and in the diary since the last time."""
-    for lane, changes in lines.changes.items():
-        times = time_column([change.time_ns for change in changes])
-        states = [change.state for change in changes if change.state]
-        n_states = [int(bool(change.state)) for change in changes]
-        yield lane_path(lane), times, rr.StateChange.columns(state=states).partition(n_states)
-    if lines.entries:
-        entries = lines.entries
-        columns = rr.TextLog.columns(text=[e.text for e in entries], level=[e.level for e in entries])
-        yield "/events", time_column([e.time_ns for e in entries]), columns
-
-
-def lane_path(lane: int) -> str:
-    """The entity of a lane."""
-    return f"/vehicles/{lane + 1:02d}"
-
-
-def lane_styles(lines: Lifelines) -> Iterator[tuple[str, rr.StateConfiguration]]:
-    """The colours of the states of lanes that have changed."""
-    for lane in lines.changes:
-        states = lines.states[lane]
-        yield (
-            lane_path(lane),
-            rr.StateConfiguration(values=list(states), labels=list(states), colors=list(states.values())),
-        )

@@ -13,7 +13,7 @@ from rerun.encodings import TimeRangeBoundary
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.viewer.curves import PLOTS
-from dirprim_filter.viewer.timeline import TIMELINE
+from dirprim_filter.viewer.stream import TIMELINE
 
 TRAIL_S = 5.0
 BACKGROUND = (16, 19, 26)

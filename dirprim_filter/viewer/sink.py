@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sized
-from itertools import chain, compress, repeat
+from itertools import chain, compress
 from types import TracebackType
 from typing import Any, Self
 
@@ -25,17 +25,15 @@ from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks
-from dirprim_filter.viewer.batch import FrameBatch, lane_columns, lane_styles
+from dirprim_filter.viewer.batch import FrameBatch, SmoothedBatch, Steps
 from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
 from dirprim_filter.viewer.curves import Tally, Truth, metrics
 from dirprim_filter.viewer.focus import Focus, Look
 from dirprim_filter.viewer.legend import Legend
-from dirprim_filter.viewer.lifelines import Lifelines
+from dirprim_filter.viewer.lifetimes import Lifetimes, lane_columns, lane_styles
 from dirprim_filter.viewer.report import run_report
-from dirprim_filter.viewer.scenery import scenery
-from dirprim_filter.viewer.smoothed import SmoothedWays
-from dirprim_filter.viewer.stream import Stream
-from dirprim_filter.viewer.timeline import time_column
+from dirprim_filter.viewer.static_scene import static_scene
+from dirprim_filter.viewer.stream import Stream, time_column
 
 BATCH_FRAMES = 64
 """Frames that a file gets at a time;"""
@@ -69,9 +67,9 @@ class RerunSink:
         self._primitives: PrimitiveMap | None = None
         self._truth: Truth | None = None
         self._batch = self._new_batch()
-        self._focus, self._lines, self._tally = Focus(focus), Lifelines(), Tally()
-        self._smoothed = SmoothedWays()
-        self._last_seen: dict[str, tuple[int, float, float]] = {}
+        self._focus, self._lines, self._tally = Focus(focus), Lifetimes(), Tally()
+        self._smoothed = SmoothedBatch()
+        self._steps = Steps()
         self._not_forecast: set[str] = set()
         self._forecasts: dict[str, marks.Forecast] = {}
         self._forecast_ns = 0
@@ -182,11 +180,11 @@ class RerunSink:
         look = self._focus.see(frame)
         in_full = self._focus.in_full(frame, box=self._box)
         self._batch.add(
-            frame, particles=self._particles(frame, in_full, look), in_full=in_full, steps=self._steps(frame),
+            frame, particles=self._particles(frame, in_full, look), in_full=in_full, steps=self._steps.of(frame),
             look=look, metrics=values,
         )  # fmt: skip
         self._lines.see(frame)
-        self._see(frame, in_full)
+        self._not_forecast = set(compress(frame.names, (has_no_forecast(believed) | ~in_full).tolist()))
         if self._is_due(self._batch):
             self._send_batch()
         self.stream.look_after()
@@ -223,30 +221,13 @@ class RerunSink:
         of_each = len(frame.particles) // max(len(frame.estimates), 1)
         return frame.particles.thinned(max(of_each // n, 1), rows=None if rows.all() else rows)
 
-    def _steps(self, frame: TrackedFrame) -> tuple[IntArray, FloatArray]:
-        """The step of each vehicle since it was last seen; the layout shows the steps of the last seconds."""
-        seen = [self._last_seen.get(name) for name in frame.names]
-        known = np.array([row for row, before in enumerate(seen) if before is not None], np.int64)
-        start = np.array([before[1:] for before in seen if before is not None]).reshape(-1, 2)
-        return known, np.stack([start, frame.estimates.position[known]], axis=1)
-
-    def _see(self, frame: TrackedFrame, in_full: BoolArray) -> None:
-        believed, time_ns = frame.estimates, frame.time_ns
-        before, oldest_ns = self._last_seen, time_ns - int(TRAIL_S * 1e9)
-        east, north = believed.position.T.tolist()
-        self._last_seen = dict(zip(frame.names, zip(repeat(time_ns), east, north), strict=True))
-        for name in before.keys() - self._last_seen.keys():
-            if before[name][0] >= oldest_ns:
-                self._last_seen[name] = before[name]
-        self._not_forecast = set(compress(frame.names, (has_no_forecast(believed) | ~in_full).tolist()))
-
     def _forget_forecasts(self, time_ns: int) -> None:
         """Drop the forecasts of vehicles that have gone."""
         self._show_pending_forecasts()
         if not self._forecasts:
             return
         since_ns = time_ns - int(COASTING_FROM_S * 1e9)
-        here = {name for name, (seen_ns, *_) in self._last_seen.items() if seen_ns >= since_ns} - self._not_forecast
+        here = {name for name, (seen_ns, *_) in self._steps.last.items() if seen_ns >= since_ns} - self._not_forecast
         kept = {name: paths for name, paths in self._forecasts.items() if name in here}
         if len(kept) < len(self._forecasts):
             self._forecasts = kept
@@ -304,7 +285,7 @@ class RerunSink:
 
     def _begin(self, *, tracked: bool) -> None:
         box = shapes.extent(np.empty((0, 2))) if self._box is None else self._box
-        for path, style in scenery():
+        for path, style in static_scene():
             self._static(path, style)
         if tracked and self._primitives is not None:
             self._static("/map/roses", marks.ROSES_UNDER_TRAFFIC)

@@ -11,11 +11,12 @@ import logging
 import re
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Thread
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
@@ -25,6 +26,8 @@ from dirprim_filter.viewer.process import WebServer, require_listener, spawn_vie
 
 logger = logging.getLogger(__name__)
 
+TIMELINE = "message_log_time"
+"""The log's own time, exact to the nanosecond; as rerun's MCAP importer calls it, so that a raw log opens beside it."""
 FROZEN_S = 5.0
 """A viewer that takes nothing for so long is given up."""
 ASKED_EVERY_S = 1.0
@@ -35,6 +38,11 @@ PLACES_NEEDED = (
     "expected at least one place to stream to, got none; "
     "--spawn shows it on a screen, --save FILE.rrd keeps it for `dirprim view`"
 )
+
+
+def time_column(time_ns: Sequence[int]) -> rr.TimeColumn:
+    """Instants of the log."""
+    return rr.TimeColumn(TIMELINE, timestamp=np.array(time_ns, dtype=np.int64).astype("datetime64[ns]"))
 
 
 class Stream:

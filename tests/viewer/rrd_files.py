@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from rerun.chunk import RrdReader
 
-from dirprim_filter.viewer.timeline import TIMELINE
+from dirprim_filter.viewer.stream import TIMELINE
 
 
 def rows_of(path: Path, entity: str, column: str) -> list[tuple[int | None, np.ndarray]]:

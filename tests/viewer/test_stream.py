@@ -25,7 +25,7 @@ from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import process as viewer_room
 from dirprim_filter.viewer import sink, stream
 from dirprim_filter.viewer.sink import open_stream
-from dirprim_filter.viewer.timeline import TIMELINE
+from dirprim_filter.viewer.stream import TIMELINE
 
 
 @pytest.fixture(autouse=True)

@@ -24,7 +24,7 @@ from dirprim_filter.viewer.curves import PLOTS
 from dirprim_filter.viewer.process import viewer_program
 from dirprim_filter.viewer.side_by_side import show_side_by_side
 from dirprim_filter.viewer.sink import open_stream
-from dirprim_filter.viewer.timeline import TIMELINE
+from dirprim_filter.viewer.stream import TIMELINE
 
 DRIVERS = [icd for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") for icd in Path(folder).glob("*.json")]
 pytestmark = pytest.mark.skipif(not DRIVERS, reason="no Vulkan driver: apt-get install mesa-vulkan-drivers")

@@ -10,10 +10,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+import rerun as rr
 
 from dirprim_filter.drawing.colors import track_color
 from dirprim_filter.drawing.names import short_name
 from dirprim_filter.estimates import TrackedFrame
+from dirprim_filter.viewer.stream import time_column
 
 N_LANES = 16
 ANEW_COLOR = (240, 228, 66)
@@ -35,7 +37,7 @@ class Entry(NamedTuple):
     text: str
 
 
-class Lifelines:
+class Lifetimes:
     """Takes frames; what has changed since it was last asked is in `changes`, `entries` and `states`.
 
     Attributes:
@@ -103,3 +105,31 @@ class Lifelines:
             else:
                 red, green, blue, _ = track_color(np.array([name]))[0].tolist()
                 colors[state] = (red, green, blue)
+
+
+def lane_columns(lines: Lifetimes) -> Iterator[tuple[str, rr.TimeColumn, rr.ComponentColumnList]]:
+    """What has changed in the lanes and in the diary since the last time."""
+    for lane, changes in lines.changes.items():
+        times = time_column([change.time_ns for change in changes])
+        states = [change.state for change in changes if change.state]
+        n_states = [int(bool(change.state)) for change in changes]
+        yield lane_path(lane), times, rr.StateChange.columns(state=states).partition(n_states)
+    if lines.entries:
+        entries = lines.entries
+        columns = rr.TextLog.columns(text=[e.text for e in entries], level=[e.level for e in entries])
+        yield "/events", time_column([e.time_ns for e in entries]), columns
+
+
+def lane_path(lane: int) -> str:
+    """The entity of a lane."""
+    return f"/vehicles/{lane + 1:02d}"
+
+
+def lane_styles(lines: Lifetimes) -> Iterator[tuple[str, rr.StateConfiguration]]:
+    """The colours of the states of lanes that have changed."""
+    for lane in lines.changes:
+        states = lines.states[lane]
+        yield (
+            lane_path(lane),
+            rr.StateConfiguration(values=list(states), labels=list(states), colors=list(states.values())),
+        )

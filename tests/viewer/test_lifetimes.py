@@ -6,7 +6,7 @@ import numpy as np
 
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
-from dirprim_filter.viewer.lifelines import N_LANES, Lifelines
+from dirprim_filter.viewer.lifetimes import N_LANES, Lifetimes
 
 STEP_NS = 100_000_000
 NO_PARTICLES = Particles(
@@ -30,7 +30,7 @@ def frame_of(step: int, unseen_s: dict[str, float], *, anew: tuple[str, ...] = (
 
 
 def test_a_life_is_reported_from_its_first_estimate_to_its_end() -> None:
-    lines = Lifelines()
+    lines = Lifetimes()
     for frame in [
         frame_of(0, {"a": 0.0}), frame_of(1, {"a": 0.0}), frame_of(2, {"a": 0.1}), frame_of(3, {"a": 0.6}),
         frame_of(4, {"a": 0.0}), frame_of(5, {"a": 0.0}, anew=("a",)), frame_of(6, {"a": 0.0}), frame_of(7, {}),
@@ -47,7 +47,7 @@ def test_a_life_is_reported_from_its_first_estimate_to_its_end() -> None:
 
 def test_no_two_vehicles_share_a_lane_and_lanes_are_used_again() -> None:
     rng = np.random.default_rng(1)
-    lines, here = Lifelines(), {}
+    lines, here = Lifetimes(), {}
     for step in range(400):
         here = {name: 0.0 for name in here if rng.random() > 0.05}
         if rng.random() < 0.4:
@@ -63,7 +63,7 @@ def test_no_two_vehicles_share_a_lane_and_lanes_are_used_again() -> None:
 
 
 def test_whoever_finds_no_lane_stands_in_the_diary() -> None:
-    lines = Lifelines()
+    lines = Lifetimes()
     crowd = {f"v{i}": 0.0 for i in range(N_LANES + 3)}
     for step in range(2):
         lines.see(frame_of(step, crowd))

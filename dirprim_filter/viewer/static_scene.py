@@ -20,7 +20,7 @@ KEY_AT = (-1.3, -1.35)
 KEY_STEP = 0.23
 
 
-def scenery() -> Iterator[tuple[str, rr.AsComponents]]:
+def static_scene() -> Iterator[tuple[str, rr.AsComponents]]:
     """Entities and what is static of them."""
     yield from marks.STYLES.items()
     yield from curve_names()
