@@ -128,7 +128,7 @@ def write_map(source: Source, output: Path, *, seed: int, force: bool, **options
 
 def _is_store(path: Path) -> bool:
     """Whether it is no log: a folder that rosbag2 did not record, or a URL that a store is under."""
-    from dirprim_filter.recording.container.rosbag2 import METADATA
+    from dirprim_filter.recording.container.ros_bags import METADATA
     from dirprim_filter.recording.container.source import as_url
     from dirprim_filter.recording.errors import RecordingError
     from dirprim_filter.store.store import Store

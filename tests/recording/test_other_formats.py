@@ -1,9 +1,6 @@
 """What is not read says what it is and what to do, in one short line."""
 
 import io
-import shutil
-import sys
-from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
@@ -16,7 +13,7 @@ from dirprim_filter.recording.tables import read_csv
 LONGEST = 600
 FILES = {
     "bag_0": (b"SQLite format 3\0", "a ROS 2 bag in SQLite; `dirprim` reads its folder, or a file named .db3"),
-    "old.bag": (b"#ROSBAG V2.0\n", "a ROS 1 bag; `rosbags-convert"),
+    "old.rosbag": (b"#ROSBAG V2.0\n", "a ROS 1 bag; `dirprim` reads a file named .bag"),
     "run.rrd": (b"RRF2\0\0\0\0", "a rerun recording; `dirprim view`"),
     "av2.bin": (b"ARROW1\0\0", "a Feather table; `dirprim convert` without --format makes"),
     "t.bin": (b"PAR1\x15\x04", "a Parquet table; `dirprim convert` without --format makes"),
@@ -43,10 +40,6 @@ def test_a_table_of_another_format_says_the_way(tmp_path, opening):
         read_csv(tmp_path / "t.csv")
 
 
-def test_the_program_that_is_advised_came_with_the_package():
-    assert shutil.which("rosbags-convert", path=str(Path(sys.executable).parent))
-
-
 def log(path, encoding, n_topics):
     file = io.BytesIO()
     writer = Writer(file)
@@ -67,7 +60,7 @@ def test_a_log_of_ros_1_is_reported_by_its_encoding_and_no_fields_are_advised(tm
     for fields in (None, "x=.x,y=.y"):
         assert run(["learn", str(bag), "-o", str(tmp_path / "m"), *(["--fields", fields] if fields else [])]) == 1
         said += capsys.readouterr().err
-    assert said.count("messages encoded as ros1 are not read, but protobuf, cdr, json; of the ROS 1 bag `rosbags-") == 3
+    assert said.count("messages encoded as ros1 are not read, but protobuf, cdr, json; give the ROS 1 bag itself") == 3
     assert "--fields says" not in said
 
 

@@ -7,6 +7,7 @@ import sqlite3
 import numpy as np
 import pytest
 from mcap_files import DATA, log_bytes
+from rosbags.rosbag1 import Writer as OldWriter
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -159,6 +160,33 @@ def test_a_bag_reads_whatever_its_storage(bag, tmp_path, capsys):
     )
     (file,) = [file for file in bag.iterdir() if file.name != "metadata.yaml"]
     assert read_tracks(file).position.tolist() == tracks.position.tolist()
+
+
+def test_a_bag_of_ros_1_reads_as_one_of_ros_2(tmp_path):
+    """Its headers have a number more, and its messages another encoding."""
+    store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / "old.bag"
+    kinds = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+    with OldWriter(path) as bag:
+        odometry = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
+        for k in range(20):
+            stamp = store.types["builtin_interfaces/msg/Time"](sec=k // 10, nanosec=k % 10 * 100_000_000)
+            place, turn = kinds["Point"](x=5.0, y=1.0 * k, z=0.0), kinds["Quaternion"](x=0.0, y=0.0, z=0.6, w=0.8)
+            none, pose = kinds["Vector3"](x=0.0, y=0.0, z=0.0), kinds["Pose"](position=place, orientation=turn)
+            twist = kinds["Twist"](linear=kinds["Vector3"](x=10.0, y=0.0, z=0.0), angular=none)
+            message = kinds["Odometry"](
+                header=kinds["Header"](seq=k, stamp=stamp, frame_id="map"), child_frame_id="car",
+                pose=kinds["PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
+                twist=kinds["TwistWithCovariance"](twist=twist, covariance=np.zeros(36)),
+            )  # fmt: skip
+            bag.write(odometry, k * 100_000_000, store.serialize_ros1(message, odometry.msgtype))
+    tracks = read_tracks(path)
+    np.testing.assert_allclose(tracks.position[:, 1], np.arange(20))
+    np.testing.assert_allclose(tracks.direction, 2 * np.arctan2(0.6, 0.8))
+    np.testing.assert_allclose(tracks.speed, 10.0)
+    path.write_bytes(path.read_bytes()[:-200])
+    source.drop_copy(path)
+    with pytest.raises(RecordingError, match=r"old\.bag: expected a bag that rosbags can read.*rosbag reindex"):
+        read_tracks(path)
 
 
 def test_a_bag_without_definitions_is_read_by_those_of_ros(tmp_path):

@@ -9,8 +9,6 @@ from dirprim_filter.recording.container.records import ENCODINGS
 
 READ_BYTES = 16
 """Enough of a file to know every format."""
-ROSBAGS = "--dst-storage mcap` makes an MCAP log of it in the folder NEW"
-"""rosbags comes with this package."""
 
 
 class OtherFormat(NamedTuple):
@@ -30,7 +28,7 @@ class OtherFormat(NamedTuple):
 AS_TABLE = "`dirprim convert` without --format makes a log of it"
 OTHER_FORMATS = (
     OtherFormat(b"SQLite format 3", "a ROS 2 bag in SQLite", "`dirprim` reads its folder, or a file named .db3"),
-    OtherFormat(b"#ROSBAG", "a ROS 1 bag", f"`rosbags-convert --src FILE --dst NEW {ROSBAGS}"),
+    OtherFormat(b"#ROSBAG", "a ROS 1 bag", "`dirprim` reads a file named .bag"),
     OtherFormat(b"RRF", "a rerun recording", "`dirprim view` shows it"),
     OtherFormat(b"PAR1", "a Parquet table", AS_TABLE),
     OtherFormat(b"ARROW1", "a Feather table", AS_TABLE),
@@ -58,5 +56,5 @@ def unread_encodings(encodings: Iterable[str]) -> str | None:
     if not found or set(found) & set(ENCODINGS):
         return None
     why = f"messages encoded as {', '.join(found)} are not read, but {', '.join(ENCODINGS)}"
-    ros1 = f"; of the ROS 1 bag `rosbags-convert --src FILE.bag --dst NEW {ROSBAGS}" if "ros1" in found else ""
+    ros1 = "; give the ROS 1 bag itself, a file named .bag" if "ros1" in found else ""
     return why + ros1

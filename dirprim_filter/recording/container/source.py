@@ -34,8 +34,8 @@ from dirprim_filter.recording.container.records import MAGIC
 logger = logging.getLogger(__name__)
 
 STDIN = "-"
-SQLITE = ".db3"
-"""What the name of a bag in SQLite ends in."""
+BAGS = (".db3", ".bag")
+"""What the names of bags end in: in SQLite, and of ROS 1."""
 VERSION_FREE_MAGIC = MAGIC[:5]
 """A log whose opening magic differs only behind this is read, and reported as damaged."""
 BLOCK_BYTES = 1 << 22
@@ -68,11 +68,11 @@ def local_files(path: str | PathLike[str]) -> list[Path]:
     file = Path(name)
     if url := as_url(name):
         return [_fetched(name, url)]
-    if file.is_dir() or file.suffix == SQLITE:
-        from dirprim_filter.recording.container import rosbag2  # noqa: PLC0415  (`dirprim info` of a log does without)
+    if file.is_dir() or file.suffix in BAGS:
+        from dirprim_filter.recording.container import ros_bags  # noqa: PLC0415  (`dirprim info` of a log does without)
 
-        files = rosbag2.files_of(file) if file.is_dir() else []
-        return files or [_copied(name, rosbag2.as_mcap(file))]
+        files = ros_bags.files_of(file) if file.is_dir() else []
+        return files or [_copied(name, ros_bags.as_mcap(file))]
     if not stat.S_ISREG(file.stat().st_mode):
         with file.open("rb") as pipe:
             return [_copied(name, _blocks(pipe))]

@@ -1,4 +1,4 @@
-"""Recordings of rosbag2: folders of MCAP files, split or not, and bags in SQLite, which the rosbags package reads.
+"""Recordings of ROS: folders of MCAP files, split or not; and bags in SQLite and of ROS 1, which rosbags reads.
 
 Source: rosbag2's `metadata.yaml`, which lists the files of a folder in their order.
 """
@@ -17,6 +17,9 @@ from dirprim_filter.recording.container.records import Channel, Schema
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
+ROS_1 = ".bag"
+"""What the name of a bag of ROS 1 ends in."""
+HEADER = "std_msgs/msg/Header"
 METADATA = "metadata.yaml"
 MAX_METADATA_BYTES = 1 << 26
 FASTEST = 1
@@ -51,7 +54,7 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def as_mcap(bag: Path) -> Callable[[FileIO], None]:
-    """Writes the messages of a folder, or of a single file, into an MCAP log.
+    """Writes the messages of a folder, or of a single file, into an MCAP log; those of ROS 1 as ROS 2 has them.
 
     Raises (when it writes):
         RecordingError: rosbags cannot read it.
@@ -59,34 +62,72 @@ def as_mcap(bag: Path) -> Callable[[FileIO], None]:
 
     def write(file: FileIO) -> None:
         from apsw import Error as SqliteError  # noqa: PLC0415  (loaded for such bags alone)
-        from rosbags.rosbag2 import Reader, ReaderError  # noqa: PLC0415
+        from rosbags import rosbag1, rosbag2  # noqa: PLC0415
 
+        is_old = bag.suffix == ROS_1
         writer = McapWriter(file, profile="ros2", library="rosbags", level=FASTEST)
         try:
-            with Reader(bag) as reader:
-                ids = {one.id: writer.define(_channel(one)) for one in reader.connections}
+            with (rosbag1 if is_old else rosbag2).Reader(bag) as reader:
+                streams = {}
+                for one in reader.connections:
+                    definition, as_cdr = _of_ros_1(one) if is_old else (_definition(one), bytes)
+                    streams[one.id] = writer.define(_channel(one, *definition)), as_cdr
                 for connection, time_ns, data in reader.messages():
-                    writer.add(ids[connection.id], 0, max(time_ns, 0), max(time_ns, 0), data)
-        except (ReaderError, SqliteError) as error:
-            way = "of a broken one `sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
+                    channel, as_cdr = streams[connection.id]
+                    writer.add(channel, 0, max(time_ns, 0), max(time_ns, 0), as_cdr(data))
+        except (rosbag1.ReaderError, rosbag2.ReaderError, SqliteError) as error:
+            way = "`sqlite3 OLD.db3 .recover | sqlite3 NEW.db3` saves what is left"
+            way = f"of a broken one {'`rosbag reindex` makes its index anew' if is_old else way}"
             raise RecordingError(f"{bag}: expected a bag that rosbags can read, got {error}; {way}") from error
         writer.finish()
 
     return write
 
 
-def _channel(connection: Connection) -> Channel:
+def _channel(connection: Connection, encoding: str, definition: str) -> Channel:
+    schema = Schema(name=connection.msgtype, encoding=encoding, data=definition.encode())
+    return Channel(topic=connection.topic, message_encoding="cdr", schema=schema, metadata=())
+
+
+def _definition(connection: Connection) -> tuple[str, str]:
+    """Encoding of the definition, and the definition."""
     from rosbags.interfaces import MessageDefinitionFormat  # noqa: PLC0415
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
     definition, kind = connection.msgdef.data, connection.msgdef.format
-    encoding = "ros2idl" if kind is MessageDefinitionFormat.IDL else "ros2msg"
     if kind is MessageDefinitionFormat.NONE:  # older bags have none; those of ROS itself are known
         known = get_typestore(Stores.LATEST)
         is_known = connection.msgtype in known.fielddefs
         definition = known.generate_msgdef(connection.msgtype, ros_version=2)[0] if is_known else ""
-    schema = Schema(name=connection.msgtype, encoding=encoding, data=definition.encode())
-    return Channel(topic=connection.topic, message_encoding="cdr", schema=schema, metadata=())
+    return "ros2idl" if kind is MessageDefinitionFormat.IDL else "ros2msg", definition
+
+
+def _of_ros_1(connection: Connection) -> tuple[tuple[str, str], Callable[[Any], bytes]]:
+    """The definition as ROS 2 has it, without the number in headers; and what makes CDR of a message.
+
+    A message that is not what its definition says becomes empty: it is counted where it is read.
+    """
+    from rosbags.serde import SerdeError  # noqa: PLC0415
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore  # noqa: PLC0415
+
+    types, store = dict[str, Any](), get_typestore(Stores.EMPTY)
+    try:
+        types = dict(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        if HEADER in types:
+            constants, members = types[HEADER]
+            types[HEADER] = constants, [member for member in members if member[0] != "seq"]
+        store.register(types)
+        definition = store.generate_msgdef(connection.msgtype, ros_version=2)[0]
+    except TypesysError:
+        return ("ros2msg", connection.msgdef.data), lambda _: b""
+
+    def as_cdr(data: Any) -> bytes:
+        try:
+            return bytes(store.ros1_to_cdr(data, connection.msgtype))
+        except SerdeError:
+            return b""
+
+    return ("ros2msg", definition), as_cdr
 
 
 def _metadata(path: Path) -> dict[str, Any]:
