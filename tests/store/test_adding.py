@@ -2,10 +2,9 @@
 
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -90,9 +89,14 @@ def test_stores_that_hold_two_versions_of_a_log_do_not_merge(tmp_path):
 
 def test_many_who_begin_a_store_at_once_lose_nothing(place, tmp_path):
     path = logs_of(tmp_path, **{f"log{i}": street(i, n_vehicles=1) for i in range(4)})
-    work = "import sys; from dirprim_filter.cli.main import run; sys.exit(run(['store', 'add', *sys.argv[1:]]))"
-    several = [subprocess.Popen([sys.executable, "-c", work, place, log]) for log in path.values()]
-    assert [each.wait() for each in several] == [0] * 4
+    together = threading.Barrier(len(path))
+
+    def begin(log):
+        together.wait()
+        return add_logs(place, find_logs([log]))
+
+    with ThreadPoolExecutor(len(path)) as several:
+        assert [list(failures(added)) for added in several.map(begin, path.values())] == [[]] * len(path)
     assert set(Store.open(place).contents().entries) == set(path.values())
 
 

@@ -73,24 +73,15 @@ class killed_at:  # noqa: N801 (a context)
 class StoreModel(RuleBasedStateMachine):
     """A store beside a dict of what its logs say."""
 
-    root: str = ""
+    root: str  # where stores are; a folder of its own if empty
+    path: dict  # of the logs, by name
+    fresh: dict  # their rows, as a store has them at first
 
     @initialize()
     def begin(self):
         self.folder = Path(tempfile.mkdtemp())
-        day = {"one": 0, "two": 0, "copy": 0, "far": 1, "next_month": 40}
-        of = {name: street(1 if name == "copy" else 1 + NAMES.index(name), day=day[name]) for name in NAMES}
-        of["one"] = of["copy"]
-        of["far"] = street(4, start=400.0, length=200.0)
-        self.path = logs_of(self.folder, **of)
         self.store = None
         self.holds = {}  # which Rows, by name
-        self.fresh = {name: self.read_fresh(name) for name in NAMES}
-
-    def read_fresh(self, name):
-        alone = store_of(self.folder / f"alone {name}", self.path[name])
-        (entry,) = alone.contents().entries.values()
-        return whole(alone, entry)
 
     def teardown(self):
         if hasattr(self, "folder"):
@@ -175,19 +166,23 @@ class StoreModel(RuleBasedStateMachine):
                 assert sum(len(self.store.read(file)) for file in entry.files if not file.halo) == entry.n_rows
 
 
-def test_a_store_holds_what_a_dict_would():
-    run_state_machine_as_test(
-        StoreModel,
-        settings=settings(max_examples=12, stateful_step_count=8, **ONCE),
-    )
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """The logs, of which two are copies, and what a store has of each."""
+    folder = tmp_path_factory.mktemp("known")
+    one = street(3)
+    path = logs_of(folder, one=one, two=street(2), copy=one, far=street(4, start=400.0, length=200.0),
+                   next_month=street(5, day=40))  # fmt: skip
+    alone = {name: store_of(folder / f"alone {name}", log) for name, log in path.items()}
+    fresh = {name: whole(store, store.contents().recordings()[0]) for name, store in alone.items()}
+    return {"path": path, "fresh": fresh}
 
 
-def test_a_store_in_an_object_store_holds_what_a_dict_would(bucket):
-    kind = type("RemoteStoreModel", (StoreModel,), {"root": bucket})
-    run_state_machine_as_test(
-        kind,
-        settings=settings(max_examples=2, stateful_step_count=4, **ONCE),
-    )
+@pytest.mark.parametrize(("remote", "examples", "steps"), [(False, 12, 8), (True, 2, 4)])
+def test_a_store_holds_what_a_dict_would(known, request, remote, examples, steps):
+    root = request.getfixturevalue("bucket") if remote else ""
+    kind = type("Model", (StoreModel,), known | {"root": root})
+    run_state_machine_as_test(kind, settings=settings(max_examples=examples, stateful_step_count=steps, **ONCE))
 
 
 @pytest.mark.parametrize("kill", range(4))
