@@ -340,3 +340,16 @@ def test_inspect_tells_tracks_only_of_schemas_that_carry_them_and_damage(tmp_pat
     assert [damage["kind"] for damage in summary.as_json()["damage"]] == ["magic"]
     empty = inspect(write_protobuf_log(tmp_path / "empty.mcap", []))
     assert (empty.topics, empty.messages, empty.start_ns, empty.end_ns) == ((), 0, None, None)
+
+
+def test_which_of_several_topics_has_most_messages_is_known_without_reading_them(tmp_path, monkeypatch):
+    """A log with a Summary section is decompressed once, but for the chunks in which each topic is first met."""
+    sent = [("/a" if k % 3 else "/b", k * 10**8, scene([("car", float(k), 0.0)])) for k in range(300)]
+    path = write_protobuf_log(tmp_path / "log.mcap", sent, chunk_size=2000)
+    opened, read = [], scans.read_contents
+    monkeypatch.setattr(scans, "read_contents", lambda file, chunk: opened.append(chunk.offset) or read(file, chunk))
+    tracks = read_tracks(path)
+    assert len(tracks) == 200
+    n_chunks = len(set(opened))
+    assert n_chunks > 10
+    assert n_chunks <= len(opened) <= n_chunks + 2

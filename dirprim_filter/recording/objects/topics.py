@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter, deque
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -101,7 +102,8 @@ def _carrying_objects(log: Log, decoders: Decoders, topics: set[str]) -> set[str
     """Those of the topics in which some message holds an object; reads no further than needed to know."""
     carrying: set[str] = set()
     if topics:
-        for batch in batches(Scan(log, topics.__contains__).columns(), decoders):
+        parts = (batches([part], decoders) for part in Scan(log, topics.__contains__).columns())
+        for batch in chain.from_iterable(parts):  # of each chunk by itself: one may be enough
             for _, messages in by_schema(batch):
                 rows, _ = decoders.rows(messages)
                 of = messages.channel[rows.message[np.isfinite(rows.position[:, 0])]]
@@ -119,7 +121,9 @@ def _damage(log: Log) -> list[Damage]:
 
 
 def _longest(log: Log, topics: set[str]) -> str:
-    n_messages: Counter[str] = Counter()
-    for _, columns in Scan(log, topics.__contains__).parts():
-        n_messages.update(columns.topic.tolist())
+    n_messages = log.message_counts()
+    if n_messages is None:
+        n_messages = Counter()
+        for _, columns in Scan(log, topics.__contains__).parts():
+            n_messages.update(columns.topic.tolist())
     return min(topics, key=lambda topic: (-n_messages[topic], topic))
