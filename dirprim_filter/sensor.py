@@ -16,11 +16,14 @@ from typing import Any, Self
 
 import numpy as np
 
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.sight import Sight
 from dirprim_filter.tracks import Tracks
 
 LATEST_S = 5.0
 """Seconds; what is later is a clock that is wrong."""
+WIDE = 2.58
+"""Standard deviations in half of a 99 % interval."""
 NO_NUMBERS = ("sight", "uncertainty")
 """Values of a sensor that are more than one number."""
 
@@ -104,6 +107,23 @@ class Sensor:
     def white(cls, noise_m: float) -> Self:
         """Uncorrelated errors of the same standard deviation in both axes."""
         return cls(along=AxisError(spread_m=noise_m), across=AxisError(spread_m=noise_m))
+
+    def unseen_covariance(self, direction: FloatArray, speed: FloatArray) -> FloatArray:
+        """(n, 2, 2) square metres: what the stated uncertainty of bias and latency adds to each estimated position.
+
+        Both move all detections of a vehicle alike, so no filter sees them: the variance along the way is that of the
+        bias plus speed^2 times that of the latency.
+
+        Args:
+            direction: (n,) radians.
+            speed: (n,) m/s.
+        """
+        along, across, late = (
+            (self.uncertainty.get(name, 0.0) / WIDE) ** 2 for name in ("along.bias_m", "across.bias_m", "latency_s")
+        )
+        axis = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+        own = along - across + speed**2 * late
+        return np.asarray(across * np.eye(2) + own[:, None, None] * axis[:, :, None] * axis[:, None, :])
 
     def numbers(self) -> dict[str, float | None]:
         """All its numbers, by name."""

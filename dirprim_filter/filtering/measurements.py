@@ -6,11 +6,14 @@ course and speed say for a vehicle is the ratio of their densities to these.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import Estimates
 from dirprim_filter.sensor import Sensor
 
 MOVING_FROM = 0.5
@@ -46,3 +49,11 @@ def settings_of(sensor: Sensor) -> dict[str, float]:
         "clutter_density": sensor.clutter_density,
     }
     return {name: value for name, value in known.items() if value is not None}
+
+
+def with_unseen_errors(estimates: Estimates, sensor: Sensor | None) -> Estimates:
+    """Estimates whose covariances contain what no filter sees of a sensor's errors: see `Sensor.unseen_covariance`."""
+    if sensor is None or not sensor.uncertainty:
+        return estimates
+    unseen = sensor.unseen_covariance(estimates.direction, estimates.speed)
+    return replace(estimates, covariance=estimates.covariance + unseen)

@@ -17,7 +17,7 @@ from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.current_frame import NO_ROWS, CurrentFrame
-from dirprim_filter.filtering.measurements import FASTEST, measured_covariance
+from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter, WeighsCues
 from dirprim_filter.filtering.roster import Roster
@@ -76,6 +76,7 @@ class Tracker:
         self._filter = bayes_filter_of(model, self.config, sensor)
         self._cues = self._filter if isinstance(self._filter, WeighsCues) else None
         self._by_map = self._filter if isinstance(self._filter, ParticleFilter) else None
+        self._sensor = sensor
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         sight = None if sensor is None else sensor.sight
         self._roster = Roster(self._filter)
@@ -189,7 +190,7 @@ class Tracker:
         weighed = frame.moments  # of the time when detections were true
         m = self._filter.moments(frame.shown) if weighed is None or self._latency_ns else weighed[reported]
         is_measured = roster.measured_ns[home] == self._time_ns
-        return Estimates(
+        estimates = Estimates(
             track_id=np.array(frame.shown_names, dtype=np.str_),
             time_ns=np.full(home.size, self._time_ns + self._latency_ns, np.int64),
             position=m[:, :2],
@@ -203,6 +204,7 @@ class Tracker:
             existence=exists[reported],
             unseen_s=_seconds(self._time_ns - roster.measured_ns[home]),
         )
+        return with_unseen_errors(estimates, self._sensor)
 
     def particles(self) -> Samples:
         """The samples behind the frame's estimates, of which copies can be taken until the next step."""

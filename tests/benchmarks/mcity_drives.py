@@ -204,7 +204,7 @@ def by_default(seen: Detections, learned: PrimitiveMap, seed: int) -> Estimates:
         sensor = self_calibrate(seen, rng=np.random.default_rng(0)).sensor
     except ValueError:
         sensor = None
-    config, tracking = read_filter(None, sensor=sensor)
+    config, tracking = read_filter(None, {}, sensor=sensor)
     rng = np.random.default_rng(seed)
     return tracked(seen, Tracker(learned, config=config, tracking=tracking, sensor=sensor, rng=rng))
 

@@ -7,11 +7,16 @@ import pytest
 from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
 
+from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
+from dirprim_filter.estimates import EstimateList
 from dirprim_filter.evaluation.calibration import evidence, self_calibrate, self_calibration
 from dirprim_filter.evaluation.calibration.evidence import SHARE
 from dirprim_filter.evaluation.calibration.pieces import Pieces, pieces_of
-from dirprim_filter.sensor import AxisError, Sensor
+from dirprim_filter.filtering import ConstantVelocityKalman
+from dirprim_filter.filtering.smoothing import Smoother
+from dirprim_filter.replay import replay
+from dirprim_filter.sensor import WIDE, AxisError, Sensor
 from dirprim_filter.simulation.sensor import sense
 from evaluation.test_calibration import circling
 
@@ -140,15 +145,51 @@ def test_pieces_are_unrolled_along_a_bend():
     np.testing.assert_allclose(np.diff(found.across[0, :40]), np.diff(off), atol=0.06)
 
 
-def test_what_tells_nothing_of_a_sensor_is_refused(monkeypatch):
+def test_what_tells_nothing_of_a_sensor_is_refused():
     seen = sense(DRIVEN, SENSOR, rng=np.random.default_rng(1))
     with pytest.raises(ValueError, match="expected detections with ids"):
         self_calibrate(seen.without_ids(), rng=np.random.default_rng(0))
     few = seen[np.isin(seen.track_id, ["v1", "v2", "v3", "v4"])]
     with pytest.raises(ValueError, match="at least 8 pieces of track of moving vehicles, got 4: state the noise"):
         self_calibrate(few, rng=np.random.default_rng(0))
+
+
+def test_detections_that_a_filter_left_are_taken_to_be_late_and_off(monkeypatch):
+    monkeypatch.setattr(self_calibration, "MOST_STEPS", 60)
     lasting = AxisError(spread_m=0.3, correlated_share=0.999, correlation_s=1.0)
     smooth = sense(DRIVEN, Sensor(along=lasting, across=lasting), rng=np.random.default_rng(1))
-    monkeypatch.setattr(self_calibration, "MOST_STEPS", 60)
-    with pytest.raises(ValueError, match="as smooth as ways are"):
-        self_calibrate(smooth, rng=np.random.default_rng(0))
+    for seen in (smooth, smooth[np.isin(smooth.track_id, ["v1", "v2"])]):  # also where few show it
+        found = self_calibrate(seen, rng=np.random.default_rng(0))
+        assert found.sensor.uncertainty.keys() == {"along.bias_m", "across.bias_m", "latency_s"}
+        assert found.unknown[0].startswith("all errors: ")
+    white = sense(DRIVEN, SENSOR, rng=np.random.default_rng(1))
+    assert not self_calibrate(white, rng=np.random.default_rng(0)).sensor.uncertainty  # the control
+
+
+@pytest.mark.parametrize("smoothed", [False, True])
+def test_covariances_contain_what_the_sensor_states_of_bias_and_latency(smoothed):
+    """Along the way bias^2 + (speed latency)^2, across it bias^2; nothing else changes."""
+    seen = sense(DRIVEN, Sensor.white(0.3), rng=np.random.default_rng(1))
+    seen = seen[np.isin(seen.track_id, ["v1", "v2"]) & (seen.time_ns < 4e9)]
+    doubtful = replace(
+        Sensor.white(0.3),
+        uncertainty={"along.bias_m": 0.4 * WIDE, "across.bias_m": 0.2 * WIDE, "latency_s": 0.1 * WIDE},
+    )
+    plain, wide = (tracked(seen, sensor, smoothed=smoothed) for sensor in (Sensor.white(0.3), doubtful))
+    np.testing.assert_array_equal(wide.position, plain.position)
+    axis = np.stack([np.cos(plain.direction), np.sin(plain.direction)], axis=-1)
+    more = wide.covariance - plain.covariance
+    along = np.einsum("ni,nij,nj->n", axis, more, axis)
+    np.testing.assert_allclose(along, 0.4**2 + (0.1 * plain.speed) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(np.trace(more, axis1=1, axis2=2) - along, 0.2**2, rtol=1e-9)
+
+
+def tracked(seen, sensor, *, smoothed):
+    config, kept = FilterConfig(n_particles=100), EstimateList()
+    with Smoother(max_gap_s=config.max_gap_s, sinks=[kept.write]) as smoother:
+        tracker = smoother.tracker(
+            0, ConstantVelocityKalman(acceleration_density=1.0, config=config), config=config,
+            tracking=TrackingConfig(), sensor=sensor, rng=np.random.default_rng(0),
+        )  # fmt: skip
+        replay(seen.frames(), tracker, [smoother if smoothed else kept])
+    return kept.all()

@@ -13,7 +13,7 @@ from dirprim_filter.evaluation.calibration.gauss_markov import ErrorFit, fit_err
 from dirprim_filter.evaluation.calibration.pairing import Scene, TruthRows, find_lag
 from dirprim_filter.evaluation.calibration.reports import Measured, clutter, detection_probability, share
 from dirprim_filter.filtering.association import Pairs
-from dirprim_filter.sensor import AxisError, Sensor
+from dirprim_filter.sensor import WIDE, AxisError, Sensor
 from dirprim_filter.tracks import Tracks
 
 LATENCY_S = (0.0, 1.0)
@@ -31,8 +31,6 @@ FEWEST = 30
 """Pairs of detections and true positions."""
 LATENCY_KNOWN_S = 0.15
 """Standard error of a latency beyond which it and the bias along the way cannot be separated."""
-WIDE = 2.58
-"""Standard errors in half of a 99 % interval."""
 OUTLIER = 8.0
 """Robust standard deviations from which on an error is none of the sensor's usual ones."""
 MAD = 1.4826

@@ -16,7 +16,7 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
-from dirprim_filter.filtering.measurements import FASTEST, MOST_SPREADS
+from dirprim_filter.filtering.measurements import FASTEST, MOST_SPREADS, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
@@ -130,6 +130,10 @@ class RecordedTracker(Tracker):
         gone = {id(chain) for chain in joined}
         self.keep([chain for chain in self.chains() if id(chain) not in gone])
 
+    def reported(self, chains: list[tuple[Chain, Smoothed]]) -> Estimates:
+        """Smoothed beliefs of chains as estimates, with the errors that no filter sees in their covariances."""
+        return with_unseen_errors(_estimates(chains), self._sensor)
+
     def keep(self, chains: list[Chain]) -> None:
         """Forget all chains but these."""
         self._recorded.chains = chains
@@ -198,9 +202,10 @@ class Smoother:
             self._pass_on(last_ns, now_ns=last_ns + self._gap_ns + 1)
 
     def _pass_on(self, final_ns: int, *, now_ns: int) -> None:
-        smoothed_chains: list[tuple[Chain, Smoothed]] = []
+        parts: list[Estimates] = []
         open_names = set()
         for tracker in self._trackers:
+            chains: list[tuple[Chain, Smoothed]] = []
             if self._every_ns:
                 tracker.stitch(before_ns=final_ns + self._gap_ns, gap_ns=self._gap_ns, now_ns=now_ns)
             frames_ns = np.array(tracker.frames_ns, np.int64)
@@ -211,14 +216,15 @@ class Smoother:
                 if chain.name:
                     times = _reached(chain, frames_ns[: np.searchsorted(frames_ns, final_ns, side="right")])
                     if times.size:
-                        smoothed_chains.append((chain, chain.smoothed().at(times)))
+                        chains.append((chain, chain.smoothed().at(times)))
                     if not is_over:
                         open_names.add(chain.name)
                 chain.forget(before_ns=final_ns)
                 if not (is_over and chain.last.time_ns + self._gap_ns <= final_ns):
                     kept.append(chain)
             tracker.keep(kept)
-        smoothed = _estimates(smoothed_chains)
+            parts.append(tracker.reported(chains))
+        smoothed = Estimates.concatenate(parts)
         smoothed = smoothed[np.argsort(smoothed.time_ns, kind="stable")]
         for frame in self._final(final_ns):
             first, end = np.searchsorted(smoothed.time_ns, [frame.time_ns, frame.time_ns + 1])
