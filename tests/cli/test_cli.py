@@ -199,14 +199,14 @@ def test_place_free_forecasts_go_on_by_the_map_that_particles_were_moved_by(log,
     assert found[0] == found[1] != found[2]
 
 
-def test_track_writes_a_layout_for_its_log_and_does_not_overwrite_one(tmp_path, log, learned):
-    options = ("track", log, "--map", learned, "--layout", tmp_path / "layout.json", "--particles", 20)
-    assert dirprim(*options, "-o", tmp_path / "a.mcap") == DONE
+def test_a_layout_is_of_a_map_and_does_not_overwrite_one(tmp_path, learned, log):
+    options = ("view", learned, "--layout", tmp_path / "layout.json")
+    assert dirprim(*options) == DONE
     layout = json.loads((tmp_path / "layout.json").read_text())
     assert layout["configById"]["3D!map"]["topics"]["/dirprim/tracks/scene"]["visible"]
-    assert dirprim(*options, "-o", tmp_path / "b.mcap") == FAILED
-    assert not (tmp_path / "b.mcap").exists()
-    assert dirprim(*options, "-o", tmp_path / "b.mcap", "--force") == DONE
+    assert dirprim(*options) == FAILED
+    assert dirprim(*options, "--force") == DONE
+    assert dirprim("view", log, "--layout", tmp_path / "other.json") == USAGE
 
 
 def test_a_vehicles_estimates_do_not_change_when_others_are_removed(few, log, learned, tmp_path):
@@ -377,7 +377,7 @@ def test_forecasts_of_a_log_are_reported_to_machines_and_follow_the_filters_knob
         "--json",
     )
     reported = {}
-    for knobs in ((), ("--particles", 20), ("--noise", 2.0), ("--no-ids",)):
+    for knobs in ((), ("--set", "n_particles=20"), ("--set", "noise_m=2.0"), ("--no-ids",)):
         assert dirprim(*options, *knobs) == DONE
         captured = capsys.readouterr()
         reported[knobs] = [json.loads(line) for line in captured.out.splitlines()]
@@ -390,7 +390,7 @@ def test_forecasts_of_a_log_are_reported_to_machines_and_follow_the_filters_knob
     assert usual[0]["dt_s"] == 0.5
     assert len({json.dumps(lines) for lines in reported.values()}) == 4
     assert set(reported["--no-ids",][5]["paths"]) != set(usual[5]["paths"])
-    for knobs in (("--noise", 1.0), ("--no-ids",), ("--particles", 9), ("--interaction", "leader")):
+    for knobs in (("--set", "noise_m=1.0"), ("--no-ids",)):
         state = ("--at", 20, 0, "--direction-deg", 90, "--speed", 8)
         assert dirprim("forecast", "--map", learned, *state, *knobs) == USAGE
 
