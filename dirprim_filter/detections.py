@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
+from dirprim_filter.arrays import AnyArray, ArrayTable, BoolArray, FloatArray, IntArray, as_floats
 from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
 from dirprim_filter.sizes import as_sizes
 from dirprim_filter.track_ids import as_texts, world_names
@@ -20,7 +20,7 @@ NO_ID = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Detections(ArrayValue):
+class Detections(ArrayTable):
     """Reported positions, a row for each vehicle and instant, in the order they came.
 
     Attributes:

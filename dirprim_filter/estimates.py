@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
+from dirprim_filter.arrays import AnyArray, ArrayTable, ArrayValue, BoolArray, FloatArray, IntArray, as_floats
 from dirprim_filter.detections import Detections
 from dirprim_filter.track_ids import as_texts, as_track_ids
 from dirprim_filter.tracks import as_times, check_lengths
@@ -19,7 +19,7 @@ COASTING_FROM_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimates(ArrayValue):
+class Estimates(ArrayTable):
     """The filter's belief about confirmed vehicles, seen or coasting, a row for each vehicle and instant.
 
     Attributes:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from dirprim_filter.arrays import AnyArray, ArrayValue, FloatArray, IntArray, as_floats
+from dirprim_filter.arrays import AnyArray, ArrayTable, FloatArray, IntArray, as_floats
 from dirprim_filter.course import log_motion, motion_of
 from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.optional_columns import chosen, is_held, joined, unknown
@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Tracks(ArrayValue):
+class Tracks(ArrayTable):
     """Observed motion of vehicles, a row for each vehicle and instant; rows are kept in order of time.
 
     Attributes:

@@ -2,8 +2,10 @@
 
 import csv
 import gzip
+from dataclasses import replace
 from datetime import datetime
 from decimal import Decimal
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ import pytest
 from pyproj import Geod
 
 from dirprim_filter import read_tracks
-from dirprim_filter.detections import NO_ID
+from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.recording import write_tracks
 from dirprim_filter.recording.errors import RecordingError, TableError
@@ -386,3 +388,20 @@ def test_a_broken_arrow_file_is_told_in_one_line(tmp_path, data):
     with pytest.raises(TableError, match="expected a Parquet, Feather or Arrow file, got") as caught:
         read_arrow(tmp_path / "t.parquet")
     assert "\n" not in str(caught.value)
+
+
+def test_values_are_tables_that_read_back(tmp_path, ring):
+    few = ring[ring.track_id < 3]
+    known = replace(few, size=np.tile([4.0, 2.0, 1.5], (len(few), 1)), heading=few.direction)
+    for sent in (few, known):
+        made = sent.to_arrow()
+        assert ("heading_rad" in made.column_names) == (sent is known)
+        pa.parquet.write_table(made, tmp_path / "t.parquet")
+        assert read_tracks(tmp_path / "t.parquet") == sent
+    seen = Detections(track_id=few.track_id, time_ns=few.time_ns, position=few.position,
+                      covariance=np.tile([[2.0, 0.5], [0.5, 3.0]], (len(few), 1, 1)))  # fmt: skip
+    made = seen.to_arrow()
+    assert [made[f"covariance_{name}_m2"][0].as_py() for name in ("xx", "xy", "yy")] == [2.0, 0.5, 3.0]
+    assert {"time_ns", "track_id", "x_m", "course_rad"} <= set(estimates(["a"]).to_arrow().column_names)
+    if find_spec("pandas") is not None:
+        assert few.to_pandas().shape == (len(few), few.to_arrow().num_columns)

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.tables.columns import FORMULA, FORMULA_GUARD, is_number
@@ -47,10 +47,11 @@ def write_estimates(
         OSError: the file cannot be written.
     """
     form = check_table_format(path)
-    table = pa.table(_mot(estimates, frame_ns) if form == ".txt" else _columns(estimates))
+    table = pa.table(_mot(estimates, frame_ns)) if form == ".txt" else estimates.to_arrow()
     if form == ".csv":
+        names = [_guarded(name) for name in as_texts(estimates.track_id).tolist()]
+        table = table.set_column(1, "track_id", pa.array(names))
         table = table.set_column(0, "time_s", _decimal_seconds(estimates.time_ns))
-        table = table.set_column(1, "track_id", pa.array([_guarded(name) for name in table["track_id"].to_pylist()]))
     with PartialFile(path, force=force) as file:
         buffered = BufferedWriter(file)
         if form == ".parquet":
@@ -71,19 +72,6 @@ def check_table_format(path: str | Path) -> str:
     if suffix not in FORMATS:
         raise ValueError(f"{path}: expected a name that ends in {', '.join(FORMATS)}, got {suffix or 'no suffix'}")
     return suffix
-
-
-def _columns(estimates: Estimates) -> dict[str, AnyArray]:
-    """Every column by the name that says its unit."""
-    covariance = estimates.covariance
-    return {
-        "time_ns": estimates.time_ns, "track_id": as_texts(estimates.track_id), "x_m": estimates.position[:, 0],
-        "y_m": estimates.position[:, 1], "course_rad": estimates.direction, "speed_mps": estimates.speed,
-        "covariance_xx_m2": covariance[:, 0, 0], "covariance_xy_m2": covariance[:, 0, 1],
-        "covariance_yy_m2": covariance[:, 1, 1], "direction_resultant": estimates.direction_resultant,
-        "speed_std_mps": estimates.speed_std, "existence": estimates.existence, "unseen_s": estimates.unseen_s,
-        "effective_sample_size": estimates.effective_sample_size, "log_evidence": estimates.log_evidence,
-    }  # fmt: skip
 
 
 def _decimal_seconds(time_ns: IntArray) -> Any:
