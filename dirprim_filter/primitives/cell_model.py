@@ -46,6 +46,21 @@ class PrimitiveCells(NamedTuple):
         """Those in motion."""
         return Modes(*self[: len(Modes._fields)])
 
+    def log_density(
+        self, cell: IntArray, position: FloatArray, direction: FloatArray, speed: FloatArray, standing_rate: float
+    ) -> FloatArray:
+        """Of direction and speed of rows in cells, (n,) each, by the cells' own modes and that of standing."""
+        standing = self.standing[:, None]
+        still = (
+            standing,
+            *np.zeros((2, *standing.shape)),
+            np.ones_like(standing),
+            np.full_like(standing, standing_rate),
+        )
+        modes = self.modes._replace(weight=(1.0 - standing) * self.weight)
+        every = Modes(*map(np.hstack, zip(modes, (*still, *np.zeros((4, *standing.shape))), strict=True)))
+        return ModeTable.of(every, self.center).log_density(cell, position, direction, speed)
+
 
 class PrimitiveModel(NamedTuple):
     """Directional primitives of cells, leaning on the place-free one."""
@@ -57,10 +72,7 @@ class PrimitiveModel(NamedTuple):
     @classmethod
     def of(cls, rows: TrackRows, recipe: Recipe, free: PlaceFree) -> PrimitiveModel:
         """The model of these rows' cells."""
-        none = np.zeros((4, 1, free.weight.size))
-        table = ModeTable.of(Modes(*(column[None] for column in free[:5]), *none), np.zeros((1, 2)))
-        speed = np.maximum(rows.speed, LEAST_SPEED)
-        return cls(recipe, free, table.log_density(np.zeros(len(rows), np.int64), rows.position, rows.direction, speed))
+        return cls(recipe, free, free.log_density(rows, np.maximum(rows.speed, LEAST_SPEED)))
 
     def fit(self, position: FloatArray, data: TrackRows, members: Members) -> PrimitiveCells:
         """Every cell's modes; see `tessellation.CellModel`. `position` may be from another origin than the rows'."""
@@ -83,12 +95,8 @@ class PrimitiveModel(NamedTuple):
         self, cells: PrimitiveCells, position: FloatArray, data: TrackRows, row: IntArray, cell: IntArray
     ) -> FloatArray:
         """Of direction and speed of each row in a cell, with the place-free primitive's part."""
-        moving, standing = 1.0 - cells.standing[:, None], cells.standing[:, None]
-        still = (standing, *np.zeros((2, *standing.shape)), np.ones_like(standing), self.free.rate[-1] + 0.0 * standing)
-        modes = cells.modes._replace(weight=moving * cells.weight)
-        every = Modes(*map(np.hstack, zip(modes, (*still, *np.zeros((4, *standing.shape))), strict=True)))
         speed = np.maximum(data.speed[row], LEAST_SPEED)
-        own = ModeTable.of(every, cells.center).log_density(cell, position[row], data.direction[row], speed)
+        own = cells.log_density(cell, position[row], data.direction[row], speed, float(self.free.rate[-1]))
         share = PLACE_FREE_VEHICLES / (cells.n_vehicles + PLACE_FREE_VEHICLES)
         with np.errstate(divide="ignore"):
             return np.logaddexp(np.log1p(-share)[cell] + own, np.log(share)[cell] + self.free_log_density[row])

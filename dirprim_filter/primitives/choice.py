@@ -1,26 +1,54 @@
-"""The choices that held-out vehicles make: cells, and how strongly they lean on what is usual and on what is around."""
+"""The choices that held-out vehicles make: cells, and how strongly they lean on what is usual."""
 
 from __future__ import annotations
 
 import logging
 from functools import cache
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from dirprim_filter.arrays import FloatArray
-from dirprim_filter.primitives.assembly import Layout, fit_cells
-from dirprim_filter.primitives.cell_model import usual_of
-from dirprim_filter.primitives.held_out import PLACE_FREE_STRENGTHS, HeldOut
+from dirprim_filter.arrays import BoolArray, FloatArray
+from dirprim_filter.primitives.assembly import Layout, fit_cells, gather, place_free_share
+from dirprim_filter.primitives.cell_model import PrimitiveCells, fitted, usual_of
 from dirprim_filter.primitives.place_free import PlaceFree
 from dirprim_filter.primitives.recipe import Recipe, Usual
-from dirprim_filter.primitives.rows import TrackRows
+from dirprim_filter.primitives.rows import CellRows, TrackRows
 
 logger = logging.getLogger(__name__)
 
 MANY_GROUPS = 200
 """From so many groups or vehicles on one third is held out once; of fewer, each third in turn."""
+PLACE_FREE_STRENGTHS = np.geomspace(0.01, 10.0, 13)
+"""Pseudo-vehicles with which the place-free primitive may enter a cell."""
 WEAK = 0.002
 """Pseudo-vehicles that lean on nothing, while it is found out what is usual."""
+
+
+class Fold(NamedTuple):
+    """Vehicles held out, and the others."""
+
+    seen: TrackRows
+    kept: TrackRows
+    free: PlaceFree
+
+    @classmethod
+    def of(cls, rows: TrackRows, held_out: BoolArray, free: PlaceFree) -> Self:
+        """Of (n,) rows those where `held_out` is true are judged by what the others say."""
+        return cls(rows[~held_out], rows[held_out], free)
+
+    def scores(self, layout: Layout, fits: PrimitiveCells) -> FloatArray:
+        """(n_strengths,) mean log density of the held-out rows by cells fitted to the others.
+
+        For each of `PLACE_FREE_STRENGTHS`, see `assembly.assemble`.
+        """
+        kept = self.kept
+        cell = layout.cells.cell_of(kept.position)
+        own = fits.log_density(cell, kept.position, kept.direction, kept.speed, float(self.free.rate[-1]))
+        share = place_free_share(np.append(fits.n_vehicles, 0.0)[cell][:, None], PLACE_FREE_STRENGTHS)
+        with np.errstate(divide="ignore"):
+            in_place, anywhere = np.log1p(-share), np.log(share) + self.free.log_density(kept, kept.speed)[:, None]
+        return np.asarray(np.average(np.logaddexp(in_place + own[:, None], anywhere), axis=0, weights=kept.weight))
 
 
 def choose(
@@ -40,13 +68,18 @@ def choose(
     if groups.size < 2:  # none to hold out
         return candidates[-1], recipes[-1], 1.0
     thirds = np.array_split(rng.permutation(groups), min(3, groups.size))
-    folds = [HeldOut(rows, np.isin(rows.group, third), free) for third in thirds]
-    folds = folds[: 1 if groups.size >= MANY_GROUPS else None]
+    thirds = thirds[: 1 if groups.size >= MANY_GROUPS else None]
+    folds = [Fold.of(rows, np.isin(rows.group, third), free) for third in thirds]
+
+    @cache
+    def gathered(f: int, i: int) -> CellRows:
+        return gather(folds[f].seen, candidates[i], recipe)
 
     @cache
     def scores(i: int, prior_strength: float, cost: float) -> FloatArray:
         trial = recipes[i]._replace(prior_strength=prior_strength, parameter_cost=cost, thorough=False)
-        return np.asarray(np.mean([fold.scores(candidates[i], trial) for fold in folds], axis=0))
+        every = [fold.scores(candidates[i], fitted(gathered(f, i), trial)) for f, fold in enumerate(folds)]
+        return np.asarray(np.mean(every, axis=0))
 
     # Each decides little about the others, so one after the other rather than all together.
     config = recipe.config

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from itertools import pairwise
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array
@@ -110,22 +109,16 @@ def label_visits(
 
 
 def modes_of(primitives: PrimitiveMap, visits: Visits) -> IntArray:
-    """(v,) the mode of each visit among its cell's own: the likeliest, or of who stands the last.
+    """(v,) the mode of each visit among its cell's own: the likeliest of all its instants together, of who stands last.
 
     Of visits to no cell it says nothing.
     """
     n_own = primitives.n_own_modes
-    moving = likeliest_modes(primitives, visits, range(max(n_own - 1, 1)))
-    return np.asarray(np.where(visits.stands, n_own - 1, moving), np.int64)
-
-
-def likeliest_modes(primitives: PrimitiveMap, visits: Visits, modes: range) -> IntArray:
-    """(v,) of some modes, the likeliest of all the instants of each visit together; outside of all cells the first."""
     direction, speed, at = primitives.direction, primitives.speed, visits.inside
     of_instant = visits.of_instant[at]
     v = np.maximum(visits.speed[at], 1e-2)
-    total = np.empty((len(modes), len(visits)))
-    for m, log_p in zip(modes, total, strict=True):
+    total = np.empty((max(n_own - 1, 1), len(visits)))
+    for m, log_p in enumerate(total):
         one = Modes(
             direction.weight[:, [m]], direction.mean_direction[:, [m]], direction.concentration[:, [m]],
             speed.shape[:, [m]], speed.rate[:, [m]], *primitives.bend[:, [m]].T.swapaxes(1, 2),
@@ -135,13 +128,12 @@ def likeliest_modes(primitives: PrimitiveMap, visits: Visits, modes: range) -> I
             visits.cell[of_instant], visits.position[at], visits.course[at], v
         )
         log_p[:] = np.bincount(of_instant, np.maximum(each, -30.0), minlength=len(visits))
-    return np.asarray(modes.start + np.argmax(total, axis=0), np.int64)
+    return np.asarray(np.where(visits.stands, n_own - 1, np.argmax(total, axis=0)), np.int64)
 
 
 def motion_of(
-    sums: MotionSums, labels: Labels, primitives: PrimitiveMap, place_free: tuple[dict[str, FloatArray], csr_array],
-    *, strength: float = STRENGTH, spread: float = SPREAD,
-) -> Motion:  # fmt: skip
+    sums: MotionSums, labels: Labels, primitives: PrimitiveMap, place_free: tuple[dict[str, FloatArray], csr_array]
+) -> Motion:
     """Motion from sums over visits.
 
     Args:
@@ -149,8 +141,6 @@ def motion_of(
         labels: of which cells and modes they are.
         primitives: what the sums deviate from.
         place_free: columns of the place-free manoeuvres, and how often one followed the other.
-        strength: see `STRENGTH`.
-        spread: see `SPREAD`.
     """
     cell, mode = labels.cell, labels.mode
     field = _fields(sums, labels, primitives)
@@ -161,7 +151,6 @@ def motion_of(
     acceleration[:, 0] -= acceleration[:, 3] * mean_speed
     direction = primitives.direction.mean_direction[cell, mode]
     stands = mode == primitives.n_own_modes - 1
-    deviations = Deviations(_mean_squares(sums, field), sums.visits, stands)
     placed = {
         "cell": cell, "mode": mode, "visits": sums.visits, "seconds": sums.seconds,
         "course": direction + course[:, 0], "bend": primitives.bend[cell, mode] + course[:, 1:],
@@ -169,7 +158,7 @@ def motion_of(
         "path": path, "path_direction": direction, "acceleration": acceleration, "stretch": stretch,
         "start_rate": np.where(stands, (sums.left + 0.1) / (sums.seconds + 1.0), 0.0),
         "turn_ahead": sums.turned / np.maximum(sums.turns, 1e-9), "curvature": np.zeros(cell.size),
-        **deviations.spreads(deviations.usual_squares(), spread),
+        **_spreads(_mean_squares(sums, field), sums.visits, stands),
     }  # fmt: skip
     free, jumps = place_free
     transition = csr_array(block_diag([sums.transition, jumps], format="csr"))
@@ -178,55 +167,29 @@ def motion_of(
     return Motion(
         **joined(placed, free), first=transition.indptr.astype(np.int64),
         following=transition.indices.astype(np.int64), count=transition.data.astype(np.float64),
-        strength=strength, spread=spread,
+        strength=STRENGTH, spread=SPREAD,
     )  # fmt: skip
 
 
-class Deviations(NamedTuple):
-    """How far visits are off the z manoeuvres that they are of."""
+def _spreads(square: FloatArray, visits: FloatArray, stands: BoolArray) -> dict[str, FloatArray]:
+    """Standard deviations, columns of `Motion`: they lean on the usual ones; who was seen once says little.
 
-    square: FloatArray  # (4, z) means, in course, log pace and path, and in acceleration
-    visits: FloatArray  # (z,)
-    stands: BoolArray  # (z,) manoeuvres of who stands
-
-    @classmethod
-    def of(cls, sums: MotionSums, labels: Labels, primitives: PrimitiveMap) -> Self:
-        """Of sums, as `motion_of`."""
-        stands = labels.mode == primitives.n_own_modes - 1
-        return cls(_mean_squares(sums, _fields(sums, labels, primitives)), sums.visits, stands)
-
-    @classmethod
-    def together(cls, parts: Iterable[Self]) -> Self:
-        """Those of several parts of a map, of which there is at least one."""
-        square, visits, stands = zip(*parts, strict=True)
-        return cls(np.concatenate(square, axis=1), np.concatenate(visits), np.concatenate(stands))
-
-    def some(self, kept: BoolArray) -> Self:
-        """Those of some manoeuvres, (z,)."""
-        return type(self)(self.square[:, kept], self.visits[kept], self.stands[kept])
-
-    def usual_squares(self) -> FloatArray:
-        """(4,) medians over the manoeuvres in motion, by their visits' degrees of freedom."""
-        often = ~self.stands & (self.visits >= FEWEST_VISITS)
-        if not often.any():
-            return np.ones(len(self.square))
-        n = self.visits[often]
-        return np.asarray(np.median(n * self.square[:, often] / (n - 1.5), axis=1))
-
-    def spreads(self, usual: FloatArray, stray: float) -> dict[str, FloatArray]:
-        """Standard deviations, columns of `Motion`: they lean on the usual ones; who was seen once says little.
-
-        Args:
-            usual: (4,) squares, see `usual_squares`.
-            stray: see `SPREAD`.
-        """
-        freedom = np.maximum(self.visits - 1.5, 0.0) + SPREAD_VISITS
-        variance = (self.visits * self.square + SPREAD_VISITS * usual[:, None]) / freedom
-        course, pace, path, push = np.sqrt(np.maximum(variance, 1e-8))
-        return {
-            "course_spread": np.where(self.stands, ANY_COURSE, stray * course), "log_pace_spread": pace,
-            "path_spread": path, "push": stray * push,
-        }  # fmt: skip
+    Args:
+        square: (4, z) means of what visits are off, in course, log pace and path, and in acceleration. Usual are the
+            medians over the manoeuvres in motion, by their visits' degrees of freedom.
+        visits: (z,)
+        stands: (z,) manoeuvres of who stands.
+    """
+    often = ~stands & (visits >= FEWEST_VISITS)
+    n, usual = visits[often], np.ones(len(square))
+    if often.any():
+        usual = np.median(n * square[:, often] / (n - 1.5), axis=1)
+    freedom = np.maximum(visits - 1.5, 0.0) + SPREAD_VISITS
+    course, pace, path, push = np.sqrt(np.maximum((visits * square + SPREAD_VISITS * usual[:, None]) / freedom, 1e-8))
+    return {
+        "course_spread": np.where(stands, ANY_COURSE, SPREAD * course), "log_pace_spread": pace,
+        "path_spread": path, "push": SPREAD * push,
+    }  # fmt: skip
 
 
 class _Fields(NamedTuple):

@@ -10,6 +10,7 @@ from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.fitting import MIN_SPREAD, MIN_STANDING_MEAN, bounds_of, fit_all
+from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.rows import CellRows, TrackRows
 
 STRENGTH = 0.1
@@ -25,6 +26,12 @@ class PlaceFree(NamedTuple):
     shape: FloatArray
     rate: FloatArray
     speed_spread: float  # log(mean) - mean(log) of all moving speeds
+
+    def log_density(self, rows: TrackRows, speed: FloatArray) -> FloatArray:
+        """(n,) of the rows' directions and of speeds (n,)."""
+        modes = Modes(*(column[None] for column in self[:5]), *np.zeros((4, 1, self.weight.size)))
+        nowhere = np.zeros(len(rows), np.int64)
+        return ModeTable.of(modes, np.zeros((1, 2))).log_density(nowhere, rows.position, rows.direction, speed)
 
 
 def fit_place_free(rows: TrackRows, config: LearningConfig) -> PlaceFree:

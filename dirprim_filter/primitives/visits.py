@@ -12,15 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.primitives._filling import at_steps, time_to_next
+from dirprim_filter.distributions.angles import difference, wrap
 from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 from dirprim_filter.primitives.rows import Scale, TrackRows
 from tessellation import Tessellation
 
 STEP_S = 0.1
 """Of rows that are seen every second or more often."""
-LONGEST_GAP_NS = 1_500_000_000
-"""Likewise; see `rows.Scale`."""
 SHORTEST_STAND_S = 0.5
 AHEAD_M = ((8.0, 2.0), (16.0, 3.0), (30.0, 5.0))
 """How far ahead visits are compared by place, and how far apart places are then alike, metres at `Scale.length` 1."""
@@ -159,17 +157,33 @@ class Visits:
 
 
 def filled_in(rows: TrackRows) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
-    """Vehicle, segment, position, course and speed every `step_s` from each segment's first row on."""
-    order = np.arange(len(rows))
-    apart = time_to_next(order, rows.vehicle, rows.time_ns, round(rows.scale.longest_gap_s * 1e9))
-    segment = np.cumsum(np.append(0, apart < 0))
-    some = apart >= 0
-    some[1:] |= apart[:-1] >= 0  # a row by itself says nothing
-    row, _, state = at_steps(
-        order[some], apart[some], rows.position, rows.direction, rows.speed, round(rows.scale.step_s * 1e9)
-    )
-    position, course, speed = (state[:, columns].copy() for columns in (slice(2), 2, 3))
-    return rows.vehicle[row], segment[row], position, course, speed
+    """Vehicle, segment, position, course and speed every `step_s` from each segment's first row on.
+
+    By cubic Hermite splines; a segment is a vehicle's rows without a long gap, and a row by itself says nothing.
+    """
+    step, longest = round(rows.scale.step_s * 1e9), round(rows.scale.longest_gap_s * 1e9)
+    joined = (np.diff(rows.vehicle) == 0) & (np.diff(rows.time_ns) <= longest)
+    kept = np.flatnonzero((np.append(False, joined) | np.append(joined, False))[: len(rows)])
+    begins, time = ~np.append(False, joined)[kept], rows.time_ns[kept]
+    first, segment = np.flatnonzero(begins), np.cumsum(begins) - 1
+    last = np.append(first[1:], kept.size)[: first.size] - 1
+    lasts = time[last] - time[first]
+    n_steps = lasts // step + 1
+    of = np.repeat(np.arange(first.size), n_steps)
+    at = time[first][of] + step * (np.arange(of.size) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps))
+    shift = np.cumsum(lasts + 1) - lasts - time[first]  # segments end to end, so that one search serves all
+    i = np.searchsorted(time + shift[segment], at + shift[of], side="right") - 1
+    j = np.minimum(i + 1, last[of])
+    h = (time[j] - time[i]) * 1e-9
+    u, i, j = (at - time[i]) * 1e-9 / np.maximum(h, 1e-9), kept[i], kept[j]
+    velocity = rows.speed[:, None] * np.column_stack([np.cos(rows.direction), np.sin(rows.direction)])
+    start, end = 1.0 - u, u
+    position = (
+        ((1 + 2 * u) * start**2)[:, None] * rows.position[i] + (u * start**2 * h)[:, None] * velocity[i]
+        + (end**2 * (3 - 2 * u))[:, None] * rows.position[j] + (end**2 * (u - 1) * h)[:, None] * velocity[j]
+    )  # fmt: skip
+    course = wrap(rows.direction[i] + u * difference(rows.direction[j], rows.direction[i]))
+    return rows.vehicle[i], of, position, course, start * rows.speed[i] + end * rows.speed[j]
 
 
 def _stands(segment: IntArray, speed: FloatArray, step_s: float) -> BoolArray:

@@ -5,7 +5,7 @@ import pytest
 
 from dirprim_filter.config import LearningConfig
 from dirprim_filter.primitives.assembly import Layout, assemble, fit_cells
-from dirprim_filter.primitives.held_out import PLACE_FREE_STRENGTHS, HeldOut
+from dirprim_filter.primitives.choice import PLACE_FREE_STRENGTHS, Fold
 from dirprim_filter.primitives.place_free import fit_place_free
 from dirprim_filter.primitives.recipe import Recipe, Usual
 from dirprim_filter.primitives.rows import TrackRows
@@ -19,9 +19,7 @@ def test_a_score_is_the_mean_log_density_by_the_map_of_its_strength(ring, softne
     recipe = Recipe("bic", True, 0.1, Usual(0.0, free.speed_spread), LearningConfig())
     layout = Layout(GridTessellation.covering(rows.position, cell_size=9.0), softness)
     held_out = np.isin(rows.group, (2, 5, 9))
-    fold = HeldOut(rows, held_out, free)
-    fold.scores(layout, recipe._replace(prior_strength=1.0))  # another recipe on the same cells changes nothing
-    scores = fold.scores(layout, recipe)
+    scores = Fold.of(rows, held_out, free).scores(layout, fit_cells(rows[~held_out], layout, recipe))
     assert scores.shape == PLACE_FREE_STRENGTHS.shape
 
     seen, kept = rows[~held_out], rows[held_out]
