@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
-from dirprim_filter.primitives import _sorting
+from dirprim_filter.primitives import _thinning
 from dirprim_filter.tracks import Tracks
 from tessellation.protocols import Members
 
@@ -92,9 +92,8 @@ class TrackRows:
             weight: (n_tracks,) of each vehicle; one each if absent.
         """
         vehicle = tracks.vehicle
-        n_vehicles = int(vehicle.max(initial=-1)) + 1
-        order = _sorting.sort_by(vehicle, n_vehicles, np.empty(n_vehicles + 1, np.int64))  # tracks are in order of time
-        kept = order[_sorting.thin(order, vehicle, tracks.time_ns, int(interval_s * 1e9))]
+        order = np.argsort(vehicle, kind="stable")  # tracks are in order of time
+        kept = order[_thinning.thin(order, vehicle, tracks.time_ns, int(interval_s * 1e9))]
         _, n_rows = np.unique(tracks.group[kept], return_counts=True)
         grouped = n_rows.size >= MIN_GROUPS and n_rows.max() <= MAX_GROUP_SHARE * kept.size
         return cls(

@@ -1,30 +1,10 @@
-"""Compiled sorting of rows by vehicle and by cell: each row is looked at a few times, however many there are."""
+"""Compiled thinning of rows: whether one is kept depends on the one kept before."""
 
 import numpy as np
 from numba import njit
 
 from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.distributions._elementary import EXACT
-
-
-@njit(nogil=True, **EXACT)
-def sort_by(key: IntArray, n_keys: int, start: IntArray) -> IntArray:
-    """Rows in order of their key, else as they stand; rows whose key is negative are left out.
-
-    Fills `start` (n_keys + 1,): key c has the rows from start[c] to start[c + 1].
-    """
-    start[:] = 0
-    for i in range(key.size):
-        if key[i] >= 0:
-            start[key[i] + 1] += 1
-    for c in range(n_keys):
-        start[c + 1] += start[c]
-    row, place = np.empty(start[n_keys], np.int64), start.copy()
-    for i in range(key.size):
-        if key[i] >= 0:
-            row[place[key[i]]] = i
-            place[key[i]] += 1
-    return row
 
 
 @njit(nogil=True, **EXACT)
