@@ -39,7 +39,7 @@ def test_a_survey_becomes_a_log_with_labels(survey, tmp_path, capsys):
     assert read_tracks(log).position.tolist() == [[3.5, 0.0], [9.5, 0.0], [3.5, 1.0], [9.5, 1.0]]
     assert set(read_tracks(log, labels="car").track_id) == {"a"}
     assert run(["info", str(log)]) == DONE
-    assert "labels in /objects: car 2, bus 2" in capsys.readouterr().out
+    assert "labels in /objects: bus 2, car 2" in capsys.readouterr().out
 
 
 def test_a_mapping_is_for_csv(survey, tmp_path, capsys):
