@@ -230,7 +230,8 @@ def fit(motion, z, center, extent, place, direction, speed):  # noqa: PLR0917
     sigmas = np.array([min(speed, 1.0) * off_course, off_pace, off_path]) / spread
     # Without the constant that all manoeuvres share: of the density at 0 of a t of three standard numbers.
     t = stats.multivariate_t(shape=np.eye(3), df=5)
-    return t.pdf(sigmas) / t.pdf(np.zeros(3)) / spread.prod() / np.exp(-2.0)
+    slowed = 1.0 if speed < 0.1 else min(speed, 1.0)  # who stands has no course to fit
+    return slowed * t.pdf(sigmas) / t.pdf(np.zeros(3)) / spread.prod() / np.exp(-2.0)
 
 
 def manoeuvre_weights(motion, cell, center, extent, place, direction, speed, *, by_time):  # noqa: PLR0917

@@ -19,9 +19,8 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.distributions import von_mises
 from dirprim_filter.filtering import _interaction, _kernels, _measuring, _resampling
-from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
-from dirprim_filter.filtering.cue_weights import cue_columns
+from dirprim_filter.filtering.cue_weights import weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, measured_motion
 from dirprim_filter.filtering.protocols import Evidence
 from dirprim_filter.filtering.surroundings import Surroundings, leader_table
@@ -205,9 +204,7 @@ class ParticleFilter:
             (v,) natural log of the density of the cue's turn under each belief, per radian.
         """
         self.belief.step += 1
-        result = np.empty(slot.size)
-        self.split(weigh_by_cue, (self._table, self.belief.cloud), (slot, result), cue_columns(cue), each_ns=60.0)
-        return result
+        return weigh_by_cue(self._table, self.belief.cloud, slot, cue)
 
     def resample(self, slot: IntArray) -> None:
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""

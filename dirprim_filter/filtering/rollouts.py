@@ -17,9 +17,8 @@ from dirprim_filter.arrays import FloatArray, as_floats
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering import _interaction, _kernels
-from dirprim_filter.filtering._cue_weights import weigh_by_cue
 from dirprim_filter.filtering._kernels import Cloud
-from dirprim_filter.filtering.cue_weights import cue_columns
+from dirprim_filter.filtering.cue_weights import weigh_by_cue
 from dirprim_filter.filtering.surroundings import leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE, LeaderTable
@@ -190,7 +189,7 @@ def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.rand
     """One in `PER_SAMPLE` of the particles, drawn by how well they fit a cue (Eq. 4)."""
     v, n = cloud.speed.shape
     vehicle = np.arange(v)
-    weigh_by_cue(table, cloud, vehicle, np.empty(v), *cue_columns(cue))
+    weigh_by_cue(table, cloud, vehicle, cue)
     kept = np.stack([rng.choice(n, n // PER_SAMPLE, p=weight) for weight in cloud.weight])
     of_particles = {name: column[vehicle[:, None], kept] for name, column in cloud._asdict().items() if name != "state"}
     return cloud._replace(**of_particles)

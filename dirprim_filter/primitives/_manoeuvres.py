@@ -72,8 +72,8 @@ class MotionTable(NamedTuple):
 
 @njit(**EXACT | INLINED)
 def weigh_eight(
-    of: SingleArray, often: SingleArray, east: float, north: float, heading: float, slowed: float, log_pace: float,
-    out: SingleArray,
+    of: SingleArray, often: SingleArray, east: float, north: float, heading: float, slowed: float, scale: float,
+    log_pace: float, out: SingleArray,
 ) -> None:  # fmt: skip
     """A loop of vector instructions of eight rounds: its length comes from `out`, or it would be unrolled instead."""
     for k in range(out.size):
@@ -87,7 +87,7 @@ def weigh_eight(
         across -= fma(fma(of[PATH_2 + k], u, of[PATH_1 + k]), u, of[PATH_0 + k])
         across *= of[BY_PATH + k]
         q = fma(fma(off, off, fma(pace, pace, across * across)), _PER_DEGREES, _ONE)
-        out[k] = often[k] / ((q * q) * (q * q))
+        out[k] = scale * often[k] / ((q * q) * (q * q))
 
 
 @njit(**EXACT | INLINED)
@@ -105,11 +105,12 @@ def weigh_candidates(
     east = single(min(max(x - may.center[cell, 0], -extent), extent))
     north = single(min(max(y - may.center[cell, 1], -extent), extent))
     heading, slowed, log_pace = single(direction), single(min(speed, 1.0)), single(log(speed + CREEP))
+    scale = _ONE if stands else slowed  # the normaliser of what `slowed` widens; who stands has no course to fit
     first, last = may.begin[2 * cell + stands], may.begin[2 * cell + stands + 1]
     total = _NOTHING
     for b in range(first, last):
         eight, often = cumulative[b - first], may.field[b, rate : rate + LANES]
-        weigh_eight(may.field[b], often, east, north, heading, slowed, log_pace, eight)
+        weigh_eight(may.field[b], often, east, north, heading, slowed, scale, log_pace, eight)
         total = add_up(eight, total)
     return float(total)
 
