@@ -7,7 +7,7 @@ from one that is wrong, and the belief is sure of it. With weights w and d numbe
 
 of mean m, covariance P and effective sample size n = 1 / sum w^2: m and P stay as they are. Places stand along and
 across the mean course, so that the belief turns with the world. Where errors last, what a particle carries is among the
-numbers: detections show where a vehicle and its error are together, and the kernel is as narrow as that.
+numbers, and its place is that where it foresees a detection: that is known well, the vehicle's and its error's are not.
 
 Source: Liu and West, Combined parameter and state estimation in simulation-based filtering, 2001; Musso, Oudjane and Le
 Gland, Improving regularised particle filters, 2001, for the bandwidth; Kitagawa 1996 for systematic resampling.
@@ -107,9 +107,8 @@ def states_of(cloud: Cloud, carried: Carried, v: int, room: Room, mean: FloatArr
     for p in range(weight.size):
         state[AHEAD, p], state[ASIDE, p] = cloud.position[v, p, 0], cloud.position[v, p, 1]
         state[TURN, p], state[PACE, p] = wrap(direction[p] - course), cloud.speed[v, p]
-    for a in range(ERROR, mean.size):
-        for p in range(weight.size):
-            state[a, p] = carried.mean[v, p, a - ERROR]
+    if mean.size > ERROR:
+        foresee(cloud, carried, v, state, 1.0)
     total = total_of(weight)
     for a in range(mean.size):
         mean[a] = dot(weight, state[a]) / total
@@ -120,6 +119,17 @@ def states_of(cloud: Cloud, carried: Carried, v: int, room: Room, mean: FloatArr
         state[AHEAD, p], state[ASIDE, p] = east * c + north * s, north * c - east * s
     mean[TURN] += course
     return c, s
+
+
+@njit(cache=True)
+def foresee(cloud: Cloud, carried: Carried, v: int, state: FloatArray, sign: float) -> None:
+    """Fill the carried errors, and add them to places east and north; each is along and across its direction."""
+    direction, mean = cloud.direction[v], carried.mean[v]
+    for p in range(direction.size):
+        c, s = math.cos(direction[p]), math.sin(direction[p])
+        state[AHEAD, p] += sign * (mean[p, 0] * c - mean[p, 1] * s)
+        state[ASIDE, p] += sign * (mean[p, 0] * s + mean[p, 1] * c)
+        state[ERROR, p], state[ERROR + 1, p] = mean[p, 0], mean[p, 1]
 
 
 @njit(cache=True)
@@ -176,13 +186,15 @@ def draw(
                 state[a, p] += h * root[a, b] * room.normal[b * m + p]
     for p in range(n):
         ahead, aside = state[AHEAD, p], state[ASIDE, p]
-        cloud.position[v, p, 0] = mean[AHEAD] + ahead * c - aside * s
-        cloud.position[v, p, 1] = mean[ASIDE] + ahead * s + aside * c
+        state[AHEAD, p] = mean[AHEAD] + ahead * c - aside * s
+        state[ASIDE, p] = mean[ASIDE] + ahead * s + aside * c
         if cloud.speed[v, p] >= STANDING_BELOW:
             cloud.direction[v, p] = wrap(mean[TURN] + state[TURN, p])
             cloud.speed[v, p] = max(mean[PACE] + state[PACE, p], STANDING_BELOW)
-    for a in range(ERROR, d):
+    if d > ERROR:
         for p in range(n):
-            carried.mean[v, p, a - ERROR] = mean[a] + state[a, p]
+            carried.mean[v, p, 0], carried.mean[v, p, 1] = mean[ERROR] + state[ERROR, p], mean[-1] + state[-1, p]
+        foresee(cloud, carried, v, state, -1.0)
     for p in range(n):
+        cloud.position[v, p, 0], cloud.position[v, p, 1] = state[AHEAD, p], state[ASIDE, p]
         cloud.weight[v, p] = 1.0 / n

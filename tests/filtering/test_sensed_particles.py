@@ -132,17 +132,17 @@ def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned
     made = ParticleFilter(learned, FilterConfig(n_particles=2000), Sensor(along=lasting, across=lasting))
     made.begin(SLOT, np.array([7], np.uint64), seen_at([31.0, 2.0]))
     cloud, mean = made.belief.cloud, made.belief.carried.mean
-    cloud.direction[0], along = 0.4, np.array([np.cos(0.4), np.sin(0.4)])
-    across = np.array([-along[1], along[0]])
+    cloud.direction[0] = 0.4 + 0.6 * np.random.default_rng(1).standard_normal(2000)
 
-    def foreseen():
-        return cloud.position[0] + mean[0, :, :1] * along + mean[0, :, 1:] * across
+    def carried():
+        error = mean[0] @ np.array([1.0, 1j]) * np.exp(1j * cloud.direction[0])
+        return np.column_stack([error.real, error.imag])
 
-    cloud.position[0] = [31.0, 2.0] - (mean[0, :, :1] * along + mean[0, :, 1:] * across)
+    cloud.position[0] = [31.0, 2.0] - carried()
     places, spread = cloud.position[0].std(axis=0), mean[0].std(axis=0)
     cloud.weight[0] = np.random.default_rng(0).dirichlet(np.full(2000, 0.2))
     made.resample(SLOT)
-    assert np.abs(foreseen() - [31.0, 2.0]).max() < 1e-4
+    assert np.abs(cloud.position[0] + carried() - [31.0, 2.0]).max() < 1e-4
     assert len(np.unique(cloud.position[0], axis=0)) == 2000
     np.testing.assert_allclose(mean[0].std(axis=0), spread, rtol=0.25)
     np.testing.assert_allclose(cloud.position[0].std(axis=0), places, rtol=0.25)
