@@ -29,6 +29,9 @@ from dirprim_filter.primitives._manoeuvres import STANDING_BELOW
 
 KERNEL_SHARE = 0.7
 """Of the kernel that is best for a Gaussian: beliefs have several modes, which that would blur."""
+FEW = 0.1
+"""Share of the particles: where effectively fewer are left, as of a vehicle found again after a gap, they tell how it
+moves, not how it is seen, and the errors of copies are drawn as at birth."""
 AHEAD, ASIDE, TURN, PACE, ERROR = range(5)
 """Rows of a state: metres along and across the mean course, radians from it, m/s; two of the carried error, if any."""
 
@@ -74,13 +77,13 @@ def find_parents(survivors: IntArray, parent: IntArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, lasts: bool, below: float) -> None:
+def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, at_birth: tuple[float, float], below: float) -> None:
     """Replace the particles of each vehicle by equally weighted survivors, spread by the kernel.
 
-    A vehicle whose effective sample size is not below `below` keeps its own. `lasts`: whether errors are carried. Who
-    stands keeps its direction and keeps standing; who moves keeps moving.
+    A vehicle whose effective sample size is not below `below` keeps its own. `at_birth` are the deviations of carried
+    errors then, 0 where none are. Who stands keeps its direction and keeps standing; who moves keeps moving.
     """
-    n, d = cloud.position.shape[1], 6 if lasts else 4
+    n, d = cloud.position.shape[1], 6 if max(at_birth[0], at_birth[1]) > 0.0 else 4
     numbers = np.empty((2, n), np.int64)
     room = Room(numbers[0], numbers[1], np.empty((d, n)), np.empty(d * (n + 1)), np.empty(n))
     mean, root, covariance = np.empty(d), np.zeros((d, d)), np.empty((d, d))
@@ -92,6 +95,8 @@ def resample(cloud: Cloud, carried: Carried, vehicle: IntArray, lasts: bool, bel
             factorise(covariance, root)
             h = KERNEL_SHARE * (4.0 / (effective * (d + 2.0))) ** (1.0 / (d + 4.0))
             draw(cloud, carried, v, room, mean, root, h, c, s)
+            if d > ERROR:
+                place_errors(cloud, carried, v, room, mean, at_birth, effective < FEW * n)
 
 
 @njit(cache=True)
@@ -191,10 +196,24 @@ def draw(
         if cloud.speed[v, p] >= STANDING_BELOW:
             cloud.direction[v, p] = wrap(mean[TURN] + state[TURN, p])
             cloud.speed[v, p] = max(mean[PACE] + state[PACE, p], STANDING_BELOW)
-    if d > ERROR:
-        for p in range(n):
-            carried.mean[v, p, 0], carried.mean[v, p, 1] = mean[ERROR] + state[ERROR, p], mean[-1] + state[-1, p]
-        foresee(cloud, carried, v, state, -1.0)
     for p in range(n):
         cloud.position[v, p, 0], cloud.position[v, p, 1] = state[AHEAD, p], state[ASIDE, p]
         cloud.weight[v, p] = 1.0 / n
+
+
+@njit(cache=True)
+def place_errors(
+    cloud: Cloud, carried: Carried, v: int, room: Room, mean: FloatArray, at_birth: tuple[float, float], anew: bool
+) -> None:  # fmt: skip
+    """Give each particle its error, for copies perhaps `anew`, and the place from which it foresees its detection."""
+    error, state = carried.mean[v], cloud.state[v].copy()
+    for p in range(room.parent.size):
+        for a in range(2):
+            is_anew = anew and room.parent[p] != p
+            drawn = mean[ERROR + a] + room.state[ERROR + a, p]
+            error[p, a] = at_birth[a] * random.draw_normal(state) if is_anew else drawn
+    foresee(cloud, carried, v, room.state, -1.0)
+    for p in range(room.parent.size):
+        cloud.position[v, p, 0], cloud.position[v, p, 1] = room.state[AHEAD, p], room.state[ASIDE, p]
+    for word in range(state.size):
+        cloud.state[v, word] = state[word]

@@ -63,6 +63,8 @@ class ParticleFilter:
         self._surroundings.reserve(self.belief.n_slots)
         self._end_journeys_by(primitive_map)
         self._noise, self._sensor, self._errors = _noise(config), sensor, _errors(sensor)
+        spread = (1.0, 1.0) if sensor is None else (sensor.along.spread_m, sensor.across.spread_m)
+        self._errors_at_birth = self._errors.lasting[0] / spread[0], self._errors.lasting[1] / spread[1]
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
 
@@ -210,8 +212,10 @@ class ParticleFilter:
         """Systematic resampling of the beliefs whose effective sample size has fallen. (v,)."""
         self.belief.step += 1
         below = self.config.resample_below * self.config.n_particles
-        lasts, belief = any(self._errors.lasting), self.belief
-        self.split(_resampling.resample, (belief.cloud, belief.carried), (slot,), (lasts, below), each_ns=25.0)
+        belief = self.belief
+        self.split(
+            _resampling.resample, (belief.cloud, belief.carried), (slot,), (self._errors_at_birth, below), each_ns=25.0
+        )
 
     def moments(self, slot: IntArray) -> FloatArray:
         """(v,) -> (v, 10): x, y, xx, xy, yy, direction, resultant, speed, deviation, effective sample size."""

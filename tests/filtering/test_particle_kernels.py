@@ -47,7 +47,7 @@ def nothing_carried():
 
 def resampled(cloud, vehicle, below=np.inf):
     """Resample in place, with nothing carried."""
-    _resampling.resample(cloud, nothing_carried(), vehicle, False, below)
+    _resampling.resample(cloud, nothing_carried(), vehicle, (0.0, 0.0), below)
     return cloud
 
 

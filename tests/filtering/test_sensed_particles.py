@@ -126,7 +126,8 @@ def test_a_bias_moves_no_estimate(learned):
     assert abs(np.median(off.real)) < 0.09
 
 
-def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned):
+@pytest.mark.parametrize("evenness", [0.2, 0.02])  # a sixth of the particles weigh, or a fiftieth
+def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned, evenness):
     """Place and carried error of each particle still meet where its survivor foresaw a detection: both are spread."""
     lasting = AxisError(spread_m=0.5, correlated_share=0.99, correlation_s=5.0)
     made = ParticleFilter(learned, FilterConfig(n_particles=2000), Sensor(along=lasting, across=lasting))
@@ -140,7 +141,7 @@ def test_a_copy_carries_the_error_that_leaves_the_detection_where_it_was(learned
 
     cloud.position[0] = [31.0, 2.0] - carried()
     places, spread = cloud.position[0].std(axis=0), mean[0].std(axis=0)
-    cloud.weight[0] = np.random.default_rng(0).dirichlet(np.full(2000, 0.2))
+    cloud.weight[0] = np.random.default_rng(0).dirichlet(np.full(2000, evenness))
     made.resample(SLOT)
     assert np.abs(cloud.position[0] + carried() - [31.0, 2.0]).max() < 1e-4
     assert len(np.unique(cloud.position[0], axis=0)) == 2000
