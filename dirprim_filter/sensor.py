@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
+from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.sight import Sight
 from dirprim_filter.tracks import Tracks
 
@@ -130,6 +131,22 @@ class Sensor:
         axes = {"along": self.along, "across": self.across}
         own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in (*axes, *NO_NUMBERS)}
         return own | {f"{name}.{f.name}": getattr(axis, f.name) for name, axis in axes.items() for f in fields(axis)}
+
+    @property
+    def noise_m(self) -> float:
+        """Metres: of a round error that is as wide as this one in any direction, for gates and for Kalman filters."""
+        axes = (self.along, self.across)
+        return float(np.sqrt(max(a.spread_m for a in axes) ** 2 + sum(a.bias_m**2 for a in axes)))
+
+    def informs(self, config: FilterConfig, tracking: TrackingConfig) -> tuple[FilterConfig, TrackingConfig]:
+        """Configurations with what is known of the sensor in place of their own noise, outliers, misses and clutter."""
+        config = replace(config, noise_m=self.noise_m)
+        if self.outlier_share is not None:
+            config = replace(config, outlier_probability=self.outlier_share)
+        for name in ("detection_probability", "clutter_density"):
+            if (known := getattr(self, name)) is not None:
+                tracking = replace(tracking, **{name: known})
+        return config, tracking
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Self:

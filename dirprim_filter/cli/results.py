@@ -15,7 +15,6 @@ from dirprim_filter.cli.settings import Settings, deal
 if TYPE_CHECKING:
     from dirprim_filter.cli.reading import Reading
     from dirprim_filter.config import FilterConfig, TrackingConfig
-    from dirprim_filter.sensor import Sensor
 
 FORMAT_VERSION = 2
 """Of the objects that `--json` writes; 1 had neither `format` nor `inputs`."""
@@ -90,15 +89,12 @@ def read_experiment(path: Path | None, *, of: str) -> dict[str, Any]:
     return {name: value for name, value in config.items() if value is not None}
 
 
-def read_filter(
-    path: Path | None, settings: Settings, *, sensor: Sensor | None = None, **given: Any
-) -> tuple[FilterConfig, TrackingConfig]:
-    """The configuration of a tracker: what is given, else by the sensor, else by the file, else the defaults.
+def read_filter(path: Path | None, settings: Settings, **given: Any) -> tuple[FilterConfig, TrackingConfig]:
+    """The configuration of a tracker: what is given, else by the file, else the defaults.
 
     Args:
         path: TOML with the tables `filter` and `tracking`, or what an earlier `track` or `evaluate tracking` wrote.
         settings: fields of either, by name.
-        sensor: a model of it.
         given: the same by options; None is not given.
 
     Raises:
@@ -107,7 +103,6 @@ def read_filter(
     """
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.evaluation.tracking_experiment import config_of
-    from dirprim_filter.filtering.measurements import settings_of
 
     config = read_experiment(path, of="track")
     if path is not None and path.suffix == ".toml":
@@ -116,10 +111,9 @@ def read_filter(
             raise ValueError(f"{path}: {unknown[0]}: expected the tables filter and tracking")
     kinds: dict[str, type[Any]] = {"filter": FilterConfig, "tracking": TrackingConfig}
     names = [[field.name for field in fields(kind)] for kind in kinds.values()]
-    of_sensor = {} if sensor is None else settings_of(sensor)
     made = []
     for (name, kind), own, known in zip(kinds.items(), deal(settings, *names), names, strict=True):
-        stated = {of: value for of, value in (of_sensor | given).items() if of in known and value is not None}
+        stated = {of: value for of, value in given.items() if of in known and value is not None}
         made.append(config_of(kind, dict(config.get(name) or {}) | stated | own, where=name))
     return made[0], made[1]
 

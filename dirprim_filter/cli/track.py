@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -35,12 +35,16 @@ from dirprim_filter.cli.sensing import sensor_of
 from dirprim_filter.cli.settings import Settings, taken
 
 if TYPE_CHECKING:
-    from dirprim_filter.config import FilterConfig
-    from dirprim_filter.estimates import EstimateSink
+    from dirprim_filter.config import FilterConfig, TrackingConfig
+    from dirprim_filter.estimates import EstimateSink, TrackedFrame
     from dirprim_filter.filtering import Worlds
     from dirprim_filter.filtering.smoothing import Smoother
     from dirprim_filter.forecasting import Forecaster, ForecastSink
     from dirprim_filter.nearby_map import NearbyMap
+    from dirprim_filter.sensor import Sensor
+
+MOST_LOST = 0.5
+"""Share of the rows with an estimate below which a log counts as lost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +117,9 @@ def track(
     own = taken(Own, settings)
     the_map = open_map(map_file)
     sensing = sensor_of(sensor, log, reading, noise_m=noise, config=config, with_ids=not no_ids, seed=seed)
-    knobs, association = read_filter(config, settings, sensor=sensing, n_particles=particles, noise_m=noise)
+    sensing, knobs, association = _configured(
+        sensing, settings, *read_filter(config, settings, n_particles=particles, noise_m=noise)
+    )
     nearby = NearbyMap(
         the_map, ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=knobs.noise_m,
         sight=None if sensing is None else sensing.sight,
@@ -141,10 +147,13 @@ def track(
     said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
     viewer = None
     with ExitStack() as open_files:
-        stride = max(knobs.n_particles // particles_out, 1) if particles_out else None
-        estimates = open_files.enter_context(EstimateWriter(output, metadata=said, particle_stride=stride, force=force))
+        estimates = open_files.enter_context(EstimateWriter(
+            output, metadata=said, force=force,
+            particle_stride=max(knobs.n_particles // particles_out, 1) if particles_out else None,
+        ))  # fmt: skip
         nearby.tell(estimates.write_map_scene)
-        sinks: list[EstimateSink] = [estimates]
+        coverage = Coverage(nearby)
+        sinks: list[EstimateSink] = [estimates, coverage]
         forecasts: list[ForecastSink] = [estimates]
         if watched:
             viewer = open_viewer(
@@ -155,7 +164,7 @@ def track(
             open_files.enter_context(viewer)
             nearby.tell(viewer.log_map)
             viewer.log_run(said, {})
-            sinks, forecasts = [estimates, viewer], [estimates, viewer]
+            sinks, forecasts = [estimates, coverage, viewer], [estimates, viewer]
         if smoother is not None:
             smoother.sinks += [shown.write_smoothed for shown in (estimates, viewer) if shown is not None]
             sinks.append(smoother)
@@ -166,8 +175,8 @@ def track(
         reading.require_frames(n_frames, log, stream.losses)
         if viewer is not None:
             viewer.log_run(said, {"frames": str(n_frames), "beliefs reinitialised": str(worlds.recoveries)})
-    _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}")
-    return exit_code(viewer, losses.exit_code(stream.losses))
+    _say(worlds, f"{output}: {counted(n_frames, 'frame')} of {', '.join(sorted(stream.topics))}", coverage)
+    return exit_code(viewer, losses.INPUT_LOST if coverage.is_poor else losses.exit_code(stream.losses))
 
 
 def _require_new(outputs: Sequence[Path | None], *, force: bool) -> None:
@@ -177,6 +186,47 @@ def _require_new(outputs: Sequence[Path | None], *, force: bool) -> None:
     for path in outputs:
         if path is not None and path.exists() and not force:
             raise OutputExistsError(path)
+
+
+class Coverage:
+    """An `EstimateSink` that counts which of a log's rows are outside of the map, and which have no estimate."""
+
+    def __init__(self, nearby: NearbyMap) -> None:
+        self._nearby = nearby
+        self._n_rows = self._n_outside = self._n_estimated = 0
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Count the rows of a frame."""
+        self._n_rows += len(frame.detections)
+        self._n_outside += int((self._nearby.part.tessellation.cell_of(frame.detections.position) < 0).sum())
+        self._n_estimated += int((frame.estimates.unseen_s == 0).sum())
+
+    def text(self) -> str:
+        """Both shares."""
+        if not self._n_rows:
+            return ""
+        outside, missing = self._n_outside / self._n_rows, 1.0 - self._n_estimated / self._n_rows
+        return f"; {missing:.1%} of {counted(self._n_rows, 'row')} without an estimate, {outside:.1%} outside the map"
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether most rows have no estimate: the log has hardly been tracked."""
+        return self._n_estimated < MOST_LOST * self._n_rows
+
+
+def _configured(
+    sensor: Sensor | None, settings: Settings, knobs: FilterConfig, association: TrackingConfig
+) -> tuple[Sensor | None, FilterConfig, TrackingConfig]:
+    """A sensor and the configurations with what it states, but for what settings state themselves."""
+    if sensor is None:
+        return None, knobs, association
+    own: dict[str, Any] = {
+        name: getattr(association, name) for name in ("detection_probability", "clutter_density") if name in settings
+    }
+    if "outlier_probability" in settings:
+        own["outlier_share"] = knobs.outlier_probability
+    sensor = replace(sensor, **own)
+    return sensor, *sensor.informs(knobs, association)
 
 
 def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoother | None:
@@ -207,11 +257,18 @@ def _forecaster(
     return made
 
 
-def _say(worlds: Worlds, what: str) -> None:
+def _say(worlds: Worlds, what: str, coverage: Coverage) -> None:
     if worlds.recoveries:
         typer.echo(f"{worlds.recoveries} beliefs reinitialised, as they did not explain their measurements", err=True)
     from dirprim_filter.recording.container.errors import one_line
 
     typer.echo(
-        one_line(what) + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else "")
+        one_line(what)
+        + (f", {counted(worlds.n_groups, 'group')}, each by itself" if worlds.n_groups > 1 else "")
+        + coverage.text()
     )
+    if coverage.is_poor:
+        typer.echo(
+            "most rows have no estimate: is the noise larger (--noise), or less clutter (--set clutter_density=1e-9)?",
+            err=True,
+        )

@@ -12,7 +12,6 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.methods import METHODS, Method
 from dirprim_filter.evaluation.tracking_report import Scales
-from dirprim_filter.filtering.measurements import settings_of
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.tracks import Tracks
 
@@ -59,10 +58,11 @@ class TrackingExperiment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "methods", tuple(self.methods))
-        knobs = {} if self.sensor is None else settings_of(self.sensor)
+        known = self.filter
         if self.sensor is not None:
-            object.__setattr__(self, "noise_m", knobs["noise_m"])
-            object.__setattr__(self, "miss_rate", 1.0 - knobs.get("detection_probability", 1.0))
+            known, _ = self.sensor.informs(self.filter, TrackingConfig())
+            object.__setattr__(self, "noise_m", known.noise_m)
+            object.__setattr__(self, "miss_rate", 1.0 - (self.sensor.detection_probability or 1.0))
             object.__setattr__(self, "false_per_frame", 0.0)  # it follows from the area
         unknown = [name for name in self.methods if name not in METHODS]
         if unknown or not self.methods:
@@ -78,8 +78,7 @@ class TrackingExperiment:
         if not 0 < self.learn < 1:
             raise ValueError(f"learn: expected a share between 0 and 1, got {self.learn}")
         lasting_s = max(self.filter.max_gap_s, self.gap_s + 1.0)  # else the end of a gap has no estimate to judge
-        astray = knobs.get("outlier_probability", self.filter.outlier_probability)
-        knowing = replace(self.filter, noise_m=self.noise_m, outlier_probability=astray, max_gap_s=lasting_s)
+        knowing = replace(known, noise_m=self.noise_m, max_gap_s=lasting_s)
         object.__setattr__(self, "filter", knowing)
 
     @property

@@ -57,7 +57,7 @@ class Associator:
 
     def hits(
         self, slot: IntArray, existence: FloatArray, is_confirmed: BoolArray, detections: Detections, rows: IntArray, *,
-        first: FloatArray,
+        by_chance: FloatArray,
     ) -> Hits:  # fmt: skip
         """Confirmed tracks choose first, tentative ones among what they leave.
 
@@ -67,9 +67,9 @@ class Associator:
             is_confirmed: (v,) of them.
             detections: the frame.
             rows: (d,) its unlabelled rows.
-            first: (d,) density of first detections that was expected at each of these rows.
+            by_chance: (d,) density of clutter and first detections that was expected at each of these rows.
         """
-        found, left, by_chance = [], np.ones(rows.size, np.bool_), np.log(self._config.clutter_density + first)
+        found, left, by_chance = [], np.ones(rows.size, np.bool_), np.log(by_chance)
         for chosen in (is_confirmed, ~is_confirmed):
             some = np.flatnonzero(left)
             best = self._best(slot[chosen], existence[chosen], detections[rows[some]], by_chance[some])

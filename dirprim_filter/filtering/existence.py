@@ -42,7 +42,12 @@ def probability(existence: FloatArray, outside: FloatArray, in_sight: FloatArray
 
 
 def later(
-    existence: FloatArray, dt_s: FloatArray, config: TrackingConfig, *, ends: FloatArray | float = 0.0
+    existence: FloatArray,
+    dt_s: FloatArray,
+    config: TrackingConfig,
+    *,
+    ends: FloatArray | float = 0.0,
+    pace: FloatArray | float = 1.0,
 ) -> FloatArray:
     """(n, 3) -> (n, 3) after `dt_s` (n,) seconds without a frame.
 
@@ -51,9 +56,10 @@ def later(
         dt_s: seconds.
         config: rates.
         ends: 1/s, (n,), rate of departure at the place, beside that of the configuration.
+        pace: (n,) by which the rates of the configuration are multiplied.
     """
-    out, back = config.occlusion_rate, config.reappearance_rate
-    stays = np.exp(-(config.departure_rate + ends) * dt_s)
+    out, back = pace * config.occlusion_rate, pace * config.reappearance_rate
+    stays = np.exp(-(pace * config.departure_rate + ends) * dt_s)
     mixes = np.exp(-(out + back) * dt_s)
     exists = existence[:, VISIBLE] + existence[:, OCCLUDED]
     balance = exists * back / (out + back)
@@ -61,14 +67,15 @@ def later(
     return np.column_stack([visible, stays * exists - visible, 1.0 - stays * exists])
 
 
-def after_hit(existence: FloatArray, log_density: FloatArray, first: FloatArray, config: TrackingConfig) -> FloatArray:
+def after_hit(
+    existence: FloatArray, log_density: FloatArray, by_chance: FloatArray, config: TrackingConfig
+) -> FloatArray:
     """(n, 3) -> (n, 3) after a hit: an assigned detection with this log density (n,) under the track's belief.
 
     The detection is of the vehicle; or it is clutter, or the first of another vehicle, expected there in this density
-    (n,), and then this one was missed or is not there.
+    together (n,), and then this one was missed or is not there.
     """
-    by_chance = np.log(config.clutter_density + first)
-    gain = np.exp(np.clip(log_density - by_chance, -50.0, 50.0))
+    gain = np.exp(np.clip(log_density - np.log(by_chance), -50.0, 50.0))
     p = config.detection_probability
     return _normalised(existence * np.column_stack([1.0 - p + p * gain, np.ones_like(gain), np.ones_like(gain)]))
 

@@ -30,25 +30,23 @@ def measured_covariance(measured: Detections, config: FilterConfig) -> FloatArra
     return np.where(unknown[:, None, None], config.noise_m**2 * np.eye(2), measured.covariance)
 
 
+def position_errors(
+    measured: Detections, course: FloatArray, config: FilterConfig, sensor: Sensor | None
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 2), (n, 2, 2) mean and covariance of the positions' errors, of vehicles on a course (n,), radians."""
+    if sensor is None:
+        return np.zeros((len(measured), 2)), measured_covariance(measured, config)
+    c, s = np.cos(course), np.sin(course)
+    axes = np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2)  # its columns lie along and across
+    both = (sensor.along, sensor.across)
+    spread = axes * np.array([axis.spread_m for axis in both])
+    return axes @ np.array([axis.bias_m for axis in both]), spread @ spread.swapaxes(1, 2)
+
+
 def measured_motion(measured: Detections) -> tuple[FloatArray, FloatArray]:
     """(n,), (n,) course in radians and speed in m/s, NaN where not measured; what stands has no course."""
     stands = measured.speed < MOVING_FROM  # where the speed is unknown, the course counts
     return np.where(stands, np.nan, measured.direction), measured.speed
-
-
-def settings_of(sensor: Sensor) -> dict[str, float]:
-    """The parameters of `FilterConfig` and `TrackingConfig`, by name, that a sensor determines.
-
-    The noise of a round error holds for gates alone; it is as wide as the sensor's errors are in any direction.
-    """
-    axes = (sensor.along, sensor.across)
-    known = {
-        "noise_m": float(np.sqrt(max(a.spread_m for a in axes) ** 2 + sum(a.bias_m**2 for a in axes))),
-        "outlier_probability": sensor.outlier_share,
-        "detection_probability": sensor.detection_probability,
-        "clutter_density": sensor.clutter_density,
-    }
-    return {name: value for name, value in known.items() if value is not None}
 
 
 def with_unseen_errors(estimates: Estimates, sensor: Sensor | None) -> Estimates:

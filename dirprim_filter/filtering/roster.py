@@ -13,11 +13,13 @@ from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.protocols import BayesFilter
 
 FIRST_CAPACITY = 16
+GAP_INTERVALS = 3.0
+"""Of the usual intervals between detections of a vehicle so many may pass without one before its belief ends."""
 TENTATIVE = "\0"
 """Prefix of the names of tentative unlabelled tracks: no sensor's id begins with it."""
 _COLUMNS = (
     "time_ns", "existence_ns", "measured_ns", "counted_ns", "is_labelled", "is_confirmed", "existence",
-    "outside", "in_sight", "ends", "n_unexplained", "log_evidence", "cue",
+    "outside", "in_sight", "ends", "n_unexplained", "log_evidence", "cue", "interval",
 )  # fmt: skip
 
 
@@ -36,7 +38,9 @@ class Roster:
         in_sight: (slots,) probability that it is where its sensor sees.
         ends: (slots,) 1/s, rate at which journeys end where it was when its existence was last moved on.
         n_unexplained: (slots,) consecutive measurements that its belief did not explain.
+        least_gap_ns: nanoseconds without a measurement after which a track ends, where its intervals are not longer.
         log_evidence: (slots,) of its measurement in this frame; 0 where there is none.
+        interval: (slots, 2) nanoseconds, usual time between two of its detections and jitter of that; 0 while unknown.
         cue: (slots, 2) what it is weighed by, as in `Detections`; NaN for nothing.
     """
 
@@ -59,6 +63,8 @@ class Roster:
         self.n_unexplained: IntArray = np.empty(0, np.int64)
         self.log_evidence: FloatArray = np.empty(0)
         self.cue: FloatArray = np.empty((0, 2))
+        self.interval: FloatArray = np.empty((0, 2))
+        self.least_gap_ns = 0.0
         self._grow(FIRST_CAPACITY)
 
     def __len__(self) -> int:
@@ -85,6 +91,7 @@ class Roster:
         self.n_unexplained[slot] = 0
         self.log_evidence[slot] = 0.0
         self.cue[slot] = np.nan
+        self.interval[slot] = 0.0
         return slot
 
     @property
@@ -140,12 +147,17 @@ class Roster:
             self._grow(max(self.time_ns.size, n))
         return np.array(self._free[len(self._free) - n :], dtype=np.int64)
 
-    def forget(self, *, before_ns: int, config: TrackingConfig) -> None:
-        """End tracks not measured since `before_ns`, and those that hardly exist."""
+    @property
+    def last_ns(self) -> FloatArray:
+        """(slots,) when each track ends, unless it is measured before."""
+        return np.asarray(self.measured_ns + np.maximum(self.least_gap_ns, GAP_INTERVALS * self.interval[:, 0]))
+
+    def forget(self, *, now_ns: int, config: TrackingConfig) -> None:
+        """End tracks not measured for too long, and those that hardly exist."""
         hopeless = (
             config.forget_below * existence.at_birth(np.array([config.birth_density]), config)[0, existence.VISIBLE]
         )
-        ended = (self.probability < hopeless) | (self.measured_ns < before_ns)
+        ended = (self.probability < hopeless) | (self.last_ns < now_ns)
         for is_labelled in (True, False):
             names, slot = self.members(is_labelled=is_labelled)
             gone = list(compress(names, ended[slot].tolist()))

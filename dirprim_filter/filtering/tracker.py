@@ -17,10 +17,11 @@ from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.current_frame import NO_ROWS, CurrentFrame
-from dirprim_filter.filtering.measurements import FASTEST, measured_covariance, with_unseen_errors
+from dirprim_filter.filtering.measurements import FASTEST, position_errors, with_unseen_errors
 from dirprim_filter.filtering.particle_filter import ParticleFilter
 from dirprim_filter.filtering.protocols import BayesFilter, WeighsCues
-from dirprim_filter.filtering.roster import Roster
+from dirprim_filter.filtering.roster import GAP_INTERVALS, Roster
+from dirprim_filter.filtering.scans import IntervalsByName, RevisitTime
 from dirprim_filter.filtering.track_existence import TrackExistence
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
@@ -54,7 +55,8 @@ class Tracker:
         model: a map, for a particle filter on it; or any other filter.
         config: parameters of the filter; left out, the defaults.
         tracking: parameters of association and existence; left out, the defaults.
-        sensor: errors of the measurements, for a particle filter on the map; left out, the isotropic noise of `config`.
+        sensor: its errors, for a particle filter on the map; left out, the isotropic noise of `config`. What it states
+            of misses, clutter and outliers replaces that of the configurations, for any filter.
             Beliefs are of the time when a detection was true, its latency ago; estimates are of the frame's own time.
             Out of its sight a vehicle is not missed, and none is expected to be found; for any filter.
         with_innovations: report innovations, to find the frame where a filter went wrong; costs some 5 % of the time.
@@ -62,6 +64,8 @@ class Tracker:
 
     Attributes:
         recoveries: number of beliefs that no longer explained their vehicle's positions and were reinitialised.
+        longest_gap_ns: nanoseconds without a measurement after which a belief ends: those of the configuration, or more
+            where the sensor's own intervals are longer.
     """
 
     def __init__(
@@ -69,17 +73,21 @@ class Tracker:
         tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        self.config = config or FilterConfig()
-        self.tracking = tracking or TrackingConfig()
+        self.config, self.tracking = config or FilterConfig(), tracking or TrackingConfig()
+        if sensor is not None:
+            self.config, self.tracking = sensor.informs(self.config, self.tracking)
+        self._sensor = sensor
         self.recoveries = 0
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
+        self._intervals, self._revisits, self._frame_times = IntervalsByName(), RevisitTime(), RevisitTime()
         self._cues = self._filter if isinstance(self._filter, WeighsCues) else None
         self._by_map = self._filter if isinstance(self._filter, ParticleFilter) else None
-        self._sensor = sensor
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         sight = None if sensor is None else sensor.sight
         self._roster = Roster(self._filter)
+        self._roster.least_gap_ns = self.config.max_gap_s * 1e9
+        self.longest_gap_ns = int(self._roster.least_gap_ns)
         self._existence = TrackExistence(self._roster, self._filter, self.tracking, sight)
         self._associator = Associator(self._filter, self.config, self.tracking)
         traffic = self._filter.traffic
@@ -116,9 +124,10 @@ class Tracker:
         self._frame = frame = CurrentFrame(detections=detections)
         if not is_frame:
             return
-        self._roster.forget(before_ns=time_ns - int(self.config.max_gap_s * 1e9), config=self.tracking)
         is_labelled = detections.track_id != NO_ID
-        frame.first = self._first_detections(is_labelled, passed_ns)
+        self._learn_intervals(detections.track_id[is_labelled].tolist(), passed_ns)
+        self._roster.forget(now_ns=time_ns, config=self.tracking)
+        frame.by_chance = self._by_chance(is_labelled, passed_ns)
         frame.kinds = tuple(np.unique(is_labelled).tolist()) or KINDS
         found = self._associate(np.flatnonzero(~is_labelled)) if False in frame.kinds else Hits(NO_ROWS, NO_ROWS)
         frame.hits = Hits.concatenate([self._match(np.flatnonzero(is_labelled)), found])
@@ -149,8 +158,8 @@ class Tracker:
     def _going_on(self, time_ns: int) -> IntArray:
         """The slots of tracks that `predict` will not forget."""
         slot = np.concatenate([self._roster.members(is_labelled=kind)[1] for kind in KINDS])
-        since_ns = time_ns - self._latency_ns - int(self.config.max_gap_s * 1e9)
-        return np.asarray(slot[self._roster.measured_ns[slot] >= since_ns])
+        last_ns = self._roster.last_ns[slot]
+        return np.asarray(slot[last_ns >= time_ns - self._latency_ns])
 
     def weigh(self) -> None:
         """Weigh the moved beliefs by the frame's measurements; begin anew those that have lost their vehicle.
@@ -165,6 +174,7 @@ class Tracker:
         if self._with_innovations:
             frame.innovation = self._innovation(slot, measured)
         evidence = self._filter.weigh(slot, measured)
+        self._revisits.see((time_ns - roster.measured_ns[slot])[~roster.is_labelled[slot]])
         missed = [self._existence.missed(slot, time_ns, is_labelled=kind) for kind in frame.kinds]
         is_back = roster.is_labelled[slot] & (_seconds(time_ns - roster.measured_ns[slot]) > AWAY_S)
         roster.measured_ns[slot] = time_ns
@@ -173,7 +183,7 @@ class Tracker:
         unexplained = evidence.is_unexplained | is_weightless
         roster.n_unexplained[slot] = np.where(unexplained, roster.n_unexplained[slot] + 1, 0)
         not_hit = np.concatenate([*missed, slot[unexplained]])
-        self._existence.learn(slot[~unexplained], frame.first[row[~unexplained]], not_hit)
+        self._existence.learn(slot[~unexplained], frame.by_chance[row[~unexplained]], not_hit)
         roster.counted_ns[slot] = roster.counted_ns[not_hit] = time_ns
         is_lost = is_weightless | (roster.n_unexplained[slot] >= np.where(is_back, 1, self.tracking.lost_after))
         if is_lost.any():
@@ -267,13 +277,25 @@ class Tracker:
         moments = self._filter.moments(frame.held) if frame.moments is None else frame.moments
         self._filter.look_around(moments[there], frame.home[there])
 
-    def _first_detections(self, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
-        """(d,) their density to expect at each of the frame's detections, so long after the frame before."""
+    def _learn_intervals(self, names: list[str], passed_ns: int) -> None:
+        """How often the sensor looks at vehicles: at each of those it labels, at all others together, at any."""
+        roster = self._roster
+        self._intervals.see(names, self._time_ns)
+        known = [name for name in names if name in roster]
+        roster.interval[roster.slots_of(known)] = self._intervals.of(known)
+        roster.interval[roster.members(is_labelled=False)[1], 0] = self._revisits.usual_ns
+        self._frame_times.see(np.array([passed_ns], np.float64))
+        roster.least_gap_ns = max(self.config.max_gap_s * 1e9, GAP_INTERVALS * self._frame_times.usual_ns)
+        self.longest_gap_ns = int(max(roster.least_gap_ns, GAP_INTERVALS * roster.interval[:, 0].max(initial=0.0)))
+
+    def _by_chance(self, is_labelled: BoolArray, passed_ns: int) -> FloatArray:
+        """(d,) density of clutter and first detections at each of the frame's, so long after the frame before."""
         expected = np.empty(is_labelled.size)
         for kind, undetected in self._undetected.items():
-            undetected.advance(passed_ns * 1e-9)
+            undetected.advance(passed_ns * 1e-9, self.longest_gap_ns * 1e-9)
             of_kind = is_labelled == kind
             expected[of_kind] = undetected.first_detections(self._frame.detections.position[of_kind])
+            expected[of_kind] += undetected.config.clutter_density
         return expected
 
     def _associate(self, row: IntArray) -> Hits:
@@ -285,7 +307,7 @@ class Tracker:
         self._existence.age(slot, slot, self._time_ns)
         return self._associator.hits(
             slot, roster.existence[slot], roster.is_confirmed[slot], self._frame.detections, row,
-            first=self._frame.first[row],
+            by_chance=self._frame.by_chance[row],
         )  # fmt: skip
 
     def _match(self, row: IntArray) -> Hits:
@@ -306,9 +328,11 @@ class Tracker:
         names = self._frame.detections.track_id[row].tolist()
         if not is_labelled:
             names = self._roster.tentative_names(row.size)
-        first = self._undetected[is_labelled].see(self._frame.detections.position[row])
-        exists = existence.at_birth(first, self.tracking)
+        undetected = self._undetected[is_labelled]
+        exists = existence.at_birth(undetected.see(self._frame.detections.position[row]), undetected.config)
         slot = self._roster.enter(names, is_labelled=is_labelled, time_ns=self._time_ns, exists=exists)
+        if is_labelled:
+            self._roster.interval[slot] = self._intervals.of(names)
         self._begin(slot, row)
 
     def _hold(self, ids: Sequence[str]) -> None:
@@ -377,8 +401,9 @@ class Tracker:
     def _innovation(self, slot: IntArray, measured: Detections) -> FloatArray:
         """(slots, 2) how far measurements are from the means of the beliefs, and that squared in their covariance."""
         columns, m = np.full((self._roster.time_ns.size, 2), np.nan), self._filter.moments(slot)
-        away = measured.position - m[:, :2]
-        covariance = m[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + measured_covariance(measured, self.config)
+        bias, noise = position_errors(measured, m[:, 5], self.config, self._sensor)
+        away = measured.position - m[:, :2] - bias
+        covariance = m[:, [2, 3, 3, 4]].reshape(-1, 2, 2) + noise
         squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
         columns[slot] = np.column_stack([np.hypot(*away.T), squared])
         return columns

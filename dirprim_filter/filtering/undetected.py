@@ -12,6 +12,7 @@ Source: Williams, Marginal Multi-Bernoulli Filters: RFS Derivation of MHT, JIPDA
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +25,10 @@ from dirprim_filter.sight import Sight
 N_FIXED_POINT = 30
 """Steps of expectation maximisation towards the traffic's level, which rises to it; a few do where few are doubtful."""
 
+MOST_FALSE = 100.0
+"""False detections with an id on all of a map in a frame, at most: beyond a square kilometre its densities shrink."""
+LEVEL_S = 900.0
+"""Seconds in which all but 1/e of what is known of the traffic's level is forgotten: within a rush hour it follows."""
 FORGOTTEN = 1e-9
 """Share of the vehicles in sight that the frames which are remembered left undetected, or less."""
 MOST_FRAMES = 300
@@ -37,27 +42,33 @@ class Undetected:
 
     On a map they go on as its vehicles did, and new ones begin where its journeys began, as many as fit the traffic's
     *level*: the mean number of vehicles on the map. It has a gamma distribution, at first exponential about
-    `vehicle_density` times the area, and learns from first detections. Elsewhere, and without a map, the intensity is
-    `vehicle_density` until frames have thinned it, and `birth_density` new ones in each frame.
+    `vehicle_density` times the area, learns from first detections, and forgets them within `LEVEL_S`. Elsewhere, and
+    without a map, the intensity is `vehicle_density` until frames have thinned it, and `birth_density` new ones in each
+    frame.
 
     Args:
         traffic: of a map; None without one.
         config: detection probability and densities.
-        noise: standard deviation of detections, and after how long a pause all tracks have ended.
+        noise: standard deviation of detections.
         sight: where the sensor sees: frames thin there alone, so that vehicles come into sight at its edge; everywhere
             where left out. A cell is in sight if its centre is.
         learns_level: else it stays what is expected at first: then no vehicle has a part in what is believed of others.
+            So it is where the sensor gives ids.
+
+    Attributes:
+        config: its densities, as they hold here.
     """
 
     def __init__(
         self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig, *, sight: Sight | None = None,
         learns_level: bool = True,
     ) -> None:  # fmt: skip
-        self._traffic, self._config, self._noise = traffic, config, noise
-        self._learns_level = learns_level and traffic is not None
         area = 0.0 if traffic is None else traffic.total_area
-        self._n_found = 1.0
-        self._n_expected = 1.0 / (config.vehicle_density * area) if area > 0 else 1.0
+        config = config if learns_level else _at_most(config, area)
+        self._traffic, self.config, self._noise = traffic, config, noise
+        self._learns_level = learns_level and traffic is not None
+        self._first = np.array([1.0, 1.0 / (config.vehicle_density * area) if area > 0 else 1.0])
+        self._counts = self._first.copy()  # vehicles found, and those expected at a level of 1
         self._sight = sight
         n_frames = min(np.log(FORGOTTEN) / np.log1p(-config.detection_probability), MOST_FRAMES)
         self._past: deque[float] = deque(maxlen=int(np.ceil(n_frames)))  # of each frame the seconds after it
@@ -68,7 +79,7 @@ class Undetected:
     @property
     def level(self) -> float:
         """Mean number of vehicles on the map; NaN without one."""
-        return self._n_found / self._n_expected if self._traffic is not None else float("nan")
+        return float(self._counts[0] / self._counts[1]) if self._traffic is not None else float("nan")
 
     def move_to(self, traffic: Traffic | None) -> None:
         """Go on by the traffic of another part of the same map, of what is new there by the frames remembered."""
@@ -83,9 +94,10 @@ class Undetected:
         stays = np.flatnonzero(at >= 0)
         self._share[stays] = known[at[stays]]
 
-    def advance(self, dt_s: float) -> None:
+    def advance(self, dt_s: float, longest_gap_s: float) -> None:
         """Predict by so many seconds; after a pause in which all tracks ended no vehicle counts as detected."""
-        if dt_s > self._noise.max_gap_s:
+        self._counts = self._first + np.exp(-dt_s / LEVEL_S) * (self._counts - self._first)
+        if dt_s > longest_gap_s:
             self._begin()
         elif self._traffic is not None:
             self._share = self._traffic.later(self._share, dt_s)
@@ -106,21 +118,21 @@ class Undetected:
         """
         per_level = self._per_level(position)
         if self._learns_level:
-            found = self._n_found
-            self._n_expected += float((self._seen * self._share).sum())
+            found = self._counts[0]
+            self._counts[1] += (self._seen * self._share).sum()
             for _ in range(N_FIXED_POINT):
-                any_cause = self._density(per_level) + self._config.clutter_density
-                self._n_found = found + float((self.level * per_level / any_cause).sum())
+                any_cause = self._density(per_level) + self.config.clutter_density
+                self._counts[0] = found + (self.level * per_level / any_cause).sum()
         expected = self._density(per_level)
         self._share = (1.0 - self._seen) * self._share
         self._past.append(0.0)
-        self._anywhere *= 1.0 - self._config.detection_probability
+        self._anywhere *= 1.0 - self.config.detection_probability
         return expected
 
     def _begin(self) -> None:
         """As before the first frame: all of one vehicle on the map, and as many as anywhere."""
         self._share = np.empty(0) if self._traffic is None else self._traffic.present
-        self._anywhere = self._config.vehicle_density
+        self._anywhere = self.config.vehicle_density
         self._past.clear()
 
     def _seen_of(self, traffic: Traffic | None) -> FloatArray:
@@ -128,7 +140,7 @@ class Undetected:
 
         What is in sight is held of a map in parts: what is elsewhere is not.
         """
-        p = self._config.detection_probability
+        p = self.config.detection_probability
         if traffic is None or self._sight is None:
             return np.full(1, p)
         return np.asarray(p * np.append(self._sight.sees(traffic.tessellation.centers), False)[traffic.cell])
@@ -142,6 +154,13 @@ class Undetected:
     def _density(self, per_level: FloatArray) -> FloatArray:
         """(n,) -> (n,) with those that come into sight anywhere."""
         if self._traffic is None:
-            found = self._config.detection_probability * self._anywhere
-            return np.full(per_level.size, self._config.birth_density + found)
-        return np.asarray(self._config.birth_density + self.level * per_level)
+            found = self.config.detection_probability * self._anywhere
+            return np.full(per_level.size, self.config.birth_density + found)
+        return np.asarray(self.config.birth_density + self.level * per_level)
+
+
+def _at_most(config: TrackingConfig, area: float) -> TrackingConfig:
+    """With densities that shrink together where there were more false detections than `MOST_FALSE` on an area, m2."""
+    share = min(1.0, MOST_FALSE / max(config.clutter_density * area, 1e-300))
+    names = ("clutter_density", "birth_density", "vehicle_density")
+    return config if share == 1.0 else replace(config, **{name: share * getattr(config, name) for name in names})

@@ -9,7 +9,7 @@ vehicles; of Lankershim, from other groups. NEES is 2 where covariances are righ
 import argparse
 import sys
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from dirprim_filter import learn_primitives, read_tracks
-from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration import self_calibrate
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.measurements import settings_of
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.replay import replay
 from dirprim_filter.sensor import AxisError, Sensor
@@ -80,15 +78,10 @@ class Errors:
 
 def followed(learned, truth: Tracks, seen: Detections, sensor: Sensor | None) -> tuple[float, float, float]:
     """RMSE, NEES, and the share of true positions in 90 % ellipses."""
-    known = {} if sensor is None else settings_of(sensor)
-    config, tracking = (
-        kind(**{f.name: known[f.name] for f in fields(kind) if f.name in known})
-        for kind in (FilterConfig, TrackingConfig)
-    )
     off, covariance = [], []
     for group in np.unique(truth.group).tolist():
         errors = Errors(truth[truth.group == group])
-        tracker = Tracker(learned, config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(0))
+        tracker = Tracker(learned, sensor=sensor, rng=np.random.default_rng(0))
         replay(seen[seen.group == group].frames(), tracker, [errors])
         off += errors.off
         covariance += errors.covariance

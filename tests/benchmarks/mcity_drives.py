@@ -15,14 +15,12 @@ import numpy as np
 from paired_errors import RowErrors, likeliest
 
 from dirprim_filter import PrimitiveMap, Tracks, learn_primitives
-from dirprim_filter.cli.results import read_filter
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import EstimateList, Estimates
 from dirprim_filter.evaluation.calibration import calibrate, self_calibrate
 from dirprim_filter.evaluation.calibration.pairing import Scene
 from dirprim_filter.filtering import BayesFilter, ConstantVelocityKalman, InteractingModels, Tracker
-from dirprim_filter.filtering.measurements import settings_of
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.tables import read_json
 from dirprim_filter.recording.transforms.geodesy import Origin
@@ -101,12 +99,7 @@ def kalman(make: Callable[[FilterConfig], BayesFilter], noise_m: float, sensor: 
 
 def configured(sensor: Sensor) -> tuple[FilterConfig, TrackingConfig]:
     """What a sensor determines; the rest at its defaults."""
-    known = settings_of(sensor)
-    made = [
-        kind(**{name: known[name] for name in known if name in kind.__dataclass_fields__})
-        for kind in (FilterConfig, TrackingConfig)
-    ]
-    return made[0], made[1]
+    return sensor.informs(FilterConfig(), TrackingConfig())
 
 
 def constant_velocity(acceleration: float) -> Callable[[FilterConfig], BayesFilter]:
@@ -204,9 +197,8 @@ def by_default(seen: Detections, learned: PrimitiveMap, seed: int) -> Estimates:
         sensor = self_calibrate(seen, rng=np.random.default_rng(0)).sensor
     except ValueError:
         sensor = None
-    config, tracking = read_filter(None, {}, sensor=sensor)
     rng = np.random.default_rng(seed)
-    return tracked(seen, Tracker(learned, config=config, tracking=tracking, sensor=sensor, rng=rng))
+    return tracked(seen, Tracker(learned, sensor=sensor, rng=rng))
 
 
 def true_positions(drive: int) -> Callable[[int], Detections]:

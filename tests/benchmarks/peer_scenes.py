@@ -23,7 +23,7 @@ from dirprim_filter import Tracks, read_tracks
 from dirprim_filter.arrays import BoolArray, IntArray
 from dirprim_filter.cli.blind_demo import in_ring, with_blind_ring
 from dirprim_filter.cli.demo import recordings_folder
-from dirprim_filter.config import TrackingConfig
+from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.calibration.pairing import Scene as Paired
 from dirprim_filter.evaluation.tracking_report import Scales
@@ -241,12 +241,11 @@ def _mcity_fold(roadside: Any, held: int) -> Fold:
     sensor = roadside.calibrated(others)
     parts = {drive: _mcity_part(roadside, drive, sensor.latency_s) for drive in roadside.WITH_TRUTH}
     traffic = [roadside.without_bias(roadside.detected(drive), sensor) for drive in roadside.DRIVES if drive != held]
-    told = roadside.settings_of(sensor)
     return Fold(
         judged=(parts[held],), clusters="drives", training=tuple(parts[drive] for drive in others),
         traffic=roadside.told_apart(traffic),
         noise_m=float(np.sqrt(0.5 * (sensor.along.spread_m**2 + sensor.across.spread_m**2))),
-        tracking=TrackingConfig(**{name: told[name] for name in told if name in TrackingConfig.__dataclass_fields__}),
+        tracking=sensor.informs(FilterConfig(), TrackingConfig())[1],
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.filtering import ConstantVelocityKalman, Tracker, existence, scans
+from dirprim_filter.filtering.scans import IntervalsByName
 
 
 def test_time_moves_existence_as_a_simulated_chain_does():
@@ -67,7 +68,7 @@ def existence_by_the_filter(steps, config):
         if density is None:
             believed = existence.after_miss(believed, config)
         else:
-            believed = existence.after_hit(believed, np.log([density]), first, config)
+            believed = existence.after_hit(believed, np.log([density]), first + config.clutter_density, config)
     return believed[0]
 
 
@@ -220,6 +221,44 @@ def test_who_leaves_the_map_is_gone_half_a_second_after(ring_map, name):
 def test_who_is_seen_off_the_map_is_reported_there_even_if_missed_now_and_then(ring_map):
     frames = alone("a", n=60, hide=lambda i: i in (25, 40), place=lambda t: np.array([100.0 + 8.0 * t, 50.0]))
     assert all(len(estimates) == 1 for estimates in followed(ring_map, frames)[5:])
+
+
+def east(n_frames, interval_s, *, n_vehicles=2, at_once=True, named=True):
+    """Frames of vehicles that drive east at 10 m/s on roads of their own, all in one frame or each in its own."""
+    for i in range(n_frames):
+        t = interval_s * (i + np.zeros(n_vehicles) if at_once else i + np.arange(n_vehicles) / n_vehicles)
+        for rows in [np.arange(n_vehicles)] if at_once else np.arange(n_vehicles)[:, None]:
+            yield Detections(
+                track_id=[f"v{v}" if named else "" for v in rows], time_ns=(t[rows] * 1e9).astype(np.int64),
+                position=np.column_stack([10.0 * t[rows], 100.0 * rows]),
+            )  # fmt: skip
+
+
+@pytest.mark.parametrize("how", [{}, {"at_once": False}, {"named": False}])
+@pytest.mark.parametrize("interval_s", [0.1, 6.0])
+def test_nine_tenths_of_the_rows_have_an_estimate_however_slow_the_sensor_is(interval_s, how):
+    tracker = Tracker(ConstantVelocityKalman(acceleration_density=0.3), rng=np.random.default_rng(0))
+    n_rows = n_estimated = 0
+    for frame in east(60, interval_s, **how):
+        n_rows += len(frame)
+        tracker.predict(frame)
+        tracker.weigh()
+        n_estimated += int((tracker.estimate().unseen_s == 0).sum())
+        tracker.resample()
+    assert n_rows == 120
+    assert n_estimated > 0.9 * n_rows
+
+
+def test_the_interval_of_a_vehicle_is_the_median_of_its_own_whatever_the_others_do():
+    rng, intervals, time_ns = np.random.default_rng(0), IntervalsByName(), 0
+    for _ in range(300):
+        time_ns += round(rng.uniform(8.0, 13.0) * 1e9)
+        intervals.see(["slow"], time_ns)
+    usual, jitter = intervals.of(["slow"])[0] * 1e-9
+    assert usual == pytest.approx(10.5, abs=2.5)
+    assert 0.0 < jitter < 4.0
+    intervals.see(["slow"], time_ns + 3_600_000_000_000)  # a pause of an hour is no interval
+    assert intervals.of(["slow"])[0, 0] * 1e-9 == usual
 
 
 def test_frames_of_others_are_no_misses_where_each_vehicle_reports_at_its_own_times(ring_map, monkeypatch):

@@ -6,6 +6,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import Tracker
 from dirprim_filter.replay import replay
+from dirprim_filter.sensor import AxisError, Sensor
 from situations import TRUSTING, one_cell_map
 
 
@@ -46,6 +47,31 @@ def test_squared_innovations_have_a_mean_of_two_where_the_filter_is_right():
     assert abs(squared.mean() - 2.0) < 4 * 2.0 / np.sqrt(squared.size) + 0.2
     too_sure = np.concatenate([frame.innovations.squared for frame in tracked(noise_m=0.3)[5:]])
     assert too_sure.mean() > 3.0  # the negative control
+
+
+def test_a_tracker_goes_by_all_that_its_sensor_states():
+    """Bias and spread along and across turn with the vehicle; misses, clutter and outliers are the sensor's."""
+    sensor = Sensor(
+        along=AxisError(spread_m=1.5, bias_m=-2.0), across=AxisError(spread_m=0.3, bias_m=0.5),
+        detection_probability=0.6, clutter_density=1e-12, outlier_share=0.02,
+    )  # fmt: skip
+    rng, course, squared = np.random.default_rng(3), 0.7, []
+    turned = np.array([[np.cos(course), -np.sin(course)], [np.sin(course), np.cos(course)]])
+    tracker = Tracker(
+        one_cell_map(mean=course, shape=1e4, concentration=1e4), config=FilterConfig(n_particles=600),
+        sensor=sensor, with_innovations=True, rng=rng,
+    )  # fmt: skip
+    assert (tracker.tracking.detection_probability, tracker.tracking.clutter_density) == (0.6, 1e-12)
+    assert (tracker.config.outlier_probability, tracker.config.noise_m) == (0.02, sensor.noise_m)
+    for i in range(25):
+        off = rng.normal([i - 2.0, 0.5], [1.5, 0.3], (40, 2))
+        place = off @ turned.T + 30.0 * np.arange(40)[:, None] * turned[:, 1]
+        tracker.predict(Detections(track_id=np.arange(40), time_ns=np.full(40, i * 10**8), position=place))
+        tracker.weigh()
+        if i > 4:
+            squared.append(tracker.frame().innovations.squared)
+        tracker.resample()
+    assert abs(np.mean(squared) - 2.0) < 4 * 2.0 / np.sqrt(np.size(squared)) + 0.2  # as above
 
 
 def test_who_is_begun_anew_is_named_and_none_but_on_request_are_reported():

@@ -9,7 +9,6 @@ from scipy.stats import multivariate_normal
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker
-from dirprim_filter.filtering.measurements import settings_of
 from dirprim_filter.filtering.smoothing import Smoother
 from dirprim_filter.primitives import learn_primitives
 from dirprim_filter.replay import replay
@@ -157,7 +156,7 @@ def followed(learned, truth, seen, sensor):
         def __init__(self, rows):
             self.write = lambda frame: rows.append(frame.estimates)
 
-    config = FilterConfig(n_particles=200, **({"noise_m": settings_of(sensor)["noise_m"]} if sensor else {}))
+    config = FilterConfig(n_particles=200, **({"noise_m": sensor.noise_m} if sensor else {}))
     smoother = Smoother(max_gap_s=5.0, sinks=[Keep(reported[1]).write])
     rng = np.random.default_rng(0)
     tracker = smoother.tracker(0, learned, config=config, tracking=TrackingConfig(), sensor=sensor, rng=rng)

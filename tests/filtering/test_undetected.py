@@ -1,5 +1,7 @@
 """Where first detections are expected: against the chain's exact solution, counted vehicles, and what was made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -8,7 +10,7 @@ from scipy.sparse import csr_array
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.filtering import ParticleFilter, Tracker
-from dirprim_filter.filtering.undetected import Undetected
+from dirprim_filter.filtering.undetected import LEVEL_S, Undetected
 from dirprim_filter.primitives.traffic import Traffic
 from situations import one_cell_map, with_ways
 from tessellation import GridTessellation
@@ -69,7 +71,7 @@ def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinn
         np.testing.assert_allclose(undetected.first_detections(centers), expected, rtol=0.03)
         undetected = thinned(undetected, level)
         share = (expm(generator * 0.2) @ np.append(0.4 * share, 1.0))[:4]
-        undetected.advance(0.2)
+        undetected.advance(0.2, 5.0)
     assert share[0] > 5.0 * share[-1]  # the first cell is where journeys begin
     assert undetected.first_detections(centers + 1e3) == pytest.approx(config.birth_density)
 
@@ -77,7 +79,7 @@ def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinn
 def thinned(undetected, level):
     """After a frame without detections, its level put back."""
     undetected.see(np.empty((0, 2)))
-    undetected._n_found = level * undetected._n_expected
+    undetected._counts[0] = level * undetected._counts[1]
     return undetected
 
 
@@ -98,6 +100,27 @@ def test_the_level_is_learned_from_vehicles_and_not_from_clutter():
     assert stays.level == pytest.approx(config.vehicle_density * traffic.total_area)
 
 
+def test_the_level_follows_the_traffic_up_and_down_within_its_time_constant():
+    traffic, config = road(), TrackingConfig(clutter_density=1e-6, vehicle_density=1e-2)
+    undetected, rng, levels = Undetected(traffic, config, KNOBS), np.random.default_rng(0), []
+    for truth in (40.0, 2.0):
+        for _ in range(2 * round(LEVEL_S) // 10):
+            undetected.advance(10.0, 5.0)  # after a pause longer than a gap all are first detections
+            undetected.see(seen_in(traffic, rng, level=0.9 * truth, clutter=0.0))
+        levels.append(undetected.level)
+    assert levels[0] == pytest.approx(40.0, rel=0.1)
+    assert 2.0 < levels[1] < 2.0 + np.exp(-2.0) * 38.0 + 3.0  # what it keeps of before, and of its first 16
+
+
+def test_labels_on_a_map_of_many_kilometres_are_not_taken_for_thousands_of_false_ones():
+    sparse = replace(road(), total_area=1e8)
+    for labelled, expected in ((True, 1e-6), (False, 1e-4)):
+        config = Undetected(sparse, TrackingConfig(), KNOBS, learns_level=not labelled).config
+        assert config.clutter_density == pytest.approx(expected)
+        assert config.birth_density / config.clutter_density == pytest.approx(0.01)
+    assert Undetected(road(), TrackingConfig(), KNOBS, learns_level=False).config == TrackingConfig()
+
+
 def test_after_a_pause_everybody_is_undetected_again_and_without_a_map_frames_thin_alike():
     place = np.zeros((1, 2))
     for traffic in (None, road()):
@@ -105,9 +128,9 @@ def test_after_a_pause_everybody_is_undetected_again_and_without_a_map_frames_th
         place = np.full((1, 2), 10.0)
         first = undetected.first_detections(place)
         assert undetected.see(place) == pytest.approx(first)
-        undetected.advance(0.1)
+        undetected.advance(0.1, 5.0)
         assert undetected.first_detections(place) < 0.3 * first
-        undetected.advance(KNOBS.max_gap_s + 0.1)
+        undetected.advance(5.1, 5.0)
         assert undetected.first_detections(place) == pytest.approx(first)
 
 

@@ -22,8 +22,13 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink
     from dirprim_filter.evaluation.experiment import TrackingTable
     from dirprim_filter.evaluation.tracking_experiment import Detector, TrackingExperiment
+    from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.sensor import Sensor
+    from dirprim_filter.tracks import Tracks
     from dirprim_filter.viewer.figures import Figure
+
+MOST_OUTSIDE = 0.9
+"""Share of a log's rows outside of a map's cells, beyond which it is a map of another place."""
 
 
 @reads_logs("those of an experiment", "fields of FilterConfig and TrackingConfig")
@@ -66,7 +71,6 @@ def tracking(
     from dirprim_filter.config import FilterConfig, TrackingConfig
     from dirprim_filter.evaluation.experiment import evaluate_tracking
     from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
-    from dirprim_filter.recording import load_map
     from dirprim_filter.recording.sensor_file import load_sensor
     from dirprim_filter.recording.writer import EstimateWriter
 
@@ -99,7 +103,7 @@ def tracking(
         step = files.enter_context(step_progress("evaluating", "steps"))
         table = evaluate_tracking(
             experiment.log.tracks, made, sensor=_detector(made.sensor),
-            primitive_map=load_map(map_file) if map_file else None, sinks=sinks, progress=step,
+            primitive_map=_map_of(map_file, experiment.log.tracks) if map_file else None, sinks=sinks, progress=step,
         )  # fmt: skip
 
     def figure() -> Figure:
@@ -110,6 +114,21 @@ def tracking(
     return experiment.report(
         tracking_object(table), settings=asdict(made), text=lambda: tracking_text(table), figure=figure
     )  # fmt: skip
+
+
+def _map_of(path: Path, tracks: Tracks) -> PrimitiveMap:
+    """The map of a file.
+
+    Raises:
+        ValueError: hardly a row is in its cells: it is of another place.
+    """
+    from dirprim_filter.recording import load_map
+
+    loaded = load_map(path)
+    outside = float((loaded.tessellation.cell_of(tracks.position) < 0).mean())
+    if outside > MOST_OUTSIDE:
+        raise ValueError(f"{path}: expected a map of the log's place, got one with {outside:.1%} of the rows outside")
+    return loaded
 
 
 def _detector(model: Sensor | None) -> Detector:

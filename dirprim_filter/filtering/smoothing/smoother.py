@@ -55,7 +55,9 @@ class RecordedTracker(Tracker):
         tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        config = config or FilterConfig()
+        config, tracking = config or FilterConfig(), tracking or TrackingConfig()
+        if sensor is not None:
+            config, tracking = sensor.informs(config, tracking)
         self._group, self._sight = group, None if sensor is None else sensor.sight
         moving = bayes_filter_of(model, config, sensor)
         self._recorded: RecordedFilter = recorded(moving)
@@ -88,7 +90,7 @@ class RecordedTracker(Tracker):
         ends = [chain.last for chain in self.chains()]
         place = np.array([end.mean[:2] for end in ends]).reshape(-1, 2)
         spread = np.array([np.sqrt(np.trace(end.covariance[:2, :2])) for end in ends])
-        reach = (FASTEST * self.config.max_gap_s + MOST_SPREADS * spread)[:, None]
+        reach = (FASTEST * self.longest_gap_ns * 1e-9 + MOST_SPREADS * spread)[:, None]
         return np.vstack([super().ground(time_ns), np.hstack([place - reach, place + reach])])
 
     def move_to(self, primitive_map: PrimitiveMap) -> None:
@@ -165,11 +167,15 @@ class Smoother:
         if lag_s is not None and not 0 <= lag_s < np.inf:
             raise ValueError(f"lag_s: expected a finite number of seconds, at least 0, got {lag_s}")
         self.sinks = list(sinks)
-        self._gap_ns = int(max_gap_s * 1e9)
+        self._least_gap_ns = int(max_gap_s * 1e9)
         whole_ns = int((WHOLE_S + max_gap_s) * 1e9)
         self._lag_ns, self._every_ns = (whole_ns, whole_ns) if lag_s is None else (int(lag_s * 1e9), 0)
         self._frames: deque[TrackedFrame] = deque()
         self._trackers: list[RecordedTracker] = []
+
+    @property
+    def _gap_ns(self) -> int:
+        return max([self._least_gap_ns, *(tracker.longest_gap_ns for tracker in self._trackers)])
 
     def tracker(self, group: int, model: PrimitiveMap | BayesFilter, *, config: FilterConfig, tracking: TrackingConfig,
                 sensor: Sensor | None = None, with_innovations: bool = False,
