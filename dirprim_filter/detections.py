@@ -15,6 +15,8 @@ from dirprim_filter.tracks import Tracks, as_groups, as_times, check_lengths
 
 NO_TIME = -(1 << 63)
 """Nanoseconds before every frame's: how far a log has come before its first."""
+LARGEST_ANGLE = 6.3
+"""Radians, a turn, rounded; what is beyond it are degrees."""
 NO_ID = ""
 """What a detection is called whose sensor gives it no name: it may be any vehicle's, or none's."""
 
@@ -37,7 +39,7 @@ class Detections(ArrayTable):
         group: (n,) int64, the world that each row is of, as in `Tracks`. Left out: all 0.
 
     Raises:
-        ValueError: shapes that do not fit, a position that is not finite, an infinite direction, a speed below 0, a
+        ValueError: shapes that do not fit, a position that is not finite, a direction beyond a turn, a speed below 0, a
             covariance that is not positive definite, a size that is not positive, or a concentration below 0.
     """
 
@@ -63,6 +65,11 @@ class Detections(ArrayTable):
         columns["size"] = as_sizes(self.size, n)
         columns["group"] = as_groups(self.group, n)
         check_lengths(columns)
+        if (np.abs(columns["direction"]) > LARGEST_ANGLE).any():
+            largest = np.nanmax(np.abs(columns["direction"]))
+            raise ValueError(
+                f"direction: expected radians, at most a turn, got {largest:g}; np.deg2rad converts degrees"
+            )
         if (columns["speed"] < 0).any():
             raise ValueError(f"speed: expected at least 0 m/s, got {np.nanmin(columns['speed'])}")
         if is_held(columns["cue"]) and (columns["cue"][:, 1] < 0).any():

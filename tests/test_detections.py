@@ -37,6 +37,8 @@ def test_tracks_give_their_positions(ring):
     [
         ({"position": [[0.0, np.nan]]}, r"position: expected finite numbers, got nan at \(0, 1\)"),
         ({"position": [0.0, 1.0]}, r"position: expected shape \(n, 2\)"),
+        ({"direction": [90.0]}, "direction: expected radians, at most a turn, got 90; np.deg2rad converts degrees"),
+        ({"cue": [[1.0, -2.0]]}, "cue: expected a concentration of at least 0, got -2"),
         ({"time_ns": [0.5]}, "time_ns: expected whole nanoseconds"),
         ({"track_id": ["a", "b"]}, "columns: expected one length n"),
     ],

@@ -6,6 +6,8 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import compress
+from os import PathLike
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +75,11 @@ class Tracker:
         tracking: TrackingConfig | None = None, sensor: Sensor | None = None, with_innovations: bool = False,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
-        self.config, self.tracking = config or FilterConfig(), tracking or TrackingConfig()
+        self.config = _checked("config", config or FilterConfig(), FilterConfig)
+        self.tracking = _checked("tracking", tracking or TrackingConfig(), TrackingConfig)
+        _checked("rng", rng, np.random.Generator)
+        if isinstance(model, str | PathLike):
+            raise TypeError(f"model: expected a map or a filter, got the path {str(model)!r}; load_map reads it")
         if sensor is not None:
             self.config, self.tracking = sensor.informs(self.config, self.tracking)
         self._sensor = sensor
@@ -98,7 +104,19 @@ class Tracker:
         self._seed = int(rng.integers(2**63))
         self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._time_ns = NO_TIME
-        self._frame = CurrentFrame()
+        self._frame = CurrentFrame(is_weighed=True)
+
+    def step(self, detections: Detections) -> Estimates:
+        """A whole frame: predict to its time, weigh by its detections, estimate, and resample.
+
+        Raises:
+            ValueError: as `predict`.
+        """
+        self.predict(detections)
+        self.weigh()
+        estimates = self.estimate()
+        self.resample()
+        return estimates
 
     def predict(self, detections: Detections, *, time_ns: int | None = None) -> None:
         """Predict beliefs to the frame's time, assign its detections, and initialise tracks at those not assigned.
@@ -166,8 +184,14 @@ class Tracker:
 
         Then learn from hits and misses which tracks are of vehicles. A measurement that a belief does not explain is a
         miss: it came from somewhere else.
+
+        Raises:
+            ValueError: they were weighed by it already, or none was predicted.
         """
         frame, roster, time_ns = self._frame, self._roster, self._time_ns
+        if frame.is_weighed:
+            raise ValueError("weigh: expected once for each frame, after predict")
+        frame.is_weighed = True
         slot, row = frame.hits
         measured = frame.detections[row]
         self._change_cues(slot, measured.cue)
@@ -407,6 +431,13 @@ class Tracker:
         squared = np.einsum("vi,vi->v", away, np.linalg.solve(covariance, away[..., None])[..., 0])
         columns[slot] = np.column_stack([np.hypot(*away.T), squared])
         return columns
+
+
+def _checked(name: str, value: Any, kind: type[Any]) -> Any:
+    if not isinstance(value, kind):
+        such = ", such as np.random.default_rng(0)" if kind is np.random.Generator else ""
+        raise TypeError(f"{name}: expected a {kind.__name__}{such}, got {value!r}")
+    return value
 
 
 def bayes_filter_of(model: PrimitiveMap | BayesFilter, config: FilterConfig, sensor: Sensor | None) -> BayesFilter:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dirprim_filter.detections import NO_ID, Detections, is_covariance
+from dirprim_filter.distributions.angles import wrap
 from dirprim_filter.recording.container.log import Scan
 from dirprim_filter.recording.losses import BACKWARD, REPEATED, Losses
 from dirprim_filter.recording.objects.observations import Observations
@@ -17,6 +18,8 @@ from dirprim_filter.track_ids import repeated_rows, vehicle_numbers
 
 LATEST_NS = 1_000_000_000
 """So much later than others of later stamps may messages be logged: sensors are late by different times."""
+SHARPEST = 1e6
+"""Of a cue's concentration: a thousandth of a radian."""
 
 
 class DetectionStream:
@@ -67,20 +70,21 @@ class DetectionStream:
     def _detections(self, rows: ObjectRows) -> Detections:
         """What of a batch may be believed: covariances that are none, or of zeros, leave the filter its own noise."""
         is_one_world = self._options.group is not None  # the group that was asked for goes under its own ids
+        known_cue = np.isfinite(rows.cue).all(axis=1) & (rows.cue[:, 1] >= 0) & (rows.cue[:, 1] <= SHARPEST)
         seen = Detections(
             track_id=rows.track_id,
             time_ns=rows.time_ns,
             position=rows.position,
             covariance=np.where(is_covariance(rows.covariance)[:, None, None], rows.covariance, np.nan),
             size=rows.size,
-            cue=rows.cue,
+            cue=np.where(known_cue[:, None], rows.cue, np.nan) if known_cue.any() else np.empty((0, 2)),
             group=np.zeros_like(rows.group) if is_one_world else rows.group,
         )
         if not self._motion:
             return seen
         return replace(
             seen,
-            direction=np.where(np.isfinite(rows.direction), rows.direction, np.nan),
+            direction=wrap(np.where(np.isfinite(rows.direction), rows.direction, np.nan)),
             speed=np.where(np.isfinite(rows.speed) & (rows.speed >= 0), rows.speed, np.nan),
         )
 
