@@ -68,7 +68,7 @@ def store_of_columns(path: Path, n_rows: int) -> tuple[Store, float]:
     for i in range(-(-n_rows // ROWS)):
         tracks = repeated(log, ROWS, i)
         began_s = processor_s()
-        files = store.write(Rows.of(tracks), log=f"/{i}", mark="", status="whole")
+        files = store.write(Rows.of(tracks), log=f"/{i}", mark="0", status="whole")
         store.commit(lambda _, files=files: (files, []))
         took_s += processor_s() - began_s
     return store, took_s
@@ -187,7 +187,7 @@ def turned(n_vehicles: int, n_seeds: int) -> None:
             last = Store.create(Path(folder) / "last", StoreConfig(), "map")
             for i, day in enumerate(days[:70]):
                 for into in (store, last) if i == 69 else (store,):
-                    files = into.write(Rows.of(day), log=f"/{i}", mark="", status="whole")
+                    files = into.write(Rows.of(day), log=f"/{i}", mark="0", status="whole")
                     into.commit(lambda _, files=files: (files, []))
             for name, of, half_life_s in zip(score, (store, store, last), (864_000.0, None, None), strict=True):
                 learned = learn_from_store(of, half_life_s=half_life_s).primitive_map
