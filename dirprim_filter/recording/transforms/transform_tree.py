@@ -231,7 +231,7 @@ class _Transforms(NamedTuple):
 
     def is_valid(self) -> BoolArray:
         """(n,) which place a frame in another one, at a time whose distance to others fits into int64."""
-        is_pose = np.isfinite(self.translation).all(axis=1) & np.isfinite(self.rotation).all(axis=1)
+        is_pose = np.isfinite(self.translation).all(axis=1) & (np.abs(np.square(self.rotation).sum(axis=1) - 1) < 0.5)
         return np.asarray(is_pose & (self.child != self.parent) & (np.abs(self.time_ns // 2) < 1 << 61))
 
 
