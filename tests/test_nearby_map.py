@@ -200,7 +200,7 @@ def along_a_diagonal(city_map, by_tiles, *, p, sight=None, holds_sight=True, for
         ours.move_to(part)
         dt_s, near = rng.uniform(0.05, 0.15), np.linalg.norm(centers - place, axis=1) < 25.0
         for of in (whole, ours):
-            of.advance(dt_s)
+            of.advance(dt_s, 5.0)
         expected, found = (of.first_detections(centers[near]) for of in (whole, ours))
         seen = centers[near][rng.random(near.sum()) < 0.05]
         for of in (whole, ours) if i % every == 0 else ():

@@ -175,7 +175,7 @@ def test_positions_of_a_circle_give_its_direction_and_speed(ring):
 def test_rows_that_stand_alone_in_time_are_dropped_and_counted(caplog):
     with caplog.at_level(logging.WARNING):
         found = Tracks.from_positions(
-            track_id=np.array([1, 1, 2, 1]), time_ns=np.array([0, 10**9, 0, 10**10]), position=np.eye(4)[:, :2],
+            track_id=np.array([1, 1, 2, 1]), time_ns=np.array([0, 10**9, 0, 10**12]), position=np.eye(4)[:, :2],
             group=[5, 5, 6, 5],
         )  # fmt: skip
     assert found.track_id.tolist() == [1, 1]

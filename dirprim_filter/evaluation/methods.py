@@ -11,7 +11,7 @@ from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
 from dirprim_filter.evaluation.rivals import RIVALS, Rival, fitted
 from dirprim_filter.filtering import BayesFilter
-from dirprim_filter.filtering.tracker import bayes_filter_of
+from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.tracks import Tracks

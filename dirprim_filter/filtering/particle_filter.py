@@ -22,7 +22,7 @@ from dirprim_filter.filtering import _interaction, _kernels, _measuring, _resamp
 from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, measured_motion
-from dirprim_filter.filtering.protocols import Evidence
+from dirprim_filter.filtering.protocols import BayesFilter, Evidence
 from dirprim_filter.filtering.surroundings import Surroundings, leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
@@ -309,3 +309,10 @@ def _errors(sensor: Sensor | None) -> _measuring.Errors:
         lasting=(along.correlated_variance, across.correlated_variance),
         forgets=(1.0 / along.correlation_s, 1.0 / across.correlation_s),
     )
+
+
+def bayes_filter_of(model: PrimitiveMap | BayesFilter, config: FilterConfig, sensor: Sensor | None) -> BayesFilter:
+    """A particle filter on a map, by a sensor's model where there is one; or the filter given."""
+    if not isinstance(model, PrimitiveMap):
+        return model
+    return ParticleFilter(model, config, sensor)

@@ -18,23 +18,20 @@ from dirprim_filter.estimates import Estimates, Innovations, Samples, TrackedFra
 from dirprim_filter.filtering import existence
 from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
+from dirprim_filter.filtering.cued_motion import CuedMotion
 from dirprim_filter.filtering.current_frame import NO_ROWS, CurrentFrame
 from dirprim_filter.filtering.measurements import FASTEST, position_errors, with_unseen_errors
-from dirprim_filter.filtering.particle_filter import ParticleFilter
-from dirprim_filter.filtering.protocols import BayesFilter, WeighsCues
+from dirprim_filter.filtering.particle_filter import ParticleFilter, bayes_filter_of
+from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.roster import GAP_INTERVALS, Roster
 from dirprim_filter.filtering.scans import IntervalsByName, RevisitTime
 from dirprim_filter.filtering.track_existence import TrackExistence
 from dirprim_filter.filtering.undetected import Undetected
 from dirprim_filter.primitives import PrimitiveMap
-from dirprim_filter.primitives.cues import Cue
-from dirprim_filter.primitives.motion_sums import AHEAD_S
 from dirprim_filter.sensor import Sensor
 
 logger = logging.getLogger(__name__)
 
-CUE_LASTS_S = AHEAD_S
-"""A cue is about the turn until then: of a vehicle out of sight for longer nothing is known of its next."""
 AWAY_S = 1.0
 """Where a belief does not reach a labelled vehicle that is back after longer than this, the belief is wrong: after
 seconds unseen that is likelier than that the first measurement is an outlier."""
@@ -87,11 +84,11 @@ class Tracker:
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
         self._intervals, self._revisits, self._frame_times = IntervalsByName(), RevisitTime(), RevisitTime()
-        self._cues = self._filter if isinstance(self._filter, WeighsCues) else None
         self._by_map = self._filter if isinstance(self._filter, ParticleFilter) else None
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         sight = None if sensor is None else sensor.sight
         self._roster = Roster(self._filter)
+        self._motion = CuedMotion(self._filter, self._roster, step_s=self.config.step_s)
         self._roster.least_gap_ns = self.config.max_gap_s * 1e9
         self.longest_gap_ns = int(self._roster.least_gap_ns)
         self._existence = TrackExistence(self._roster, self._filter, self.tracking, sight)
@@ -102,7 +99,6 @@ class Tracker:
             for labelled in KINDS
         }
         self._seed = int(rng.integers(2**63))
-        self._step_ns = max(round(self.config.step_s * 1e9), 1)
         self._time_ns = NO_TIME
         self._frame = CurrentFrame(is_weighed=True)
 
@@ -194,7 +190,7 @@ class Tracker:
         frame.is_weighed = True
         slot, row = frame.hits
         measured = frame.detections[row]
-        self._change_cues(slot, measured.cue)
+        self._motion.change_cues(slot, measured.cue)
         if self._with_innovations:
             frame.innovation = self._innovation(slot, measured)
         evidence = self._filter.weigh(slot, measured)
@@ -271,29 +267,6 @@ class Tracker:
         """Renew the samples of measured beliefs that have lost their weight."""
         self._filter.resample(self._frame.hits.slot)
 
-    def _change_cues(self, slot: IntArray, cue: FloatArray) -> None:
-        """Weigh beliefs (v,) by what vehicles have begun to signal, (v, 2), and no more by what they have ceased to."""
-        former = self._roster.cue[slot]
-        changed = slot[(cue != former).any(axis=1) & ~(np.isnan(cue) & np.isnan(former)).all(axis=1)]
-        if changed.size:
-            self._weigh_by_cues(changed, away=True)
-            self._roster.cue[slot] = cue
-            self._weigh_by_cues(changed)
-
-    def _weigh_by_cues(self, slot: IntArray, *, away: bool = False) -> None:
-        """Weigh beliefs (v,) by the cues that their vehicles give (Eq. 4); or take these weights `away`.
-
-        The inverse of a von Mises is, but for a factor, the one of the opposite direction.
-        """
-        cue = self._roster.cue[slot]
-        given = ~np.isnan(cue[:, 0])
-        if self._cues is None or not given.any():
-            return
-        kinds, kind = np.unique(cue[given], axis=0, return_inverse=True)
-        for i, (turn, concentration) in enumerate(kinds):
-            one = Cue(turn=turn + np.pi * away, concentration=concentration)
-            self._cues.weigh_by_cue(slot[given][kind == i], one)
-
     def _look_around(self) -> None:
         """Have the filter note where the last frame's vehicles are, of those that are likely there."""
         frame, roster = self._frame, self._roster
@@ -326,7 +299,7 @@ class Tracker:
         """Move the unlabelled tracks to the frame's time; which of its unlabelled rows (d,) are theirs."""
         roster = self._roster
         _, slot = roster.members(is_labelled=False)
-        self._advance(slot, self._time_ns - roster.time_ns[slot])
+        self._motion.advance(slot, self._time_ns - roster.time_ns[slot], now_ns=self._time_ns)
         roster.time_ns[slot] = self._time_ns
         self._existence.age(slot, slot, self._time_ns)
         return self._associator.hits(
@@ -338,12 +311,12 @@ class Tracker:
         """Move the labelled tracks of the frame's labelled rows (d,) to its time."""
         roster = self._roster
         ids = self._frame.detections.track_id[row].tolist()
-        self._advance_in_whole_steps(roster.members(is_labelled=True)[1])
+        self._motion.advance_in_whole_steps(roster.members(is_labelled=True)[1], now_ns=self._time_ns)
         for name in set(ids).intersection(roster.members(is_labelled=False)[0]):
             roster.number(name)  # the sensor's ids come before ours
         is_known = np.array([name in roster for name in ids], dtype=np.bool_)
         slot = roster.slots_of(list(compress(ids, is_known.tolist())))
-        self._advance(slot, self._time_ns - roster.time_ns[slot])
+        self._motion.advance(slot, self._time_ns - roster.time_ns[slot], now_ns=self._time_ns)
         roster.time_ns[slot] = self._time_ns
         return Hits(slot, row[is_known])
 
@@ -370,8 +343,8 @@ class Tracker:
         if between.any():
             frame.n_aside = int(between.sum())
             aside[between] = roster.spare(frame.n_aside)
-            self._copy(absent[between], aside[between])
-            self._advance(aside, dt_ns)
+            self._motion.copy(absent[between], aside[between])
+            self._motion.advance(aside, dt_ns, now_ns=self._time_ns)
         home, held = np.concatenate([seen, absent]), np.concatenate([seen, aside])
         self._existence.age(home, held, self._time_ns)
         unlabelled = roster.members(is_labelled=False)[1] if False in frame.kinds else NO_ROWS
@@ -382,31 +355,9 @@ class Tracker:
         if not self._latency_ns:
             return slot
         now = self._roster.spare(self._frame.n_aside + slot.size)[: slot.size]
-        self._copy(slot, now)
-        self._advance(now, np.full(slot.size, self._latency_ns))
+        self._motion.copy(slot, now)
+        self._motion.advance(now, np.full(slot.size, self._latency_ns), now_ns=self._time_ns)
         return now
-
-    def _advance_in_whole_steps(self, slot: IntArray) -> None:
-        """Steps of `step_s` from each belief's own last measurement: as many as fit before the frame's time."""
-        roster = self._roster
-        n_steps = (self._time_ns - roster.time_ns[slot]) // self._step_ns
-        for i in range(int(n_steps.max(initial=0))):
-            self._advance(slot[n_steps > i], np.full(int((n_steps > i).sum()), self._step_ns))
-        roster.time_ns[slot] += n_steps * self._step_ns
-
-    def _advance(self, slot: IntArray, dt_ns: IntArray) -> None:
-        """Predict beliefs (v,); a cue that their vehicles give is weighed once, as it bears on what they do then."""
-        slot, dt_ns = slot[dt_ns > 0], dt_ns[dt_ns > 0]
-        if slot.size:
-            self._weigh_by_cues(slot, away=True)
-            self._filter.predict(slot, _seconds(dt_ns))
-            self._roster.cue[slot[self._time_ns - self._roster.measured_ns[slot] > CUE_LASTS_S * 1e9]] = np.nan
-            self._weigh_by_cues(slot)
-
-    def _copy(self, source: IntArray, target: IntArray) -> None:
-        self._filter.copy(source, target)
-        for column in (self._roster.cue, self._roster.measured_ns):
-            column[target] = column[source]
 
     def _begin(self, slot: IntArray, row: IntArray) -> None:
         if slot.size == 0:
@@ -438,13 +389,6 @@ def _checked(name: str, value: Any, kind: type[Any]) -> Any:
         such = ", such as np.random.default_rng(0)" if kind is np.random.Generator else ""
         raise TypeError(f"{name}: expected a {kind.__name__}{such}, got {value!r}")
     return value
-
-
-def bayes_filter_of(model: PrimitiveMap | BayesFilter, config: FilterConfig, sensor: Sensor | None) -> BayesFilter:
-    """A particle filter on a map, by a sensor's model where there is one; or the filter given."""
-    if not isinstance(model, PrimitiveMap):
-        return model
-    return ParticleFilter(model, config, sensor)
 
 
 def _seconds(time_ns: IntArray) -> FloatArray:

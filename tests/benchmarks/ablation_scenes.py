@@ -21,7 +21,7 @@ from dirprim_filter.evaluation.scenes import Scene, followed
 from dirprim_filter.evaluation.scoring import RowErrors, TrackedWorld, report, row_errors
 from dirprim_filter.evaluation.tracking_experiment import TrackingExperiment
 from dirprim_filter.filtering import Tracker
-from dirprim_filter.filtering.tracker import bayes_filter_of
+from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.primitives import PrimitiveMap, learn_primitives
 from dirprim_filter.recording.tables import read_csv
 from dirprim_filter.simulation.sensor import detect

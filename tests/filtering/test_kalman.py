@@ -60,12 +60,13 @@ def test_after_the_gap_it_restarts_and_before_it_it_does_not():
     def at(time_s, x):
         return Detections(track_id=["a"], time_ns=[round(time_s * 1e9)], position=[[x, 0.0]])
 
-    found = run([at(0.0, 0.0), at(1.0, 10.0), at(6.0, 60.0), at(11.5, 500.0), at(12.5, 510.0)], max_gap_s=5.0)
-    assert (found.log_evidence == 0).tolist() == [True, False, False, True, False]
-    np.testing.assert_array_equal(found.position[3], [500.0, 0.0])
-    np.testing.assert_allclose(found.covariance[3], 0.49 * np.eye(2))
-    fresh = run([at(11.5, 500.0), at(12.5, 510.0)])
-    np.testing.assert_array_equal(found.position[3:], fresh.position)
+    usual = [at(t, 10.0 * t) for t in range(4)]
+    found = run([*usual, at(8.0, 80.0), at(13.5, 500.0), at(14.5, 510.0)], max_gap_s=5.0)
+    assert (found.log_evidence == 0).tolist() == [True, False, False, False, False, True, False]
+    np.testing.assert_array_equal(found.position[5], [500.0, 0.0])
+    np.testing.assert_allclose(found.covariance[5], 0.49 * np.eye(2))
+    fresh = run([at(13.5, 500.0), at(14.5, 510.0)])
+    np.testing.assert_array_equal(found.position[5:], fresh.position)
 
 
 def test_an_empty_frame_gives_no_estimate():

@@ -105,7 +105,7 @@ def test_first_detections_are_expected_where_vehicles_come_into_sight(ring_map):
         undetected = Undetected(traffic, KNOBS, FilterConfig(), sight=sight, learns_level=False)
         for _ in range(100):
             undetected.see(np.empty((0, 2)))
-            undetected.advance(0.1)
+            undetected.advance(0.1, 5.0)
         expected[sight] = undetected.first_detections(places)
     enters, within = expected[EAST][0], expected[EAST][1:]
     assert enters > 4.0 * expected[None][0]  # who is seen everywhere has been found before

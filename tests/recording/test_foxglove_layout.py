@@ -29,7 +29,7 @@ def test_every_panel_is_laid_out_once():
 
 
 def test_the_3d_panel_shows_topics_that_are_written_and_all_that_can_be_drawn(tmp_path):
-    with writer.EstimateWriter(tmp_path / "a.mcap", metadata={}) as log:
+    with writer.EstimateWriter(tmp_path / "a.mcap", metadata={}, particle_stride=1) as log:
         log.write_map_scene(a_map())
         log.write(a_frame(5))
     shown = PANELS["3D!map"]["topics"]

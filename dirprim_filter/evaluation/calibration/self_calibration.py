@@ -73,8 +73,8 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
         raise ValueError("expected detections with ids, to learn from how the same vehicle is seen again; got none")
     pieces = pieces_of(named, n_most=MOST_PIECES, rng=rng)
     n = pieces.length.size
-    along, across = (_likeliest_error(pieces, position) for position in (pieces.along, pieces.across))
-    if n and max(along[SHARE], across[SHARE]) > np.log(1.0 / LEAST_WHITE - 1.0):
+    errors = [_likeliest_error(pieces, position) for position in (pieces.along, pieces.across)] if n else []
+    if any(of[SHARE] > np.log(1.0 / LEAST_WHITE - 1.0) for of in errors):
         return SelfCalibration(
             sensor=SMOOTH, n_pieces=n, n_detections=int(pieces.length.sum()),
             unknown=(
@@ -87,6 +87,7 @@ def self_calibrate(detections: Detections, *, rng: np.random.Generator) -> SelfC
             f"expected at least {FEWEST_PIECES} pieces of track of moving vehicles, got {n}: state the noise, or "
             "calibrate the sensor against a truth"
         )
+    along, across = errors
     too_long = [name for name, at in (("along", along), ("across", across)) if _lasts_too_long(at)]
     return SelfCalibration(
         sensor=Sensor(along=_axis(along), across=_axis(across)),

@@ -17,13 +17,13 @@ from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
 from dirprim_filter.filtering.measurements import FASTEST, MOST_SPREADS, with_unseen_errors
-from dirprim_filter.filtering.particle_filter import ParticleFilter
+from dirprim_filter.filtering.particle_filter import ParticleFilter, bayes_filter_of
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
 from dirprim_filter.filtering.smoothing.recorded import recorded
 from dirprim_filter.filtering.smoothing.recorded_filter import RecordedFilter
 from dirprim_filter.filtering.smoothing.stitching import SURE, stitch, trim
-from dirprim_filter.filtering.tracker import Tracker, bayes_filter_of
+from dirprim_filter.filtering.tracker import Tracker
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.sensor import Sensor
 from dirprim_filter.track_ids import world_names
