@@ -64,7 +64,7 @@ def forecast(
         dt_s: seconds between the positions returned; the motion itself is sampled at `config.step_s`.
         n_samples: number of rollouts.
         cue: of where the vehicle will turn, such as its turn signal.
-        config: the motion model's knobs.
+        config: parameters of the motion model.
         rng: draws the rollouts.
 
     Returns:
@@ -140,7 +140,7 @@ class Forecaster:
         horizon_s: seconds to look ahead.
         dt_s: seconds between positions.
         n_samples: rollouts of each vehicle.
-        config: the motion model's knobs.
+        config: parameters of the motion model.
         rng: one number drawn from it seeds every forecast.
     """
 

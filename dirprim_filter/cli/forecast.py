@@ -77,9 +77,9 @@ def forecast(
         if output is None or at is not None:
             raise typer.BadParameter("--log: expected -o with the MCAP to write, and no --at")
         own = taken(Own, settings)
-        knobs, association = read_filter(config, settings)
+        filtering, association = read_filter(config, settings)
         return _of_log(
-            log, map_file, output, reading, knobs, association, horizon_s=horizon, dt_s=dt, every_s=own.every_s,
+            log, map_file, output, reading, filtering, association, horizon_s=horizon, dt_s=dt, every_s=own.every_s,
             n_samples=samples, no_ids=no_ids, seed=seed, as_json=as_json, force=force,
         )  # fmt: skip
     if config or no_ids or settings:

@@ -117,21 +117,21 @@ def track(
     own = taken(Own, settings)
     the_map = open_map(map_file)
     sensing = sensor_of(sensor, log, reading, noise_m=noise, config=config, with_ids=not no_ids, seed=seed)
-    sensing, knobs, association = _configured(
+    sensing, filtering, association = _configured(
         sensing, settings, *read_filter(config, settings, n_particles=particles, noise_m=noise)
     )
     nearby = NearbyMap(
-        the_map, ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=knobs.noise_m,
+        the_map, ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=filtering.noise_m,
         sight=None if sensing is None else sensing.sight,
     )  # fmt: skip
     stream = reading.detections(log, motion=own.motion)
     watched = bool(save or spawn or connect)
-    smoother = _smoother(knobs, smooth=smooth, lag_s=lag)
+    smoother = _smoother(filtering, smooth=smooth, lag_s=lag)
 
     def tracker_of(group: int) -> Tracker:
         make = Tracker if smoother is None else partial(smoother.tracker, group)
         return make(
-            nearby.part.without_places() if own.without_map else nearby.part, config=knobs, tracking=association,
+            nearby.part.without_places() if own.without_map else nearby.part, config=filtering, tracking=association,
             sensor=sensing, with_innovations=watched, rng=np.random.default_rng(seed),
         )  # fmt: skip
 
@@ -139,17 +139,17 @@ def track(
     frames = nearby.along((seen.without_ids() for seen in stream) if no_ids else stream, worlds)
     nearby.followers += [] if own.without_map else [worlds.move_to]
     said = provenance(
-        "track", inputs=[log, map_file], config=knobs, seed=seed, without_map=own.without_map, no_ids=no_ids,
+        "track", inputs=[log, map_file], config=filtering, seed=seed, without_map=own.without_map, no_ids=no_ids,
         motion=own.motion, smooth=smooth, lag_s=lag,
         tracking=json.dumps(asdict(association), sort_keys=True),
         sensor=None if sensing is None else json.dumps(asdict(sensing)), **reading.said(),
     )  # fmt: skip
-    said[CONFIG_KEY] = json.dumps({"filter": asdict(knobs), "tracking": asdict(association)})
+    said[CONFIG_KEY] = json.dumps({"filter": asdict(filtering), "tracking": asdict(association)})
     viewer = None
     with ExitStack() as open_files:
         estimates = open_files.enter_context(EstimateWriter(
             output, metadata=said, force=force,
-            particle_stride=max(knobs.n_particles // particles_out, 1) if particles_out else None,
+            particle_stride=max(filtering.n_particles // particles_out, 1) if particles_out else None,
         ))  # fmt: skip
         nearby.tell(estimates.write_map_scene)
         coverage = Coverage(nearby)
@@ -169,7 +169,7 @@ def track(
             smoother.sinks += [shown.write_smoothed for shown in (estimates, viewer) if shown is not None]
             sinks.append(smoother)
         if forecast > 0:
-            sinks.append(_forecaster(nearby, forecasts, forecast, knobs, seed, without_map=own.without_map))
+            sinks.append(_forecaster(nearby, forecasts, forecast, filtering, seed, without_map=own.without_map))
         with smoother or nullcontext():
             n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.losses)
@@ -215,21 +215,21 @@ class Coverage:
 
 
 def _configured(
-    sensor: Sensor | None, settings: Settings, knobs: FilterConfig, association: TrackingConfig
+    sensor: Sensor | None, settings: Settings, filtering: FilterConfig, association: TrackingConfig
 ) -> tuple[Sensor | None, FilterConfig, TrackingConfig]:
     """A sensor and the configurations with what it states, but for what settings state themselves."""
     if sensor is None:
-        return None, knobs, association
+        return None, filtering, association
     own: dict[str, Any] = {
         name: getattr(association, name) for name in ("detection_probability", "clutter_density") if name in settings
     }
     if "outlier_probability" in settings:
-        own["outlier_share"] = knobs.outlier_probability
+        own["outlier_share"] = filtering.outlier_probability
     sensor = replace(sensor, **own)
-    return sensor, *sensor.informs(knobs, association)
+    return sensor, *sensor.informs(filtering, association)
 
 
-def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoother | None:
+def _smoother(filtering: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoother | None:
     """What the options ask for.
 
     Raises:
@@ -239,7 +239,7 @@ def _smoother(knobs: FilterConfig, *, smooth: bool, lag_s: float | None) -> Smoo
 
     if smooth and lag_s is not None:
         raise typer.BadParameter("--smooth waits for the whole log: give one of both", param_hint="--lag")
-    return Smoother(max_gap_s=knobs.max_gap_s, lag_s=lag_s) if smooth or lag_s is not None else None
+    return Smoother(max_gap_s=filtering.max_gap_s, lag_s=lag_s) if smooth or lag_s is not None else None
 
 
 def _forecaster(

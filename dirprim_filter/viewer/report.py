@@ -22,8 +22,10 @@ def run_report(made_with: Mapping[str, str], results: Mapping[str, str], *, titl
         lines += _table("result", "value", list(results.items()))
     flat: list[tuple[str, str]] = []
     for name, value in made_with.items():
-        knobs = _object(value)
-        flat += [(name, value)] if knobs is None else [(f"{name}: {knob}", str(v)) for knob, v in knobs.items()]
+        settings = _object(value)
+        flat += (
+            [(name, value)] if settings is None else [(f"{name}: {setting}", str(v)) for setting, v in settings.items()]
+        )
     return "\n".join([*lines, *(_table("made with", "", flat) if flat else [])])
 
 
@@ -31,10 +33,10 @@ def _object(value: str) -> dict[str, object] | None:
     if not value.startswith("{"):
         return None
     try:
-        knobs = json.loads(value)
+        settings = json.loads(value)
     except json.JSONDecodeError:
         return None
-    return knobs if isinstance(knobs, dict) else None
+    return settings if isinstance(settings, dict) else None
 
 
 def _table(head: str, of: str, rows: list[tuple[str, str]]) -> list[str]:

@@ -27,7 +27,6 @@ PRIVATE = 0x80
 RECORD_HEADER_SIZE = 9
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")
 """Opcode, length, channel, sequence, log time, publish time."""
-U16 = struct.Struct("<H")
 U32 = struct.Struct("<I")
 U64 = struct.Struct("<Q")
 _NUMBER = struct.Struct("<HQ")
