@@ -222,7 +222,7 @@ def _of_sensors(what: str, sensors: tuple[str, ...], n_seeds: int) -> Table:
 
 
 def of_buses(_: int) -> list[Table]:
-    """Trips, in four folds."""
+    """Trips, in two folds."""
     fixes, kept = buses.fixes(), buses.fixes().tracks()
     lost, n_trips = 1.0 - len(kept) / fixes.trip.size, np.unique(fixes.trip).size
     note = (
@@ -232,7 +232,7 @@ def of_buses(_: int) -> list[Table]:
     )
     trip, log_p = buses.densities()
     one = np.ones(trip.size)
-    density = Table(f"Buses: held-out log density of course and speed, {trip.size} rows, four folds", percent=False)
+    density = Table(f"Buses: held-out log density of course and speed, {trip.size} rows, two folds", percent=False)
     for name, values in log_p.items():
         of = interval(clustered(trip, [values, one]), mean)
         density.rows[name] = {
