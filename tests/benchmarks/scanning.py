@@ -3,7 +3,7 @@
 Usage: python tests/benchmarks/scanning.py. Prints messages a second of processor time, the best of several runs that
 take turns, for 200,000 messages of 60 bytes on 50 topics, and as many of lengths from 1 to 119 bytes. Wanted: reading
 with checksums 2.5 million/s and 12 times the stock reader, writing 300,000/s. As columns: what `Scan.parts` gives, as
-`info` and `recover` read, with no Python object for each message. What long logs need: memory.py.
+`info` and `recover` read, with no Python object for each message.
 """
 
 from __future__ import annotations
