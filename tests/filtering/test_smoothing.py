@@ -292,12 +292,13 @@ def linear_pair(rng, n):
     return then, now, gain, p - gain @ later @ gain.T
 
 
-def linked(weight, then, now):
+def linked(weight, then, now, added=None):
     def columns(state):
         return np.ascontiguousarray(np.vstack([state.T, np.ones(len(state)), np.zeros(len(state))]))
 
     mean, later, gain, spread = np.empty(7), np.empty(5), np.empty((5, 5)), np.empty((5, 5))
-    _kernels.link(weight, columns(then), columns(now), mean, later, gain, spread)
+    added = np.zeros((5, 5)) if added is None else added
+    _kernels.link(weight, columns(then), columns(now), added, mean, later, gain, spread)
     return mean[:5], later, gain, spread
 
 
@@ -309,6 +310,18 @@ def test_links_of_linear_gaussian_particles_are_exact_also_among_those_that_came
         _, _, found, left = linked(weight, then, now)
         np.testing.assert_allclose(found, gain, atol=few)
         np.testing.assert_allclose(left, spread, atol=few)
+
+
+def test_noise_between_a_state_and_the_next_belief_is_as_if_the_state_varied_by_it():
+    rng = np.random.default_rng(1)
+    then, now, *_ = linear_pair(rng, 100_000)
+    added, weight = np.diag([0.5, 0.0, 1.0, 0.0, 0.0]), np.full(100_000, 1e-5)
+    given, varied = (
+        linked(weight, then, now, added),
+        linked(weight, then, now + rng.normal(size=now.shape) @ np.sqrt(added)),
+    )
+    for one, other in zip(given[2:], varied[2:], strict=True):
+        np.testing.assert_allclose(one, other, atol=0.03)
 
 
 def test_at_a_fork_the_way_back_is_on_the_arm_that_was_taken():
@@ -353,3 +366,27 @@ def test_a_filter_that_has_no_smoother_is_refused_and_so_is_a_negative_lag():
         recorded(ConstantTurnUKF(acceleration_density=1.0, turn_density=0.1))
     with pytest.raises(ValueError, match="lag_s"):
         Smoother(max_gap_s=5.0, lag_s=-1.0)
+
+
+def test_of_detections_that_are_smoother_than_the_map_the_sweep_back_stays_with_the_filter(ring_map):
+    """The map draws its vehicles together; those of this ring swing by more than their noise."""
+    config = replace(CONFIG, noise_m=0.1)
+    for seed in range(3):
+        tracks = ring_traffic(np.random.default_rng([20, seed]), n_vehicles=3, n_rows=60)
+        east, north = tracks.position.T
+        out = (1.0 + 0.05 * np.sin(2e-9 * tracks.time_ns))[:, None] * np.column_stack([east, north])
+        noise = np.random.default_rng(seed).normal(0, 0.02, out.shape)
+        seen = Detections(track_id=tracks.track_id, time_ns=tracks.time_ns, position=out + noise)
+        found, later = smoothed(seen, model=ring_map, config=config, seed=seed)
+        error = [np.hypot(*(rows.position - out[order(tracks, rows)]).T) for rows in (found, later)]
+        assert np.mean(error[1]) <= 1.2 * np.mean(error[0]), seed
+        assert error[1].max() <= 3.0, seed
+
+
+def order(tracks, rows):
+    """The row of the tracks of each estimate."""
+    place = {
+        (name, at): i
+        for i, (name, at) in enumerate(zip(tracks.track_id.tolist(), tracks.time_ns.tolist(), strict=True))
+    }
+    return [place[int(name), at] for name, at in zip(rows.track_id.tolist(), rows.time_ns.tolist(), strict=True)]

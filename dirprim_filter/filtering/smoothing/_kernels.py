@@ -98,12 +98,13 @@ def weighted(weight: FloatArray, column: FloatArray, mean: FloatArray, off: Floa
 
 @njit(cache=True, nogil=True)
 def link(
-    weight: FloatArray, then: FloatArray, now: FloatArray, mean: FloatArray, later: FloatArray, gain: FloatArray,
-    spread: FloatArray,
+    weight: FloatArray, then: FloatArray, now: FloatArray, added: FloatArray, mean: FloatArray, later: FloatArray,
+    gain: FloatArray, spread: FloatArray,
 ) -> None:  # fmt: skip
     """The link from particles `then` (7, P) to the same ones `now`: mean (7,), later (5,), gain and spread (5, 5).
 
-    gain = C (P' + least)^-1 and spread = P - gain C^T - C gain^T + gain P' gain^T, C = cov(then, now).
+    P' is the covariance of `now` with what is `added` (5, 5) to it, C = cov(then, now): gain = C (P' + least)^-1 and
+    spread = P - gain C^T - C gain^T + gain P' gain^T.
     """
     of_now, off = np.dot(now, weight), np.empty((2 * N_STATES, weight.size))
     mean[:] = np.dot(then, weight)
@@ -111,7 +112,7 @@ def link(
     by_weight[:N_STATES] = weighted(weight, then, mean, off[:N_STATES])
     by_weight[N_STATES:] = weighted(weight, now, of_now, off[N_STATES:])
     both = np.dot(by_weight, off.T)
-    p_then, c, p_now = both[:N_STATES, :N_STATES], both[:N_STATES, N_STATES:], both[N_STATES:, N_STATES:]
+    p_then, c, p_now = both[:N_STATES, :N_STATES], both[:N_STATES, N_STATES:], both[N_STATES:, N_STATES:] + added
     later[:] = of_now[:N_STATES]
     solved(c, p_now, gain)
     around(p_then, p_now, c, gain, spread)
@@ -119,13 +120,13 @@ def link(
 
 @njit(cache=True, nogil=True)
 def link_each(
-    weight: FloatArray, then: FloatArray, now: FloatArray, at: IntArray, row: IntArray, vehicle: IntArray,
-    mean: FloatArray, later: FloatArray, gain: FloatArray, spread: FloatArray,
+    weight: FloatArray, then: FloatArray, now: FloatArray, added: FloatArray, at: IntArray, row: IntArray,
+    vehicle: IntArray, mean: FloatArray, later: FloatArray, gain: FloatArray, spread: FloatArray,
 ) -> None:  # fmt: skip
     """`link` from particles `then[row]` to those of a vehicle `now`, by its weights, into results number `at`."""
     for i in range(at.size):
         k, v = at[i], vehicle[i]
-        link(weight[v], then[row[i]], now[v], mean[k], later[k], gain[k], spread[k])
+        link(weight[v], then[row[i]], now[v], added[v], mean[k], later[k], gain[k], spread[k])
 
 
 @njit(cache=True, nogil=True)

@@ -89,28 +89,42 @@ class RecordedParticles(RecordedFilter):
         weight = before.copy()
         for i in np.flatnonzero(since_ns > GAP_NS).tolist():
             _kernels.tempered(before[i], after[i], LEAST_EFFECTIVE * before.shape[1], weight[i])
-        links = self._linked(slot, weight, now)
-        now[evidence.is_moved] = self._columns(slot[evidence.is_moved])
-        for s, own, last in zip(slot.tolist(), links, self._beliefs(slot, now, after), strict=True):
+        moved = now.copy()
+        moved[evidence.is_moved] = self._columns(slot[evidence.is_moved])
+        beliefs = list(self._beliefs(slot, moved, after))
+        links = self._linked(slot, weight, now, np.array([belief.covariance for belief in beliefs]))
+        for s, own, last in zip(slot.tolist(), links, beliefs, strict=True):
             self.chain[s].extend(own, last)
             self._past[s] = []
         return evidence
 
-    def _linked(self, slot: IntArray, weight: FloatArray, now: FloatArray) -> list[AnyArray]:
-        """Links of each vehicle's steps since its last measurement, by weights (v, P) of its particles."""
+    def _linked(
+        self, slot: IntArray, weight: FloatArray, now: FloatArray, believed: FloatArray | None = None
+    ) -> list[AnyArray]:
+        """Links of each vehicle's steps since its last measurement, by weights (v, P) of its particles.
+
+        A measurement may leave a belief wider than expected, `believed` (v, 5, 5), where particles were moved to it.
+        What it adds to the later state is noise between the two, or the sweep back would magnify it at every step: the
+        map draws vehicles together, so backwards it drives them apart.
+        """
         n_steps = np.array([len(self._past[s]) for s in slot.tolist()], np.int64)
         vehicle = np.repeat(np.arange(slot.size), n_steps)
         steps = [step for s in slot.tolist() for step in self._past[s]]
         links = np.empty(len(steps), LINK)
         if not steps:
             return [links] * slot.size
+        added = np.zeros((slot.size, N_STATES, N_STATES))
+        if believed is not None:
+            expected = np.array([belief.covariance for belief in self._beliefs(slot, now, weight)])
+            size, axes = np.linalg.eigh(believed - expected)
+            added = (axes * np.maximum(size, 0.0)[:, None]) @ axes.transpose(0, 2, 1)
         mean, later = np.empty((len(steps), N_COLUMNS)), np.empty((len(steps), N_STATES))
         gain, spread = np.empty((2, len(steps), N_STATES, N_STATES))
         row, kept = np.array([row for *_, row in steps]), np.array([id(columns) for _, columns, _ in steps])
         for i in np.unique(kept, return_index=True)[1].tolist():
             at = np.flatnonzero(kept == kept[i])
             which, results = (at, row[at], vehicle[at]), (mean, later, gain, spread)
-            self._of.split(_kernels.link_each, (weight, steps[i][1], now), which, results, each_ns=40.0)
+            self._of.split(_kernels.link_each, (weight, steps[i][1], now, added), which, results, each_ns=40.0)
         links["time_ns"] = [time_ns for time_ns, *_ in steps]
         links["mean"], links["step"] = mean[:, :N_STATES], later - mean[:, :N_STATES]
         links["gain"], links["spread"], links["course"] = gain, spread[:, *lower(N_STATES)], mean[:, N_STATES:]
