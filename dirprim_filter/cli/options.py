@@ -46,23 +46,25 @@ def named_file(path: Path | None) -> Path | None:
 
 
 def time_ns(text: str | None) -> int | None:
-    """A time on the command line: nanoseconds, seconds with an s behind, or RFC 3339; None stays None.
+    """A time on the command line: seconds from a log's start, nanoseconds with ns behind, or RFC 3339; None stays None.
 
     Raises:
         ValueError: neither.
     """
     if text is None:
         return None
-    if text.lstrip("-").isdigit():
-        return int(text)
     with suppress(InvalidOperation, OverflowError, ValueError):
-        if text.endswith("s"):
-            return int(Decimal(text[:-1]) * 1_000_000_000)  # exact, unlike a float, also since 1970
+        if text.endswith("ns"):
+            return int(text.removesuffix("ns"))
+        from dirprim_filter.recording.objects.options import FromStart
+
+        return FromStart(Decimal(text.removesuffix("s")) * 1_000_000_000)
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
         raise ValueError(
-            f"{text!r}: expected nanoseconds, seconds such as 12.5s, or a time such as 2026-01-31T12:00:00Z"
+            f"{text!r}: expected seconds from the start such as 12.5, nanoseconds such as 5ns, or a time such as "
+            "2026-01-31T12:00:00Z"
         ) from None
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)
@@ -125,8 +127,8 @@ Topics = Annotated[
     str | None,
     typer.Option("--topics", help="Topic name or regular expression. Default: the best available."),
 ]
-Start = Annotated[str | None, typer.Option("--start", help="Start time: ns, seconds such as 12.5s, or RFC 3339.")]
-End = Annotated[str | None, typer.Option("--end", help="End time, exclusive: ns, seconds such as 12.5s, or RFC 3339.")]
+Start = Annotated[str | None, typer.Option("--start", help="Start: seconds from the log's first time, 5ns in ns, or RFC 3339.")]
+End = Annotated[str | None, typer.Option("--end", help="End, exclusive, likewise.")]
 Fields = Annotated[
     str | None,
     typer.Option("--fields", help="Fields of the objects in an unknown schema: id=.objects[].id,x=.objects[].x,..."),

@@ -52,6 +52,7 @@ def inspect(source: LogSource, options: ReadOptions = EVERYTHING) -> LogSummary:
     """
     topics = None if options.topics is None else matching(options.topics, of="topics")
     with opened(source) as one:
+        options = options.of_log(one.start_ns)
         log = Scan(one, topics, start_ns=options.start_ns, end_ns=options.end_ns)
         reading = _Inspection(log, Decoders(options.mapping))
         for _, columns in log.parts():

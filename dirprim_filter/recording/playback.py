@@ -64,9 +64,9 @@ class Playback:
         **changes: Unpack[Reading],
     ) -> None:
         self.path = Path(path)
-        self._options = options = replace(options, **changes)
         self.losses = Losses()
         with Log(path) as log:
+            self._options = options = replace(options, **changes).of_log(log.start_ns)
             self.end_ns = Scan(log, end_ns=options.end_ns).end_ns
             named = {c.topic for c in log.channels() if c.schema.name == ESTIMATES_SCHEMA}
         topic = topic_names.SMOOTHED if smoothed else topic_names.ESTIMATES

@@ -104,8 +104,9 @@ def read_track_logs(
             options = replace(options, origin=table.origin or options.origin)
             continue
         with opened(one) as log:
-            scan = _wanted(log, choose_topics(log, options), options)
-            observations = Observations(scan, options)
+            own = options.of_log(log.start_ns)
+            scan = _wanted(log, choose_topics(log, own), own)
+            observations = Observations(scan, own)
             rows = observations if progress is None else _reporting(observations, scan.end_ns, progress)
             read = rows_of_log(rows)
             repeated = repeated_rows(read.vehicle, read.time_ns)
@@ -156,6 +157,7 @@ def stream_detections(
 
         return TableDetections(Path(path), options, motion=motion)
     log = Log(path)
+    options = options.of_log(log.start_ns)
     chosen = choose_topics(log, options, prefer_detections=True)
     return DetectionStream(_wanted(log, chosen, options), options, topics=chosen, motion=motion)
 

@@ -123,7 +123,7 @@ def test_what_is_no_such_json_is_one_line(text, fields, says, tmp_path, capsys):
 @pytest.mark.usefixtures("rough")
 def test_a_log_tells_of_its_own_sensor_what_can_be_seen(log, where, tmp_path, capsys):
     out = tmp_path / "out.mcap"
-    command = ["track", str(log), "--map", str(where), "--particles", "50", "--end", "2000000000"]
+    command = ["track", str(log), "--map", str(where), "--particles", "50", "--end", "2"]
     assert run([*command, "-o", str(out), "--sensor", "auto"]) == DONE
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("sensor, learned from ")
@@ -138,11 +138,11 @@ def test_a_log_tells_of_its_own_sensor_what_can_be_seen(log, where, tmp_path, ca
 @pytest.mark.parametrize(
     "case",
     [
-        (["--end", "2000000000"], "sensor, learned from "),
-        (["--end", "2000000000", "--noise", "1"], None),
-        (["--end", "2000000000", "--config", "knobs.toml"], None),
-        (["--end", "600000000"], "noise: 0.5 m, unless the log states it: expected at least 8 pieces of track"),
-        (["--end", "600000000", "--no-ids"], "noise: 0.5 m, unless the log states it: without ids"),
+        (["--end", "2"], "sensor, learned from "),
+        (["--end", "2", "--noise", "1"], None),
+        (["--end", "2", "--config", "knobs.toml"], None),
+        (["--end", "0.6"], "noise: 0.5 m, unless the log states it: expected at least 8 pieces of track"),
+        (["--end", "0.6", "--no-ids"], "noise: 0.5 m, unless the log states it: without ids"),
     ],
 )
 def test_where_no_noise_is_stated_it_is_learned_from_the_log(case, log, where, tmp_path, capsys):
@@ -175,7 +175,7 @@ def test_noise_that_the_log_states_is_not_learned(where, tmp_path, capsys):
     seen = sense(TRUTH, BIASED, rng=np.random.default_rng(1))
     stated = replace(seen, covariance=np.tile(np.eye(2), (len(seen), 1, 1)))
     write_tracks(TRUTH, tmp_path / "log.mcap", detections=stated)
-    command = ["track", str(tmp_path / "log.mcap"), "--map", str(where), "--particles", "20", "--end", "1000000000"]
+    command = ["track", str(tmp_path / "log.mcap"), "--map", str(where), "--particles", "20", "--end", "1"]
     assert run([*command, "-o", str(tmp_path / "out.mcap")]) == DONE
     assert not capsys.readouterr().out.startswith(("sensor", "noise"))
 
@@ -183,7 +183,7 @@ def test_noise_that_the_log_states_is_not_learned(where, tmp_path, capsys):
 def test_a_log_is_tracked_by_a_sensor_file(log, where, tmp_path, capsys):
     sensor = tmp_path / "sensor.toml"
     save_sensor(BIASED, sensor)
-    command = ["track", str(log), "--map", str(where), "--particles", "200", "--end", "3000000000"]
+    command = ["track", str(log), "--map", str(where), "--particles", "200", "--end", "3"]
     assert run([*command, "-o", str(tmp_path / "plain.mcap")]) == DONE
     assert run([*command, "-o", str(tmp_path / "sensed.mcap"), "--sensor", str(sensor)]) == DONE
     truth = {(str(n), t): x for n, t, x in zip(TRUTH.track_id, TRUTH.time_ns.tolist(), TRUTH.position, strict=True)}
@@ -198,7 +198,7 @@ def test_a_log_is_tracked_by_a_sensor_file(log, where, tmp_path, capsys):
     assert run([*command, "-o", str(tmp_path / "both.mcap"), "--sensor", str(sensor), "--noise", "1"]) == USAGE
     assert run([*command, "-o", str(tmp_path / "absent.mcap"), "--sensor", "absent.toml"]) == USAGE
     assert run([*command, "-o", str(tmp_path / "nameless.mcap"), "--sensor", "auto", "--no-ids"]) == USAGE
-    short = ["--end", "600000000"]
+    short = ["--end", "0.6"]
     capsys.readouterr()
     assert run([*command, "-o", str(tmp_path / "short.mcap"), "--sensor", "auto", *short]) == FAILED
     assert "--sensor auto: expected at least 8 pieces of track" in capsys.readouterr().err

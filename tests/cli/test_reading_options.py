@@ -8,6 +8,7 @@ from mcap.writer import Writer
 from dirprim_filter import save_map, write_tracks
 from dirprim_filter.cli.main import run
 from dirprim_filter.cli.options import time_ns
+from dirprim_filter.recording.objects.options import FromStart
 
 
 def private_json(path):
@@ -63,7 +64,7 @@ def test_asking_for_what_a_log_does_not_hold_is_an_error_and_leaves_no_file(
     write_tracks(ring[ring.track_id < 2], tmp_path / "log.mcap")
     save_map(ring_map, tmp_path / "map.mcap")
     before = set(tmp_path.iterdir())
-    for option in (["--set", "group=99"], ["--set", "labels=bus"], ["--start", "9000000000000000"]):
+    for option in (["--set", "group=99"], ["--set", "labels=bus"], ["--start", "9000000000000000ns"]):
         assert run([*command, *ON_DAMAGE[command[0]], "out.mcap", *option]) == 1
         reported = capsys.readouterr().err
         assert f"log.mcap: expected moving objects {' '.join(option).removeprefix('--set ')}, got none" in reported
@@ -83,7 +84,7 @@ def test_a_damaged_log_ends_in_3_and_in_an_error_where_strict(tmp_path, ring, ca
         assert not (tmp_path / "strict").exists()
 
 
-@pytest.mark.parametrize("option", [("--start", "9999999999999999"), ("--set", "labels=bus")])
+@pytest.mark.parametrize("option", [("--start", "9999999999999999ns"), ("--set", "labels=bus")])
 def test_nothing_left_of_a_log_is_said_with_what_was_asked(tmp_path, ring, capsys, monkeypatch, option):
     monkeypatch.chdir(tmp_path)
     write_tracks(ring[ring.track_id < 8], tmp_path / "log.mcap")
@@ -120,17 +121,18 @@ def test_standard_output_is_no_place_for_what_is_renamed_when_whole(tmp_path, ri
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (None, None), ("5", 5), ("-5", -5), ("5.5s", 5_500_000_000),
-        ("1700000000.000000001s", 1_700_000_000_000_000_001),
+        (None, None), ("5ns", 5), ("-5ns", -5), ("5.5s", FromStart(5_500_000_000)), ("5", FromStart(5 * 10**9)),
+        ("1700000000.000000001", FromStart(1_700_000_000_000_000_001)),
         ("1970-01-01T00:00:01Z", 10**9), ("1970-01-01T01:00:01+01:00", 10**9),
     ],
 )  # fmt: skip
-def test_times_are_nanoseconds_seconds_or_dates(text, expected):
+def test_times_are_nanoseconds_seconds_from_the_start_or_dates(text, expected):
     assert time_ns(text) == expected
+    assert type(time_ns(text)) is type(expected)
 
 
 @pytest.mark.parametrize("text", ["soon", "s", "nans", "infs", "5 h", ""])
 def test_what_is_no_time_is_one_line(text):
-    with pytest.raises(ValueError, match=r"expected nanoseconds, seconds such as 12\.5s, or a time") as error:
+    with pytest.raises(ValueError, match=r"expected seconds from the start such as 12\.5, nanos") as error:
         time_ns(text)
     assert "\n" not in str(error.value)

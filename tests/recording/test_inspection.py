@@ -78,7 +78,7 @@ def test_info_of_a_long_log_imports_no_compiler(log):
 
 def test_filters(log, capsys):
     path = log(log_bytes(SENT, chunk_size=900))
-    assert run(["info", str(path), "--topics", "/topic[01]", "--start", "60000", "--end", "90000", "--json"]) == 0
+    assert run(["info", str(path), "--topics", "/topic[01]", "--start", "60000ns", "--end", "90000ns", "--json"]) == 0
     reported = json.loads(capsys.readouterr().out)
     assert {topic["name"]: topic["messages"] for topic in reported["topics"]} == {"/topic0": 10, "/topic1": 10}
     assert (reported["start_ns"], reported["end_ns"]) == (60_000, 88_000)

@@ -131,7 +131,7 @@ def test_a_vehicle_that_stands_is_shown(tmp_path, capsys):
 
 def test_the_command_writes_what_rerun_reads(tracked, tmp_path, capsys):
     rrd = tmp_path / "played.rrd"
-    assert run(["replay", str(tracked), "--rate", "inf", "--start", str(10 * STEP_NS), "--save", str(rrd)]) == 0
+    assert run(["replay", str(tracked), "--rate", "inf", "--start", f"{10 * STEP_NS}ns", "--save", str(rrd)]) == 0
     assert "20 frames of /dirprim/tracks" in capsys.readouterr().out
     assert rrd.read_bytes().startswith(b"RRF")
     assert run(["replay", str(tracked)]) == 1  # nowhere to play to

@@ -110,6 +110,11 @@ class Log(AbstractContextManager["Log"]):
         return counts
 
     @property
+    def start_ns(self) -> int | None:
+        """The first log time, as the chunks say; None of an empty log."""
+        return min((chunk.start_ns for chunk in self.chunks if chunk.end_ns), default=None)
+
+    @property
     def chunks(self) -> list[Chunk]:
         """Of all files, in their order."""
         return [chunk for file in self.files for chunk in file.outline.chunks]

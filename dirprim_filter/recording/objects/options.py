@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypedDict
+from dataclasses import dataclass, replace
+from typing import Literal, Self, TypedDict
 
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.transforms.geodesy import Origin
@@ -11,6 +11,10 @@ from dirprim_filter.recording.transforms.geodesy import Origin
 TimeSource = Literal["log", "publish", "header"]
 """Which of a message's times counts: of logging, of publishing, or the stamp that its contents carry; of topics
 without stamps that of logging."""
+
+
+class FromStart(int):
+    """Nanoseconds from the first time of a log, whichever that is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,8 +27,8 @@ class ReadOptions:
             several of one kind the one with most messages, `/detections...` last, `/dirprim/...` never; or all topics
             of one schema whose messages are of one body each, as of a fleet. Of several topics ids are `topic/id`.
         time_source: which time of a message counts.
-        start_ns: the first time wanted, nanoseconds.
-        end_ns: the first time no longer wanted.
+        start_ns: the first time wanted, nanoseconds; or `FromStart`.
+        end_ns: the first time no longer wanted, likewise.
         strict: raise at the first damage instead of going on.
         frame: in which frame positions are wanted; left out: the root of the tree of the log's transforms, which
             must not be a vehicle's. Without transforms all objects must be of one frame.
@@ -46,6 +50,12 @@ class ReadOptions:
     origin: Origin | None = None
     labels: str | None = None
     group: int | None = None
+
+    def of_log(self, first_ns: int | None) -> Self:
+        """The same for a log with that first time: times are then its own."""
+        times = {"start_ns": self.start_ns, "end_ns": self.end_ns}
+        own = {name: int(at) + (first_ns or 0) for name, at in times.items() if isinstance(at, FromStart)}
+        return replace(self, **own)
 
 
 EVERYTHING = ReadOptions()
