@@ -127,7 +127,9 @@ Topics = Annotated[
     str | None,
     typer.Option("--topics", help="Topic name or regular expression. Default: the best available."),
 ]
-Start = Annotated[str | None, typer.Option("--start", help="Start: seconds from the log's first time, 5ns in ns, or RFC 3339.")]
+Start = Annotated[
+    str | None, typer.Option("--start", help="Start: seconds from the log's first time; 5ns; or RFC 3339.")
+]
 End = Annotated[str | None, typer.Option("--end", help="End, exclusive, likewise.")]
 Fields = Annotated[
     str | None,
