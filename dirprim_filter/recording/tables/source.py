@@ -32,7 +32,7 @@ def read_table(path: Path, options: ReadOptions) -> Table:
     table.losses.log(path)
     if options.strict and table.losses.dropped:
         raise RecordingError(f"{path}: expected a table of which all is read, left out {table.losses}; mend the rows")
-    rows = [table.tracks, *table.detections.values()]
+    rows: list[Tracks | Detections] = [table.tracks, *table.detections.values()]
     options = options.of_log(min((int(part.time_ns.min()) for part in rows if len(part)), default=None))
     is_topic, is_label = (
         (lambda _: True) if names is None else matching(names, of=what)
