@@ -53,9 +53,10 @@ class ReadOptions:
 
     def of_log(self, first_ns: int | None) -> Self:
         """The same for a log with that first time: times are then its own."""
-        times = {"start_ns": self.start_ns, "end_ns": self.end_ns}
-        own = {name: int(at) + (first_ns or 0) for name, at in times.items() if isinstance(at, FromStart)}
-        return replace(self, **own)
+        start_ns, end_ns = (
+            int(at) + (first_ns or 0) if isinstance(at, FromStart) else at for at in (self.start_ns, self.end_ns)
+        )
+        return replace(self, start_ns=start_ns, end_ns=end_ns)
 
 
 EVERYTHING = ReadOptions()
