@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
+from functools import cache
 from importlib import metadata as installed
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Protocol, Self
 
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
-from mcap_protobuf.schema import build_file_descriptor_set
 
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.recording.container.interrupts import uninterrupted
@@ -23,6 +24,8 @@ from dirprim_filter.recording.container.records import Channel, Schema
 PRODUCER = "dirprim-filter"
 METADATA_NAME = "dirprim"
 """The metadata record that says who wrote the file, and from what."""
+LATEST_NS = ((1 << 32) - 1) * 1_000_000_000
+"""February 2106: the messages of Foxglove hold no later time."""
 
 
 def producer_version() -> str:
@@ -31,6 +34,19 @@ def producer_version() -> str:
         return installed.version(PRODUCER)
     except installed.PackageNotFoundError:
         return "not installed"
+
+
+class SdkMessage(Protocol):
+    """A message of `foxglove.messages`."""
+
+    def encode(self) -> bytes:
+        """Its bytes."""
+        ...
+
+    @staticmethod
+    def get_schema() -> Any:
+        """Its name, encoding and data."""
+        ...
 
 
 class LogWriter:
@@ -72,7 +88,6 @@ class LogWriter:
         self._metadata = metadata
         self._level = level
         self._channel: dict[str, int] = {}
-        self._schema: dict[str, Schema] = {}
         self._n_messages: dict[int, int] = {}
         self._max_chunk_ns = max_chunk_ns
         self._chunk_start_ns: int | None = None
@@ -100,37 +115,39 @@ class LogWriter:
                         self._writer.finish()
                 self._opened.__exit__(kind, error, trace)
 
-    def write(self, topic: str, message: Message, time_ns: int) -> None:
+    def write(self, topic: str, message: Message | SdkMessage, time_ns: int) -> None:
         """Append a message; log time and publish time are `time_ns`.
 
         Raises:
-            ValueError: the time is negative, which MCAP cannot hold.
+            ValueError: a time that MCAP or the messages of Foxglove cannot hold.
         """
-        self.write_encoded(topic, type(message), message.SerializeToString(), time_ns)
+        data = message.SerializeToString() if isinstance(message, Message) else message.encode()
+        kind: Any = type(message)
+        self.write_encoded(topic, schema_of(kind), data, time_ns)
 
-    def write_encoded(self, topic: str, kind: type[Message] | Schema, data: bytes, time_ns: int) -> None:
-        """Append a message of this kind that is encoded already; of a schema that is none of protobuf as it names.
+    def write_encoded(self, topic: str, schema: Schema, data: bytes, time_ns: int) -> None:
+        """Append a message of this schema that is encoded already.
 
         Raises:
-            ValueError: the time is negative, which MCAP cannot hold.
+            ValueError: as `write`.
         """
-        if time_ns < 0:
+        if not 0 <= time_ns <= LATEST_NS:
             raise ValueError(
-                f"{self.path}: expected times from 0 ns on, as MCAP holds no earlier ones, got {time_ns} ns; add as "
-                "many seconds to all times of the input"
+                f"{self.path}: expected times from 0 ns on, as MCAP holds no earlier ones, to {LATEST_NS} ns, of the "
+                f"year 2106, got {time_ns} ns; shift all times of the input by as many seconds"
             )
         with uninterrupted():
-            self._append(topic, kind, data, time_ns)
+            self._append(topic, schema, data, time_ns)
 
     def end_chunk(self) -> None:
         """Have the next message begin a chunk, so that what came before can be read without it."""
         with uninterrupted():
             self._writer.close_chunk()
 
-    def _append(self, topic: str, kind: type[Message] | Schema, data: bytes, time_ns: int) -> None:
+    def _append(self, topic: str, schema: Schema, data: bytes, time_ns: int) -> None:
         channel = self._channel.get(topic)
         if channel is None:
-            channel = self._channel[topic] = self._register(topic, kind)
+            channel = self._channel[topic] = self._register(topic, schema)
         if self._max_chunk_ns is not None:
             if self._chunk_start_ns is None:
                 self._chunk_start_ns = time_ns
@@ -144,15 +161,20 @@ class LogWriter:
         self._n_messages[channel] = sequence + 1
         self._writer.add(channel, sequence, time_ns, time_ns, data)
 
-    def _register(self, topic: str, kind: type[Message] | Schema) -> int:
-        name = kind.name if isinstance(kind, Schema) else kind.DESCRIPTOR.full_name
-        if name not in self._schema:
-            if not isinstance(kind, Schema):
-                definition = build_file_descriptor_set(kind).SerializeToString()
-                kind = Schema(name=name, encoding="protobuf", data=definition)
-            self._schema[name] = kind
-        schema = self._schema[name]
+    def _register(self, topic: str, schema: Schema) -> int:
         channel = Channel(topic=topic, message_encoding=schema.encoding, schema=schema, metadata=())
         channel_id = self._writer.define(channel)
         self._n_messages[channel_id] = 0
         return channel_id
+
+
+@cache
+def schema_of(kind: Any) -> Schema:
+    """The schema of a class of messages, of protobuf or of Foxglove's SDK."""
+    if not issubclass(kind, Message):
+        said = kind.get_schema()
+        return Schema(name=said.name, encoding=said.encoding, data=said.data)
+    files, own = FileDescriptorSet(), kind.DESCRIPTOR.file
+    for file in (*own.dependencies, own):  # those depend on none
+        file.CopyToProto(files.file.add())
+    return Schema(name=kind.DESCRIPTOR.full_name, encoding="protobuf", data=files.SerializeToString())

@@ -19,8 +19,8 @@ from dirprim_filter.recording.container.damage import Damage
 from dirprim_filter.recording.container.log import FilePass, Log, Scan
 from dirprim_filter.recording.container.records import Message, Schema
 from dirprim_filter.recording.errors import RecordingError
-from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import map_scene
+from dirprim_filter.recording.foxglove.scene import origin_of, scene_transform, view_of
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.schemas.arrow_message import ENCODING
 from dirprim_filter.recording.schemas.map_summary import MapSummary, encode_summary

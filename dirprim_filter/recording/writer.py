@@ -9,7 +9,6 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from dirprim_filter.arrays import FloatArray, IntArray
 from dirprim_filter.background import Background
@@ -22,9 +21,9 @@ from dirprim_filter.recording import topic_names
 from dirprim_filter.recording.foxglove.clouds import detection_cloud, particle_cloud
 from dirprim_filter.recording.foxglove.estimates import SMOOTHED_COLOR, EstimatesScene
 from dirprim_filter.recording.foxglove.forecasts import forecast_scene
-from dirprim_filter.recording.foxglove.frames import origin_of, scene_transform, view_of
 from dirprim_filter.recording.foxglove.maps import map_scene
-from dirprim_filter.recording.foxglove.objects import TracksScene, detections_scene
+from dirprim_filter.recording.foxglove.scene import origin_of, scene_transform, view_of
+from dirprim_filter.recording.foxglove.vehicles import detections_scene, tracks_scene
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.schemas.dirprim import encode_estimates, encode_observations
 from dirprim_filter.track_ids import as_texts
@@ -74,7 +73,7 @@ def write_tracks(
     sources: dict[str, Tracks | Detections] = {topic_names.OBJECTS: tracks} if len(tracks) or not by_sensor else {}
     sources |= {f"{topic_names.DETECTIONS}/{name}".rstrip("/"): seen for name, seen in by_sensor.items()}
     lifetime_ns = _lifetime_ns(next(iter(sources.values())).time_ns)
-    streams, scene = [_instants(topic, source) for topic, source in sources.items()], TracksScene(lifetime_ns)
+    streams = [_instants(topic, source) for topic, source in sources.items()]
     with LogWriter(path, metadata=metadata or {}, force=force) as log:
         begun = False
         origin = origin_of(np.concatenate([source.position for source in sources.values()]))
@@ -84,13 +83,12 @@ def write_tracks(
             if not begun:
                 log.write(topic_names.TRANSFORM, scene_transform(time_ns, origin), time_ns)
                 begun = True
-            message = encode_observations(source, rows, time_ns, labels=labels)
-            log.write(topic, message, time_ns)
+            log.write(topic, encode_observations(source, rows, time_ns, labels=labels), time_ns)
             if isinstance(source, Tracks):
-                log.write_encoded(f"{topic}/scene", SceneUpdate, scene.encode(source, rows, time_ns), time_ns)
+                drawn = tracks_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
             else:
                 drawn = detections_scene(source, rows, time_ns, lifetime_ns=lifetime_ns)
-                log.write(f"{topic}/scene", drawn, time_ns)
+            log.write(f"{topic}/scene", drawn, time_ns)
             if progress is not None:
                 progress(done, total)
 
@@ -198,8 +196,8 @@ class EstimateWriter:
     def _append(self, estimates: Estimates, detections: Detections, particles: Particles | None, time_ns: int) -> None:
         origin = self._begin(np.concatenate([estimates.position, detections.position]), time_ns)
         self._log.write(topic_names.ESTIMATES, encode_estimates(estimates, time_ns), time_ns)
-        drawn = self._scene.encode(estimates, detections, time_ns, origin)
-        self._log.write_encoded(topic_names.ESTIMATES_SCENE, SceneUpdate, drawn, time_ns)
+        drawn = self._scene.update(estimates, detections, time_ns, origin)
+        self._log.write(topic_names.ESTIMATES_SCENE, drawn, time_ns)
         if particles is not None:
             self._log.write(topic_names.PARTICLES, particle_cloud(particles, time_ns, origin), time_ns)
         self._log.write(topic_names.REPORTS, detection_cloud(detections.position, time_ns, origin), time_ns)
@@ -208,8 +206,8 @@ class EstimateWriter:
     def _append_smoothed(self, estimates: Estimates, detections: Detections, time_ns: int) -> None:
         origin = self._begin(estimates.position, time_ns)
         self._log.write(topic_names.SMOOTHED, encode_estimates(estimates, time_ns), time_ns)
-        drawn = self._smoothed_scene.encode(estimates, detections, time_ns, origin)
-        self._log.write_encoded(topic_names.SMOOTHED_SCENE, SceneUpdate, drawn, time_ns)
+        drawn = self._smoothed_scene.update(estimates, detections, time_ns, origin)
+        self._log.write(topic_names.SMOOTHED_SCENE, drawn, time_ns)
 
     def _append_forecast(self, forecasts: Forecasts) -> None:
         origin = self._begin(forecasts.start, forecasts.time_ns)

@@ -14,7 +14,7 @@ from test_track_log import some_tracks
 from dirprim_filter.recording import map_file, save_map, write_tracks
 from dirprim_filter.recording.container.interrupts import uninterrupted
 from dirprim_filter.recording.container.recovery import recover
-from dirprim_filter.recording.foxglove.frames import scene_transform
+from dirprim_filter.recording.foxglove.scene import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 
 N = 9

@@ -20,7 +20,7 @@ from dirprim_filter.recording.container import log
 from dirprim_filter.recording.container.chunk import read_contents
 from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
-from dirprim_filter.recording.foxglove.frames import scene_transform
+from dirprim_filter.recording.foxglove.scene import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
 from dirprim_filter.recording.map_file import MAP, SUMMARY, MapFile
 from dirprim_filter.recording.scan import scan

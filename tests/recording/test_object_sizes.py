@@ -18,7 +18,7 @@ from dirprim_filter.cli.main import run
 from dirprim_filter.detections import Detections
 from dirprim_filter.optional_columns import is_held
 from dirprim_filter.recording import read_tracks, write_tracks
-from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
+from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.reader import inspect, stream_detections
 from dirprim_filter.recording.schemas.field_mapping import FieldMapping
 from dirprim_filter.recording.tables import read_csv

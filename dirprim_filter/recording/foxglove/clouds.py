@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove.messages import PackedElementField, PackedElementFieldNumericType, PointCloud
 
 from dirprim_filter.arrays import AnyArray, FloatArray
 from dirprim_filter.drawing.colors import direction_color
 from dirprim_filter.estimates import Particles
-from dirprim_filter.recording.foxglove.entities import HEIGHT, place
-from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
-from dirprim_filter.recording.schemas.dirprim import set_time
+from dirprim_filter.recording.foxglove.scene import HEIGHT, SCENE_FRAME, pose, stamp
 
 PARTICLE_OPACITY = 0.7
 _CHANNELS = ("red", "green", "blue", "alpha")
 _PLACE = [("x", "<f4"), ("y", "<f4")]
 _PARTICLE = np.dtype([*_PLACE, ("weight", "<f4"), *((channel, "u1") for channel in _CHANNELS)])
 _REPORT = np.dtype(_PLACE)
-_FIELD_TYPE = {"f4": PackedElementField.FLOAT32, "u1": PackedElementField.UINT8}
+_FIELD_TYPE = {"f4": PackedElementFieldNumericType.Float32, "u1": PackedElementFieldNumericType.Uint8}
 
 
 def particle_cloud(particles: Particles, time_ns: int, origin: FloatArray) -> PointCloud:
@@ -40,10 +37,12 @@ def _cloud(points: AnyArray, position: FloatArray, time_ns: int, *, height: floa
     """Single precision counts from the middle of the points."""
     middle = np.round(position.mean(axis=0)) if len(position) else np.zeros(2)
     points["x"], points["y"] = (position - middle).T
-    cloud = PointCloud(frame_id=SCENE_FRAME, point_stride=points.dtype.itemsize, data=points.tobytes())
-    set_time(cloud.timestamp, time_ns)
     x, y = middle.tolist()
-    place(cloud.pose, x, y, height, 0.0)
-    for name, (kind, offset, *_) in (points.dtype.fields or {}).items():
-        cloud.fields.add(name=name, offset=offset, type=_FIELD_TYPE[kind.str[1:]])
-    return cloud
+    return PointCloud(
+        timestamp=stamp(time_ns), frame_id=SCENE_FRAME, pose=pose(x, y, height),
+        point_stride=points.dtype.itemsize, data=points.tobytes(),
+        fields=[
+            PackedElementField(name=name, offset=offset, type=_FIELD_TYPE[kind.str[1:]])
+            for name, (kind, offset, *_) in (points.dtype.fields or {}).items()
+        ],
+    )  # fmt: skip

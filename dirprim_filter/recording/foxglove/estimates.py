@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
-from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
-from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove.messages import (
+    ArrowPrimitive,
+    CubePrimitive,
+    CylinderPrimitive,
+    KeyValuePair,
+    SceneUpdate,
+    TextPrimitive,
+    Vector3,
+)
 
-from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.arrays import FloatArray
 from dirprim_filter.detections import NO_ID, Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.colors import track_color
@@ -18,26 +23,15 @@ from dirprim_filter.drawing.names import short_name
 from dirprim_filter.drawing.sight import SURE_FROM, may_be_anywhere
 from dirprim_filter.estimates import Estimates
 from dirprim_filter.optional_columns import is_held
-from dirprim_filter.recording.foxglove.entities import (
-    HEIGHT,
-    Color,
-    add_line,
-    encoded_points,
-    fresh_update,
-    paint,
-    turn,
-)
-from dirprim_filter.recording.foxglove.frames import SCENE_FRAME
-from dirprim_filter.recording.foxglove.objects import VEHICLE_SIZE
-from dirprim_filter.recording.foxglove.templates import MessageTemplates, number_of
-from dirprim_filter.recording.schemas.dirprim import set_time
+from dirprim_filter.recording.foxglove.scene import HEIGHT, STRIP, entity, fresh_update, line, painted, pose
+from dirprim_filter.recording.foxglove.vehicles import VEHICLE_SIZE
 from dirprim_filter.recording.schemas.scene_update import DRAWN_NOTE
 from dirprim_filter.track_ids import as_texts
 
 REGION_SHARE = 0.9
 MIN_AXIS = 0.02
 """Metres; a thinner ellipse would not be seen."""
-BODY_OPACITY, ARROW_OPACITY, REGION_OPACITY, TRAIL_OPACITY, LABEL_OPACITY = OPACITY = (0.4, 0.95, 0.25, 0.7, 0.95)
+OPACITY = {"body": 0.4, "arrow": 0.95, "region": 0.25, "trail": 0.7, "label": 0.95}
 SMOOTHED_COLOR = (0.95, 0.95, 0.95)
 COASTING_OPACITY = 0.35
 """Times as strong are vehicles that coast."""
@@ -45,32 +39,23 @@ HEAD_LENGTH, HEAD_SHARE = 0.9, 0.5
 """Of an arrow, metres, and of its length at most."""
 LABEL_NORTH = 3.0
 """Metres; a label on the vehicle would hide what it names."""
-TRAIL_S = 5.0
-TRAIL_POINTS = 16
-"""Of a trail: the vehicle, and where it was at as many even instants less one."""
-_TRAIL_STEP_NS = int(TRAIL_S * 1e9 / (TRAIL_POINTS - 1))
+TRAIL_NS, TRAIL_POINTS = 5_000_000_000, 16
+"""How far back a trail goes, and by how many points it leads to the vehicle."""
 
 
 class EstimatesScene:
-    """The `SceneUpdate` of one instant after the other.
-
-    Each update first deletes what earlier ones drew: a vehicle that is no longer tracked vanishes. Vehicles are drawn
-    once and then filled in: a hundred of them, drawn ten times a second, would cost as much as tracking them.
+    """The `SceneUpdate` of one instant after the other, which first deletes what earlier ones drew.
 
     Args:
         color: red, green and blue of all vehicles; left out, each has its own, the same as in rerun.
     """
 
-    def __init__(self, color: Color | None = None) -> None:
-        self._templates = MessageTemplates(
-            partial(_drawn_estimate, color), 27 + 2 * TRAIL_POINTS, field=number_of(SceneUpdate, "entities")
-        )
+    def __init__(self, color: Sequence[float] | None = None) -> None:
+        self._color = color
         self._size: dict[str, FloatArray] = {}
-        self._names: Sequence[str] = ()
-        self._trail: FloatArray = np.empty((0, TRAIL_POINTS, 2))
-        self._trail_ns: IntArray = np.empty(0, np.int64)
+        self._trail: dict[str, list[tuple[int, list[float]]]] = {}
 
-    def encode(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> bytes:
+    def update(self, estimates: Estimates, detections: Detections, time_ns: int, origin: FloatArray) -> SceneUpdate:
         """The update of one instant; sizes are those that were last reported of vehicles by name.
 
         A vehicle of unknown direction, as one that has stood from its first detection on, is drawn as long as wide.
@@ -83,86 +68,58 @@ class EstimatesScene:
         """
         names = as_texts(estimates.track_id).tolist()
         self._see_sizes(detections)
-        length, width, height = np.array([self._size.get(name, VEHICLE_SIZE) for name in names]).reshape(-1, 3).T
-        length = np.where(estimates.direction_resultant < SURE_FROM, width, length)  # a square faces nowhere
-        half_axes, angle = shapes.covariance_axes(estimates.covariance, probability=REGION_SHARE)
-        minor, major = np.maximum(2.0 * half_axes, MIN_AXIS).T
-        position = estimates.position - origin
-        (x, y), half, half_turn = position.T, 0.5 * estimates.direction, 0.5 * angle
-        facing = (np.sin(half), np.cos(half))
-        head = np.minimum(HEAD_LENGTH, HEAD_SHARE * estimates.speed)
-        strength = np.where(estimates.is_coasting, COASTING_OPACITY, 1.0)
-        body, arrow, region, trail, label = np.array(OPACITY)[:, None] * strength
-        region = np.where(may_be_anywhere(estimates), 0.0, region)
-        numbers = np.column_stack(
-            [
-                x, y, *facing, 0.5 * height, length, width, height, body,
-                x, y, *facing, estimates.speed - head, head, arrow,
-                x, y, np.sin(half_turn), np.cos(half_turn), minor, major, region,
-                x, y + LABEL_NORTH, label, trail, self._trails(names, position, time_ns),
-            ]
+        half_axes, ellipse_yaw = shapes.covariance_axes(estimates.covariance, probability=REGION_SHARE)
+        columns = (
+            estimates.position - origin, estimates.direction, estimates.speed,
+            estimates.direction_resultant >= SURE_FROM, np.maximum(2.0 * half_axes, MIN_AXIS), ellipse_yaw,
+            np.where(estimates.is_coasting, COASTING_OPACITY, 1.0), may_be_anywhere(estimates),
+            track_color(names)[:, :3] / 255.0,
         )  # fmt: skip
-        shared = SceneEntity()
-        set_time(shared.timestamp, time_ns)
-        entities = self._templates.encode(names, numbers, shared=shared.SerializeToString())
-        return fresh_update(time_ns).SerializeToString() + entities
+        self._trail = {
+            name: self._led_on(name, place, time_ns) for name, place in zip(names, columns[0].tolist(), strict=True)
+        }
+        entities = []
+        for name, (x, y), yaw, speed, is_turned, (minor, major), turn, strength, is_anywhere, own in zip(
+            names, *(column.tolist() for column in columns), strict=True
+        ):
+            length, width, height = self._size.get(name, VEHICLE_SIZE)
+            rgb, opacity = self._color or own, {part: strength * alpha for part, alpha in OPACITY.items()}
+            head = min(HEAD_LENGTH, HEAD_SHARE * speed)
+            entities.append(entity(
+                name, time_ns, metadata=[KeyValuePair(key=DRAWN_NOTE, value="body")],
+                cubes=[CubePrimitive(
+                    pose=pose(x, y, height / 2, yaw), color=painted(rgb, opacity["body"]),
+                    size=Vector3(x=length if is_turned else width, y=width, z=height),
+                )],
+                arrows=[ArrowPrimitive(
+                    pose=pose(x, y, HEIGHT["arrow"], yaw), color=painted(rgb, opacity["arrow"]), shaft_diameter=0.35,
+                    head_diameter=1.0, shaft_length=speed - head, head_length=head,
+                )],
+                cylinders=[CylinderPrimitive(
+                    pose=pose(x, y, HEIGHT["region"], turn), size=Vector3(x=minor, y=major, z=0.02), bottom_scale=1.0,
+                    top_scale=1.0, color=painted(rgb, 0.0 if is_anywhere else opacity["region"]),
+                )],
+                texts=[TextPrimitive(
+                    pose=pose(x, y + LABEL_NORTH, HEIGHT["label"]), billboard=True, font_size=13.0,
+                    scale_invariant=True, text=short_name(name), color=painted(rgb, opacity["label"]),
+                )],
+                lines=[line(
+                    STRIP, np.array([place for _, place in self._trail[name]]), pixels=2.0,
+                    color=painted(rgb, opacity["trail"]), height=HEIGHT["trails"],
+                )],
+            ))  # fmt: skip
+        return fresh_update(entities, time_ns)
 
     def _see_sizes(self, detections: Detections) -> None:
         if not is_held(detections.size):
             return
         for name, size in zip(detections.track_id.tolist(), detections.size, strict=True):
             if name != NO_ID and not np.isnan(size).all():
-                self._size[name] = np.where(np.isnan(size), VEHICLE_SIZE, size)
+                self._size[name] = np.where(np.isnan(size), VEHICLE_SIZE, size).tolist()
 
-    def _trails(self, names: Sequence[str], position: FloatArray, time_ns: int) -> FloatArray:
-        """Where the vehicles were, oldest first, and are: (n, TRAIL_POINTS * 2) metres, x before y."""
-        if names != self._names:
-            row_of = {name: row for row, name in enumerate(self._names)}
-            row = np.array([row_of.get(name, -1) for name in names], np.int64)
-            known, before, since_ns = row >= 0, self._trail, self._trail_ns
-            self._names, self._trail = names, np.repeat(position[:, None], TRAIL_POINTS, axis=1)
-            self._trail_ns = np.full(len(names), time_ns)
-            self._trail[known], self._trail_ns[known] = before[row[known]], since_ns[row[known]]
-        n_steps = np.minimum((time_ns - self._trail_ns) // _TRAIL_STEP_NS, TRAIL_POINTS)
-        point = np.minimum(np.arange(TRAIL_POINTS) + n_steps[:, None], TRAIL_POINTS - 1)
-        self._trail = np.take_along_axis(self._trail, point[..., None], axis=1)
-        self._trail[:, -1] = position
-        self._trail_ns = self._trail_ns + n_steps * _TRAIL_STEP_NS
-        return self._trail.reshape(len(names), TRAIL_POINTS * 2)
-
-
-def _drawn_estimate(color: Color | None, name: str, numbers: Sequence[float]) -> SceneEntity:
-    """A vehicle of `EstimatesScene`, with these numbers in their order there."""
-    number = iter(numbers)
-
-    def take(n: int) -> list[float]:
-        return [next(number) for _ in range(n)]
-
-    red, green, blue = color or (track_color([name])[0, :3] / 255.0).tolist()
-    entity = SceneEntity(id=name, frame_id=SCENE_FRAME)
-    set_time(entity.lifetime, 0)
-    entity.metadata.add(key=DRAWN_NOTE, value="body")
-    body = entity.cubes.add()
-    x, y, sine, cosine, z = take(5)
-    turn(body.pose, x, y, sine, cosine, z=z)
-    body.size.x, body.size.y, body.size.z = take(3)
-    paint(body.color, (red, green, blue, *take(1)))
-    arrow = entity.arrows.add(shaft_diameter=0.35, head_diameter=1.0)
-    turn(arrow.pose, *take(4), z=HEIGHT["arrow"])
-    arrow.shaft_length, arrow.head_length = take(2)
-    paint(arrow.color, (red, green, blue, *take(1)))
-    region = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
-    turn(region.pose, *take(4), z=HEIGHT["region"])
-    region.size.x, region.size.y = take(2)
-    region.size.z = 0.02
-    paint(region.color, (red, green, blue, *take(1)))
-    label = entity.texts.add(billboard=True, font_size=13.0, scale_invariant=True, text=short_name(name))
-    x, y = take(2)
-    turn(label.pose, x, y, 0.0, 1.0, z=HEIGHT["label"])
-    paint(label.color, (red, green, blue, *take(1)))
-    trail = add_line(
-        entity, LinePrimitive.LINE_STRIP, pixels=2.0, color=(red, green, blue, *take(1)), height=HEIGHT["trails"]
-    )
-    points = np.array(take(2 * TRAIL_POINTS)).reshape(TRAIL_POINTS, 2)
-    trail.MergeFromString(encoded_points(LinePrimitive, points).tobytes())
-    return entity
+    def _led_on(self, name: str, place: list[float], time_ns: int) -> list[tuple[int, list[float]]]:
+        """Where a vehicle was at even instants, oldest first, and is."""
+        *kept, last = self._trail.get(name) or [(time_ns, place)]
+        if not kept or last[0] - kept[-1][0] >= TRAIL_NS // TRAIL_POINTS:
+            kept.append(last)
+        return [*(was for was in kept if time_ns - was[0] <= TRAIL_NS), (time_ns, place)]

@@ -15,7 +15,7 @@ import numpy as np
 from dirprim_filter.partial_file import PartialFile
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.recording import topic_names
-from dirprim_filter.recording.foxglove.frames import SCENE_FRAME, view_of
+from dirprim_filter.recording.foxglove.scene import SCENE_FRAME, view_of
 
 BACKGROUND = "#10131a"
 NO_AXES = {"axisScale": 0.0, "lineWidth": 0.0, "showLabel": False}

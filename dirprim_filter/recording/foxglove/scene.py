@@ -1,0 +1,136 @@
+"""What scenes are made of: the frame they are drawn in, times, poses, colours, heights, lines and areas.
+
+The frame `scene` is in the middle of what is drawn, without rotation in `map`. The camera of the layout stands on it,
+wherever in the map that is. Viewers compute in single precision, which at coordinates of a whole country is half a
+metre: from the middle of the scene it is a fraction of a millimetre.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from foxglove.messages import (
+    Color,
+    Duration,
+    FrameTransform,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    Point3,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneEntityDeletion,
+    SceneEntityDeletionType,
+    SceneUpdate,
+    Timestamp,
+    TriangleListPrimitive,
+    Vector3,
+)
+
+from dirprim_filter.arrays import FloatArray, IntArray
+from dirprim_filter.drawing import shapes
+from dirprim_filter.primitives.primitive_map import PrimitiveMap
+from dirprim_filter.recording.log_writer import LATEST_NS
+from dirprim_filter.recording.schemas.dirprim import MAP_FRAME, NANOSECONDS
+
+SCENE_FRAME = "scene"
+BUSY_SHARE = 0.75
+"""Of the traffic: the camera looks at the square that holds it."""
+ON_THE_GROUND = ("cells", "roses", "region_90", "region_50", "paths", "trails")
+ON_THE_ROOF = ("region", "particles", "arrow", "detections", "label")
+ROOF = 1.6
+"""Metres; most bodies end below."""
+HEIGHT: Mapping[str, float] = {
+    name: lowest + 0.1 * place
+    for lowest, names in ((0.0, ON_THE_GROUND), (ROOF, ON_THE_ROOF))
+    for place, name in enumerate(names)
+}
+"""Metres above the ground. Viewers draw what is seen through from the lowest up, by the height of its pose."""
+FINEST_M = 1.0 / 1024.0
+"""Of a map's coordinates: a millimetre, a power of two, so that their last bits are zeros and compress."""
+STRIP, SEGMENTS = LinePrimitiveLineType.LineStrip, LinePrimitiveLineType.LineList
+
+
+def view_of(primitive_map: PrimitiveMap) -> FloatArray:
+    """The part of a map to look at: its south-west and north-east corner, (2, 2) metres."""
+    return shapes.busy_box(primitive_map, share=BUSY_SHARE)
+
+
+def origin_of(points: FloatArray) -> FloatArray:
+    """The middle of the box around points, (n, 2), in whole metres; of no point (0, 0). -> (2,)."""
+    points = points.reshape(-1, 2)
+    if not len(points):
+        return np.zeros(2)
+    return np.asarray(np.round(0.5 * (points.min(axis=0) + points.max(axis=0))))
+
+
+def scene_transform(time_ns: int, origin: FloatArray) -> FrameTransform:
+    """Where `scene` is in `map`: (2,) metres. Viewers draw no frame that no transform names."""
+    x, y = origin.tolist()
+    return FrameTransform(
+        timestamp=stamp(time_ns), parent_frame_id=MAP_FRAME, child_frame_id=SCENE_FRAME,
+        translation=Vector3(x=x, y=y, z=0.0), rotation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+    )  # fmt: skip
+
+
+def stamp(time_ns: int) -> Timestamp:
+    """The time of a message; one that such a message cannot hold is refused where it is written."""
+    return Timestamp(*divmod(min(max(time_ns, 0), LATEST_NS), NANOSECONDS))
+
+
+def fresh_update(entities: list[SceneEntity], time_ns: int) -> SceneUpdate:
+    """An update that first deletes what earlier ones of its topic drew."""
+    everything = SceneEntityDeletion(timestamp=stamp(time_ns), type=SceneEntityDeletionType.All)
+    return SceneUpdate(deletions=[everything], entities=entities)
+
+
+def entity(
+    name: str, time_ns: int, *, frame: str = SCENE_FRAME, lifetime_ns: int = 0, frame_locked: bool = False, **parts: Any
+) -> SceneEntity:
+    """An entity of primitives; a lifetime of 0 lasts until it is replaced or deleted."""
+    return SceneEntity(
+        id=name, timestamp=stamp(time_ns), frame_id=frame, lifetime=Duration(*divmod(lifetime_ns, NANOSECONDS)),
+        frame_locked=frame_locked, **parts,
+    )  # fmt: skip
+
+
+def pose(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:
+    """A pose on level ground."""
+    turn = Quaternion(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn)
+
+
+def painted(rgb: Sequence[float], opacity: float) -> Color:
+    """A colour of red, green and blue, 0 to 1."""
+    return Color(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)
+
+
+def points(position: FloatArray) -> list[Point3]:
+    """(..., 2) metres."""
+    return [Point3(x=x, y=y, z=0.0) for x, y in position.reshape(-1, 2).tolist()]
+
+
+def rounded(position: FloatArray) -> FloatArray:
+    """To `FINEST_M`."""
+    return np.asarray(np.round(position / FINEST_M) * FINEST_M)
+
+
+def line(
+    kind: LinePrimitiveLineType, along: FloatArray, *, pixels: float, color: Color, height: float,
+    indices: Sequence[int] = (),
+) -> LinePrimitive:  # fmt: skip
+    """A line along points (n, 2), so wide on the screen at every zoom."""
+    return LinePrimitive(
+        type=kind, pose=pose(0.0, 0.0, height), thickness=pixels, scale_invariant=True, points=points(along),
+        color=color, indices=list(indices),
+    )  # fmt: skip
+
+
+def area(vertex: FloatArray, triangle: IntArray, *, height: float, **color: Any) -> TriangleListPrimitive:
+    """Triangles, (m, 3) numbers of their vertices, (n, 2) metres, of one color or of `colors` at the vertices."""
+    return TriangleListPrimitive(
+        pose=pose(0.0, 0.0, height), points=points(vertex), indices=triangle.ravel().tolist(), **color
+    )
