@@ -157,7 +157,6 @@ class Forecaster:
         rng: np.random.Generator,
     ) -> None:
         config = config or FilterConfig()
-        self._config = config
         self._table = motion_table(primitive_map, step_s=config.step_s)
         self._response = leader_table(primitive_map, config)
         self._sinks = sinks
@@ -165,10 +164,6 @@ class Forecaster:
         self._steps = Steps.of(horizon_s, dt_s, n_samples)
         self._seed = int(rng.integers(2**63))
         self._next_ns: int | None = None
-
-    def move_to(self, primitive_map: PrimitiveMap) -> None:
-        """Go on by another part of the same map."""
-        self._table = motion_table(primitive_map, step_s=self._config.step_s)
 
     def write(self, frame: TrackedFrame) -> None:
         """Forecast the frame's vehicles if it is time."""

@@ -171,17 +171,6 @@ def _candidates(generators: FloatArray, center: FloatArray, half: float) -> tupl
     return square, cell
 
 
-def renumbered(locator: Locator, number: IntArray) -> Locator:
-    """The locator of cells by other numbers: (n_cells,), `OUTSIDE` for those that are left out."""
-    entry, pixel = locator.entry.copy(), locator.pixel.copy()
-    entry[:, 2] = number[entry[:, 2].astype(np.int64)]
-    pixel[pixel >= 0] = number[pixel[pixel >= 0]]
-    left = np.logical_or.reduceat(entry[:, 2] >= 0, locator.first[:-1]) if len(locator.first) > 1 else np.empty(0, bool)
-    shared = pixel < -1
-    pixel[shared] = np.where(left[-2 - pixel[shared]], pixel[shared], -1)
-    return locator._replace(pixel=pixel, entry=entry)
-
-
 def cells_of(locator: Locator, position: FloatArray) -> IntArray:
     """The cell of each position. (n, 2) -> (n,)."""
     cell = np.empty(len(position), np.int64)

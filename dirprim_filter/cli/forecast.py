@@ -132,28 +132,26 @@ def _of_log(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.filtering import Tracker, Worlds
     from dirprim_filter.forecasting import Forecaster
-    from dirprim_filter.nearby_map import NearbyMap
-    from dirprim_filter.recording import open_map
+    from dirprim_filter.recording import load_map
     from dirprim_filter.recording.container.errors import one_line
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
-    nearby = NearbyMap(open_map(map_file), ahead_s=horizon_s, noise_m=config.noise_m)
+    primitive_map = load_map(map_file)
     stream = reading.detections(log, motion=False)
-    worlds = Worlds(lambda _: Tracker(nearby.part, config=config, tracking=tracking, rng=np.random.default_rng(seed)))
-    frames = nearby.along((reported.without_ids() for reported in stream) if no_ids else stream, worlds)
+    worlds = Worlds(lambda _: Tracker(primitive_map, config=config, tracking=tracking, rng=np.random.default_rng(seed)))
+    frames = (reported.without_ids() for reported in stream) if no_ids else stream
     said = provenance(
         "forecast", inputs=[log, map_file], config=config, seed=seed, horizon_s=horizon_s, dt_s=dt_s,
         every_s=every_s, n_samples=n_samples, no_ids=no_ids, **reading.said(),
     )  # fmt: skip
     with EstimateWriter(output, metadata=said, force=force) as estimates:
-        estimates.write_map_scene(nearby.part)
+        estimates.write_map_scene(primitive_map)
         listening: list[ForecastSink] = [estimates, _Lines(dt_s)] if as_json else [estimates]
         forecaster = Forecaster(
-            nearby.part, listening, every_s=every_s, horizon_s=horizon_s, dt_s=dt_s, n_samples=n_samples, config=config,
-            rng=np.random.default_rng([seed, 1]),
+            primitive_map, listening, every_s=every_s, horizon_s=horizon_s, dt_s=dt_s, n_samples=n_samples,
+            config=config, rng=np.random.default_rng([seed, 1]),
         )  # fmt: skip
-        nearby.followers += [worlds.move_to, estimates.write_map_scene, forecaster.move_to]
         seen = with_progress(frames, what=f"forecasting {log.name}", end_ns=stream.end_ns)
         n_frames = replay(seen, worlds, [estimates, forecaster])
         reading.require_frames(n_frames, log, stream.losses)

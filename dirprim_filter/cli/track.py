@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from dirprim_filter.estimates import EstimateSink, TrackedFrame
     from dirprim_filter.filtering import Worlds
     from dirprim_filter.filtering.smoothing import Smoother
-    from dirprim_filter.forecasting import Forecaster, ForecastSink
-    from dirprim_filter.nearby_map import NearbyMap
+    from dirprim_filter.forecasting import ForecastSink
+    from dirprim_filter.primitives import PrimitiveMap
     from dirprim_filter.sensor import Sensor
 
 MOST_LOST = 0.5
@@ -108,22 +108,19 @@ def track(
     from dirprim_filter.cli.provenance import provenance
     from dirprim_filter.cli.watching import exit_code, open_viewer
     from dirprim_filter.filtering import Tracker, Worlds
-    from dirprim_filter.nearby_map import NearbyMap
-    from dirprim_filter.recording import open_map
+    from dirprim_filter.forecasting import Forecaster
+    from dirprim_filter.recording import load_map
     from dirprim_filter.recording.writer import EstimateWriter
     from dirprim_filter.replay import replay
 
     _require_new([output, save], force=force)
     own = taken(Own, settings)
-    the_map = open_map(map_file)
+    primitive_map = load_map(map_file)
     sensing = sensor_of(sensor, log, reading, noise_m=noise, config=config, with_ids=not no_ids, seed=seed)
     sensing, filtering, association = _configured(
         sensing, settings, *read_filter(config, settings, n_particles=particles, noise_m=noise)
     )
-    nearby = NearbyMap(
-        the_map, ahead_s=forecast + (0.0 if sensing is None else sensing.latency_s), noise_m=filtering.noise_m,
-        sight=None if sensing is None else sensing.sight,
-    )  # fmt: skip
+    by_map = primitive_map.without_places() if own.without_map else primitive_map
     stream = reading.detections(log, motion=own.motion)
     watched = bool(save or spawn or connect)
     smoother = _smoother(filtering, smooth=smooth, lag_s=lag)
@@ -131,13 +128,12 @@ def track(
     def tracker_of(group: int) -> Tracker:
         make = Tracker if smoother is None else partial(smoother.tracker, group)
         return make(
-            nearby.part.without_places() if own.without_map else nearby.part, config=filtering, tracking=association,
-            sensor=sensing, with_innovations=watched, rng=np.random.default_rng(seed),
+            by_map, config=filtering, tracking=association, sensor=sensing, with_innovations=watched,
+            rng=np.random.default_rng(seed),
         )  # fmt: skip
 
     worlds = Worlds(tracker_of)
-    frames = nearby.along((seen.without_ids() for seen in stream) if no_ids else stream, worlds)
-    nearby.followers += [] if own.without_map else [worlds.move_to]
+    frames = (seen.without_ids() for seen in stream) if no_ids else stream
     said = provenance(
         "track", inputs=[log, map_file], config=filtering, seed=seed, without_map=own.without_map, no_ids=no_ids,
         motion=own.motion, smooth=smooth, lag_s=lag,
@@ -151,8 +147,8 @@ def track(
             output, metadata=said, force=force,
             particle_stride=max(filtering.n_particles // particles_out, 1) if particles_out else None,
         ))  # fmt: skip
-        nearby.tell(estimates.write_map_scene)
-        coverage = Coverage(nearby)
+        estimates.write_map_scene(primitive_map)
+        coverage = Coverage(primitive_map)
         sinks: list[EstimateSink] = [estimates, coverage]
         forecasts: list[ForecastSink] = [estimates]
         if watched:
@@ -162,14 +158,15 @@ def track(
                 group=reading.group if own.truth == str(log) else None,
             )  # fmt: skip
             open_files.enter_context(viewer)
-            nearby.tell(viewer.log_map)
+            viewer.log_map(primitive_map)
             viewer.log_run(said, {})
             sinks, forecasts = [estimates, coverage, viewer], [estimates, viewer]
         if smoother is not None:
             smoother.sinks += [shown.write_smoothed for shown in (estimates, viewer) if shown is not None]
             sinks.append(smoother)
         if forecast > 0:
-            sinks.append(_forecaster(nearby, forecasts, forecast, filtering, seed, without_map=own.without_map))
+            rng = np.random.default_rng([seed, 1])
+            sinks.append(Forecaster(by_map, forecasts, horizon_s=forecast, config=filtering, rng=rng))
         with smoother or nullcontext():
             n_frames = replay(with_progress(frames, what=f"tracking {log.name}", end_ns=stream.end_ns), worlds, sinks)
         reading.require_frames(n_frames, log, stream.losses)
@@ -191,14 +188,14 @@ def _require_new(outputs: Sequence[Path | None], *, force: bool) -> None:
 class Coverage:
     """An `EstimateSink` that counts which of a log's rows are outside of the map, and which have no estimate."""
 
-    def __init__(self, nearby: NearbyMap) -> None:
-        self._nearby = nearby
+    def __init__(self, primitive_map: PrimitiveMap) -> None:
+        self._cells = primitive_map.tessellation
         self._n_rows = self._n_outside = self._n_estimated = 0
 
     def write(self, frame: TrackedFrame) -> None:
         """Count the rows of a frame."""
         self._n_rows += len(frame.detections)
-        self._n_outside += int((self._nearby.part.tessellation.cell_of(frame.detections.position) < 0).sum())
+        self._n_outside += int((self._cells.cell_of(frame.detections.position) < 0).sum())
         self._n_estimated += int((frame.estimates.unseen_s == 0).sum())
 
     def text(self) -> str:
@@ -240,21 +237,6 @@ def _smoother(filtering: FilterConfig, *, smooth: bool, lag_s: float | None) -> 
     if smooth and lag_s is not None:
         raise typer.BadParameter("--smooth waits for the whole log: give one of both", param_hint="--lag")
     return Smoother(max_gap_s=filtering.max_gap_s, lag_s=lag_s) if smooth or lag_s is not None else None
-
-
-def _forecaster(
-    nearby: NearbyMap, sinks: list[ForecastSink], horizon_s: float, config: FilterConfig, seed: int, *,
-    without_map: bool,
-) -> Forecaster:  # fmt: skip
-    import numpy as np
-
-    from dirprim_filter.forecasting import Forecaster
-
-    rng = np.random.default_rng([seed, 1])
-    part = nearby.part.without_places() if without_map else nearby.part
-    made = Forecaster(part, sinks, horizon_s=horizon_s, config=config, rng=rng)
-    nearby.followers += [] if without_map else [made.move_to]
-    return made
 
 
 def _say(worlds: Worlds, what: str, coverage: Coverage) -> None:

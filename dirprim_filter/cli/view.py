@@ -164,13 +164,13 @@ def _sorted(files: Sequence[Path], *, elsewhere: bool) -> _Given:
 def _kind(file: Path) -> Kind:
     if file.suffix == ".rrd":
         return Kind.RECORDING
-    from dirprim_filter.recording.map_file import MAP_SCHEMA
+    from dirprim_filter.recording.map_file import MAP
     from dirprim_filter.recording.scan import scan
     from dirprim_filter.recording.schemas import ESTIMATES_SCHEMA
 
     with scan(file) as log:
         schemas = {channel.schema.name for channel in log.channels()}
-    return Kind.TRACKS if ESTIMATES_SCHEMA in schemas else Kind.MAP if MAP_SCHEMA in schemas else Kind.LOG
+    return Kind.TRACKS if ESTIMATES_SCHEMA in schemas else Kind.MAP if MAP.name in schemas else Kind.LOG
 
 
 def _beside(given: _Given, viewer: RerunSink, *, truth: Path | None, focus: str | None, group: int | None) -> None:

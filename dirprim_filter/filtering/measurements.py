@@ -20,8 +20,6 @@ MOVING_FROM = 0.5
 """m/s; slower vehicles have no measured course."""
 FASTEST = 60.0
 """m/s; an outlier of a measured speed, or a false detection's, lies anywhere below it."""
-MOST_SPREADS = 8.0
-"""Standard deviations from the mean of a Gaussian within which all draws of it lie."""
 
 
 def measured_covariance(measured: Detections, config: FilterConfig) -> FloatArray:

@@ -27,10 +27,8 @@ from dirprim_filter.filtering.surroundings import Surroundings, leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table
-from dirprim_filter.primitives.part import renumbered
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sensor import Sensor
-from tessellation import OUTSIDE
 
 PARALLEL_FROM_NS = 400_000.0
 """Work below which handing a part of it to a second thread, some 0.1 ms, costs more than it saves."""
@@ -56,56 +54,21 @@ class ParticleFilter:
     ) -> None:
         self.config = config = config or FilterConfig()
         self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
-        self._map = primitive_map
-        self._move_by(primitive_map)
+        self._table = motion_table(primitive_map, step_s=config.step_s)
+        self._primitives = primitive_map.compiled()
         self._response = leader_table(primitive_map, config)
         self._surroundings = Surroundings()
         self._surroundings.reserve(self.belief.n_slots)
-        self._end_journeys_by(primitive_map)
+        self._has_cells = primitive_map.tessellation.n_cells > 0
+        self.traffic = Traffic.of(primitive_map.tessellation, primitive_map.motion)
+        self._ends = np.zeros(len(primitive_map.motion))
+        if self.traffic is not None:
+            self._ends[: self.traffic.ends.size] = self.traffic.ends
         self._noise, self._sensor, self._errors = _noise(config), sensor, _errors(sensor)
         spread = (1.0, 1.0) if sensor is None else (sensor.along.spread_m, sensor.across.spread_m)
         self._errors_at_birth = self._errors.lasting[0] / spread[0], self._errors.lasting[1] / spread[1]
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads - 1, "dirprim") if self._n_threads > 1 else None
-
-    def _move_by(self, primitive_map: PrimitiveMap) -> None:
-        self._table = motion_table(primitive_map, step_s=self.config.step_s)
-        self._primitives = primitive_map.compiled()
-
-    def _end_journeys_by(self, primitive_map: PrimitiveMap) -> None:
-        self._has_cells = primitive_map.part is not None or primitive_map.tessellation.n_cells > 0
-        self.traffic = Traffic.of(primitive_map)
-        self._ends = np.zeros(len(primitive_map.motion))
-        if self.traffic is not None:
-            self._ends[: self.traffic.ends.size] = self.traffic.ends
-
-    def move_to(self, primitive_map: PrimitiveMap) -> None:
-        """Go on by another part of the same map, with the cells `in_use`; beliefs stay, with other numbers."""
-        belief, former, part = self.belief, self._map.part, primitive_map.part
-        if former is None or part is None:
-            raise ValueError("primitive_map: expected a part of a map, in place of a part of it")
-        cell = np.append(renumbered(former.cell, part.cell), OUTSIDE)
-        place_free = np.arange(part.manoeuvre.size, len(primitive_map.motion))
-        manoeuvre = np.append(renumbered(former.manoeuvre, part.manoeuvre), place_free)
-        belief.cloud.cell[:], belief.cloud.manoeuvre[:] = cell[belief.cloud.cell], manoeuvre[belief.cloud.manoeuvre]
-        belief.mode_of = primitive_map.motion.mode
-        belief.step += 1
-        self._map = primitive_map
-        self._move_by(primitive_map)
-        self._end_journeys_by(primitive_map)
-
-    def extent(self, slot: IntArray) -> FloatArray:
-        """West, south, east and north of the particles of each belief, metres. (v,) -> (v, 4)."""
-        position = self.belief.cloud.position[slot]
-        return np.hstack([position.min(axis=1), position.max(axis=1)])
-
-    def in_use(self, slot: IntArray) -> IntArray:
-        """The cells, by the numbers of the whole map, that particles (v,) are in or have their manoeuvre of."""
-        cloud, part = self.belief.cloud, self._map.part
-        if part is None:
-            return np.empty(0, np.int64)
-        cell = np.union1d(cloud.cell[slot], self._map.motion.cell[cloud.manoeuvre[slot]])
-        return np.asarray(part.cell[cell[cell != OUTSIDE]])
 
     @property
     def manoeuvres(self) -> FloatArray:

@@ -20,8 +20,8 @@ from dirprim_filter.filtering.association import Associator, Hits
 from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.cued_motion import CuedMotion
 from dirprim_filter.filtering.current_frame import NO_ROWS, CurrentFrame
-from dirprim_filter.filtering.measurements import FASTEST, position_errors, with_unseen_errors
-from dirprim_filter.filtering.particle_filter import ParticleFilter, bayes_filter_of
+from dirprim_filter.filtering.measurements import position_errors, with_unseen_errors
+from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.roster import GAP_INTERVALS, Roster
 from dirprim_filter.filtering.scans import IntervalsByName, RevisitTime
@@ -84,7 +84,6 @@ class Tracker:
         self._with_innovations = with_innovations
         self._filter = bayes_filter_of(model, self.config, sensor)
         self._intervals, self._revisits, self._frame_times = IntervalsByName(), RevisitTime(), RevisitTime()
-        self._by_map = self._filter if isinstance(self._filter, ParticleFilter) else None
         self._latency_ns = 0 if sensor is None else round(sensor.latency_s * 1e9)
         sight = None if sensor is None else sensor.sight
         self._roster = Roster(self._filter)
@@ -149,31 +148,6 @@ class Tracker:
         for kind in frame.kinds:
             self._begin_tracks(rest[is_labelled[rest] == kind], is_labelled=kind)
         self._hold(detections.track_id[is_labelled].tolist())
-
-    def ground(self, time_ns: int) -> FloatArray:
-        """(v, 4) west, south, east and north of where particles may go up to a time, by a map in parts; metres."""
-        if self._by_map is None:
-            return np.empty((0, 4))
-        slot = self._going_on(time_ns)
-        reach = FASTEST * np.maximum(_seconds(time_ns - self._roster.time_ns[slot]), 0.0)
-        return np.asarray(self._by_map.extent(slot) + reach[:, None] * np.array([-1.0, -1.0, 1.0, 1.0]))
-
-    def in_use(self, time_ns: int) -> IntArray:
-        """The cells of a map in parts that beliefs which may be measured at a time cannot go on without."""
-        return NO_ROWS if self._by_map is None else self._by_map.in_use(self._going_on(time_ns))
-
-    def move_to(self, primitive_map: PrimitiveMap) -> None:
-        """Go on by another part of the same map, which holds `ground` and the cells `in_use`."""
-        if self._by_map is not None:
-            self._by_map.move_to(primitive_map)
-            for undetected in self._undetected.values():
-                undetected.move_to(self._by_map.traffic)
-
-    def _going_on(self, time_ns: int) -> IntArray:
-        """The slots of tracks that `predict` will not forget."""
-        slot = np.concatenate([self._roster.members(is_labelled=kind)[1] for kind in KINDS])
-        last_ns = self._roster.last_ns[slot]
-        return np.asarray(slot[last_ns >= time_ns - self._latency_ns])
 
     def weigh(self) -> None:
         """Weigh the moved beliefs by the frame's measurements; begin anew those that have lost their vehicle.

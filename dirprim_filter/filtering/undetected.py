@@ -3,22 +3,17 @@
 They are a Poisson process, thinned by each frame that did not show them. In the first frame they are all vehicles,
 where traffic is dense; later mostly those that have just begun their journey, where journeys begin.
 
-No detection changes them, and where the sensor sees frames soon thin out what was before: so of a place that is loaded
-while it tracks they follow from the last frames.
-
 Source: Williams, Marginal Multi-Bernoulli Filters: RFS Derivation of MHT, JIPDA, and Association-Based MeMBer, 2015.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
-from dirprim_filter.primitives.part import renumbered
 from dirprim_filter.primitives.traffic import Traffic
 from dirprim_filter.sight import Sight
 
@@ -29,12 +24,6 @@ MOST_FALSE = 100.0
 """False detections with an id on all of a map in a frame, at most: beyond a square kilometre its densities shrink."""
 LEVEL_S = 900.0
 """Seconds in which all but 1/e of what is known of the traffic's level is forgotten: within a rush hour it follows."""
-FORGOTTEN = 1e-9
-"""Share of the vehicles in sight that the frames which are remembered left undetected, or less."""
-MOST_FRAMES = 300
-"""Frames remembered at most, where few vehicles in sight are detected."""
-MOST_S = 60.0
-"""Seconds without a frame of such detections, labelled or not, after which those before it are not remembered."""
 
 
 class Undetected:
@@ -63,15 +52,13 @@ class Undetected:
         self, traffic: Traffic | None, config: TrackingConfig, noise: FilterConfig, *, sight: Sight | None = None,
         learns_level: bool = True,
     ) -> None:  # fmt: skip
-        area = 0.0 if traffic is None else traffic.total_area
+        area = 0.0 if traffic is None else float(traffic.tessellation.area.sum())
         config = config if learns_level else _at_most(config, area)
         self._traffic, self.config, self._noise = traffic, config, noise
         self._learns_level = learns_level and traffic is not None
         self._first = np.array([1.0, 1.0 / (config.vehicle_density * area) if area > 0 else 1.0])
         self._counts = self._first.copy()  # vehicles found, and those expected at a level of 1
         self._sight = sight
-        n_frames = min(np.log(FORGOTTEN) / np.log1p(-config.detection_probability), MOST_FRAMES)
-        self._past: deque[float] = deque(maxlen=int(np.ceil(n_frames)))  # of each frame the seconds after it
         self._share: FloatArray
         self._begin()
         self._seen = self._seen_of(traffic)
@@ -81,19 +68,6 @@ class Undetected:
         """Mean number of vehicles on the map; NaN without one."""
         return float(self._counts[0] / self._counts[1]) if self._traffic is not None else float("nan")
 
-    def move_to(self, traffic: Traffic | None) -> None:
-        """Go on by the traffic of another part of the same map, of what is new there by the frames remembered."""
-        former, self._traffic = self._traffic, traffic
-        if former is None or traffic is None:
-            return
-        known = self._share
-        self._share, self._seen = traffic.present.copy(), self._seen_of(traffic)
-        for dt_s in self._past:
-            self._share = traffic.later((1.0 - self._seen) * self._share, dt_s)
-        at = renumbered(traffic.number, former.number)
-        stays = np.flatnonzero(at >= 0)
-        self._share[stays] = known[at[stays]]
-
     def advance(self, dt_s: float, longest_gap_s: float) -> None:
         """Predict by so many seconds; after a pause in which all tracks ended no vehicle counts as detected."""
         self._counts = self._first + np.exp(-dt_s / LEVEL_S) * (self._counts - self._first)
@@ -101,10 +75,6 @@ class Undetected:
             self._begin()
         elif self._traffic is not None:
             self._share = self._traffic.later(self._share, dt_s)
-            if self._past:
-                self._past[-1] += dt_s
-                if self._past[-1] > MOST_S:  # traffic is as before the first frame, almost
-                    self._past.clear()
 
     def first_detections(self, position: FloatArray) -> FloatArray:
         """(n, 2) -> (n,) expected density of first detections there in this frame, per square metre."""
@@ -125,7 +95,6 @@ class Undetected:
                 self._counts[0] = found + (self.level * per_level / any_cause).sum()
         expected = self._density(per_level)
         self._share = (1.0 - self._seen) * self._share
-        self._past.append(0.0)
         self._anywhere *= 1.0 - self.config.detection_probability
         return expected
 
@@ -133,17 +102,13 @@ class Undetected:
         """As before the first frame: all of one vehicle on the map, and as many as anywhere."""
         self._share = np.empty(0) if self._traffic is None else self._traffic.present
         self._anywhere = self.config.vehicle_density
-        self._past.clear()
 
     def _seen_of(self, traffic: Traffic | None) -> FloatArray:
-        """(z,) probability that a frame shows a vehicle of each manoeuvre; (1,) if it is the same of all.
-
-        What is in sight is held of a map in parts: what is elsewhere is not.
-        """
+        """(z,) probability that a frame shows a vehicle of each manoeuvre; (1,) if it is the same of all."""
         p = self.config.detection_probability
         if traffic is None or self._sight is None:
             return np.full(1, p)
-        return np.asarray(p * np.append(self._sight.sees(traffic.tessellation.centers), False)[traffic.cell])
+        return np.asarray(p * self._sight.sees(traffic.tessellation.centers)[traffic.cell])
 
     def _per_level(self, position: FloatArray) -> FloatArray:
         """(n, 2) -> (n,) first detections per square metre where the level is 1."""

@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dirprim_filter.arrays import BoolArray, FloatArray, IntArray
+from dirprim_filter.arrays import BoolArray
 from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import Estimates, Innovations, Particles, Samples, TrackedFrame
-from dirprim_filter.filtering.current_frame import NO_ROWS
 from dirprim_filter.filtering.tracker import Tracker
-from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.track_ids import world_names
 
 
@@ -59,19 +57,6 @@ class Worlds:
             if group not in self._trackers:
                 self._trackers[group] = self._make(group)
             self._trackers[group].predict(detections[detections.group == group], time_ns=time_ns)
-
-    def ground(self, time_ns: int) -> FloatArray:
-        """(v, 4) metres, where the particles of all groups may go up to a time; as `Tracker.ground`."""
-        return np.concatenate([np.empty((0, 4)), *(of.ground(time_ns) for of in self._trackers.values())])
-
-    def in_use(self, time_ns: int) -> IntArray:
-        """The cells that the beliefs of any group cannot go on without, as `Tracker.in_use`."""
-        return np.concatenate([NO_ROWS, *(of.in_use(time_ns) for of in self._trackers.values())])
-
-    def move_to(self, primitive_map: PrimitiveMap) -> None:
-        """Go on by another part of the same map, in all groups."""
-        for tracker in self._trackers.values():
-            tracker.move_to(primitive_map)
 
     def weigh(self) -> None:
         """Weigh the moved beliefs by the frame's measurements."""

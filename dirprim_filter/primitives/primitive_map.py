@@ -20,7 +20,6 @@ from dirprim_filter.primitives._map_kernels import MapTable
 from dirprim_filter.primitives._modes import Modes
 from dirprim_filter.primitives.mode_table import ModeTable
 from dirprim_filter.primitives.motion import Motion
-from dirprim_filter.primitives.part import Part
 from tessellation import GridTessellation, Tessellation
 from tessellation.locate import locator_of
 
@@ -74,7 +73,6 @@ class PrimitiveMap:
             left out: none, the primitives are flat.
         gain: (n_cells + 1, M, 2) 1/m, how the logarithm of a mode's mean speed grows; left out: none.
         motion: how vehicles go on from place to place; left out: each on the mode of its cell, and settling on it.
-        part: where this is a part of a map, what it knows of the whole.
 
     Raises:
         ValueError: the parameters are not those of n_cells + 1 primitives.
@@ -88,7 +86,6 @@ class PrimitiveMap:
     bend: FloatArray = field(default_factory=lambda: np.empty(0))
     gain: FloatArray = field(default_factory=lambda: np.empty(0))
     motion: Motion = None  # type: ignore[assignment]  # made of the primitives where it is left out
-    part: Part | None = None
     _table: MapTable | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:

@@ -9,7 +9,6 @@ from tessellation._late import late as _late
 
 if TYPE_CHECKING:
     from dirprim_filter.recording.map_file import load_map as load_map
-    from dirprim_filter.recording.map_file import open_map as open_map
     from dirprim_filter.recording.map_file import save_map as save_map
     from dirprim_filter.recording.reader import read_estimates as read_estimates
     from dirprim_filter.recording.reader import read_tracks as read_tracks
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
 _HOME = {
     "load_map": "map_file",
-    "open_map": "map_file",
     "read_estimates": "reader",
     "read_tracks": "reader",
     "save_map": "map_file",

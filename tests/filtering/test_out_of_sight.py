@@ -98,7 +98,7 @@ def test_who_is_out_of_sight_and_of_the_map_has_left():
 
 
 def test_first_detections_are_expected_where_vehicles_come_into_sight(ring_map):
-    traffic = Traffic.of(ring_map)
+    traffic = Traffic.of(ring_map.tessellation, ring_map.motion)
     places = RADIUS * np.array([[np.cos(a), np.sin(a)] for a in np.radians([-80.0, 0.0, 80.0])])
     expected = {}
     for sight in (EAST, None):

@@ -1,7 +1,5 @@
 """Where first detections are expected: against the chain's exact solution, counted vehicles, and what was made."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -25,15 +23,19 @@ def road(n_cells=4, side=20.0):
     cells = GridTessellation(origin=np.zeros(2), cell_size=side, n_x=n_cells, n_y=1, square=np.arange(n_cells))
     return Traffic(
         present=np.full(n_cells, 1.0 / n_cells), begins=np.eye(n_cells)[0] / (n_cells * STAY_S),
-        ends=np.eye(n_cells)[-1] / STAY_S, flow=csr_array(flow), cell=np.arange(n_cells), number=np.arange(n_cells),
-        area=np.append(cells.area, 0.0), tessellation=cells, total_area=cells.area.sum(),
+        ends=np.eye(n_cells)[-1] / STAY_S, flow=csr_array(flow), cell=np.arange(n_cells),
+        tessellation=cells,
     )  # fmt: skip
+
+
+def of_map(primitive_map):
+    return Traffic.of(primitive_map.tessellation, primitive_map.motion)
 
 
 def seen_in(traffic, rng, *, level, clutter):
     """First detections of a Poisson number of vehicles where traffic is, and false ones among them."""
-    side = np.sqrt(traffic.area[0])
-    n, n_false = rng.poisson(level), rng.poisson(clutter * traffic.total_area)
+    side = np.sqrt(traffic.tessellation.area[0])
+    n, n_false = rng.poisson(level), rng.poisson(clutter * traffic.tessellation.area.sum())
     cell = np.append(
         rng.choice(traffic.cell, n, p=traffic.present), rng.integers(0, traffic.tessellation.n_cells, n_false)
     )
@@ -41,21 +43,21 @@ def seen_in(traffic, rng, *, level, clutter):
 
 
 def test_traffic_learned_from_a_log_neither_grows_nor_shrinks_and_comes_back(ring_map):
-    traffic = Traffic.of(ring_map)
+    traffic = of_map(ring_map)
     for dt_s in (0.04, 1.0):
         np.testing.assert_allclose(traffic.later(traffic.present, dt_s), traffic.present, rtol=1e-9)
     after = traffic.later(0.1 * traffic.present, 1.0)
     assert (after <= traffic.present * (1 + 1e-9)).all()
     assert 0.1 < after.sum() < traffic.later(after, 1.0).sum() < 1.0
-    assert Traffic.of(ring_map.without_places()) is None  # the controls: nothing is known of journeys
-    assert Traffic.of(one_cell_map()) is None
+    assert of_map(ring_map.without_places()) is None  # the controls: nothing is known of journeys
+    assert of_map(one_cell_map()) is None
 
 
 def test_journeys_begin_and_end_where_visits_have_none_before_or_after_them(ring_map):
     made = with_ways(one_cell_map(), [0, 0, 0], [(0, 1, 1.0), (1, 2, 0.5)])  # of one visit and one second each
-    traffic = Traffic.of(made)
+    traffic = of_map(made)
     np.testing.assert_allclose(traffic.begins, np.array([1.0, 0.0, 0.5]) / 3.0)
-    on_a_ring = Traffic.of(ring_map)
+    on_a_ring = of_map(ring_map)
     assert on_a_ring.ends.max() < 1.0  # the log ends wherever its vehicles are: that is no exit
 
 
@@ -64,7 +66,7 @@ def test_who_is_not_detected_passes_on_by_the_chains_exact_solution_and_is_thinn
     undetected, share, b = Undetected(traffic, config, KNOBS), traffic.present, traffic.begins
     generator = np.zeros((5, 5))
     generator[:4, :4], generator[:4, 4] = traffic.flow.toarray(), b
-    level = config.vehicle_density * traffic.total_area
+    level = config.vehicle_density * traffic.tessellation.area.sum()
     centers = traffic.tessellation.centers
     for _ in range(4):
         expected = config.birth_density + 0.6 * level * share / traffic.tessellation.area
@@ -97,7 +99,7 @@ def test_the_level_is_learned_from_vehicles_and_not_from_clutter():
     assert levels[0.0] < 4.0
     stays = Undetected(traffic, config, KNOBS, learns_level=False)
     stays.see(seen_in(traffic, np.random.default_rng(0), level=40.0, clutter=0.0))
-    assert stays.level == pytest.approx(config.vehicle_density * traffic.total_area)
+    assert stays.level == pytest.approx(config.vehicle_density * traffic.tessellation.area.sum())
 
 
 def test_the_level_follows_the_traffic_up_and_down_within_its_time_constant():
@@ -113,7 +115,7 @@ def test_the_level_follows_the_traffic_up_and_down_within_its_time_constant():
 
 
 def test_labels_on_a_map_of_many_kilometres_are_not_taken_for_thousands_of_false_ones():
-    sparse = replace(road(), total_area=1e8)
+    sparse = road(side=5e3)
     for labelled, expected in ((True, 1e-6), (False, 1e-4)):
         config = Undetected(sparse, TrackingConfig(), KNOBS, learns_level=not labelled).config
         assert config.clutter_density == pytest.approx(expected)

@@ -1,9 +1,8 @@
-"""Maps through a file: the same to the last bit, whole and by tiles, or one clear line."""
+"""Maps through a file: the same to the last bit, or one clear line."""
 
-import re
 import tempfile
 from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 
@@ -14,19 +13,15 @@ import pytest
 from dirprim_filter.distributions import Gamma, VonMisesMixture
 from dirprim_filter.primitives.motion import AMOUNTS, FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.traffic import Passages, Totals
-from dirprim_filter.recording import load_map, open_map, save_map, topic_names
-from dirprim_filter.recording.container import log
-from dirprim_filter.recording.container.chunk import read_contents
+from dirprim_filter.recording import load_map, save_map, topic_names
 from dirprim_filter.recording.container.records import Schema
 from dirprim_filter.recording.errors import OutputExistsError, RecordingError
 from dirprim_filter.recording.foxglove.scene import scene_transform
 from dirprim_filter.recording.log_writer import LogWriter
-from dirprim_filter.recording.map_file import MAP, SUMMARY, MapFile
+from dirprim_filter.recording.map_file import MAP
 from dirprim_filter.recording.scan import scan
-from dirprim_filter.recording.schemas import map_tiles, tiled_map
+from dirprim_filter.recording.schemas import map_tiles
 from dirprim_filter.recording.schemas.arrow_message import encode
-from dirprim_filter.recording.schemas.map_summary import encode_summary
 from dirprim_filter.recording.schemas.map_tiles import TILE_CELLS
 from tessellation import GridTessellation, VoronoiTessellation
 
@@ -92,7 +87,7 @@ def test_a_map_loads_equal(tmp_path, n_cells, voronoi):
     save_map(sent, tmp_path / "map.mcap", metadata={"seed": "0"})
     assert_equal(load_map(tmp_path / "map.mcap"), sent)
     n_messages = Counter(message.topic for message in scan(tmp_path / "map.mcap"))
-    once = dict.fromkeys(("/dirprim/map/summary", "/dirprim/map/scene", "/tf"), 1)
+    once = dict.fromkeys(("/dirprim/map/scene", "/tf"), 1)
     assert n_messages == {"/dirprim/map": max(1, -(-n_cells // TILE_CELLS))} | once
 
 
@@ -146,51 +141,22 @@ def test_what_is_no_map_is_reported(tmp_path):
 @pytest.fixture
 def small_tiles(monkeypatch):
     monkeypatch.setattr(map_tiles, "TILE_CELLS", FEW)
-    monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 100)
-    monkeypatch.setattr(tiled_map, "DENSE_SQUARES", 0)
-
-
-def test_tiles_are_squares_of_the_ground(tmp_path, monkeypatch):
-    monkeypatch.setattr(map_tiles, "TILE_M", 12.0)
-    sent = some_map(700)
-    save_map(sent, tmp_path / "map.mcap")
-    assert_equal(load_map(tmp_path / "map.mcap"), sent)
-    with MapFile(tmp_path / "map.mcap") as tiles:
-        assert len(tiles.box) > 5
-        for i, (west, south, east, north) in enumerate(tiles.box.tolist()):
-            center = sent.tessellation.centers[tiles.part(np.array([i])).part.cell]
-            assert np.ptp(center, axis=0).max() < 12.0
-            assert (center > [west, south]).all()
-            assert (center < [east, north]).all()
 
 
 def test_a_tile_has_the_manoeuvres_of_its_cells_and_what_follows_them(small_tiles):
     sent = some_map(2 * FEW + 9).motion
-    tiles = [opened(data)[1] for data in messages_of(some_map(2 * FEW + 9))[1]]
+    tiles = [opened(data)[1] for data in map_tiles.encoded_tiles(some_map(2 * FEW + 9))]
     assert len(tiles) == 3
-    for tile in tiles:
+    every, n = np.repeat(np.arange(len(sent)), np.diff(sent.first)), 0
+    for i, tile in enumerate(tiles):
         of, after = tile["manoeuvre"], tile["transition"]
-        assert set(of["cell"]) <= set(tile["cell"]["number"])
-        np.testing.assert_array_equal(sent.cell[of["number"]], of["cell"])
-        np.testing.assert_array_equal(sent.push[of["number"]], of["push"])
-        every = np.repeat(np.arange(len(sent)), np.diff(sent.first))
-        own = np.isin(every, of["number"])
-        np.testing.assert_array_equal(every[own], np.repeat(of["number"], of["n_following"]))
-        np.testing.assert_array_equal(sent.following[own], after["following"])
-        np.testing.assert_array_equal(sent.count[own], after["count"])
-    assert sum(len(tile["manoeuvre"]["cell"]) for tile in tiles) == sent.n_placed
-
-
-def test_a_tile_is_read_without_the_chunks_of_others(tmp_path, monkeypatch, small_tiles):
-    save_map(some_map(6 * FEW), tmp_path / "map.mcap")
-    n_opened = []
-    with MapFile(tmp_path / "map.mcap") as tiles:
-        assert len(tiles.box) == 6
-        monkeypatch.setattr(log, "read_contents", lambda *of: n_opened.append(1) or read_contents(*of))
-        assert tiles.part(np.array([2])).tessellation.n_cells == FEW
-        assert len(n_opened) == 1
-        tiles.part(np.array([0, 2, 5]))
-        assert len(n_opened) == 3  # of which one is kept
+        own = np.arange(n, n := n + of["cell"].size)
+        np.testing.assert_array_equal(of["cell"], sent.cell[own])
+        assert set(of["cell"]) <= set(range(FEW * i, FEW * (i + 1)))
+        np.testing.assert_array_equal(of["push"], sent.push[own])
+        np.testing.assert_array_equal(after["following"], sent.following[np.isin(every, own)])
+        np.testing.assert_array_equal(after["count"], sent.count[np.isin(every, own)])
+    assert n == sent.n_placed
 
 
 def opened(data):
@@ -212,94 +178,26 @@ def as_numpy(array):
     return array.to_numpy(zero_copy_only=False).copy()
 
 
-def messages_of(made):
-    """The summary of a map, and its tiles."""
-    tiles = map_tiles.tiles_in(made)
-    return encode_summary(made, tiles), list(map_tiles.encoded_tiles(made, tiles))
-
-
-def write(path, tiles, summary=None, *, in_one_chunk=False):
+def write(path, tiles):
     with LogWriter(path, metadata={}, force=True) as writer:
         for data in tiles:
             writer.write_encoded(topic_names.MAP, MAP, data, 0)
-            if not in_one_chunk:
-                writer.end_chunk()
-        if summary is not None:
-            writer.write_encoded(topic_names.MAP_SUMMARY, SUMMARY, summary, 0)
     return path
 
 
-def part_of(path, tiles):
-    with MapFile(path) as opened_map:
-        return opened_map.part(np.array(tiles))
-
-
 @pytest.mark.parametrize("voronoi", [False, True])
-@pytest.mark.parametrize("in_one_chunk", [False, True])
-def test_tiles_are_found_wherever_they_stand(tmp_path, voronoi, in_one_chunk, small_tiles):
+def test_tiles_are_found_wherever_they_stand(tmp_path, voronoi, small_tiles):
     made = some_map(N_CELLS, voronoi=voronoi)
-    save_map(made, tmp_path / "map.mcap")
-    summary, tiles = messages_of(made)
-    write(tmp_path / "other", tiles[1:] + tiles[:1] if in_one_chunk else tiles, summary, in_one_chunk=in_one_chunk)
-    assert_equal(load_map(tmp_path / "other"), made)
-    for wanted in ([], [2], [0, 3]):
-        expected, found = (part_of(tmp_path / name, wanted) for name in ("map.mcap", "other"))
-        assert expected.tessellation.n_cells == min(FEW * len(wanted), FEW + 30 if 3 in wanted else FEW)
-        np.testing.assert_array_equal(found.part.cell, expected.part.cell)
-        np.testing.assert_array_equal(found.motion.push, expected.motion.push)
-
-
-def test_a_tile_that_stays_is_as_one_that_is_read_anew(tmp_path, small_tiles):
-    save_map(some_map(N_CELLS), tmp_path / "map.mcap")
-    with MapFile(tmp_path / "map.mcap") as opened_map:
-        opened_map.part(np.array([0, 1]))
-        found = opened_map.part(np.array([1, 2]))
-    expected = part_of(tmp_path / "map.mcap", [1, 2])
-    for name in ("direction", "motion"):
-        assert_equal(getattr(found, name), getattr(expected, name))
-    np.testing.assert_array_equal(found.part.traffic.flow.toarray(), expected.part.traffic.flow.toarray())
-
-
-def test_the_summary_has_the_sums_of_all_manoeuvres_if_there_are_transitions(tmp_path, small_tiles):
-    made = some_map(N_CELLS)
-    save_map(made, tmp_path / "map.mcap")
-    with MapFile(tmp_path / "map.mcap") as opened_map:
-        summary = opened_map._tiles.summary
-        assert open_map(tmp_path / "map.mcap").is_large
-    assert summary.n_cells == N_CELLS
-    assert summary.totals == Totals.of(Passages.of(made), made.tessellation)
-    assert part_of(tmp_path / "map.mcap", [2]).part.traffic is not None
-    nothing = np.zeros(len(made.motion) + 1, np.int64)
-    motion = replace(made.motion, first=nothing, following=nothing[:0], count=made.motion.count[:0])
-    save_map(replace(made, motion=motion), tmp_path / "none.mcap")
-    assert part_of(tmp_path / "none.mcap", [2]).part.traffic is None
-
-
-def test_a_map_without_a_summary_or_with_a_damaged_one_is_read_whole(tmp_path, small_tiles):
-    made, path = some_map(N_CELLS), tmp_path / "map.mcap"
-    write(path, messages_of(made)[1])
-    assert_equal(load_map(path), made)
-    assert_equal(open_map(path), made)
-    with pytest.raises(RecordingError, match=r"map\.mcap: has no summary"):
-        part_of(path, [0])
-    save_map(made, path, force=True)
-    with MapFile(path) as opened_map:
-        (file,) = opened_map._messages._summaries.by_file()
-        (chunk,) = (chunk for chunk in file.outline.chunks if not file.is_beside(chunk))
-        assert opened_map.is_large
-    data = bytearray(path.read_bytes())
-    data[chunk.end - 8] ^= 0xFF
-    path.write_bytes(data)
-    assert_equal(open_map(path), made)
-    assert_equal(load_map(path), made)
+    tiles = list(map_tiles.encoded_tiles(made))
+    assert_equal(load_map(write(tmp_path / "map", tiles[1:] + tiles[:1])), made)
 
 
 # Harm
 
 
 def test_a_missing_a_doubled_a_foreign_and_a_damaged_tile_are_reported(tmp_path, small_tiles):
-    (_, tiles), (_, foreign), (_, other) = (
-        messages_of(some_map(FEW + 9, **of)) for of in ({}, {"seed": 1}, {"voronoi": True})
+    tiles, foreign, other = (
+        list(map_tiles.encoded_tiles(some_map(FEW + 9, **of))) for of in ({}, {"seed": 1}, {"voronoi": True})
     )
     for part, message in (
         (tiles[:1], "expected tiles 0 to 1, got 1"), ([tiles[0], tiles[0]], "tile 0: expected once"),
@@ -335,9 +233,9 @@ def column(table, name, made):
 
 
 TILE = [
-    (number("version", 4), "an older version, 4"),
-    (number("version", 6), "a newer version, 6"),
-    (number("version", "5"), "version: expected int64, got string"),
+    (number("version", 5), "an older version, 5"),
+    (number("version", 7), "a newer version, 7"),
+    (number("version", "6"), "version: expected int64, got string"),
     (number("n_tiles", 2**62), "expected tiles 0 to 4611686018427387903, got 1"),
     (number("kind", "hexagons"), "kind: expected grid or voronoi"),
     (number("n_x", 2**40), "squares, more than"),
@@ -349,7 +247,7 @@ TILE = [
     (without("place_free"), "place_free: expected once"),
     (without("cell", "weight"), "cell.weight: expected it"),
     (without("manoeuvre", "push"), "manoeuvre.push: expected it"),
-    (column("cell", "number", lambda of: of.astype(np.float64)), "cell.number: expected int64"),
+    (column("square", "number", lambda of: of.astype(np.float64)), "square.number: expected int64"),
     (column("cell", "rate", lambda of: of[:, :2]), "place_free: expected one row, as wide as those of the cells"),
     (column("cell", "bend", lambda of: of[:, :3]), "place_free: expected one row, as wide"),
     (column("manoeuvre", "path", lambda of: of[:, :2]), "tiles of several|expected|dimension"),
@@ -357,17 +255,15 @@ TILE = [
     (cell("cell", "rate", 0, np.nan), "rate: expected finite"),
     (cell("cell", "shape", 0, -1.0), "shape, rate: expected positive"),
     (cell("cell", "bend", 0, np.inf), "bend: expected finite"),
-    (cell("cell", "number", 3, 2**62), "cells: expected numbers 0 to 9"),
     (cell("square", "number", -1, 2**62), "square: expected numbers"),
     *((cell("manoeuvre", name, 2, value), "expected finite")
       for name in ("course", "bend", "path", "acceleration") for value in (np.nan, -np.inf)),
     *((cell("manoeuvre", name, 2, -1.0), f"{name}: expected no negative") for name in AMOUNTS if name != "count"),
     (cell("transition", "count", 2, -1.0), "count: expected no negative"),
-    (cell("free_manoeuvre", "cell", -1, 3), "manoeuvres: expected numbers 0 to 20"),
+    (cell("free_manoeuvre", "cell", -1, 3), "expected cells in ascending order"),
     (cell("manoeuvre", "cell", 0, -1), "expected"),
     (cell("free_manoeuvre", "cell", -1, -2), "expected cells in ascending order"),
-    *((cell("manoeuvre", "cell", 19, value), "expected manoeuvres of 10 cells, got others") for value in (10, 2**62)),
-    *((cell("manoeuvre", "number", 19, value), "manoeuvres: expected numbers 0 to 19, each") for value in (2**62, 18)),
+    *((cell("manoeuvre", "cell", 19, value), "expected manoeuvres of 10 cells and 3 modes") for value in (10, 2**62)),
     *((cell("manoeuvre", "mode", 0, value), "expected manoeuvres of 10 cells and 3 modes") for value in (3, -1)),
     *((cell("manoeuvre", "n_following", 0, value), "n_following: expected numbers that sum to")
       for value in (2**62, -(2**63), 99)),
@@ -387,7 +283,7 @@ GENERATORS = [
 def tile_of(kind):
     """The message of a small map, which reads back."""
     made = some_map(10, voronoi=kind == "generators")
-    _, (data,) = messages_of(made)
+    (data,) = map_tiles.encoded_tiles(made)
     with tempfile.TemporaryDirectory() as folder:
         assert_equal(load_map(write(Path(folder) / "map", [encode(*opened(data))])), made)
     return data
@@ -405,44 +301,3 @@ def test_a_harmed_tile_is_reported_in_one_line(tmp_path, kind, harm, message):
         load_map(path)
     assert "map.mcap" in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("harm", "message"),
-    [
-        (number("version", 3), "of an older version, 3"),
-        (column("tile", "box", lambda of: of[:, :3]), "expected 4 tiles, got"),
-        (number("n_tiles", 3), "summary: expected 3 tiles, got 4"),
-        *((cell("traffic", "seconds", 0, value), "traffic: expected no negative") for value in (np.nan, 0.0)),
-        (cell("traffic", "begun", 0, -1.0), "traffic: expected no negative"),
-        (number("n_cells", 100), "cells: expected numbers 0 to 99"),
-        (number("n_manoeuvres", 100), "expected"),
-        (number("n_place_free_modes", 0), "tiles of several"),
-    ],
-)  # fmt: skip
-def test_a_harmed_summary_is_reported_in_one_line(tmp_path, harm, message, small_tiles):
-    summary, tiles = messages_of(some_map(N_CELLS))
-    scalars, tables = opened(summary)
-    harm(scalars, tables)
-    write(tmp_path / "map.mcap", tiles, encode(scalars, tables))
-    with pytest.raises(RecordingError, match=message) as caught:
-        part_of(tmp_path / "map.mcap", [3])
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("harm", "message"),
-    [
-        (cell("manoeuvre", "arrived", 2, np.inf), "arrived: expected no negative"),
-        (cell("manoeuvre", "number", 2, -1), "manoeuvres: expected numbers"),
-        (cell("cell", "number", 2, 149), "cells: expected numbers 0 to 149, each once"),
-        (number("tile", 0), re.escape("expected tiles [3], got 0")),
-    ],
-)
-def test_a_harmed_tile_of_a_part_is_reported_in_one_line(tmp_path, harm, message, small_tiles):
-    summary, tiles = messages_of(some_map(N_CELLS))
-    scalars, tables = opened(tiles[3])
-    harm(scalars, tables)
-    write(tmp_path / "map.mcap", [*tiles[:3], encode(scalars, tables)], summary)
-    with pytest.raises(RecordingError, match=message):
-        part_of(tmp_path / "map.mcap", [3])

@@ -9,7 +9,6 @@ import pytest
 from hexagons import Hexagons
 from tessellation import OUTSIDE, GridTessellation, Tessellation, VoronoiTessellation
 from tessellation.locate import cells_of, locator_of
-from tessellation.located_part import LocatedPart
 
 
 def data(seed=0, n=400):
@@ -26,10 +25,6 @@ def voronoi(position):
 
 def lloyd(position):
     return VoronoiTessellation.lloyd(position, n_cells=40, rng=np.random.default_rng(1), reach=4.0)
-
-
-def part(position):
-    return LocatedPart.of(voronoi(position), np.arange(0, 50, 2))
 
 
 def made_of(cells):
@@ -172,7 +167,7 @@ def test_large_batches_on_threads_are_located_as_one_by_one(twin):
     np.testing.assert_array_equal(found[some], [cells.cell_of(position[i]) for i in some])
 
 
-@pytest.mark.parametrize("twin", [grid, voronoi, lloyd, part])
+@pytest.mark.parametrize("twin", [grid, voronoi, lloyd])
 def test_what_is_sent_to_another_process_answers_the_same_and_holds_no_raster(twin):
     cells = twin(data(n=4000))
     sent = pickle.dumps(cells)

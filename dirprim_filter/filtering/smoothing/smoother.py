@@ -16,8 +16,8 @@ import numpy as np
 from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
 from dirprim_filter.config import FilterConfig, TrackingConfig
 from dirprim_filter.estimates import Estimates, Particles, TrackedFrame
-from dirprim_filter.filtering.measurements import FASTEST, MOST_SPREADS, with_unseen_errors
-from dirprim_filter.filtering.particle_filter import ParticleFilter, bayes_filter_of
+from dirprim_filter.filtering.measurements import with_unseen_errors
+from dirprim_filter.filtering.particle_filter import bayes_filter_of
 from dirprim_filter.filtering.protocols import BayesFilter
 from dirprim_filter.filtering.smoothing.chain import Chain, Smoothed
 from dirprim_filter.filtering.smoothing.recorded import recorded
@@ -59,12 +59,10 @@ class RecordedTracker(Tracker):
         if sensor is not None:
             config, tracking = sensor.informs(config, tracking)
         self._group, self._sight = group, None if sensor is None else sensor.sight
-        moving = bayes_filter_of(model, config, sensor)
-        self._recorded: RecordedFilter = recorded(moving)
+        self._recorded: RecordedFilter = recorded(bayes_filter_of(model, config, sensor))
         super().__init__(
             self._recorded, config=config, tracking=tracking, sensor=sensor, with_innovations=with_innovations, rng=rng
         )
-        self._by_map = moving if isinstance(moving, ParticleFilter) else None
         self._expected: RecordedFilter | None = None
         self.frames_ns: list[int] = []
 
@@ -84,19 +82,6 @@ class RecordedTracker(Tracker):
     def chains(self) -> list[Chain]:
         """All chains that may still be smoothed, in the order in which they began."""
         return self._recorded.chains
-
-    def ground(self, time_ns: int) -> FloatArray:
-        """As of a `Tracker`, and where vehicles may have gone on from where they were lost, see `stitch`."""
-        ends = [chain.last for chain in self.chains()]
-        place = np.array([end.mean[:2] for end in ends]).reshape(-1, 2)
-        spread = np.array([np.sqrt(np.trace(end.covariance[:2, :2])) for end in ends])
-        reach = (FASTEST * self.longest_gap_ns * 1e-9 + MOST_SPREADS * spread)[:, None]
-        return np.vstack([super().ground(time_ns), np.hstack([place - reach, place + reach])])
-
-    def move_to(self, primitive_map: PrimitiveMap) -> None:
-        """As of a `Tracker`."""
-        super().move_to(primitive_map)
-        self._expected = None
 
     def stitch(self, *, before_ns: int, gap_ns: int, now_ns: int) -> None:
         """Drop, trim and join the chains of unlabelled vehicles, now that the log is known for long after them.

@@ -1,127 +1,79 @@
-"""A map of directional primitives as messages `dirprim.PrimitiveMap`, the cells on a square of the ground in each.
+"""A map of directional primitives as messages `dirprim.PrimitiveMap`: some cells that follow each other in each.
 
-A message is an `ArrowMessage` of tables: `cell` with a row for each cell of the tile, `square` (those that are the
-cells of a grid, or near the data), `beside` (generators of other tiles that may be nearest on this ground), `manoeuvre`
-with a row for each manoeuvre of these cells, `transition` with what followed them, in their order. Cells and manoeuvres
-have their numbers in the map. What every tile repeats is `SHARED`. A map comes back bit for bit.
+A message is an `ArrowMessage` of tables: `cell` with a row for each of its cells, `square` (those that are the cells of
+a grid, or near the data), `manoeuvre` with a row for each manoeuvre of these cells, `transition` with what followed
+them. Put one after the other, tables are those of the map. What every tile repeats is `SHARED`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple, Self
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
-from dirprim_filter.arrays import AnyArray, FloatArray, IntArray
+from dirprim_filter.arrays import AnyArray
+from dirprim_filter.distributions import Gamma, VonMisesMixture
+from dirprim_filter.primitives.leader import LeaderResponse
 from dirprim_filter.primitives.motion import FLOATS, Motion
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.primitives.traffic import Passages
-from dirprim_filter.recording.schemas.arrow_message import Columns, Scalar, encode
-from tessellation import GridTessellation, VoronoiTessellation
-from tessellation.tiles import Tile, tiles_of
+from dirprim_filter.recording.schemas.arrow_message import ArrowMessage, Columns, encode
+from tessellation import GridTessellation, Tessellation, VoronoiTessellation
 
-VERSION = 5
-"""Of the messages; a map of another version has other tiles."""
-TILE_M = 500.0
-"""Side of a tile, about: a vehicle is on one of them, at most on four, and a city has hundreds."""
+VERSION = 6
+"""Of the messages; a map of another version has other tables."""
 TILE_CELLS = 4096
-"""Cells in a message, at most: some 0.5 MB at three modes, so that a damaged chunk is small and a viewer can page."""
+"""Cells in a message, at most: some 0.5 MB at three modes, so that a damaged chunk is small."""
+MOST_MODES = 4096
+"""Of a cell: no map has so many, and kernels make room for them."""
 
 ROW = ("weight", "mean_direction", "concentration", "shape", "rate", "bend", "gain")
 """Columns of the modes of each cell."""
-MANOEUVRE = ("number", "cell", "mode", "n_following")
 LEADER = ("gain", "push", "trust", "start_rate")
-SCALARS = {
-    "n_tiles": int, "n_place_free_modes": int, "kind": str, "origin_x": float,
-    "origin_y": float, "cell_size": float, "n_x": int, "n_y": int, "course_rate": float, "strength": float,
-    "spread": float,
-}  # fmt: skip
-SHARED = ("version", *SCALARS, "place_free", "free_manoeuvre", "free_transition", "leader")
+MOTION = ("course_rate", "strength", "spread")
+SHARED = (
+    "version", "n_tiles", "n_place_free_modes", "kind", "origin_x", "origin_y", "cell_size", "n_x", "n_y", *MOTION,
+    "place_free", "free_manoeuvre", "free_transition", "leader",
+)  # fmt: skip
 """What every tile repeats."""
-NO_NUMBERS = np.empty(0, np.int64)
-NOTHING = Tile(NO_NUMBERS, NO_NUMBERS, NO_NUMBERS, np.zeros(4))
 
 
-def encoded_tiles(primitive_map: PrimitiveMap, tiles: list[Tile]) -> Iterator[bytes]:
-    """The message of each tile."""
-    scalars, shared = shared_by_tiles(primitive_map, len(tiles))
-    of_all = OfAll.of(primitive_map)
-    for i, tile in enumerate(tiles):
-        yield encode(scalars | {"tile": i}, tables_of(primitive_map, tile, of_all) | shared)
-
-
-class OfAll(NamedTuple):
-    """What is found of all cells and manoeuvres at once."""
-
-    area: FloatArray  # (n,) square metres
-    center: FloatArray  # (n, 2) metres
-    begin: IntArray  # (n + 1,) the manoeuvres of cell i are those from begin[i] to begin[i + 1]
-    arrived: FloatArray  # (z,) of each manoeuvre of a place, how many visits followed that of another
-
-    @classmethod
-    def of(cls, primitive_map: PrimitiveMap) -> Self:
-        """Of a map."""
-        cells, motion = primitive_map.tessellation, primitive_map.motion
-        begin = np.searchsorted(motion.cell[: motion.n_placed], np.arange(cells.n_cells + 1))
-        return cls(cells.area, cells.centers.reshape(-1, 2), begin, Passages.of(primitive_map).arrived)
-
-
-def tables_of(primitive_map: PrimitiveMap, tile: Tile, of_all: OfAll) -> dict[str, Columns]:
-    """What a tile has of its own."""
-    area, center, begin, arrived = of_all
-    manoeuvres, transitions = _manoeuvres(primitive_map.motion, ranges(begin, tile.cell)[0])
-    beside = NO_NUMBERS if isinstance(primitive_map.tessellation, GridTessellation) else tile.beside
-    return {
-        "cell": {"number": tile.cell, "area": area[tile.cell], "place": center[tile.cell]}
-        | _rows(primitive_map, tile.cell),
-        "square": {"number": tile.square},
-        "beside": {"cell": beside, "place": center[beside]},
-        "manoeuvre": manoeuvres | {"arrived": arrived[manoeuvres["number"]]},
-        "transition": transitions,
-    }
-
-
-def tiles_in(primitive_map: PrimitiveMap) -> list[Tile]:
-    """The tiles of a map, at least one.
+def encoded_tiles(primitive_map: PrimitiveMap) -> Iterator[bytes]:
+    """The message of each tile of a map, at least one.
 
     Raises:
         TypeError: cells of a kind that the messages do not know.
     """
-    cells = primitive_map.tessellation
+    cells, motion = primitive_map.tessellation, primitive_map.motion
     if not isinstance(cells, GridTessellation | VoronoiTessellation):
         raise TypeError(f"tessellation: expected a GridTessellation or VoronoiTessellation, got {type(cells).__name__}")
-    of_grid = isinstance(cells, GridTessellation)
-    return [part for tile in tiles_of(cells, TILE_M) for part in _not_too_large(tile, of_grid)] or [NOTHING]
-
-
-def shared_by_tiles(primitive_map: PrimitiveMap, n_tiles: int) -> tuple[dict[str, Scalar], dict[str, Columns]]:
-    """What every tile repeats: scalars and tables."""
-    cells, motion = primitive_map.tessellation, primitive_map.motion
-    grid: Any = cells if isinstance(cells, GridTessellation) else cells.region  # type: ignore[attr-defined]
-    kind = "grid" if grid is cells else "voronoi"
-    free, after_free = _manoeuvres(motion, np.arange(motion.n_placed, len(motion)))
-    leaders = [motion.leader] if motion.leader else []
-    leader = {name: np.array([getattr(of, name) for of in leaders], np.float64) for name in LEADER}
-    values = (
-        n_tiles, primitive_map.n_place_free_modes, kind, *map(float, grid.origin),
-        float(grid.cell_size), grid.n_x, grid.n_y, float(motion.course_rate), float(motion.strength),
-        float(motion.spread),
-    )  # fmt: skip
-    scalars = {"version": VERSION, **dict(zip(SCALARS, values, strict=True))}
-    place_free = _rows(primitive_map, np.array([cells.n_cells]))
-    return scalars, {
-        "place_free": place_free, "free_manoeuvre": free, "free_transition": after_free, "leader": leader
+    grid = cells if isinstance(cells, GridTessellation) else cells.region
+    n_tiles = max(-(-cells.n_cells // TILE_CELLS), 1)
+    scalars = {
+        "version": VERSION, "n_tiles": n_tiles, "n_place_free_modes": primitive_map.n_place_free_modes,
+        "kind": "grid" if grid is cells else "voronoi", "origin_x": float(grid.origin[0]),
+        "origin_y": float(grid.origin[1]), "cell_size": float(grid.cell_size), "n_x": grid.n_x, "n_y": grid.n_y,
+        **{name: float(getattr(motion, name)) for name in MOTION},
     }  # fmt: skip
+    free, after_free = _manoeuvres(motion, motion.n_placed, len(motion))
+    leaders = [motion.leader] if motion.leader else []
+    shared = {
+        "place_free": _rows(primitive_map, slice(cells.n_cells, None)), "free_manoeuvre": free,
+        "free_transition": after_free,
+        "leader": {name: np.array([getattr(of, name) for of in leaders], np.float64) for name in LEADER},
+    }  # fmt: skip
+    ends = np.minimum(TILE_CELLS * np.arange(n_tiles + 1), cells.n_cells)
+    begins = np.searchsorted(motion.cell[: motion.n_placed], ends)
+    for i, square in enumerate(np.array_split(grid.square, n_tiles)):
+        own = slice(ends[i], ends[i + 1])
+        manoeuvres, transitions = _manoeuvres(motion, begins[i], begins[i + 1])
+        yield encode(scalars | {"tile": i}, shared | {
+            "cell": {"place": cells.centers.reshape(-1, 2)[own]} | _rows(primitive_map, own),
+            "square": {"number": square}, "manoeuvre": manoeuvres, "transition": transitions,
+        })  # fmt: skip
 
 
-def ranges(first: IntArray, of: IntArray) -> tuple[IntArray, IntArray]:
-    """The ranges from first[i] to first[i + 1] of some i (n,), one after the other, and where each begins, (n + 1,)."""
-    begin = np.append(0, np.cumsum(first[of + 1] - first[of]))
-    return np.arange(begin[-1]) + np.repeat(first[of] - begin[:-1], np.diff(begin)), begin
-
-
-def _rows(primitive_map: PrimitiveMap, rows: IntArray) -> Columns:
+def _rows(primitive_map: PrimitiveMap, rows: slice) -> Columns:
     direction, speed = primitive_map.direction, primitive_map.speed
     columns = (
         direction.weight, direction.mean_direction, direction.concentration, speed.shape, speed.rate,
@@ -131,21 +83,111 @@ def _rows(primitive_map: PrimitiveMap, rows: IntArray) -> Columns:
     return of_modes | {"n_rows": primitive_map.n_rows[rows]}
 
 
-def _manoeuvres(motion: Motion, number: IntArray) -> tuple[Columns, Columns]:
-    """Some manoeuvres (n,), ascending, and the transitions from them."""
-    following, first = ranges(motion.first, number)
-    columns: dict[str, AnyArray] = {
-        "number": number, "cell": motion.cell[number], "mode": motion.mode[number], "n_following": np.diff(first),
-    }  # fmt: skip
-    columns |= {name: getattr(motion, name)[number] for name in FLOATS}
-    return columns, {"following": motion.following[following], "count": motion.count[following]}
+def _manoeuvres(motion: Motion, begin: int, end: int) -> tuple[Columns, Columns]:
+    """The manoeuvres from one to before another, and the transitions from them."""
+    own, after = slice(begin, end), slice(motion.first[begin], motion.first[end])
+    columns: Columns = {"cell": motion.cell[own], "mode": motion.mode[own], "n_following": np.diff(motion.first)[own]}
+    columns |= {name: getattr(motion, name)[own] for name in FLOATS}
+    return columns, {"following": motion.following[after], "count": motion.count[after]}
 
 
-def _not_too_large(tile: Tile, of_grid: bool) -> list[Tile]:
-    """A tile as several of at most `TILE_CELLS` cells; the first has the ground of generators."""
-    made = []
-    for first in range(0, max(tile.cell.size, 1), TILE_CELLS):
-        some = slice(first, first + TILE_CELLS)
-        square = tile.square[some] if of_grid else NO_NUMBERS if first else tile.square
-        made.append(Tile(tile.cell[some], square, NO_NUMBERS if first else tile.beside, tile.box))
-    return made
+def map_of(messages: Iterable[bytes]) -> PrimitiveMap:
+    """The map of all its tiles, in any order.
+
+    What they hold is checked where it is made into a value: by `Motion`, `PrimitiveMap` and what these consist of.
+
+    Raises:
+        ValueError: bytes that are no such message, another version of it, a tile that is missing, twice there or of
+            another map, or numbers that make no map.
+    """
+    found: dict[int, ArrowMessage] = {}
+    for data in messages:
+        tile = ArrowMessage(data)
+        _check_version(tile)
+        number = tile.whole_number("tile")
+        if number in found:
+            raise ValueError(f"tile {number}: expected once, got twice")
+        found[number] = tile
+    if not found:
+        raise ValueError("expected at least one tile of a map, got none")
+    tiles = [found[number] for number in sorted(found)]
+    shared, n_tiles = tiles[0], tiles[0].whole_number("n_tiles")
+    # Compared by number: the count comes from the file, and a range of it could be of any length.
+    if len(found) != n_tiles or min(found) != 0 or max(found) != n_tiles - 1:
+        raise ValueError(f"expected tiles 0 to {n_tiles - 1}, got {len(found)} of them")
+    if not all(tile is shared or tile.part(SHARED).equals(shared.part(SHARED)) for tile in tiles):
+        raise ValueError("expected the tiles of one map, got tiles of several")
+    cells = _joined(tiles, "cell", floats=(*ROW, "place"), whole=("n_rows",))
+    last = shared.table("place_free", floats=ROW, whole=("n_rows",))
+    if any(last[name].shape != (1, *cells[name].shape[1:]) for name in last) or cells["weight"].shape[-1] > MOST_MODES:
+        raise ValueError(f"place_free: expected one row, as wide as those of the cells, at most {MOST_MODES} modes")
+    rows = {name: np.concatenate([cells[name], last[name]]) for name in last}
+    return PrimitiveMap(
+        tessellation=_tessellation(tiles, cells["place"]),
+        direction=VonMisesMixture(**{name: rows[name] for name in ROW[:3]}),
+        speed=Gamma(**{name: rows[name] for name in ROW[3:5]}),
+        n_rows=rows["n_rows"],
+        n_place_free_modes=shared.whole_number("n_place_free_modes"),
+        **{name: _folded(name, rows[name], (*rows["weight"].shape, 2)) for name in ROW[5:]},
+        motion=_motion(tiles),
+    )
+
+
+def _check_version(message: ArrowMessage) -> None:
+    version = message.whole_number("version")
+    if version != VERSION:
+        age = "an older" if version < VERSION else "a newer"
+        raise ValueError(f"it is of {age} version, {version}; this program reads version {VERSION}")
+
+
+def _joined(tiles: list[ArrowMessage], name: str, **columns: Any) -> Columns:
+    return _put_together(name, [tile.table(name, **columns) for tile in tiles])
+
+
+def _put_together(name: str, parts: list[Columns]) -> Columns:
+    widths = {of: {column.shape[1:] for column in (part[of] for part in parts)} for of in parts[0]}
+    if uneven := [of for of, shapes in widths.items() if len(shapes) > 1]:
+        raise ValueError(f"{name}.{uneven[0]}: expected tiles of one map, got tiles of several")
+    return {of: np.concatenate([part[of] for part in parts]) for of in parts[0]}
+
+
+def _tessellation(tiles: list[ArrowMessage], place: AnyArray) -> Tessellation:
+    of, kind = tiles[0], tiles[0].text("kind")
+    if kind not in ("grid", "voronoi"):
+        raise ValueError(f"kind: expected grid or voronoi, got {kind!r}")
+    square = _joined(tiles, "square", whole=("number",))
+    squares = GridTessellation(
+        origin=np.array([of.number("origin_x"), of.number("origin_y")]), cell_size=of.number("cell_size"),
+        n_x=of.whole_number("n_x"), n_y=of.whole_number("n_y"), square=square["number"],
+    )  # fmt: skip
+    return squares if kind == "grid" else VoronoiTessellation(generators=place, region=squares)
+
+
+def _motion(tiles: list[ArrowMessage]) -> Motion:
+    shared = tiles[0]
+    columns, after = (
+        _put_together(placed, [_joined(tiles, placed, **names), shared.table(free, **names)])
+        for placed, free, names in (
+            ("manoeuvre", "free_manoeuvre", {"floats": FLOATS, "whole": ("cell", "mode", "n_following")}),
+            ("transition", "free_transition", {"floats": ("count",), "whole": ("following",)}),
+        )
+    )  # fmt: skip
+    n = columns.pop("n_following")
+    if ((n < 0) | (n > after["count"].size)).any() or n.sum() != after["count"].size:
+        raise ValueError(f"n_following: expected numbers that sum to {after['count'].size} transitions, got others")
+    leaders = shared.table("leader", floats=LEADER)
+    of_leader: list[dict[str, Any]] = [
+        {name: column[i] if column.ndim > 1 else float(column[i]) for name, column in leaders.items()}
+        for i in range(shared.rows("leader"))
+    ]
+    made: dict[str, Any] = {**columns, **after, **{name: shared.number(name) for name in MOTION}}
+    return Motion(
+        **made, first=np.append(0, np.cumsum(n)),
+        leader=LeaderResponse(**of_leader[0]) if of_leader else None,
+    )  # fmt: skip
+
+
+def _folded(name: str, column: AnyArray, shape: tuple[int, ...]) -> AnyArray:
+    if column.size != np.prod(shape):
+        raise ValueError(f"{name}: expected {shape} numbers, got {column.shape}")
+    return column.reshape(shape)
