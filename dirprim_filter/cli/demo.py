@@ -139,8 +139,8 @@ class Run:
         from dirprim_filter.forecasting import Forecaster
         from dirprim_filter.recording.writer import EstimateWriter
         from dirprim_filter.viewer.moment import Moment
-        from dirprim_filter.viewer.report import run_report
         from dirprim_filter.viewer.sink import open_stream
+        from dirprim_filter.viewer.texts import run_report
 
         config = FilterConfig()
         said = provenance("demo", inputs=[self.log], config=config, seed=self.seed)

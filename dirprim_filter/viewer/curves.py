@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
+import rerun as rr
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.estimates import TrackedFrame
@@ -13,7 +14,8 @@ from dirprim_filter.track_ids import as_texts
 from dirprim_filter.tracks import Tracks
 
 Color = tuple[int, int, int]
-BLUE, ORANGE, GREY, GREEN = (120, 200, 255), (233, 104, 20), (120, 128, 145), (0, 190, 140)
+BLUE, ORANGE, GREY = (120, 200, 255), (233, 104, 20), (120, 128, 145)
+RUN_COLORS: tuple[Color, Color] = (BLUE, ORANGE)
 RIGHT_SQUARE = 2.0
 """Mean of a squared error of the plane that is normalised by its true covariance."""
 JITTER = 1e-12
@@ -35,10 +37,8 @@ PLOTS: Mapping[str, Curves] = {
         (BLUE, (70, 120, 160), (70, 120, 160), GREY, ORANGE, GREY),
     ),
     "/metrics/consistency": Curves(
-        "NEES, NIS: orange truth, blue innovation, 2 is right",
-        ("NEES (truth)", "NIS (innovation)", "right"),
-        (ORANGE, BLUE, GREY),
-        (0.0, 10.0),
+        "NEES, NIS: orange truth, blue innovation, 2 is right", ("NEES (truth)", "NIS (innovation)", "right"),
+        (ORANGE, BLUE, GREY), (0.0, 10.0),
     ),
     "/metrics/innovation": Curves("Innovation, m", ("mean", "greatest"), (BLUE, GREY)),
     "/metrics/log_evidence": Curves("Log evidence", ("mean",), (BLUE,)),
@@ -49,83 +49,87 @@ PLOTS: Mapping[str, Curves] = {
     ),
 }  # fmt: skip
 """By entity."""
+RESULTS = {
+    "mean NEES (2 is right)": ("/metrics/consistency", 0),
+    "mean NIS (2 is right)": ("/metrics/consistency", 1),
+    "mean innovation, m": ("/metrics/innovation", 0),
+    "mean effective sample size": ("/metrics/ess", 0),
+    "vehicles measured in a frame": ("/metrics/existence", 2),
+}
+"""What the report says: the mean of a curve over all frames."""
 
 
-def metrics(frame: TrackedFrame, nees: float) -> Mapping[str, tuple[float, ...]]:
-    """The values of one frame, by entity; NaN, a gap in the curve, where there is none.
+def curve_names(label: str = "", *, shade: int | None = None) -> Iterator[tuple[str, rr.SeriesLines]]:
+    """Names, colours and widths of all curves.
 
     Args:
-        frame: what is believed.
-        nees: of its vehicles, on average; NaN without a truth.
+        label: goes before the names, where two runs share a plot.
+        shade: which of two runs: all its curves are of one colour, the first the strongest.
     """
-    believed = frame.estimates
-    n_measured = int((believed.unseen_s == 0).sum())
-    rows: dict[str, tuple[float, ...]] = {
-        "/metrics/existence": (len(believed), float(believed.existence.sum()), n_measured)
-    }
-    has_samples = len(frame.particles) > 0
-    ess = believed.effective_sample_size if has_samples else np.empty(0)
-    rows["/metrics/ess"] = (_mean(ess), float(ess.min()) if ess.size else np.nan)
-    rows["/metrics/log_evidence"] = (_mean(believed.log_evidence[believed.unseen_s == 0]),)
-    if frame.innovations is None:
-        rows["/metrics/consistency"] = (nees, np.nan, RIGHT_SQUARE)
-    else:
-        distance = frame.innovations.distance
-        known = distance[~np.isnan(distance)]
-        rows["/metrics/innovation"] = (_mean(known), float(known.max()) if known.size else np.nan)
-        rows["/metrics/consistency"] = (nees, _mean(frame.innovations.squared), RIGHT_SQUARE)
-    return rows
+    for path, curves in PLOTS.items():
+        names = [f"{label} {name}".strip() for name in curves.names]
+        colors: list[Color] = list(curves.colors)
+        if shade is not None:
+            red, green, blue = RUN_COLORS[shade]
+            colors = [RUN_COLORS[shade], *[(red // 2, green // 2, blue // 2)] * (len(names) - 1)]
+        yield path, rr.SeriesLines(names=names, colors=colors, widths=[1.5] * len(names))
+
+
+class Metrics:
+    """The values of the curves, frame by frame, and their means over all frames."""
+
+    def __init__(self) -> None:
+        self._order, self._time_ns = np.empty(0, np.int64), np.empty(0, np.int64)
+        self._truth: Tracks | None = None
+        self._sum: dict[tuple[str, int], tuple[float, int]] = {}
+
+    def compare_to(self, truth: Tracks) -> None:
+        """From here on errors are those to these tracks."""
+        self._order = np.argsort(truth.time_ns, kind="stable")
+        self._truth, self._time_ns = truth, truth.time_ns[self._order]
+
+    def of(self, frame: TrackedFrame) -> Mapping[str, tuple[float, ...]]:
+        """The values of one frame, by entity; NaN, a gap in the curve, where there is none."""
+        believed, nis = frame.estimates, np.nan
+        is_measured = believed.unseen_s == 0
+        ess = believed.effective_sample_size if len(frame.particles) else np.empty(0)
+        rows: dict[str, tuple[float, ...]] = {
+            "/metrics/existence": (len(believed), float(believed.existence.sum()), int(is_measured.sum())),
+            "/metrics/ess": (_mean(ess), float(ess.min()) if ess.size else np.nan),
+            "/metrics/log_evidence": (_mean(believed.log_evidence[is_measured]),),
+        }
+        if frame.innovations is not None:
+            distance, nis = frame.innovations.distance, _mean(frame.innovations.squared)
+            known = distance[~np.isnan(distance)]
+            rows["/metrics/innovation"] = (_mean(known), float(known.max()) if known.size else np.nan)
+        rows["/metrics/consistency"] = (self._nees(frame), nis, RIGHT_SQUARE)
+        for path, i in RESULTS.values():
+            value = rows[path][i] if path in rows else np.nan
+            if not np.isnan(value):
+                total, n = self._sum.get((path, i), (0.0, 0))
+                self._sum[path, i] = (total + value, n + 1)
+        return rows
+
+    def results(self) -> dict[str, str]:
+        """What each is, and its mean."""
+        means = {name: self._sum[key] for name, key in RESULTS.items() if key in self._sum}
+        return {name: f"{total / n:.4g}" for name, (total, n) in means.items()}
+
+    def _nees(self, frame: TrackedFrame) -> float:
+        """Mean normalised estimation error squared of the positions of the frame's known vehicles; NaN of none."""
+        if self._truth is None:
+            return float("nan")
+        first, last = np.searchsorted(self._time_ns, [frame.time_ns, frame.time_ns + 1])
+        rows = self._order[first:last]
+        place = dict(zip(as_texts(self._truth.track_id[rows]).tolist(), self._truth.position[rows], strict=True))
+        known = [row for row, name in enumerate(frame.names) if name in place]
+        if not known:
+            return float("nan")
+        error = frame.estimates.position[known] - np.array([place[frame.names[row]] for row in known])
+        covariance = frame.estimates.covariance[known] + JITTER * np.eye(2)
+        return float(np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0]).mean())
 
 
 def _mean(values: FloatArray) -> float:
     known = values[~np.isnan(values)]
     return float(known.mean()) if known.size else np.nan
-
-
-class Tally:
-    """The means of the curves over all frames: the table of results."""
-
-    def __init__(self) -> None:
-        self._sum: dict[tuple[str, int], tuple[float, int]] = {}
-
-    def add(self, values: Mapping[str, tuple[float, ...]]) -> None:
-        """Count one frame's values."""
-        for path, row in values.items():
-            for i, value in enumerate(row):
-                if not np.isnan(value):
-                    total, n = self._sum.get((path, i), (0.0, 0))
-                    self._sum[path, i] = (total + value, n + 1)
-
-    def results(self) -> dict[str, str]:
-        """What each is, and its mean."""
-        shown = {
-            "mean NEES (2 is right)": ("/metrics/consistency", 0),
-            "mean NIS (2 is right)": ("/metrics/consistency", 1),
-            "mean innovation, m": ("/metrics/innovation", 0),
-            "mean effective sample size": ("/metrics/ess", 0),
-            "vehicles measured in a frame": ("/metrics/existence", 2),
-        }
-        means = {name: self._sum[key] for name, key in shown.items() if key in self._sum}
-        return {name: f"{total / n:.4g}" for name, (total, n) in means.items()}
-
-
-class Truth:
-    """True tracks, by time, to hold estimates against."""
-
-    def __init__(self, tracks: Tracks) -> None:
-        self._order = np.argsort(tracks.time_ns, kind="stable")
-        self._tracks, self._time_ns = tracks, tracks.time_ns[self._order]
-
-    def nees(self, frame: TrackedFrame) -> float:
-        """Mean normalised estimation error squared of the positions of the frame's known vehicles; NaN of none."""
-        first, last = np.searchsorted(self._time_ns, [frame.time_ns, frame.time_ns + 1])
-        rows = self._order[first:last]
-        place = dict(zip(as_texts(self._tracks.track_id[rows]).tolist(), self._tracks.position[rows], strict=True))
-        names = frame.names
-        known = np.array([row for row, name in enumerate(names) if name in place], dtype=np.int64)
-        if known.size == 0:
-            return float("nan")
-        error = frame.estimates.position[known] - np.array([place[names[row]] for row in known])
-        covariance = frame.estimates.covariance[known] + JITTER * np.eye(2)
-        squared = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
-        return float(squared.mean())

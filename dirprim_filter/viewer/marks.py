@@ -7,7 +7,6 @@ kind share is in `STYLES`, said once for the whole log.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -141,28 +140,11 @@ def detections(position: FloatArray, n_each: Sequence[int]) -> rr.ComponentColum
     return rr.ComponentColumnList([*places, *of_all])
 
 
-class Dots(NamedTuple):
-    """Particles as the viewer keeps them: they come by the hundred thousand, and are copied as seldom as can be.
-
-    Attributes:
-        place: (n, 3) float32 metres.
-        color: (n,) uint32, red in the highest byte.
-    """
-
-    place: npt.NDArray[np.float32]
-    color: npt.NDArray[np.uint32]
-
-    @classmethod
-    def of(cls, shown: Particles) -> Dots:
-        """Particles in the colours of their directions."""
-        packed = np.ascontiguousarray(direction_color(shown.direction)).view(">u4")[:, 0].astype(np.uint32)
-        return cls(_raised(shown.position, HEIGHT["particles"]), packed)
-
-
-def particles(parts: Sequence[Dots]) -> rr.ComponentColumnList:
-    """Small dots, of one instant after the other."""
-    place, color = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return rr.Points3D.columns(positions=place, colors=color)
+def particles(parts: Sequence[Particles]) -> rr.ComponentColumnList:
+    """Small dots in the colours of their directions, of one instant after the other."""
+    place = np.concatenate([_raised(part.position, HEIGHT["particles"]) for part in parts])
+    color = [np.ascontiguousarray(direction_color(part.direction)).view(">u4")[:, 0] for part in parts]
+    return rr.Points3D.columns(positions=place, colors=np.concatenate(color).astype(np.uint32))
 
 
 def estimates(believed: Estimates, prominence: FloatArray) -> rr.ComponentColumnList:
@@ -225,35 +207,25 @@ def ring(position: FloatArray, *, depth: float) -> rr.ComponentColumnList:
     return rr.LineStrips3D.columns(strips=_raised(circle, HEIGHT["ring"]))
 
 
-class Forecast(NamedTuple):
-    """The forecast of one vehicle as it is drawn.
+def forecasts(
+    track_id: Sequence[str], paths: FloatArray, regions: Sequence[Sequence[Region]]
+) -> Iterator[tuple[str, rr.ComponentColumnList]]:
+    """Rollouts of vehicles at one instant, by entity: thin lines, and the fans that hold them all.
 
-    Attributes:
-        paths: (n, n_steps, 2) metres, some of them.
-        fans: of all of them, one for each of `FANS`.
+    Args:
+        track_id: n ids.
+        paths: (n, n_samples, n_instants, 2) metres, from where the vehicles are.
+        regions: n vehicles', for each of `FANS`.
     """
-
-    paths: FloatArray
-    fans: Sequence[Region]
-
-    @classmethod
-    def of(cls, paths: FloatArray, regions: Sequence[Region]) -> Forecast:
-        """From rollouts that start at the vehicle, (n_samples, n_steps, 2) metres, and of their regions."""
-        last = paths.shape[1] - 1
-        kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
-        return cls(paths[:PATHS_DRAWN, kept], regions)
-
-
-def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.ComponentColumnList]]:
-    """Futures of all vehicles at one instant, by entity: thin lines, and their fans."""
-    color = track_color(list(of_vehicle))
-    paths = [futures.paths for futures in of_vehicle.values()]
-    lines = _raised(np.concatenate(paths) if paths else np.empty((0, 1, 2)), HEIGHT["forecasts"])
-    shade = np.repeat(with_alpha(color, FORECAST_OPACITY), [len(part) for part in paths], axis=0)
-    strips = rr.LineStrips3D.columns(strips=lines, colors=shade)
-    yield "/forecasts/paths", strips.partition([len(shade)])
+    color = track_color(track_id)
+    last = max(paths.shape[2] - 1, 0)
+    kept = np.unique(np.append(np.arange(last, -1, -STEP_STRIDE), 0))  # the first and the last are among them
+    lines = paths[:, :PATHS_DRAWN, kept] if len(track_id) else np.empty((0, 1, 1, 2))
+    shade = np.repeat(with_alpha(color, FORECAST_OPACITY), lines.shape[1], axis=0)
+    strips = _raised(lines.reshape(-1, *lines.shape[2:]), HEIGHT["forecasts"])
+    yield "/forecasts/paths", rr.LineStrips3D.columns(strips=strips, colors=shade).partition([len(shade)])
     for k, entity in enumerate(FANS):
-        parts = [futures.fans[k] for futures in of_vehicle.values()]
+        parts = [of_vehicle[k] for of_vehicle in regions]
         n_before = np.cumsum([0, *(len(part.vertex) for part in parts)])
         vertex = np.concatenate([np.empty((0, 2)), *(part.vertex for part in parts)])
         triangle = np.concatenate(
@@ -262,15 +234,10 @@ def forecasts(of_vehicle: Mapping[str, Forecast]) -> Iterator[tuple[str, rr.Comp
         corners = rr.Mesh3D.columns(
             vertex_positions=_raised(vertex, HEIGHT[entity.rsplit("/", 1)[-1]]),
             vertex_colors=np.repeat(color, np.diff(n_before), axis=0),
-        )
-        faces = rr.Mesh3D.columns(triangle_indices=triangle.astype(np.uint32))
+        ).partition([len(vertex)])
+        faces = rr.Mesh3D.columns(triangle_indices=triangle.astype(np.uint32)).partition([len(triangle)])
         seen_through = rr.Mesh3D.columns(albedo_factor=[(255, 255, 255, round(255 * fan_opacity(len(parts))))])
-        yield (
-            entity,
-            rr.ComponentColumnList(
-                [*corners.partition([len(vertex)]), *faces.partition([len(triangle)]), *seen_through]
-            ),
-        )
+        yield entity, rr.ComponentColumnList([*corners, *faces, *seen_through])
 
 
 def _shade(believed: Estimates) -> ByteArray:

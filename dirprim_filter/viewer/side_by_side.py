@@ -15,8 +15,8 @@ from rerun.chunk import RrdReader
 
 from dirprim_filter.arrays import FloatArray
 from dirprim_filter.viewer.blueprint import Layout
+from dirprim_filter.viewer.curves import curve_names
 from dirprim_filter.viewer.sink import BOX_PATH, RerunSink
-from dirprim_filter.viewer.static_scene import curve_names
 
 N_RUNS = 2
 BOX_COLUMN = "box"

@@ -7,7 +7,7 @@ What is true for the whole log is static; all else stands on the log's own time 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from itertools import chain, compress
 from types import TracebackType
 from typing import Any, Self
@@ -20,20 +20,19 @@ from dirprim_filter.background import Background
 from dirprim_filter.detections import Detections
 from dirprim_filter.drawing import shapes
 from dirprim_filter.drawing.sight import has_no_forecast
-from dirprim_filter.estimates import COASTING_FROM_S, Particles, TrackedFrame
+from dirprim_filter.estimates import Particles, TrackedFrame
 from dirprim_filter.forecasting import Forecasts
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks
-from dirprim_filter.viewer.batch import FrameBatch, SmoothedBatch, Steps
+from dirprim_filter.viewer.batch import Columns, Drawn, Step, Steps, columns, smoothed_columns
 from dirprim_filter.viewer.blueprint import TRAIL_S, Layout
-from dirprim_filter.viewer.curves import Tally, Truth, metrics
+from dirprim_filter.viewer.curves import Metrics, curve_names
+from dirprim_filter.viewer.direction_panel import polar_styles
 from dirprim_filter.viewer.focus import Focus, Look
-from dirprim_filter.viewer.legend import Legend
-from dirprim_filter.viewer.lifetimes import Lifetimes, lane_columns, lane_styles
-from dirprim_filter.viewer.report import run_report
-from dirprim_filter.viewer.static_scene import static_scene
+from dirprim_filter.viewer.lifetimes import Lifetimes
 from dirprim_filter.viewer.stream import Stream, time_column
+from dirprim_filter.viewer.texts import legend, run_report
 
 BATCH_FRAMES = 64
 """Frames that a file gets at a time;"""
@@ -41,6 +40,8 @@ LIVE_S = 0.1
 """a viewer gets them so often: one by one, a fast run would wait for its viewer."""
 IN_FOCUS = 100
 """Particles of the vehicle in focus, where none were asked for."""
+FRESH_S = 1.2
+"""A forecast is shown until the next, and for so long at most."""
 BUSY_SHARE = 0.75
 """The view is fitted to the square that holds this share of the traffic."""
 BOX_PATH = "/view"
@@ -65,15 +66,12 @@ class RerunSink:
         self._box: FloatArray | None = None
         self._laid_out = False
         self._primitives: PrimitiveMap | None = None
-        self._truth: Truth | None = None
-        self._batch = self._new_batch()
-        self._focus, self._lines, self._tally = Focus(focus), Lifetimes(), Tally()
-        self._smoothed = SmoothedBatch()
-        self._steps = Steps()
+        self._focus, self._lines, self._metrics = Focus(focus), Lifetimes(), Metrics()
+        self._drawn: list[Drawn] = []
+        self._smoothed: list[tuple[TrackedFrame, Step]] = []
+        self._steps, self._smoothed_steps = Steps(), Steps()
         self._not_forecast: set[str] = set()
-        self._forecasts: dict[str, marks.Forecast] = {}
-        self._forecast_ns = 0
-        self._forecasts_pending = False
+        self._forecast_ns: int | None = None
         self._background = Background("dirprim-rerun")
         self._sent_s = 0.0
 
@@ -90,7 +88,6 @@ class RerunSink:
         self._send_batch()
         self._background.wait()
         self._send_smoothed()
-        self._show_pending_forecasts()
         if not self._laid_out:
             self._begin(tracked=False)
         self.stream.flush()
@@ -112,27 +109,24 @@ class RerunSink:
 
     def log_map(self, primitives: PrimitiveMap) -> None:
         """The cells, their roses coloured by mean speed, and the legend; the view is fitted to them."""
-        self._primitives = primitives
         petals = shapes.rose_petals(primitives)
         fastest = shapes.fastest_speed(petals)
-        box = shapes.busy_box(primitives, share=BUSY_SHARE)
-        legend = Legend.of(primitives, extent=box, fastest=fastest)
-        self._static("/map/cells", marks.cells(primitives.tessellation))
-        self._static("/map/roses", marks.roses(petals, fastest=fastest))
-        self._static("/map/flow", marks.flow(shapes.Flow.of(primitives)))
-        self._static("/map/legend", legend.bar(), legend.ticks())
-        self._static("/legend", legend.text())
-        self._box = box
+        self._primitives, self._box = primitives, shapes.busy_box(primitives, share=BUSY_SHARE)
+        self.stream.log("/map/cells", marks.cells(primitives.tessellation))
+        self.stream.log("/map/roses", marks.roses(petals, fastest=fastest))
+        self.stream.log("/map/flow", marks.flow(shapes.Flow.of(primitives)))
+        for path, parts in legend(primitives, extent=self._box, fastest=fastest):
+            self.stream.log(path, *parts)
 
     def log_truth(self, tracks: Tracks) -> None:
         """Outlines and trails of the vehicles from the truth, to which the estimates are compared."""
         if len(tracks) == 0:
             return
-        self._truth = Truth(tracks)
+        self._metrics.compare_to(tracks)
         if self._box is None:
             self._box = shapes.extent(tracks.position)
         times, counts = np.unique(tracks.time_ns, return_counts=True)
-        self._static("/truth", marks.truth_style(int(counts.max())))
+        self.stream.log("/truth", marks.truth_style(int(counts.max())))
         # One empty instant after the last: otherwise the last vehicles would stand there for ever.
         after = times[-1] + (int(np.median(np.diff(times))) if len(times) > 1 else 1)
         outlines = marks.truth(tracks).partition(np.append(counts, 0))
@@ -150,68 +144,53 @@ class RerunSink:
             return
         if self._box is None:
             self._box = shapes.extent(detections.position)
-        n_each = [len(frame) for frame in frames]
-        places = np.concatenate([frame.position for frame in frames])
-        times = time_column([int(frame.time_ns[0]) for frame in frames])
-        drawn = marks.detections(places, n_each)
-        self.stream.send_columns("/detections", times, drawn)
+        drawn = marks.detections(np.concatenate([f.position for f in frames]), [len(f) for f in frames])
+        self.stream.send_columns("/detections", time_column([int(f.time_ns[0]) for f in frames]), drawn)
 
     def log_report(self, markdown: str) -> None:
         """A text about the run: configuration, results."""
-        self._static("/report", rr.TextDocument(markdown, media_type="text/markdown"))
+        self.stream.log("/report", rr.TextDocument(markdown, media_type="text/markdown"))
 
     def log_run(self, made_with: Mapping[str, str], results: Mapping[str, str]) -> None:
         """What the run was made with and what came of it, in figures of its own and in those given; may come again."""
-        self.log_report(run_report(made_with, self._tally.results() | dict(results)))
+        self.log_report(run_report(made_with, self._metrics.results() | dict(results)))
 
     # --- What changes with time -----------------------------------------------------------------------------
 
     def write(self, frame: TrackedFrame) -> None:
         """Show one frame; vehicles that it does not name vanish."""
-        believed = frame.estimates
         if self._box is None:
-            self._box = shapes.extent(np.concatenate([believed.position, frame.detections.position]))
+            self._box = shapes.extent(np.concatenate([frame.estimates.position, frame.detections.position]))
         if not self._laid_out:
             self._begin(tracked=True)
-            self._batch = self._new_batch()
-        self._forget_forecasts(frame.time_ns)
-        values = metrics(frame, float("nan") if self._truth is None else self._truth.nees(frame))
-        self._tally.add(values)
-        look = self._focus.see(frame)
-        in_full = self._focus.in_full(frame, box=self._box)
-        self._batch.add(
-            frame, particles=self._particles(frame, in_full, look), in_full=in_full, steps=self._steps.of(frame),
-            look=look, metrics=values,
-        )  # fmt: skip
+        if self._forecast_ns is not None and frame.time_ns > self._forecast_ns + FRESH_S * 1e9:
+            self._show(marks.forecasts([], np.empty((0, 0, 0, 2)), []), frame.time_ns)
+            self._forecast_ns = None
+        look, in_full = self._focus.see(frame, box=self._box)
+        self._drawn.append(Drawn(
+            frame, self._steps.of(frame), self._particles(frame, in_full, look), in_full, look, self._metrics.of(frame)
+        ))  # fmt: skip
         self._lines.see(frame)
-        self._not_forecast = set(compress(frame.names, (has_no_forecast(believed) | ~in_full).tolist()))
-        if self._is_due(self._batch):
+        self._not_forecast = set(compress(frame.names, (has_no_forecast(frame.estimates) | ~in_full).tolist()))
+        if self._is_due(self._drawn):
             self._send_batch()
         self.stream.look_after()
 
     def write_smoothed(self, frame: TrackedFrame) -> None:
         """Show what a smoother says of one instant; frames in order of time, each later than the filter's."""
-        self._smoothed.add(frame)
+        self._smoothed.append((frame, self._smoothed_steps.of(frame)))
         if self._is_due(self._smoothed):
             self._send_smoothed()
 
     def write_forecast(self, forecasts: Forecasts) -> None:
-        """Rollouts and their regions; shown until the vehicle ends or forecasts of another time come.
+        """Rollouts and their regions, after `write` of the frame of their time.
 
         Vehicles that coast, whose direction is not yet known, or that are not drawn in full have none.
-
-        Args:
-            forecasts: of one shape for one time; after `write` of the frame of that time.
         """
-        if forecasts.time_ns != self._forecast_ns:
-            self._show_pending_forecasts()
-            self._forecasts = {}
-        drawn = zip(forecasts.track_id, forecasts.coarse_paths(), forecasts.regions, strict=True)
-        for name, paths, regions in drawn:
-            if name not in self._not_forecast:
-                self._forecasts[name] = marks.Forecast.of(paths, regions)
+        shown = [row for row, name in enumerate(forecasts.track_id) if name not in self._not_forecast]
+        names, regions = [forecasts.track_id[row] for row in shown], [forecasts.regions[row] for row in shown]
+        self._show(marks.forecasts(names, forecasts.coarse_paths()[shown], regions), forecasts.time_ns)
         self._forecast_ns = forecasts.time_ns
-        self._forecasts_pending = True
 
     def _particles(self, frame: TrackedFrame, in_full: BoolArray, look: Look | None) -> Particles:
         """So many of each vehicle that is drawn in full; or some of the one in focus."""
@@ -221,32 +200,11 @@ class RerunSink:
         of_each = len(frame.particles) // max(len(frame.estimates), 1)
         return frame.particles.thinned(max(of_each // n, 1), rows=None if rows.all() else rows)
 
-    def _forget_forecasts(self, time_ns: int) -> None:
-        """Drop the forecasts of vehicles that have gone."""
-        self._show_pending_forecasts()
-        if not self._forecasts:
-            return
-        since_ns = time_ns - int(COASTING_FROM_S * 1e9)
-        here = {name for name, (seen_ns, *_) in self._steps.last.items() if seen_ns >= since_ns} - self._not_forecast
-        kept = {name: paths for name, paths in self._forecasts.items() if name in here}
-        if len(kept) < len(self._forecasts):
-            self._forecasts = kept
-            self._show_forecasts(time_ns)
-
-    def _show_pending_forecasts(self) -> None:
-        if self._forecasts_pending:
-            self._show_forecasts(self._forecast_ns)
-        self._forecasts_pending = False
-
-    def _show_forecasts(self, time_ns: int) -> None:
-        for entity, columns in marks.forecasts(self._forecasts):
-            self.stream.send_columns(entity, time_column([time_ns]), columns)
-
     # --- The stream -----------------------------------------------------------------------------------------
 
-    def _new_batch(self) -> FrameBatch:
-        depth = 100.0 if self._box is None else float(np.ptp(self._box[:, 1]))
-        return FrameBatch(primitives=self._primitives, depth=depth)
+    def _show(self, drawn: Iterable[tuple[str, rr.ComponentColumnList]], time_ns: int) -> None:
+        for entity, one in drawn:
+            self.stream.send_columns(entity, time_column([time_ns]), one)
 
     def _is_due(self, batch: Sized) -> bool:
         return len(batch) >= BATCH_FRAMES or (self.stream.live and time.monotonic() >= self._sent_s + LIVE_S)
@@ -254,16 +212,19 @@ class RerunSink:
     def _send_batch(self) -> None:
         """Send what is gathered: to a file by a thread of its own, so that the tracker goes on meanwhile."""
         self._background.wait()
+        if not self._drawn:
+            return
         self._sent_s = time.monotonic()
-        batch, lanes, styles = self._batch, list(lane_columns(self._lines)), list(lane_styles(self._lines))
-        self._lines.changes, self._lines.entries = {}, []
-        self._batch = self._new_batch()
+        styles, lanes = list(self._lines.styles()), list(self._lines.columns())
+        depth = 100.0 if self._box is None else float(np.ptp(self._box[:, 1]))
+        drawn: Iterator[Columns] = columns(self._drawn, primitives=self._primitives, depth=depth)
+        self._drawn = []
 
         def send() -> None:
-            for entity, times, columns in chain(batch.columns(), lanes):
-                self.stream.send_columns(entity, times, columns)
+            for entity, times, one in chain(drawn, lanes):
+                self.stream.send_columns(entity, times, one)
             for entity, style in styles:
-                self._static(entity, style)
+                self.stream.log(entity, style)
 
         if self.stream.live:
             send()
@@ -272,11 +233,9 @@ class RerunSink:
 
     def _send_smoothed(self) -> None:
         self._background.wait()
-        for entity, times, columns in self._smoothed.columns():
-            self.stream.send_columns(entity, times, columns)
-
-    def _static(self, path: str, *what: rr.AsComponents) -> None:
-        self.stream.log(path, *what)
+        smoothed, self._smoothed = self._smoothed, []
+        for entity, times, one in smoothed_columns(smoothed) if smoothed else ():
+            self.stream.send_columns(entity, times, one)
 
     def lay_out(self, layout: Layout) -> None:
         """Arrange the viewer's window."""
@@ -285,11 +244,11 @@ class RerunSink:
 
     def _begin(self, *, tracked: bool) -> None:
         box = shapes.extent(np.empty((0, 2))) if self._box is None else self._box
-        for path, style in static_scene():
-            self._static(path, style)
+        for path, style in chain(marks.STYLES.items(), curve_names(), polar_styles()):
+            self.stream.log(path, style)
         if tracked and self._primitives is not None:
-            self._static("/map/roses", marks.ROSES_UNDER_TRAFFIC)
-        self._static(BOX_PATH, rr.AnyValues(box=box.ravel()))
+            self.stream.log("/map/roses", marks.ROSES_UNDER_TRAFFIC)
+        self.stream.log(BOX_PATH, rr.AnyValues(box=box.ravel()))
         self.lay_out(Layout(box=box, live=self.stream.live, tracked=tracked))
 
 

@@ -1,17 +1,22 @@
-"""Whom to look at, and what is reported it: quantiles of the prior's speeds, and Eq. 4 around the circle."""
+"""Whom to look at, and what is shown of it: quantiles of the prior's speeds, and Eq. 4 around the circle."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from dirprim_filter.detections import Detections
 from dirprim_filter.estimates import TrackedFrame
 from dirprim_filter.primitives.primitive_map import PrimitiveMap
-from dirprim_filter.viewer.focus import KEPT_S, Focus, Look, polar_curves, speed_rows
+from dirprim_filter.viewer.direction_panel import polar_curves, speed_rows
+from dirprim_filter.viewer.focus import KEPT_S, Focus, Look
+
+EVERYWHERE = np.array([[-1e3, -1e3], [1e3, 1e3]])
 
 
 def looks_of(focus: Focus, frames: list[TrackedFrame]) -> list[str | None]:
-    return [None if (look := focus.see(frame)) is None else look.track_id for frame in frames]
+    looks = [focus.see(frame, box=EVERYWHERE)[0] for frame in frames]
+    return [None if look is None else look.track_id for look in looks]
 
 
 def with_evidence(frame: TrackedFrame, seven: float, eight: float) -> TrackedFrame:
@@ -34,11 +39,8 @@ def test_after_a_while_it_may_be_another(scene_frames: list[TrackedFrame]) -> No
     assert looks_of(focus, [later]) == ["7"]
 
 
-def look_at(position: tuple[float, float], *, course: tuple[float, float] = (0.0, 0.0), direction: float = 0.3) -> Look:
-    return Look(
-        time_ns=0, track_id="a", position=np.array(position), speed=(8.0, 1.0), direction=direction, course=course,
-        belief=np.full(72, 1 / 72),
-    )  # fmt: skip
+def look_at(position: tuple[float, float], *, cue: tuple[float, float] = (0.0, 0.0)) -> Look:
+    return Look("a", np.array(position), (8.0, 1.0), 0.3, cue, np.full(72, 1 / 72))
 
 
 def test_the_speeds_prior_is_that_of_the_modes_that_fit_the_direction(scene_map: PrimitiveMap) -> None:
@@ -51,12 +53,12 @@ def test_the_speeds_prior_is_that_of_the_modes_that_fit_the_direction(scene_map:
     mode = rng.choice(fit.size, 200_000, p=fit / fit.sum())
     speed = rng.gamma(prior.speed.shape[mode], 1.0 / prior.speed.rate[mode])
     assert quantiles == pytest.approx(np.quantile(speed, (0.05, 0.5, 0.95)), abs=0.2)
-    other = replace(look, direction=2.0)  # the negative control: the other mode is half as fast
+    other = look._replace(direction=2.0)  # the negative control: the other mode is half as fast
     assert speed_rows([other], scene_map)[0, 4] < 0.8 * quantiles[1]
 
 
 def test_a_curve_of_speed_breaks_where_the_vehicle_changes(scene_map: PrimitiveMap) -> None:
-    looks = [look_at((5.0, 5.0)), None, replace(look_at((5.0, 5.0)), track_id="b"), look_at((5.0, 5.0))]
+    looks = [look_at((5.0, 5.0)), None, look_at((5.0, 5.0))._replace(track_id="b"), look_at((5.0, 5.0))]
     rows = speed_rows(looks, scene_map)
     assert np.isnan(rows).all(axis=1).tolist() == [True, True, True, False]
     assert np.isnan(speed_rows([None, None], scene_map)).all()
@@ -70,37 +72,51 @@ def density_of(line: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def test_the_posterior_is_the_product_of_the_prior_and_the_cue(scene_map: PrimitiveMap) -> None:
-    look = look_at((15.0, 15.0), course=(1.2, 6.0))
+    look = look_at((15.0, 15.0), cue=(1.2, 6.0))
     curves = polar_curves([look], scene_map)
     theta = np.linspace(-np.pi, np.pi, 721)
     prior = np.exp(scene_map.primitive_at(look.position).direction.log_density(theta))
     product = prior * np.exp(6.0 * np.cos(theta - 1.2))
-    posterior, reported = density_of(curves.posterior[0], theta), density_of(curves.prior[0], theta)
+    posterior, reported = density_of(curves["posterior"][0], theta), density_of(curves["prior"][0], theta)
     assert posterior / posterior.max() == pytest.approx(product / product.max(), abs=0.02)
     assert reported / reported.max() == pytest.approx(prior / prior.max(), abs=0.02)
     assert np.abs(posterior / posterior.max() - prior / prior.max()).max() > 0.2  # the cue counts
     # One scale for all: integrals around the circle are the same.
     assert posterior.mean() == pytest.approx(reported.mean(), rel=0.02)
     assert max(
-        np.hypot(*line.T).max() for line in (curves.prior[0], curves.cue[0], curves.posterior[0])
+        np.hypot(*line.T).max() for line in (curves["prior"][0], curves["cue"][0], curves["posterior"][0])
     ) == pytest.approx(1.0)
 
 
 def test_without_a_course_the_posterior_is_the_prior(scene_map: PrimitiveMap) -> None:
     curves = polar_curves([look_at((15.0, 15.0))], scene_map)
     theta = np.linspace(-np.pi, np.pi, 181)
-    assert density_of(curves.posterior[0], theta) == pytest.approx(density_of(curves.prior[0], theta), abs=1e-3)
-    assert np.ptp(density_of(curves.cue[0], theta)) < 1e-9
+    assert density_of(curves["posterior"][0], theta) == pytest.approx(density_of(curves["prior"][0], theta), abs=1e-3)
+    assert np.ptp(density_of(curves["cue"][0], theta)) < 1e-9
 
 
 def test_the_course_is_where_a_vehicle_came_from(scene_frames: list[TrackedFrame]) -> None:
     focus = Focus("7")
     frames = [replace(f, time_ns=scene_frames[0].time_ns + i * 300_000_000) for i, f in enumerate(scene_frames[:5])]
-    looks = [focus.see(frame) for frame in frames]
+    looks = [focus.see(frame, box=EVERYWHERE)[0] for frame in frames]
     assert looks[0] is not None
-    assert looks[0].course == (0.0, 0.0)
+    assert looks[0].cue == (0.0, 0.0)
     last = looks[-1]
     assert last is not None
-    assert last.course[0] == pytest.approx(np.pi / 4)
-    assert 1.0 < last.course[1] < 1 / 0.09
+    assert last.cue[0] == pytest.approx(np.pi / 4)
+    assert 1.0 < last.cue[1] < 1 / 0.09
     assert last.belief.sum() == pytest.approx(1.0)
+
+
+def test_a_turn_signal_is_the_cue_in_place_of_the_course(scene_frames: list[TrackedFrame]) -> None:
+    def cue_of(turn: list[list[float]]) -> tuple[float, float]:
+        seen = scene_frames[0].detections
+        signalled = Detections(
+            track_id=seen.track_id, time_ns=seen.time_ns, position=seen.position, cue=np.array(turn)
+        )  # fmt: skip
+        look, _ = Focus("8").see(replace(scene_frames[0], detections=signalled), box=EVERYWHERE)
+        assert look is not None
+        return look.cue
+
+    assert cue_of([[np.nan, np.nan], [-np.pi / 2, 2.5]]) == pytest.approx((np.pi / 4 - np.pi / 2, 2.5))
+    assert cue_of([[-np.pi / 2, 2.5], [np.nan, np.nan]]) == (0.0, 0.0)  # control: another vehicle signals

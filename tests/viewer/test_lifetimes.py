@@ -36,12 +36,12 @@ def test_a_life_is_reported_from_its_first_estimate_to_its_end() -> None:
         frame_of(4, {"a": 0.0}), frame_of(5, {"a": 0.0}, anew=("a",)), frame_of(6, {"a": 0.0}), frame_of(7, {}),
     ]:  # fmt: skip
         lines.see(frame)
-    reported = [(change.time_ns // STEP_NS, change.state) for change in lines.changes[0]]
+    reported = [(time_ns // STEP_NS, state) for time_ns, state in lines.changes[0]]
     assert reported == [(0, "a"), (3, "a coasting"), (4, "a"), (5, "a reinitialised"), (6, "a"), (7, "")]
-    assert [entry.text.split(":")[0] for entry in lines.entries] == [
+    assert [text.split(":")[0] for _, _, text in lines.entries] == [
         "a initialised", "a coasts", "a measured again", "a reinitialised", "a explained again", "a ended",
     ]  # fmt: skip
-    assert [entry.level for entry in lines.entries].count("WARN") == 1
+    assert [level for _, level, _ in lines.entries].count("WARN") == 1
     assert set(lines.states[0]) == {"a", "a coasting", "a reinitialised"}
 
 
@@ -55,9 +55,9 @@ def test_no_two_vehicles_share_a_lane_and_lanes_are_used_again() -> None:
         lines.see(frame_of(step, here))
     assert 1 < len(lines.changes) <= N_LANES
     for changes in lines.changes.values():
-        times = [change.time_ns for change in changes]
+        times = [time_ns for time_ns, _ in changes]
         assert times == sorted(times)
-        states = [change.state for change in changes]
+        states = [state for _, state in changes]
         assert all(bool(a) != bool(b) for a, b in pairwise(states))  # one ends, the next begins
     assert sum(len(states) for states in lines.states.values()) > 2 * N_LANES
 

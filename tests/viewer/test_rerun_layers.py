@@ -21,8 +21,8 @@ from dirprim_filter.recording.writer import EstimateWriter
 from dirprim_filter.tracks import Tracks
 from dirprim_filter.viewer import marks
 from dirprim_filter.viewer.focus import CROWD, DRAWN_IN_FULL, STILL_CROWD, Focus
-from dirprim_filter.viewer.report import run_report
 from dirprim_filter.viewer.sink import RerunSink, open_stream
+from dirprim_filter.viewer.texts import run_report
 
 
 @pytest.fixture(autouse=True)
@@ -233,8 +233,8 @@ def test_a_crowd_is_one_until_it_is_clearly_none(scene_frames: list[TrackedFrame
     for n in (CROWD, CROWD + 1, STILL_CROWD + 1, STILL_CROWD, CROWD):
         many = replace(scene_frames[0].estimates[np.zeros(n, np.int64)], track_id=np.arange(n))
         frame = replace(scene_frames[0], estimates=many)
-        focus.see(frame)
-        drawn.append(int(focus.in_full(frame, box=everywhere).sum()))
+        focus.see(frame, box=everywhere)
+        drawn.append(int(focus.see(frame, box=everywhere)[1].sum()))
     assert drawn == [CROWD, DRAWN_IN_FULL, DRAWN_IN_FULL, STILL_CROWD, CROWD]
 
 
