@@ -90,9 +90,9 @@ class FilterConfig:
             of vehicles that misbehave is 23 instead of 8.
         step_s: seconds, the longest step of the motion model: a vehicle at 15 m/s passes 1.5 m in it.
         max_gap_s: seconds without a measurement after which a belief ends.
-        interaction: "leader": vehicles respond to the vehicle ahead, by the estimates of the frame before, as far as
-            the map's vehicles did; "none": the belief of a vehicle does not depend on any other. Without leaders
-            Lankershim is 1.6 % worse in sight.
+        interaction: "leader": in forecasts vehicles respond to the vehicle ahead, as far as the map's vehicles did;
+            "none": each is forecast as if alone. Without leaders the energy score of Lankershim at 5 s is .569 m, with
+            them .427 m.
     """
 
     n_particles: int = 1000

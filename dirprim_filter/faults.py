@@ -1,9 +1,7 @@
 """Faults of observed motion: wrong units, vehicles that drive backwards or jump, or that are copies of others.
 
 Learning and scoring take a log of tracks for the truth, so its faults enter both. Two vehicles cannot be at one place:
-two that stay within `COPY_M` for a second are one. A copy shifted in time is harder to distinguish from a follower: it
-repeats the other's whole path, its speed and, in part, its **noise**, the third differences of its positions. Vehicles
-on one path, in a queue or a platoon, have noise of their own.
+two that stay within `COPY_M` for a second are one.
 """
 
 from __future__ import annotations
@@ -30,21 +28,11 @@ MANY_DEVIATIONS = 8.0
 MAX_STEP_S = 2.0
 """Across a longer pause nothing is known of the path between."""
 COPY_M = 0.05
-COPY_SPEED = 0.2
-"""m/s; the rows of a copy are as near in place and in speed."""
+"""Two that are so near each other are one vehicle."""
 COPY_S = 1.0
 """Seconds that two vehicles share a place at the same instants."""
-SHIFTED_S = 2.0
-"""Seconds of motion that a shifted copy repeats, at least, and"""
-SHIFTED_SHARE = 2.0 / 3.0
-"""of all that the two could share: followers share a third at most where they were counted."""
-MAX_SHIFT_S = 60.0
 MOVING_FROM = 1.0
-"""m/s; standing vehicles repeat their own positions."""
-LEAST_NOISE_M = 1e-3
-"""Less noise than this, as of simulated vehicles that are all alike, does not identify a copy."""
-SHARED_NOISE = 0.5
-"""Two copies differ by at most this share of their own noise; two vehicles by more than all of it."""
+"""m/s: the distance that standing vehicles drive says nothing of units."""
 COMPARED_S, LONGEST_S = 2.0, 4.0
 """Stated speeds and courses are compared with the way between rows so far apart: noise is small beside it."""
 LEAST_COMPARED = 20
@@ -70,11 +58,10 @@ class Misstep(NamedTuple):
 
 
 class Copy(NamedTuple):
-    """A vehicle that repeats another one, `shift_s` seconds later, for `seconds`."""
+    """A vehicle that is where another one is, for `seconds`."""
 
     vehicle: str
     of: str
-    shift_s: float
     seconds: float
 
 
@@ -85,7 +72,7 @@ class Faults:
     Attributes:
         backwards: vehicles that moved against their own heading.
         jumps: vehicles that were elsewhere from one row to the next.
-        copies: vehicles that are others, at the same instants or shifted in time.
+        copies: vehicles that are others.
         units: what in all speeds, courses and positions does not fit together, as of other units.
     """
 
@@ -96,13 +83,10 @@ class Faults:
 
     def lines(self) -> list[str]:
         """A line for each kind of fault that there is, with the ids."""
-        at_once = [copy for copy in self.copies if copy.shift_s == 0]
-        later = [copy for copy in self.copies if copy.shift_s != 0]
         kinds = {
             "move against their own heading": [f"{of.vehicle} ({of.metres:.0f} m)" for of in self.backwards],
             "jump": [f"{of.vehicle} ({of.metres:.0f} m)" for of in self.jumps],
-            "are copies of others at the same instants": [f"{of.vehicle} of {of.of}" for of in at_once],
-            "are copies of others, shifted in time": [f"{of.vehicle} of {of.of} ({of.shift_s:+.1f} s)" for of in later],
+            "are copies of others at the same instants": [f"{of.vehicle} of {of.of}" for of in self.copies],
         }
         return [*self.units, *(f"vehicles that {what} ({len(of)}): {_few(of)}" for what, of in kinds.items() if of)]
 
@@ -121,7 +105,7 @@ def find_faults(tracks: Tracks) -> Faults:
     return Faults(
         backwards=_missteps(way, _lost_way(way), np.full(names.size, BACKWARDS_M), names),
         jumps=_missteps(way, *_jumps(way), names),
-        copies=(*_copies_at_once(way, names), *_shifted_copies(way, names)),
+        copies=_copies(way, names),
         units=_unlike_units(way, tracks.direction[order]),
     )
 
@@ -219,71 +203,29 @@ def _jumps(way: _Way) -> tuple[FloatArray, FloatArray]:
     return metres, np.maximum(JUMP_M, MANY_DEVIATIONS * median)
 
 
-def _copies_at_once(way: _Way, names: AnyArray) -> list[Copy]:
+def _copies(way: _Way, names: AnyArray) -> tuple[Copy, ...]:
     """Vehicles that are within `COPY_M` of another for a second."""
     _, instant = np.unique(np.column_stack([way.group, way.time_ns]), axis=0, return_inverse=True)
-    one, other = _near(
-        np.column_stack([way.position, instant.ravel().astype(np.float64)]), way, np.arange(len(instant))
-    )
+    one, other = _near(np.column_stack([way.position, instant.ravel().astype(np.float64)]), way)
     pairs, n = np.unique(np.column_stack([way.vehicle[one], way.vehicle[other]]), axis=0, return_counts=True)
     found = []
     for (a, b), count in zip(pairs.tolist(), n.tolist(), strict=True):
         seconds = count * _interval_s(way, a)
         if count >= 3 and seconds >= COPY_S:
-            found.append(Copy(str(names[b]), str(names[a]), 0.0, seconds))
-    return found
+            found.append(Copy(str(names[b]), str(names[a]), seconds))
+    return tuple(found)
 
 
-def _shifted_copies(way: _Way, names: AnyArray) -> list[Copy]:
-    """Vehicles that repeat another one's way, speed and noise at another time, up to a minute before or after."""
-    moving = np.flatnonzero(way.speed >= MOVING_FROM)
-    group = np.unique(way.group, return_inverse=True)[1][moving]
-    since_s = (way.time_ns[moving] - way.time_ns.min()) * 1e-9
-    columns = [
-        way.position[moving], way.speed[moving] * (COPY_M / COPY_SPEED), since_s * (COPY_M / MAX_SHIFT_S), group * 1.0,
-    ]  # fmt: skip
-    one, other = _near(np.column_stack(columns), way, moving)
-    shift_ms = np.round((way.time_ns[other] - way.time_ns[one]) * 1e-6).astype(np.int64)
-    key = np.column_stack([way.vehicle[one], way.vehicle[other], shift_ms])[shift_ms != 0]
-    pairs, n = np.unique(key, axis=0, return_counts=True)
-    best: dict[tuple[int, int], Copy] = {}
-    for (a, b, shift), count in zip(pairs.tolist(), n.tolist(), strict=True):
-        seconds = count * _interval_s(way, a)
-        if seconds >= SHIFTED_S and _repeats(way, a, b, shift * 1_000_000):
-            copy = Copy(str(names[b]), str(names[a]), shift * 1e-3, seconds)
-            best[a, b] = max(best.get((a, b), copy), copy, key=lambda of: of.seconds)
-    return list(best.values())
-
-
-def _repeats(way: _Way, a: int, b: int, shift_ns: int) -> bool:
-    """Whether vehicle b repeats what both did when they moved, `shift_ns` later, and its noise."""
-    first, second = (slice(*np.searchsorted(way.vehicle, [v, v + 1]).tolist()) for v in (a, b))
-    ms, shift_ms = way.time_ns // 1_000_000, shift_ns // 1_000_000
-    _, i, j = np.intersect1d(ms[first] + shift_ms, ms[second], return_indices=True)
-    i, j = i + first.start, j + second.start
-    off = way.position[j] - way.position[i]
-    moves = way.speed[i] >= MOVING_FROM
-    near = moves & (np.abs(off) <= COPY_M).all(axis=1) & (np.abs(way.speed[j] - way.speed[i]) <= COPY_SPEED)
-    if near.sum() < max(SHIFTED_SHARE * moves.sum(), 6):
-        return False
-    run = near[3:] & near[2:-1] & near[1:-2] & near[:-3]
-    noise, differing = (
-        float(np.median(np.linalg.norm(np.diff(of, n=3, axis=0)[run], axis=1), axis=0)) if run.any() else 0.0
-        for of in (way.position[i], off)
-    )
-    return noise >= LEAST_NOISE_M and differing <= SHARED_NOISE * noise
-
-
-def _near(place: FloatArray, way: _Way, row: IntArray) -> tuple[IntArray, IntArray]:
-    """Rows of two vehicles, that of the lesser number first, whose places differ by `COPY_M` at most in each axis."""
+def _near(place: FloatArray, way: _Way) -> IntArray:
+    """(2, p) rows of two vehicles, that of the lesser number first, within `COPY_M` of each other in each axis."""
     if len(place) < 2:
-        return row[:0], row[:0]
+        return np.empty((2, 0), np.int64)
     from scipy.spatial import cKDTree  # noqa: PLC0415 - `info` of a long log does without
 
-    pairs = row[cKDTree(place).query_pairs(COPY_M, p=np.inf, output_type="ndarray")]
+    pairs = cKDTree(place).query_pairs(COPY_M, p=np.inf, output_type="ndarray")
     pairs = pairs[way.vehicle[pairs[:, 0]] != way.vehicle[pairs[:, 1]]]
     pairs = np.sort(pairs, axis=1)  # rows are in order of the vehicles
-    return pairs[:, 0], pairs[:, 1]
+    return np.asarray(pairs.T)
 
 
 def _interval_s(way: _Way, vehicle: int) -> float:

@@ -23,13 +23,13 @@ from dirprim_filter.filtering.belief import birth_key
 from dirprim_filter.filtering.rollouts import (
     Start,
     Steps,
+    leader_table,
     projected,
     sample_paths,
     sampled_belief,
     sampled_state,
     side_by_side,
 )
-from dirprim_filter.filtering.surroundings import leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table
@@ -131,7 +131,7 @@ class Forecaster:
     """An `EstimateSink` that forecasts every vehicle of a frame, now and then.
 
     A vehicle's rollouts depend on the seed, its id and the time. Where vehicles respond to leaders, sample p of all
-    vehicles of a group is one world; with `config.interaction` "none" they depend on no other vehicle.
+    vehicles of a group is one scene; with `config.interaction` "none" they depend on no other vehicle.
 
     Args:
         primitive_map: how vehicles move at each place.

@@ -68,9 +68,6 @@ class KalmanBank:
                 column = getattr(self, name)
                 setattr(self, name, np.concatenate([column, np.zeros((more, *column.shape[1:]))]))
 
-    def look_around(self, moments: FloatArray, home: IntArray) -> None:
-        """Does nothing: Kalman filters have no interaction."""
-
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Start beliefs from one measurement each; nothing here is random, so `key` is not used."""
         place = measured_covariance(measured, self.config)

@@ -23,8 +23,8 @@ from dirprim_filter.filtering.belief import BelievedParticles, ParticleBelief
 from dirprim_filter.filtering.cue_weights import weigh_by_cue
 from dirprim_filter.filtering.measurements import FASTEST, measured_motion
 from dirprim_filter.filtering.protocols import BayesFilter, Evidence
-from dirprim_filter.filtering.surroundings import Surroundings, leader_table
 from dirprim_filter.primitives import PrimitiveMap
+from dirprim_filter.primitives._leader import ALONE
 from dirprim_filter.primitives.cues import Cue
 from dirprim_filter.primitives.motion_table import motion_table
 from dirprim_filter.primitives.traffic import Traffic
@@ -40,7 +40,7 @@ class ParticleFilter:
     """A `BayesFilter` of particles that move by a map.
 
     Vehicles are split among threads, and a vehicle's numbers come from its own random state: results depend neither on
-    the threads nor, without `interaction`, on other vehicles.
+    the threads nor on other vehicles.
 
     Args:
         primitive_map: how vehicles move at each place.
@@ -56,9 +56,6 @@ class ParticleFilter:
         self.belief = ParticleBelief(n_particles=config.n_particles, mode_of=primitive_map.motion.mode)
         self._table = motion_table(primitive_map, step_s=config.step_s)
         self._primitives = primitive_map.compiled()
-        self._response = leader_table(primitive_map, config)
-        self._surroundings = Surroundings()
-        self._surroundings.reserve(self.belief.n_slots)
         self._has_cells = primitive_map.tessellation.n_cells > 0
         self.traffic = Traffic.of(primitive_map.tessellation, primitive_map.motion)
         self._ends = np.zeros(len(primitive_map.motion))
@@ -78,11 +75,6 @@ class ParticleFilter:
     def reserve(self, n_slots: int) -> None:
         """Make room for so many slots."""
         self.belief.reserve(n_slots)
-        self._surroundings.reserve(n_slots)
-
-    def look_around(self, moments: FloatArray, home: IntArray) -> None:
-        """Note where vehicles are: possible leaders until this is called again. (v, 10), (v,) see `BayesFilter`."""
-        self._surroundings.see(moments, home)
 
     def begin(self, slot: IntArray, key: AnyArray, measured: Detections) -> None:
         """Initialise beliefs from one measurement each and the primitive at its place.
@@ -104,8 +96,6 @@ class ParticleFilter:
         """One that moves by the same map, without beliefs."""
         other = copy(self)
         other.belief = ParticleBelief(n_particles=self.config.n_particles, mode_of=self.belief.mode_of)
-        other._surroundings = Surroundings()
-        other._surroundings.reserve(other.belief.n_slots)
         return other
 
     def place(self, slot: IntArray, key: AnyArray, mean: FloatArray, covariance: FloatArray) -> None:
@@ -124,17 +114,14 @@ class ParticleFilter:
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`. (v,), (v,)."""
         self.belief.copy(source, target)
-        self._surroundings.copy(source, target)
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move the particles by the map's motion model. (v,), (v,) seconds."""
         self.belief.step += 1
-        around = self._surroundings
         self.split(
-            _interaction.advance, (self._table, self._response, self.belief.cloud, around.state),
-            (slot, around.own[slot], around.since_s[slot], dt_s), (), each_ns=60.0,
+            _interaction.advance, (self._table, ALONE, self.belief.cloud, _interaction.NOBODY), (slot, dt_s), (),
+            each_ns=60.0,
         )  # fmt: skip
-        around.since_s[slot] += dt_s
         self.belief.carried.since_s[slot] += dt_s
 
     def log_likelihood(self, slot: IntArray, measured: Detections) -> FloatArray:

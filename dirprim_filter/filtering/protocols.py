@@ -40,7 +40,7 @@ class WeighsCues(Protocol):
 class BayesFilter(Protocol):
     """Beliefs of many vehicles; every step takes the slots (v,) it is about.
 
-    No belief depends on another, unless the filter's configuration says that vehicles interact.
+    No belief depends on another.
     """
 
     @property
@@ -58,15 +58,6 @@ class BayesFilter(Protocol):
 
     def copy(self, source: IntArray, target: IntArray) -> None:
         """Make the beliefs of `target` those of `source`, random numbers to come included."""
-        ...
-
-    def look_around(self, moments: FloatArray, home: IntArray) -> None:
-        """Note where vehicles are, for filters with interaction; the others do nothing.
-
-        Args:
-            moments: (v, 10) of their beliefs, all at one time, see `moments`.
-            home: (v,) the slots of the tracks.
-        """
         ...
 
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:

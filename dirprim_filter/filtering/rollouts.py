@@ -19,7 +19,6 @@ from dirprim_filter.estimates import Particles
 from dirprim_filter.filtering import _interaction, _kernels
 from dirprim_filter.filtering._kernels import Cloud
 from dirprim_filter.filtering.cue_weights import weigh_by_cue
-from dirprim_filter.filtering.surroundings import leader_table
 from dirprim_filter.primitives import PrimitiveMap
 from dirprim_filter.primitives._leader import ALONE, LeaderTable
 from dirprim_filter.primitives._manoeuvres import MotionTable
@@ -44,7 +43,7 @@ def forecast_states(
 ) -> FloatArray:
     """Sample rollouts of many vehicles.
 
-    Each as if it were alone, unless a `config` says that vehicles respond to leaders: then all are in one world, and
+    Each as if it were alone, unless a `config` says that vehicles respond to leaders: then all are in one scene, and
     sample p of every vehicle belongs together.
 
     Args:
@@ -71,6 +70,14 @@ def forecast_states(
     response = leader_table(primitive_map, config)
     table = motion_table(primitive_map, step_s=config.step_s)
     return sample_paths(table, start, steps, cue=cue, response=response, rng=rng)
+
+
+def leader_table(primitive_map: PrimitiveMap, config: FilterConfig) -> LeaderTable:
+    """The response to leaders: none without interaction, or where the map knows of none."""
+    response = primitive_map.motion.leader
+    if response is None or config.interaction == "none":
+        return ALONE
+    return LeaderTable(response.gain, response.push, response.trust, response.start_rate)
 
 
 class Start(NamedTuple):
@@ -196,16 +203,15 @@ def _weighted_by_cue(table: MotionTable, cloud: Cloud, cue: Cue, *, rng: np.rand
 
 
 def projected(table: MotionTable, cloud: Cloud, dt_s: FloatArray, response: LeaderTable = ALONE) -> FloatArray:
-    """The particles moved on: (v, n, n_steps, 2) metres. Behind leaders sample p of all vehicles is one world."""
+    """The particles moved on: (v, n, n_steps, 2) metres. Behind leaders sample p of all vehicles is one scene."""
     v, n = cloud.speed.shape
-    path, vehicle, zero = np.empty((v, n, dt_s.size, 2)), np.arange(v), np.zeros(v)
-    is_alone, world = response.trust == 0.0 or v == 1, np.empty((1, 0, 4))
+    path, is_alone, scene = np.empty((v, n, dt_s.size, 2)), response.trust == 0.0 or v == 1, _interaction.NOBODY
     for t, dt in enumerate(dt_s.tolist()):
         n_looks = 1 if is_alone else max(1, math.ceil(dt / _interaction.LOOK_S - 1e-9))
         for _ in range(n_looks):
             if not is_alone:
                 columns = [*np.moveaxis(cloud.position, 2, 0), cloud.direction, cloud.speed]
-                world = np.ascontiguousarray(np.stack(columns, axis=-1).transpose(1, 0, 2))
-            _interaction.advance(table, response, cloud, world, vehicle, vehicle, zero, np.full(v, dt / n_looks))
+                scene = np.ascontiguousarray(np.stack(columns, axis=-1).transpose(1, 0, 2))
+            _interaction.advance(table, response, cloud, scene, np.arange(v), np.full(v, dt / n_looks))
         path[:, :, t] = cloud.position
     return path

@@ -131,8 +131,6 @@ class Tracker:
         else:
             check_after(time_ns, self._time_ns)
         is_frame = time_ns > self._time_ns
-        if self.config.interaction == "leader":
-            self._look_around()
         passed_ns, self._time_ns = time_ns - self._time_ns, time_ns
         self._frame = frame = CurrentFrame(detections=detections)
         if not is_frame:
@@ -240,13 +238,6 @@ class Tracker:
     def resample(self) -> None:
         """Renew the samples of measured beliefs that have lost their weight."""
         self._filter.resample(self._frame.hits.slot)
-
-    def _look_around(self) -> None:
-        """Have the filter note where the last frame's vehicles are, of those that are likely there."""
-        frame, roster = self._frame, self._roster
-        there = roster.is_confirmed[frame.home] & (roster.probability[frame.home] >= self.tracking.report_above)
-        moments = self._filter.moments(frame.held) if frame.moments is None else frame.moments
-        self._filter.look_around(moments[there], frame.home[there])
 
     def _learn_intervals(self, names: list[str], passed_ns: int) -> None:
         """How often the sensor looks at vehicles: at each of those it labels, at all others together, at any."""

@@ -51,26 +51,24 @@ ALONE = LeaderTable(np.zeros(N_FEATURES), 0.0, 0.0, np.zeros(N_PACES))
 
 @njit(cache=True, nogil=True)
 def behind(
-    others: FloatArray, n_others: int, own: int, position: FloatArray, direction: FloatArray, curvature: FloatArray,
-    seen: FloatArray,
+    others: FloatArray, own: int, position: FloatArray, direction: FloatArray, curvature: FloatArray, seen: FloatArray
 ) -> None:  # fmt: skip
     """Fills (n, 3): metres to each particle's leader, from centre to centre, `NO_LEADER` if none, its speed, and which.
 
     Args:
-        others: (n, m, 4) place, direction and speed of all vehicles in the world of each particle; or (1, m, 4).
-        n_others: how many of the m there are: a shorter view would be compiled once more.
+        others: (n, m, 4) place, direction and speed of all vehicles in the scene of each particle; or (1, m, 4).
         own: the index of the particles' own vehicle, -1 for none.
         position: (n, 2) metres.
         direction: (n,) radians.
         curvature: (n,) 1/m, of the arc that each is about to drive.
         seen: to be filled.
     """
-    one_world = len(others) == 1
+    one_scene = len(others) == 1
     for p in range(direction.size):
-        w = 0 if one_world else p
+        w = 0 if one_scene else p
         c, s, bend = math.cos(direction[p]), math.sin(direction[p]), curvature[p]
         nearest, speed, leader = FAR_M, 0.0, -1
-        for j in range(n_others):
+        for j in range(others.shape[1]):
             dx, dy = others[w, j, 0] - position[p, 0], others[w, j, 1] - position[p, 1]
             ahead = c * dx + s * dy
             if j == own or ahead < NEAR_M or ahead >= nearest:
@@ -99,7 +97,7 @@ def ahead_of_each(state: FloatArray, first: IntArray, seen: FloatArray) -> None:
     for i in range(first.size - 1):
         a, b = first[i], first[i + 1]
         others = state[a:b].reshape((1, b - a, 4))
-        behind(others, b - a, none, position[a:b], direction[a:b], straight[a:b], seen[a:b])
+        behind(others, none, position[a:b], direction[a:b], straight[a:b], seen[a:b])
         seen[a:b, 2] += a
 
 

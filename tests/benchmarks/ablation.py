@@ -82,13 +82,11 @@ def without_ends(bayes: Any) -> None:
 
 
 UNNAMED = ("dense intersection", "dense highway", "autoferry")
-AMONG_OTHERS = ("Lankershim", "dense intersection", "dense highway", "Mcity", "autoferry")
 LEARNED = ("roundabout", "intersection", "Lankershim")
 ONE_PRIOR = LearningConfig(prior_strengths=(0.1,), parameter_costs=(1.0,))
 MECHANISMS: dict[str, Mechanism] = {
     "innovation outliers": Mechanism(filter={"innovation_outlier_rate": 0.0}),
     "measurement outliers": Mechanism(filter={"outlier_probability": 0.0}),
-    "leaders": Mechanism(scenes=AMONG_OTHERS, filter={"interaction": "none"}),
     "carried errors": Mechanism(scenes=("Mcity",), white=True),
     "beliefs begun anew when lost": Mechanism(tracking={"lost_after": PATIENT}),
     "occlusion": Mechanism(scenes=UNNAMED, tracking={"occlusion_rate": 0.0}),

@@ -1,19 +1,24 @@
-"""Vehicles that heed who drives ahead of them: joint worlds, and tracking of those out of sight."""
+"""Vehicles that heed who drives ahead of them: joint scenes."""
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from dirprim_filter.config import FilterConfig
 from dirprim_filter.detections import Detections
-from dirprim_filter.filtering import Tracker, Worlds, _interaction
-from dirprim_filter.filtering.rollouts import Start, Steps, forecast_states, projected, sampled_state, side_by_side
-from dirprim_filter.filtering.surroundings import leader_table
+from dirprim_filter.filtering import Tracker, Worlds
+from dirprim_filter.filtering.rollouts import (
+    Start,
+    Steps,
+    forecast_states,
+    leader_table,
+    projected,
+    sampled_state,
+    side_by_side,
+)
 from dirprim_filter.forecasting import Forecaster
 from dirprim_filter.primitives.leader import N_FEATURES, LeaderResponse
 from dirprim_filter.primitives.motion_table import motion_table
-from dirprim_filter.sensor import AxisError, Sensor
 from moving import motion_by_hand, squares
 from situations import TRUSTING
 
@@ -89,65 +94,6 @@ def test_on_a_map_that_does_not_know_leaders_vehicles_go_on_as_if_alone():
     place, speed = [100.0, 85.0], [5.0, 10.0]
     np.testing.assert_array_equal(futures(unknown, place, speed), futures(alone, place, speed, interaction="none"))
     assert np.abs(futures(alone, place, speed) - futures(unknown, place, speed)).max() > 1.0
-
-
-def test_only_vehicles_near_the_particles_can_lead_them():
-    """Who is farther away than a leader may be, by when the particles look, is left out; their own vehicle is known."""
-    position = np.array([[0.0, 0.0], [4.0, 2.0]])
-    others = np.array([[30.0, 0.0, 0.0, 5.0], [0.0, 0.0, 0.0, 5.0], [70.0, 0.0, np.pi, 10.0], [500.0, 0.0, 0.0, 5.0]])
-    there = np.empty((4, 4))
-    n, own = _interaction.vehicles_near(position, others, 1, 1.0, there)
-    assert own == 1
-    np.testing.assert_allclose(there[:n], [[35, 0, 0, 5], [5, 0, 0, 5], [60, 0, np.pi, 10]], atol=1e-12)
-
-
-def reported(order=(0, 1), seed=0):
-    """Two vehicles at 10 m/s, 30 m apart; the one behind is not seen in the last three seconds."""
-    rng, frames = np.random.default_rng(seed), []
-    for tick in range(14):
-        place = np.array([[60.0 + 5.0 * tick, 10.0], [30.0 + 5.0 * tick, 10.0]]) + rng.normal(0, 0.2, (2, 2))
-        seen = [i for i in order if i == 0 or tick < 8]
-        time_ns = np.full(len(seen), tick * 500_000_000)
-        frames.append(Detections(track_id=[f"{i}" for i in seen], time_ns=time_ns, position=place[seen]))
-    return frames
-
-
-def last_places(frames, interaction, sensor=None, **knobs):
-    """Metres to the east, of each vehicle, where they brake by 2 m/s^2 behind any other."""
-    tracking, config = replace(TRUSTING, report_above=1e-9), replace(HEEDING, interaction=interaction, **knobs)
-    tracker = Tracker(
-        road(by=ALWAYS, gained=-2.0), config=config, tracking=tracking, sensor=sensor, rng=np.random.default_rng(1)
-    )  # fmt: skip
-    for frame in frames:
-        tracker.predict(frame)
-        tracker.weigh()
-        found = tracker.estimate()
-        tracker.resample()
-    return dict(zip(found.track_id.tolist(), found.position[:, 0].tolist(), strict=True))
-
-
-def test_who_is_out_of_sight_is_believed_to_do_what_its_leader_has_it_do():
-    """The mean of six logs, each some 3 m about its own: farther off by chance once in ten thousand times."""
-    responding = [last_places(reported(seed=seed), "leader") for seed in range(6)]
-    alone = last_places(reported(), "none")
-    assert alone[1] == pytest.approx(30.0 + 65.0, abs=4.0)
-    braking = 30.0 + 65.0 - 2.0 * 3.0**2 / 2
-    # It has driven on while it was seen, against what its leader has it do: so it is believed to be somewhat slower.
-    assert np.mean([places[1] for places in responding]) == pytest.approx(braking - 5.0, abs=5.0)
-    assert responding[0][0] == alone[0] == pytest.approx(60.0 + 65.0, abs=0.5)
-    assert last_places(reported((1, 0)), "leader") == responding[0]
-    lonely = [frame[frame.track_id == 1] for frame in reported()[:8]]
-    assert last_places(lonely, "leader") == last_places(lonely, "none")
-
-
-def test_who_is_out_of_sight_of_a_sensor_with_lasting_errors_too():
-    lasting = AxisError(spread_m=0.3, correlated_share=0.5)
-    sensor = Sensor(along=lasting, across=lasting)
-    behind, without = (last_places(reported(), interaction, sensor)[1] for interaction in ("leader", "none"))
-    assert behind < without - 2.0 * 3.0**2 / 2 + 3.0
-    plainly = {"innovation_outlier_rate": 0.0, "resample_below": 0.0}  # rounding may decide who survives
-    white = last_places(reported(), "leader", Sensor.white(HEEDING.noise_m), **plainly)
-    assert white == pytest.approx(last_places(reported(), "leader", **plainly), abs=1e-6)
 
 
 def test_forecasts_of_a_frame_are_worlds_of_its_groups():

@@ -17,7 +17,7 @@ def test_the_leader_is_whom_the_slow_twin_finds():
     for _ in range(30):
         others = np.column_stack([rng.uniform(-30, 30, (40, 2)), rng.uniform(-np.pi, np.pi, 40), rng.uniform(0, 9, 40)])
         curvature, seen = rng.uniform(-0.05, 0.05, 40), np.empty((40, 3))
-        _leader.behind(others[None], len(others), -1, others[:, :2].copy(), others[:, 2].copy(), curvature, seen)
+        _leader.behind(others[None], -1, others[:, :2].copy(), others[:, 2].copy(), curvature, seen)
         for i in range(40):
             gap, speed, which = leader_of(i, others, curvature[i])
             assert seen[i, 2] == which
@@ -31,7 +31,7 @@ def test_nobody_is_the_leader_of_its_own_particles():
     others = np.array([[[5.0, 0.0, 0.0, 3.0], [9.0, 0.0, 0.0, 4.0]]])
     for own, gap in ((0, 9.0), (1, 5.0), (-1, 5.0)):
         seen = np.empty((1, 3))
-        _leader.behind(others, 2, own, np.zeros((1, 2)), np.zeros(1), np.zeros(1), seen)
+        _leader.behind(others, own, np.zeros((1, 2)), np.zeros(1), np.zeros(1), seen)
         assert seen[0, 0] == gap
 
 

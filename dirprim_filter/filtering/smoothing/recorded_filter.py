@@ -78,10 +78,6 @@ class RecordedFilter(ABC):
         for s in target.tolist():
             self.chain.pop(s, None)
 
-    def look_around(self, moments: FloatArray, home: IntArray) -> None:
-        """As the filter does."""
-        self._inner.look_around(moments, home)
-
     def predict(self, slot: IntArray, dt_s: FloatArray) -> None:
         """Move beliefs on."""
         known = np.array([s in self.chain for s in slot.tolist()], np.bool_)
